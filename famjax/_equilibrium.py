@@ -1,0 +1,74 @@
+"""The length at which a muscle carries a load: a bracketed root solve with implicit derivatives."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool
+
+from ._types import RealArray
+
+_CELLS = 64
+
+
+def longest_equilibrium(
+    force: Callable[[RealArray], RealArray],
+    shortest: RealArray,
+    longest: RealArray,
+    load: RealArray,
+) -> tuple[RealArray, Bool[Array, ""]]:
+    """The longest length at which a shortening muscle's force has fallen to the load.
+
+    The range is walked from its longest end in 64 steps to the first one in which the force falls
+    through the load, and that step is bisected to the last digit. What the force depends on is
+    differentiated by the implicit function theorem, not through the search.
+
+    Args:
+        force: F(L) [N], of a scalar length.
+        shortest: lower end of the range [m], shape ().
+        longest: upper end of the range [m], shape ().
+        load: [N], shape ().
+
+    Returns:
+        (length [m], found): nan and False where the force does not fall through the load.
+    """
+    grid = jnp.linspace(longest, shortest, _CELLS + 1)
+    pull = jax.lax.stop_gradient(jax.vmap(force)(grid) - load)
+    falls = (pull[:-1] > 0) & (pull[1:] <= 0)
+    found = jnp.any(falls)
+    cell = jnp.argmax(falls)
+    scale = jnp.where(found, jnp.abs(pull[cell]) + jnp.abs(pull[cell + 1]), 1.0)
+    # The solve runs in parts of the rest range and of the force in the cell, both of order one.
+    unit = jax.lax.stop_gradient(longest)
+
+    def residual(y: RealArray, args: RealArray) -> RealArray:
+        return (force(y * unit) - args) / scale
+
+    dtype = jnp.result_type(unit, pull)
+    tolerance = 4 * float(jnp.finfo(dtype).eps)
+    steps = 20 if dtype == jnp.float32 else 50
+    lower, upper = grid[cell + 1] / unit, grid[cell] / unit
+    solution = optx.root_find(
+        residual,
+        optx.Bisection(rtol=tolerance, atol=tolerance, flip=False),
+        0.5 * (lower + upper),
+        load,
+        options={"lower": lower, "upper": upper},
+        max_steps=steps,
+        throw=False,
+    )
+    return jnp.where(found, solution.value * unit, jnp.nan), found
+
+
+def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArray:
+    """The length, or an error naming the likely causes where no equilibrium was found."""
+    return eqx.error_if(
+        length,
+        ~found,
+        f"no {what}: the force does not fall through the load between the longest and the "
+        "shortest length of the muscle. Likely causes: the load exceeds what the muscle pulls at "
+        "that pressure; the pressure is at or below the deadband; a coefficient has the wrong "
+        "sign or unit. Pass throw=False to get nan instead.",
+    )

@@ -1,0 +1,103 @@
+"""The dimensions of the muscle at a length and pressure, from whatever is known of its shape."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._bladder import Bladder, cylinder_volume
+from ._braid import Braid
+from ._types import Real, RealArray, as_real
+
+
+class Dimensions(eqx.Module):
+    """What the force balance needs to know of the muscle at one length and pressure.
+
+    Attributes:
+        length: L [m].
+        radius: braid radius R [m].
+        braid_angle: theta [rad], from the circumference.
+        turns: N [-].
+        thickness: bladder wall t [m].
+        axial_strain: eps_z [-].
+        hoop_strain: eps_c [-] at stations along the axis, shape (..., stations).
+        station_weights: share of the axis that each station stands for, shape (stations,), sum 1:
+            the axial mean of any function f of the hoop strain is sum(weights * f(eps_c)).
+        bladder_volume: V [m3] of the rubber.
+        volume: volume [m3] within the braid's outline.
+    """
+
+    length: RealArray
+    radius: RealArray
+    braid_angle: RealArray
+    turns: RealArray
+    thickness: RealArray
+    axial_strain: RealArray
+    hoop_strain: Float[Array, "... stations"]
+    station_weights: Float[Array, " stations"]
+    bladder_volume: RealArray
+    volume: RealArray
+
+
+class AbstractGeometry(eqx.Module):
+    """A source of `Dimensions`."""
+
+    @abc.abstractmethod
+    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
+        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+
+    @abc.abstractmethod
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Shortest and longest active length [m] between which an equilibrium is looked for."""
+
+    @property
+    @abc.abstractmethod
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction."""
+
+
+class EstimatedGeometry(AbstractGeometry):
+    """A cylinder whose diameter follows from the braid: the estimated geometry.
+
+    Attributes:
+        braid: threads about the bladder.
+        bladder: rubber tube under, or in, the braid.
+
+    References:
+        Chambers 2021, chapter 6, "cylindrical approximation, inelastic braid".
+    """
+
+    braid: Braid
+    bladder: Bladder
+
+    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
+        """Dimensions at active length L [m]; the pressure [Pa] only sets the shape."""
+        length, _ = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        radius = self.braid.diameter(length) / 2
+        bladder_radius = radius if self.bladder.embedded else radius - self.braid.thickness
+        return Dimensions(
+            length=length,
+            radius=radius,
+            braid_angle=self.braid.braid_angle(length),
+            turns=self.braid.turns,
+            thickness=self.bladder.thickness(length, bladder_radius),
+            axial_strain=self.bladder.axial_strain(length),
+            hoop_strain=self.bladder.hoop_strain(length, bladder_radius)[..., None],
+            station_weights=jnp.ones(1, length.dtype),
+            bladder_volume=self.bladder.volume,
+            volume=cylinder_volume(length, radius),
+        )
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From the neutral angle to the length at which the braid closes the bladder's bore."""
+        inset = 0.0 if self.bladder.embedded else self.braid.thickness
+        smallest = 2 * (self.bladder.smallest_braid_radius + inset)
+        closed = jnp.pi * self.braid.turns * smallest
+        thread = self.braid.rest_thread_length
+        return self.braid.neutral_length, jnp.sqrt((thread - closed) * (thread + closed))
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction: the bladder's."""
+        return self.bladder.rest_length

@@ -1,0 +1,154 @@
+"""What an identification returns: numbers with their units, errors, certificate and doubts."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import famjax
+
+from ._data import ForceData
+from ._problem import Constraint, PressureDependence
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """One identified parameter.
+
+    Attributes:
+        name: parameter.
+        value: in SI.
+        stderr: standard error in SI; nan where there is none (held, at a bound, not identifiable).
+        min, max: bounds in SI, infinite where there is none.
+        at_bound: the optimum lies on a bound, so the data alone would put it elsewhere.
+        fixed: held at a given value.
+        kind: kind of unit.
+    """
+
+    name: str
+    value: float
+    stderr: float
+    min: float
+    max: float
+    at_bound: bool
+    fixed: bool
+    kind: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Errors:
+    """Errors of the model against the loaded readings, in N.
+
+    Attributes:
+        rmse, mae, max: root mean square, mean absolute and largest error [N].
+        max_force: largest measured force [N], by which percentages are formed.
+        n_points: number of loaded readings.
+        n_slack: number of slack readings, which are no data.
+        slack_violations: slack readings at which the model pulls.
+        max_slack_force: largest pull [N] that the model predicts at a slack reading, or 0.
+    """
+
+    rmse: float
+    mae: float
+    max: float
+    max_force: float
+    n_points: int
+    n_slack: int
+    slack_violations: int
+    max_slack_force: float
+
+    @property
+    def rmse_percent(self) -> float:
+        """RMSE in % of the largest force."""
+        return 100 * self.rmse / self.max_force
+
+    @property
+    def max_percent(self) -> float:
+        """Largest error in % of the largest force."""
+        return 100 * self.max / self.max_force
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """Evidence that the result is what it claims to be.
+
+    Attributes:
+        kkt_residual: of the convex fit of the coefficients, relative to the data.
+        duality_gap: of the convex fit, relative to its objective: 0 means globally optimal.
+        gradient_residual: of the geometry: largest cosine between the residual and a direction in
+            which the geometry may still move.
+        condition: condition number of the scaled Jacobian of all free parameters.
+        stability_margin: smallest modulus along any actuation path [Pa], between stations too;
+            Drucker-stable when >= 0.
+        slope_margin: smallest tangent modulus of the law on the strain range used [Pa].
+        constraint_margin: smallest slack [Pa] of the constraint that was asked for; nan for none.
+        n_starts: descents made.
+        n_agreeing: of them, those that ended within 1e-6 of the best objective.
+    """
+
+    kkt_residual: float
+    duality_gap: float
+    gradient_residual: float
+    condition: float
+    stability_margin: float
+    slope_margin: float
+    constraint_margin: float
+    n_starts: int
+    n_agreeing: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Identification:
+    """An identified muscle.
+
+    Attributes:
+        data: the force map.
+        muscle: the model; a differentiable function of length and pressure.
+        estimates: geometry, then the coefficients where they do not depend on pressure.
+        derived: quantities that follow from the geometry (thread length, turns), with errors.
+        coefficients: E_n [Pa], shape (nodes, order); one node where fixed in pressure.
+        coefficients_stderr: [Pa], the same shape.
+        node_pressures: [Pa], shape (nodes,), or None where fixed in pressure.
+        strain_range: largest strain magnitude that the law was used at.
+        residuals: model minus measurement [N] at the loaded readings.
+        errors: their summary.
+        certificate: optimality and stability.
+        active_constraints: one sentence each.
+        starts: objective of every start [N^2 or weighted], ascending.
+        order, constraint, dependence, box: what was asked for.
+        converged: the best start is stationary, certified and feasible.
+        warnings: what a reader must know before using the numbers.
+    """
+
+    data: ForceData
+    muscle: famjax.Muscle
+    estimates: tuple[Estimate, ...]
+    derived: tuple[Estimate, ...]
+    coefficients: Float[np.ndarray, "nodes order"]
+    coefficients_stderr: Float[np.ndarray, "nodes order"]
+    node_pressures: Float[np.ndarray, " nodes"] | None
+    strain_range: float
+    residuals: Float[np.ndarray, " points"]
+    errors: Errors
+    certificate: Certificate
+    active_constraints: tuple[str, ...]
+    starts: Float[np.ndarray, " starts"]
+    order: int
+    constraint: Constraint
+    dependence: PressureDependence
+    box: str
+    converged: bool
+    warnings: tuple[str, ...]
+
+    def estimate(self, name: str) -> Estimate:
+        """The estimate of that name.
+
+        Raises:
+            KeyError: no such parameter, with those there are.
+        """
+        for estimate in self.estimates + self.derived:
+            if estimate.name == name:
+                return estimate
+        names: list[Any] = [e.name for e in self.estimates + self.derived]
+        raise KeyError(f"no parameter {name!r}; there are {', '.join(names)}")
