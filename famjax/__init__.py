@@ -1,10 +1,21 @@
-"""Fluidic artificial muscles as pure JAX functions: geometry, strain, stress, force.
+"""Fluidic artificial muscles as pure JAX functions: geometry, strain, stress, force, design.
 
 Values are SI unless a caller keeps another consistent set. The library never changes JAX's
 configuration; float64 is the caller's choice (`jax.config.update("jax_enable_x64", True)`).
 """
 
-from . import units as units
+from . import design as design, units as units
+from ._assumed_shapes import (
+    AbstractAssumedShape as AbstractAssumedShape,
+    CircularArcEnds as CircularArcEnds,
+    ConicFrustumEnds as ConicFrustumEnds,
+    Cylinder as Cylinder,
+    EllipticToroidEnds as EllipticToroidEnds,
+    SemiEllipsoidEnds as SemiEllipsoidEnds,
+    SteppedCylinder as SteppedCylinder,
+    kothera_length as kothera_length,
+    tondu_lopez_length as tondu_lopez_length,
+)
 from ._bladder import (
     Bladder as Bladder,
     bladder_thickness as bladder_thickness,
@@ -13,6 +24,7 @@ from ._bladder import (
 )
 from ._braid import (
     NEUTRAL_ANGLE as NEUTRAL_ANGLE,
+    AbstractBraid as AbstractBraid,
     Braid as Braid,
     braid_angle_from_diameter as braid_angle_from_diameter,
     braid_angle_from_length as braid_angle_from_length,
@@ -21,16 +33,38 @@ from ._braid import (
     thread_length_from_angle as thread_length_from_angle,
     turns_from_angle as turns_from_angle,
 )
+from ._elastic_braid import (
+    BraidState as BraidState,
+    BraidStretch as BraidStretch,
+    ElasticBraid as ElasticBraid,
+)
 from ._force import (
     bladder_axial_force as bladder_axial_force,
     bladder_hoop_force as bladder_hoop_force,
     force_magnification as force_magnification,
     gaylord_force as gaylord_force,
 )
+from ._friction import (
+    AbstractFriction as AbstractFriction,
+    PressureFriction as PressureFriction,
+    ThreadFriction as ThreadFriction,
+    crossing_area as crossing_area,
+    smooth_sign as smooth_sign,
+    thread_contact_area as thread_contact_area,
+)
 from ._geometry import (
     AbstractGeometry as AbstractGeometry,
     Dimensions as Dimensions,
     EstimatedGeometry as EstimatedGeometry,
+)
+from ._hyperelastic import (
+    AbstractHyperelastic as AbstractHyperelastic,
+    AbstractUniaxialLaw as AbstractUniaxialLaw,
+    MooneyRivlinMaterial as MooneyRivlinMaterial,
+    NeoHookeanMaterial as NeoHookeanMaterial,
+    OgdenMaterial as OgdenMaterial,
+    SaturatingMaterial as SaturatingMaterial,
+    YeohMaterial as YeohMaterial,
 )
 from ._material import (
     AbstractMaterial as AbstractMaterial,
@@ -38,8 +72,37 @@ from ._material import (
     PressurePolynomialMaterial as PressurePolynomialMaterial,
     odd_powers as odd_powers,
 )
+from ._measured_geometry import (
+    AverageDiameterGeometry as AverageDiameterGeometry,
+    MeasuredGeometry as MeasuredGeometry,
+)
 from ._muscle import Muscle as Muscle
+from ._profile import AbstractProfile as AbstractProfile, FourierProfile as FourierProfile
+from ._profile_family import (
+    AbstractProfileFamily as AbstractProfileFamily,
+    AssumedShapeFamily as AssumedShapeFamily,
+    IsobaricProfile as IsobaricProfile,
+    MeasuredFamily as MeasuredFamily,
+)
+from ._profile_measures import (
+    Meridian as Meridian,
+    maximum_diameter as maximum_diameter,
+    quadrature as quadrature,
+)
 from ._require import require as require
 from ._stability import path_modulus as path_modulus
+from ._thread import (
+    AbstractThread as AbstractThread,
+    LinearThread as LinearThread,
+    ToeThread as ToeThread,
+    thread_tension as thread_tension,
+)
+from ._virtual_work import (
+    PressureTerms as PressureTerms,
+    VirtualWorkGeometry as VirtualWorkGeometry,
+    pressure_terms as pressure_terms,
+    virtual_work_force as virtual_work_force,
+    volume_rate as volume_rate,
+)
 
 __version__ = "0.1.0"

@@ -4,6 +4,7 @@ One thread, unrolled, is the hypotenuse of a right triangle: L = B sin(theta) al
 pi N D = B cos(theta) around it. `theta` is measured from the circumference.
 """
 
+import abc
 import math
 
 import equinox as eqx
@@ -105,9 +106,7 @@ def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
     return jnp.arctan2(length, jnp.sqrt(squared))
 
 
-def braid_angle_from_diameter(
-    diameter: Real, known_diameter: Real, known_angle: Real
-) -> RealArray:
+def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle: Real) -> RealArray:
     """Braid angle theta [rad] at another diameter of the same braid: cos(theta) / D is constant.
 
     Args:
@@ -124,7 +123,19 @@ def braid_angle_from_diameter(
     return jnp.arccos(jnp.cos(known_angle) * diameter / known_diameter)
 
 
-class Braid(eqx.Module):
+class AbstractBraid(eqx.Module):
+    """A braid whose threads have some length under load."""
+
+    rest_thread_length: eqx.AbstractVar[RealArray]
+    turns: eqx.AbstractVar[RealArray]
+    thickness: eqx.AbstractVar[RealArray]
+
+    @abc.abstractmethod
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B [m] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+
+
+class Braid(AbstractBraid):
     """A braid of inextensible threads.
 
     Attributes:
@@ -161,6 +172,11 @@ class Braid(eqx.Module):
             turns=turns_from_angle(length, diameter, braid_angle),
             thickness=as_real(thickness),
         )
+
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B0 [m], whatever the load, in the broadcast shape of the arguments."""
+        shape = jnp.broadcast_shapes(jnp.shape(length), jnp.shape(pressure))
+        return jnp.broadcast_to(self.rest_thread_length, shape)
 
     def diameter(self, length: Real) -> RealArray:
         """Braid diameter D [m] at active length L [m]; see `diameter_from_length`."""

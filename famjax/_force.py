@@ -17,7 +17,7 @@ def force_magnification(braid_angle: Real) -> RealArray:
     References:
         Gaylord 1958; Chambers 2021, section 2.2.
     """
-    return 2 * jnp.tan(braid_angle) ** 2 - 1
+    return 2 * jnp.tan(jnp.asarray(braid_angle)) ** 2 - 1
 
 
 def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
@@ -39,7 +39,7 @@ def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
     >>> round(float(gaylord_force(6e5, 0.01, 1.1)))
     1267
     """
-    return pressure * jnp.pi * radius**2 * force_magnification(braid_angle)
+    return jnp.asarray(pressure * jnp.pi * radius**2 * force_magnification(braid_angle))
 
 
 def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) -> RealArray:

@@ -1,14 +1,22 @@
 """The dimensions of the muscle at a length and pressure, from whatever is known of its shape."""
 
 import abc
+import math
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._bladder import Bladder, cylinder_volume
-from ._braid import Braid
+from ._braid import (
+    NEUTRAL_ANGLE,
+    AbstractBraid,
+    braid_angle_from_length,
+    diameter_from_length,
+)
 from ._types import Real, RealArray, as_real
+
+_BELOW_NEUTRAL = 0.95  # at the neutral length itself a limp bladder's force is zero, not negative
 
 
 class Dimensions(eqx.Module):
@@ -65,21 +73,22 @@ class EstimatedGeometry(AbstractGeometry):
         bladder: rubber tube under, or in, the braid.
 
     References:
-        Chambers 2021, chapter 6, "cylindrical approximation, inelastic braid".
+        Chambers 2021, chapter 6, "cylindrical approximation".
     """
 
-    braid: Braid
+    braid: AbstractBraid
     bladder: Bladder
 
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m]; the pressure [Pa] only sets the shape."""
-        length, _ = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        radius = self.braid.diameter(length) / 2
+        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        thread_length = self.braid.thread_length(length, pressure)
+        radius = diameter_from_length(length, thread_length, self.braid.turns) / 2
         bladder_radius = radius if self.bladder.embedded else radius - self.braid.thickness
         return Dimensions(
             length=length,
             radius=radius,
-            braid_angle=self.braid.braid_angle(length),
+            braid_angle=braid_angle_from_length(length, thread_length),
             turns=self.braid.turns,
             thickness=self.bladder.thickness(length, bladder_radius),
             axial_strain=self.bladder.axial_strain(length),
@@ -90,12 +99,13 @@ class EstimatedGeometry(AbstractGeometry):
         )
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """From the neutral angle to the length at which the braid closes the bladder's bore."""
+        """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
         inset = 0.0 if self.bladder.embedded else self.braid.thickness
         smallest = 2 * (self.bladder.smallest_braid_radius + inset)
         closed = jnp.pi * self.braid.turns * smallest
         thread = self.braid.rest_thread_length
-        return self.braid.neutral_length, jnp.sqrt((thread - closed) * (thread + closed))
+        shortest = _BELOW_NEUTRAL * thread * math.sin(NEUTRAL_ANGLE)
+        return shortest, jnp.sqrt((thread - closed) * (thread + closed))
 
     @property
     def rest_length(self) -> RealArray:

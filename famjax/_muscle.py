@@ -60,7 +60,7 @@ class Muscle(eqx.Module):
     def stiffness(self, length: Real, pressure: Real) -> RealArray:
         """Axial stiffness dF/dL [N/m] at constant pressure, broadcast shape; positive resists."""
         lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        slope = jax.vmap(jax.grad(lambda length, pressure: self.force(length, pressure)))
+        slope = jax.vmap(jax.grad(self.force))
         return slope(lengths.ravel(), pressures.ravel()).reshape(lengths.shape)
 
     def blocked_force(self, pressure: Real) -> RealArray:

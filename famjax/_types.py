@@ -1,19 +1,21 @@
 """The two array types of the public annotations, and the conversion between them."""
 
-from typing import TypeAlias
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Num
 
-Real: TypeAlias = Num[ArrayLike, "..."]
+Real: TypeAlias = Num[Array | np.ndarray | np.number | float | int, "..."]
 """A real number or array of any shape; arguments of one function broadcast against each other."""
 
 RealArray: TypeAlias = Float[Array, "..."]
 """A floating-point JAX array whose shape is the broadcast shape of the arguments."""
 
 
-def as_real(values: ArrayLike) -> RealArray:
-    """The values as a floating array: integers are promoted, float32 stays float32."""
+def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
+    """The values (also nested lists) as a floating array: integers are promoted, float32 stays float32."""
     array = jnp.asarray(values)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._qp import solve_qp
 
+_VANISHED = 1e-8  # parts of the first residual below which a residual is rounding
 _SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
 
 
@@ -44,6 +45,7 @@ class _State(eqx.Module):
     jacobian: Float[Array, "k p"]
     trial: Float[Array, " p"]
     predicted: Float[Array, ""]
+    scale: Float[Array, ""]
     damping: Float[Array, ""]
     growth: Float[Array, ""]
     steps: Int[Array, ""]
@@ -51,12 +53,17 @@ class _State(eqx.Module):
 
 
 def _gradient_residual(
-    u: Float[Array, " p"], residual: Float[Array, " k"], jacobian: Float[Array, "k p"]
+    u: Float[Array, " p"],
+    residual: Float[Array, " k"],
+    jacobian: Float[Array, "k p"],
+    scale: Float[Array, ""],
 ) -> Float[Array, ""]:
     tiny = jnp.finfo(u.dtype).tiny
     gradient = jacobian.T @ residual
     stopped = ((u <= 0) & (gradient > 0)) | ((u >= 1) & (gradient < 0))
-    size = jnp.linalg.norm(jacobian, axis=0) * jnp.linalg.norm(residual)
+    # A residual that has all but vanished has no direction left: it is measured against the start.
+    length = jnp.linalg.norm(residual) + _VANISHED * scale
+    size = jnp.linalg.norm(jacobian, axis=0) * length
     return jnp.max(jnp.where(stopped, 0.0, jnp.abs(gradient)) / jnp.maximum(size, tiny), initial=0)
 
 
@@ -78,12 +85,12 @@ def minimise_in_box(
     Returns:
         The end point; `converged` says whether it is stationary.
     """
-
     n = start.shape[0]
     if n == 0:
         r = residual(start)
         return BoxOptimum(start, r @ r / 2, jnp.zeros(()), jnp.array(0), jnp.array(True))
-    bounds = jnp.concatenate([jnp.eye(n), -jnp.eye(n)])
+    unit = jnp.eye(n, dtype=start.dtype)
+    bounds = jnp.concatenate([unit, -unit])
 
     def with_value(u: Float[Array, " p"]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
         value = residual(u)
@@ -96,6 +103,7 @@ def minimise_in_box(
         ratio = (cost - new_cost) / jnp.where(state.predicted > 0, state.predicted, 1.0)
         descends = (ratio > 1e-4) & (state.predicted > 0) & jnp.all(jnp.isfinite(jacobian))
         better = descends | first
+        scale = jnp.where(first, jnp.linalg.norm(value), state.scale)
         u, r, J = jax.tree.map(
             lambda new, old: jnp.where(better, new, old),
             (state.trial, value, jacobian),
@@ -107,8 +115,8 @@ def minimise_in_box(
         damping = jnp.where(first, 1e-3 * jnp.max(jnp.sum(J**2, axis=0)), damping)
         damping = jnp.maximum(damping, jnp.finfo(u.dtype).tiny)
 
-        damped = jnp.concatenate([J, jnp.sqrt(damping) * jnp.eye(n)])
-        target = jnp.concatenate([-r, jnp.zeros(n)])
+        damped = jnp.concatenate([J, jnp.sqrt(damping) * unit])
+        target = jnp.concatenate([-r, jnp.zeros_like(u)])
         move = solve_qp(damped, target, bounds, jnp.concatenate([-u, u - 1])).x
         trial = u + move
         trial = jnp.where(trial < _SNAP, 0.0, jnp.where(trial > 1 - _SNAP, 1.0, trial))
@@ -122,10 +130,11 @@ def minimise_in_box(
             jacobian=J,
             trial=trial,
             predicted=predicted,
+            scale=scale,
             damping=damping,
             growth=jnp.where(better, 2.0, 2 * state.growth),
             steps=state.steps + 1,
-            converged=small | negligible | (_gradient_residual(u, r, J) <= tolerance),
+            converged=small | negligible | (_gradient_residual(u, r, J, scale) <= tolerance),
         )
 
     shape = jax.eval_shape(residual, start)
@@ -135,6 +144,7 @@ def minimise_in_box(
         jacobian=jnp.zeros((*shape.shape, n), shape.dtype),
         trial=start,
         predicted=jnp.zeros((), shape.dtype),
+        scale=jnp.zeros((), shape.dtype),
         damping=jnp.ones((), shape.dtype),
         growth=jnp.full((), 2.0, shape.dtype),
         steps=jnp.array(0),
@@ -144,7 +154,7 @@ def minimise_in_box(
     return BoxOptimum(
         u=end.u,
         cost=end.residual @ end.residual / 2,
-        gradient_residual=_gradient_residual(end.u, end.residual, end.jacobian),
+        gradient_residual=_gradient_residual(end.u, end.residual, end.jacobian, end.scale),
         steps=end.steps,
         converged=end.converged,
     )

@@ -1,9 +1,9 @@
 """Force maps from CSV files whose columns name their units, with the specimen in comment lines.
 
-    # specimen: rest_length_mm = 296
-    # specimen: embedded = true
-    pressure_kPa,length_mm,force_N
-    65,296,54.9
+# specimen: rest_length_mm = 296
+# specimen: embedded = true
+pressure_kPa,length_mm,force_N
+65,296,54.9
 """
 
 import csv
@@ -43,11 +43,12 @@ def bundled_names() -> list[str]:
     return sorted(f.name.removesuffix(".csv").upper() for f in folder.iterdir() if ".csv" in f.name)
 
 
-def load_bundled(name: str) -> ForceData:
+def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceData:
     """A measured force map that comes with famjax.
 
     Args:
         name: one of `bundled_names()`.
+        specimen: fields of `Specimen` in SI that override those in the file.
 
     Returns:
         The map, with its specimen.
@@ -65,7 +66,7 @@ def load_bundled(name: str) -> ForceData:
     if name not in bundled_names():
         raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
     text = (importlib.resources.files("fitting") / "data" / f"{name.lower()}.csv").read_text()
-    return _parse(text.splitlines(), source=f"bundled map {name}", specimen={})
+    return _parse(text.splitlines(), source=f"bundled map {name}", specimen=specimen or {})
 
 
 def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> ForceData:
@@ -105,7 +106,9 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     known = _specimen_fields(line for _, line in numbered if line.lstrip().startswith("#"))
     rows = [(number, line) for number, line in numbered if not line.lstrip().startswith("#")]
     if not rows:
-        raise InputError("the file is empty; it needs a header such as pressure_kPa,length_mm,force_N")
+        raise InputError(
+            "the file is empty; it needs a header such as pressure_kPa,length_mm,force_N"
+        )
     header = rows[0][1]
     separator = max(",;\t", key=header.count)
     columns = _columns([name.strip() for name in next(csv.reader([header], delimiter=separator))])
@@ -141,11 +144,10 @@ def _columns(header: list[str]) -> list[tuple[str, str]]:
             raise InputError(f"unknown column {name!r}; known are, with any unit: {known}")
         kind = COLUMNS[quantity]
         if unit not in UNITS[kind]:
+            gauge = ", gauge" if kind == "pressure" else ""
             raise InputError(
                 f"column {name!r} has the unknown unit {unit!r}; known units of {kind} are: "
-                f"{', '.join(UNITS[kind])} (gauge pressure)" if kind == "pressure" else
-                f"column {name!r} has the unknown unit {unit!r}; known units of {kind} are: "
-                f"{', '.join(UNITS[kind])}"
+                f"{', '.join(UNITS[kind])}{gauge}"
             )
         if quantity in [known for known, _ in columns]:
             raise InputError(f"the quantity {quantity!r} has two columns; keep one")
@@ -226,19 +228,20 @@ def _complete(
         fields["rest_length"] = float(length.max())
         notes.append(
             f"The rest length was not given: the longest length in the file, "
-            f"{fields['rest_length'] * 1e3:.4g} mm, is taken (--rest-length)."
+            f"{fields['rest_length'] * 1e3:.4g} mm, is taken (--specimen rest_length_mm=...)."
         )
     if "wall_thickness" not in fields:
         fields["wall_thickness"] = DEFAULT_WALL_THICKNESS
         notes.append(
             f"The bladder's wall was not given: {DEFAULT_WALL_THICKNESS * 1e3:.4g} mm is assumed "
-            "(--wall-thickness). E_n scales nearly inversely with it; the force does not change."
+            "(--specimen wall_thickness_mm=...). E_n scales nearly "
+            "inversely with it; the force does not change."
         )
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True
         notes.append(
             "The bladder's diameter was not given: the braid is taken to run inside the wall, as "
-            "in a Festo DMSP (--bladder-diameter, or embedded = false in the file)."
+            "in a Festo DMSP (--specimen bladder_diameter_mm=..., or embedded=false)."
         )
     return Specimen(**{"name": Path(source).stem, **fields}), tuple(notes)
 

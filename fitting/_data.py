@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from ._errors import InputError
 
@@ -45,7 +45,9 @@ class Specimen:
                 raise InputError(f"{name} must be a positive length, got {size} m")
         if not (np.isfinite(self.braid_thickness) and self.braid_thickness >= 0):
             raise InputError(f"braid_thickness must be >= 0, got {self.braid_thickness} m")
-        widest = self.bladder_diameter or (self.nominal_diameter or np.inf) + 2 * self.wall_thickness
+        widest = (
+            self.bladder_diameter or (self.nominal_diameter or np.inf) + 2 * self.wall_thickness
+        )
         if 2 * self.wall_thickness >= widest:
             raise InputError(
                 f"a wall of {self.wall_thickness * 1e3:.4g} mm does not fit twice into a bladder "
@@ -77,13 +79,13 @@ class ForceData:
         notes: assumptions made when reading, for the report.
     """
 
-    force: Float[np.ndarray, " n"]
-    pressure: Float[np.ndarray, " n"]
-    length: Float[np.ndarray, " n"]
+    force: np.ndarray
+    pressure: np.ndarray
+    length: np.ndarray
     specimen: Specimen
-    force_std: Float[np.ndarray, " n"] | None = None
-    pressure_std: Float[np.ndarray, " n"] | None = None
-    length_std: Float[np.ndarray, " n"] | None = None
+    force_std: np.ndarray | None = None
+    pressure_std: np.ndarray | None = None
+    length_std: np.ndarray | None = None
     source: str = "arrays"
     notes: tuple[str, ...] = ()
 

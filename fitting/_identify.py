@@ -4,12 +4,14 @@ import math
 from collections.abc import Callable, Mapping
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import famjax
 
 from ._data import ForceData
 from ._errors import InputError
+from ._geometry_source import AbstractGeometrySource, EstimatedSource, KnownSource
 from ._parameters import GEOMETRY, Bounds, coefficient_names, complete_bounds
 from ._problem import (
     CONSTRAINTS,
@@ -25,16 +27,18 @@ from ._search import Search, descend, latin_hypercube, refine, solve
 from ._summary import summarise
 
 _MAX_ORDER = 8
+_SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
 
 def identify(
     data: ForceData,
     *,
     order: int = 3,
-    constraint: Constraint = "drucker",
-    dependence: PressureDependence = "fixed",
+    constraint: str = "drucker",
+    dependence: str = "fixed",
     box: str = "physical",
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    geometry: AbstractGeometrySource | famjax.AbstractGeometry | None = None,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -55,6 +59,9 @@ def identify(
         box: "physical" or "open", see `default_bounds`.
         bounds: intervals (min, max) in SI by parameter name, which replace those of the box; an
             interval of one value holds the parameter there.
+        geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
+            braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
+            such as a `famjax.MeasuredGeometry`: as it is, and only the deadband is identified.
         starts: number of starts, Latin hypercube over the box.
         seed: of the starts.
         progress: called with (starts done, starts) as the descents end.
@@ -74,21 +81,34 @@ def identify(
             "identification needs float64, and JAX computes in float32 by default. Put this line "
             'before any other use of JAX: jax.config.update("jax_enable_x64", True)'
         )
-    _check_options(order, constraint, dependence, starts)
-    limits = complete_bounds(data.specimen, box, order, bounds or {})
+    constraint, dependence = _check_options(order, constraint, dependence, starts)
+    given = dict(bounds or {})
+    if isinstance(geometry, famjax.AbstractGeometry):
+        given |= _known_bounds(data, geometry)
+        geometry = KnownSource(geometry)
+    source = EstimatedSource(data.specimen) if geometry is None else geometry
+    limits = complete_bounds(data.specimen, box, order, given)
     _check_lengths(data, limits)
     _check_count(data, order, dependence, limits)
     problem = build_problem(
-        data, order=order, constraint=constraint, dependence=dependence, bounds=limits
+        data,
+        order=order,
+        constraint=constraint,
+        dependence=dependence,
+        bounds=limits,
+        source=source,
     )
     search = Search.in_box(problem, *geometry_bounds(limits))
     _check_solvable(search)
     ends = descend(search, latin_hypercube(len(search.free), starts, seed), progress)
     best, search = refine(search, ends)
-    return summarise(data, search, best, ends, limits, dependence, box)
+    return summarise(data, search, best, ends, limits, dependence, box, seed)
 
 
-def _check_options(order: int, constraint: str, dependence: str, starts: int) -> None:
+def _check_options(
+    order: int, constraint: str, dependence: str, starts: int
+) -> tuple[Constraint, PressureDependence]:
+    """The named choices, if they are among those there are."""
     if not 1 <= order <= _MAX_ORDER:
         raise InputError(f"the order of the law lies between 1 and {_MAX_ORDER}, got {order}")
     if constraint not in CONSTRAINTS:
@@ -99,6 +119,22 @@ def _check_options(order: int, constraint: str, dependence: str, starts: int) ->
         )
     if starts < 1:
         raise InputError(f"at least one start is needed, got {starts}")
+    return constraint, dependence
+
+
+def _known_bounds(
+    data: ForceData, geometry: famjax.AbstractGeometry
+) -> dict[str, tuple[float, float]]:
+    """Diameter and angle of a known geometry at rest and without pressure, as held parameters."""
+    rest = float(geometry.rest_length)
+    if abs(rest / data.specimen.rest_length - 1) > _SAME_LENGTH:
+        raise InputError(
+            f"the geometry's rest length, {rest * 1e3:.6g} mm, must be the specimen's, "
+            f"{data.specimen.rest_length * 1e3:.6g} mm: set rest_length of the specimen"
+        )
+    at = geometry.dimensions(rest, 0.0)
+    diameter, angle = 2 * float(at.radius), float(at.braid_angle)
+    return {"braid_diameter": (diameter, diameter), "braid_angle": (angle, angle)}
 
 
 def _check_lengths(data: ForceData, limits: dict[str, Bounds]) -> None:
@@ -169,6 +205,14 @@ def _check_count(
 def _check_solvable(search: Search) -> None:
     """The convex fit must have a solution in the middle of the box."""
     middle = search.low + (search.high - search.low) / 2
+    offsets = search.problem.programmes(middle)[1]
+    lost = np.flatnonzero(~np.isfinite(np.asarray(jnp.sum(offsets, axis=0))))
+    if lost.size:
+        raise InputError(
+            f"the geometry has no dimensions at the loaded reading {lost[0] + 1} (length "
+            f"{float(search.problem.length[lost[0]]) * 1e3:.5g} mm): the bladder does not fit in the "
+            "braid there, or the length is outside what was measured"
+        )
     statuses = [Status(int(code)) for code in np.unique(solve(search.problem, middle).status)]
     worst = statuses[-1]
     if worst in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:

@@ -1,5 +1,8 @@
 """The stability margin between grid points: where on the actuation path the law is weakest."""
 
+from collections.abc import Callable
+
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -9,11 +12,12 @@ import famjax
 from ._problem import Problem
 
 _GRID = 1025
+_ZOOM = 33
 _ZOOMS = 6
 
 
 def smallest_on_path(
-    evaluate, paths: tuple[int, ...]
+    evaluate: Callable[[Float[Array, "*paths k"]], Float[Array, "*paths k"]], paths: tuple[int, ...]
 ) -> tuple[Float[np.ndarray, "*paths"], Float[np.ndarray, "*paths"]]:
     """Global minimum over s in [0, 1] of a smooth function, for every path at once.
 
@@ -28,17 +32,31 @@ def smallest_on_path(
         (position, value), each of shape `paths`.
     """
     low, high = np.zeros(paths), np.ones(paths)
-    share = np.linspace(0, 1, _GRID)
-    for _ in range(_ZOOMS + 1):
-        at = low[..., None] + (high - low)[..., None] * share
+    position, value = low, np.full(paths, np.inf)
+    for points in (_GRID, *[_ZOOM] * _ZOOMS):
+        at = low[..., None] + (high - low)[..., None] * np.linspace(0, 1, points)
         values = np.asarray(evaluate(jnp.asarray(at)))
         best = np.argmin(values, axis=-1)[..., None]
         position = np.take_along_axis(at, best, -1)[..., 0]
         value = np.take_along_axis(values, best, -1)[..., 0]
         low = np.take_along_axis(at, np.maximum(best - 1, 0), -1)[..., 0]
-        high = np.take_along_axis(at, np.minimum(best + 1, share.size - 1), -1)[..., 0]
-        share = np.linspace(0, 1, 33)
+        high = np.take_along_axis(at, np.minimum(best + 1, points - 1), -1)[..., 0]
     return position, value
+
+
+@eqx.filter_jit
+def _path_moduli(
+    problem: Problem, muscle: famjax.Muscle, stations: Float[Array, "*paths k"]
+) -> Float[Array, "*paths k"]:
+    at = eqx.tree_at(lambda p: p.stations, problem, stations)
+    return famjax.path_modulus(
+        muscle.material, muscle.geometry, at.path_lengths(), problem.path_pressure[..., None]
+    )
+
+
+@eqx.filter_jit
+def _largest_strain(problem: Problem, geometry: Float[Array, " 3"]) -> Float[Array, "blocks paths"]:
+    return problem.largest_strain(geometry)
 
 
 def path_margin(
@@ -46,15 +64,9 @@ def path_margin(
 ) -> tuple[Float[np.ndarray, "blocks paths"], Float[np.ndarray, "blocks paths"]]:
     """Smallest modulus along each actuation path [Pa] and its station in [0, 1]: Drucker >= 0."""
     del geometry
-    rest = problem.specimen.rest_length
-
-    def evaluate(stations: Float[Array, "*paths k"]) -> Float[Array, "*paths k"]:
-        lengths = rest + stations * (problem.path_end - rest)[..., None]
-        return famjax.path_modulus(
-            muscle.material, muscle.geometry, lengths, problem.path_pressure[..., None]
-        )
-
-    return smallest_on_path(evaluate, problem.path_end.shape)
+    return smallest_on_path(
+        lambda stations: _path_moduli(problem, muscle, stations), problem.path_end.shape
+    )
 
 
 def slope_margin(
@@ -64,7 +76,7 @@ def slope_margin(
 
     Exact: the minimum of a polynomial is at an end or at a real root of its derivative.
     """
-    largest = np.asarray(problem.largest_strain(geometry))
+    largest = np.asarray(_largest_strain(problem, geometry))
     coefficients = _coefficients_on_paths(problem, muscle)
     position, value = np.zeros(largest.shape), np.zeros(largest.shape)
     for index in np.ndindex(largest.shape):

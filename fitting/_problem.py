@@ -17,7 +17,8 @@ from jaxtyping import Array, Float
 
 import famjax
 
-from ._data import ForceData, Specimen
+from ._data import ForceData
+from ._geometry_source import AbstractGeometrySource
 from ._parameters import GEOMETRY, Bounds, coefficient_names
 from ._qp import Optimum, solve_qp
 
@@ -45,7 +46,8 @@ class Problem(eqx.Module):
         path_end: shortest length [m] of each path, shape (blocks, paths); all start at rest.
         stations: parts of the path in [0, 1], shape (blocks, paths, stations).
         coefficient_min, coefficient_max: bounds [Pa], shape (order,), infinite where there is none.
-        specimen: the muscle.
+        source: makes the geometry of its parameters.
+        rest_length: L0 [m], where every path starts.
         order: of the polynomial law.
         constraint: on the coefficients.
     """
@@ -61,7 +63,8 @@ class Problem(eqx.Module):
     stations: Float[Array, "blocks paths stations"]
     coefficient_min: Float[Array, " order"]
     coefficient_max: Float[Array, " order"]
-    specimen: Specimen = eqx.field(static=True)
+    source: AbstractGeometrySource
+    rest_length: float = eqx.field(static=True)
     order: int = eqx.field(static=True)
     constraint: Constraint = eqx.field(static=True)
 
@@ -82,21 +85,7 @@ class Problem(eqx.Module):
     ) -> famjax.Muscle:
         """The muscle with this geometry (`GEOMETRY`, SI) and material."""
         diameter, angle, deadband = geometry
-        specimen = self.specimen
-        braid = famjax.Braid.from_rest(
-            diameter=diameter,
-            braid_angle=angle,
-            length=specimen.rest_length,
-            thickness=specimen.braid_thickness,
-        )
-        inset = 0.0 if specimen.embedded else 2 * specimen.braid_thickness
-        bladder = famjax.Bladder(
-            rest_length=specimen.rest_length,
-            rest_diameter=specimen.bladder_diameter or diameter - inset,
-            rest_thickness=specimen.wall_thickness,
-            embedded=specimen.embedded,
-        )
-        return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), material, deadband)
+        return famjax.Muscle(self.source.geometry(diameter, angle), material, deadband)
 
     def _unit_laws(
         self, geometry: Float[Array, " 3"], quantity: str
@@ -115,13 +104,13 @@ class Problem(eqx.Module):
 
     def path_lengths(self) -> Float[Array, "blocks paths stations"]:
         """Active lengths [m] of the stations."""
-        rest = self.specimen.rest_length
+        rest = self.rest_length
         return rest + self.stations * (self.path_end - rest)[..., None]
 
     def largest_strain(self, geometry: Float[Array, " 3"]) -> Float[Array, "blocks paths"]:
         """Largest strain magnitude [-] that the material sees along each path."""
         muscle = self.muscle(geometry, famjax.PolynomialMaterial(jnp.zeros(1)))
-        rest = jnp.full_like(self.path_end, self.specimen.rest_length)
+        rest = jnp.full_like(self.path_end, self.rest_length)
         ends = jnp.stack([rest, self.path_end], axis=-1)
         at = muscle.geometry.dimensions(ends, self.path_pressure[..., None])
         hoop = jnp.max(jnp.abs(at.hoop_strain), axis=-1)
@@ -144,8 +133,12 @@ class Problem(eqx.Module):
 
     def programmes(
         self, geometry: Float[Array, " 3"]
-    ) -> tuple[Float[Array, "blocks k n"], Float[Array, "blocks k"],
-               Float[Array, "blocks m n"], Float[Array, "blocks m"]]:
+    ) -> tuple[
+        Float[Array, "blocks k n"],
+        Float[Array, "blocks k"],
+        Float[Array, "blocks m n"],
+        Float[Array, "blocks m"],
+    ]:
         """The convex programmes (A, b, G, h) of all blocks at this geometry."""
         blocks, n = self.weights.shape[0], self.basis.shape[1] * self.order
         columns = self.basis[:, :, None] * self._unit_laws(geometry, "bladder_force")[:, None, :]
@@ -159,10 +152,15 @@ class Problem(eqx.Module):
         on = jnp.isfinite(limits)
         signs = jnp.where(on[:, None], signs, 0.0)
         bound_rows = self.path_basis[..., None, :, None] * signs[:, None, :]
-        G = jnp.concatenate([rows.reshape(blocks, -1, n), bound_rows.reshape(blocks, -1, n)], axis=1)
+        G = jnp.concatenate(
+            [rows.reshape(blocks, -1, n), bound_rows.reshape(blocks, -1, n)], axis=1
+        )
         paths = self.path_end.shape[1]
         h = jnp.concatenate(
-            [jnp.zeros(rows.reshape(blocks, -1, n).shape[1]), jnp.tile(jnp.where(on, limits, -1.0), paths)]
+            [
+                jnp.zeros(rows.reshape(blocks, -1, n).shape[1]),
+                jnp.tile(jnp.where(on, limits, -1.0), paths),
+            ]
         )
         return A, b, G, jnp.broadcast_to(h, (blocks, h.shape[0]))
 
@@ -194,6 +192,7 @@ def build_problem(
     constraint: Constraint,
     dependence: PressureDependence,
     bounds: dict[str, Bounds],
+    source: AbstractGeometrySource,
 ) -> Problem:
     """The problem of a force map.
 
@@ -223,14 +222,23 @@ def build_problem(
         path_basis = np.ones((levels.size, 1, 1))
     stations = np.concatenate([np.linspace(0, 1, STATIONS), np.zeros(EXCHANGES)])
     names = coefficient_names(order)
-    arrays = [
-        data.force[loaded], pressure, data.length[loaded], weights, basis,
-        path_pressure, path_basis, path_end,
-        np.broadcast_to(stations, (*path_end.shape, stations.size)),
-        np.array([bounds[name].min for name in names]),
-        np.array([bounds[name].max for name in names]),
-    ]  # fmt: skip
-    return Problem(*(jnp.asarray(a) for a in arrays), data.specimen, order, constraint)
+    return Problem(
+        force=jnp.asarray(data.force[loaded]),
+        pressure=jnp.asarray(pressure),
+        length=jnp.asarray(data.length[loaded]),
+        weights=jnp.asarray(weights),
+        basis=jnp.asarray(basis),
+        path_pressure=jnp.asarray(path_pressure),
+        path_basis=jnp.asarray(path_basis),
+        path_end=jnp.asarray(path_end),
+        stations=jnp.asarray(np.broadcast_to(stations, (*path_end.shape, stations.size))),
+        coefficient_min=jnp.asarray([bounds[name].min for name in names]),
+        coefficient_max=jnp.asarray([bounds[name].max for name in names]),
+        source=source,
+        rest_length=data.specimen.rest_length,
+        order=order,
+        constraint=constraint,
+    )
 
 
 def _linear_basis(pressure: np.ndarray, levels: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ import enum
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 
@@ -100,8 +101,8 @@ def _equality_solve(
         (y, multipliers) with y = target + normals^T multipliers; unused slots carry zero.
     """
     n = target.shape[0]
-    free = jnp.diag(jnp.where(used, 0.0, 1.0))
-    system = jnp.block([[jnp.eye(n), -normals.T], [normals, free]])
+    free = jnp.diag(jnp.where(used, 0.0, 1.0).astype(target.dtype))
+    system = jnp.block([[jnp.eye(n, dtype=target.dtype), -normals.T], [normals, free]])
     solved = jnp.linalg.solve(system, jnp.concatenate([target, jnp.where(used, offsets, 0.0)]))
     return solved[:n], solved[n:]
 
@@ -111,7 +112,7 @@ def _walk(
 ) -> _Walk:
     """The active set of the projection of `centre` on {y: rows y >= offsets}, rows of unit length."""
     m, n = rows.shape
-    eps = jnp.finfo(centre.dtype).eps
+    eps = float(jnp.finfo(centre.dtype).eps)
     tolerance = 32 * eps * (jnp.linalg.norm(centre) + jnp.max(jnp.abs(offsets)))
 
     def step(state: _Walk) -> _Walk:
@@ -121,11 +122,15 @@ def _walk(
         done = (state.entering < 0) & (slack[entering] >= -tolerance)
         normal = rows[entering]
         normals = jnp.where(state.used[:, None], rows[state.rows], 0.0)
-        direction, minus_share = _equality_solve(normals, state.used, normal, jnp.zeros(n))
+        direction, minus_share = _equality_solve(
+            normals, state.used, normal, jnp.zeros_like(normal)
+        )
         share = -minus_share
         square = direction @ normal
         independent = (square > 1e4 * eps**1.5) & ~jnp.all(state.used)
-        full = jnp.where(independent, -slack[entering] / jnp.where(independent, square, 1.0), jnp.inf)
+        full = jnp.where(
+            independent, -slack[entering] / jnp.where(independent, square, 1.0), jnp.inf
+        )
         blocks = state.used & (share > eps)
         ratios = jnp.where(blocks, state.multipliers / jnp.where(blocks, share, 1.0), jnp.inf)
         leaving = jnp.argmin(ratios)
@@ -183,10 +188,10 @@ def _unit_rows(
 
 
 def solve_qp(
-    A: Float[Array, "k n"],
-    b: Float[Array, " k"],
-    G: Float[Array, "m n"],
-    h: Float[Array, " m"],
+    A: Float[Array | np.ndarray, "k n"],
+    b: Float[Array | np.ndarray, " k"],
+    G: Float[Array | np.ndarray, "m n"],
+    h: Float[Array | np.ndarray, " m"],
 ) -> Optimum:
     """The certified minimiser of 1/2 |A x - b|^2 subject to G x >= h.
 
@@ -219,7 +224,7 @@ def solve_qp(
     singular = jnp.linalg.svd(jax.lax.stop_gradient(R), compute_uv=False)
     deficient = singular[-1] <= 10 * max(A.shape) * jnp.finfo(A.dtype).eps * singular[0]
     # A deficient problem is solved as if it were not, so that its lane stays finite until the end.
-    R = jnp.where(deficient, jnp.eye(A.shape[1]), R)
+    R = jnp.where(deficient, jnp.eye(A.shape[1], dtype=R.dtype), R)
     centre = Q.T @ b
     rows, offsets, size = _unit_rows(
         jax.scipy.linalg.solve_triangular(R, (G / scale).T, trans="T").T, h

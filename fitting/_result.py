@@ -116,7 +116,7 @@ class Identification:
         certificate: optimality and stability.
         active_constraints: one sentence each.
         starts: objective of every start [N^2 or weighted], ascending.
-        order, constraint, dependence, box: what was asked for.
+        order, constraint, dependence, box, seed: what was asked for.
         converged: the best start is stationary, certified and feasible.
         warnings: what a reader must know before using the numbers.
     """
@@ -138,6 +138,7 @@ class Identification:
     constraint: Constraint
     dependence: PressureDependence
     box: str
+    seed: int
     converged: bool
     warnings: tuple[str, ...]
 

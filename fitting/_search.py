@@ -75,7 +75,8 @@ def descend(
         chunk = starts[first : first + _CHUNK]
         padded = np.concatenate([chunk, np.repeat(chunk[-1:], _CHUNK - len(chunk), axis=0)])
         ended = _descend_chunk(search, jnp.asarray(padded))
-        chunks.append(jax.tree.map(lambda leaf, n=len(chunk): np.asarray(leaf)[:n], ended))
+        kept = slice(len(chunk))
+        chunks.append(jax.tree.map(lambda leaf, kept=kept: np.asarray(leaf)[kept], ended))
         if progress is not None:
             progress(min(first + _CHUNK, len(starts)), len(starts))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *chunks)
@@ -86,10 +87,12 @@ def refine(search: Search, ends: BoxOptimum) -> tuple[BoxOptimum, Search]:
 
     Where the law is found to violate it, that point becomes a station and the descent goes on.
     """
-    best = jax.tree.map(lambda leaf: leaf[np.nanargmin(ends.cost)], ends)
-    margin = {"drucker": path_margin, "slope": slope_margin}.get(search.problem.constraint)
-    spare = search.problem.stations.shape[-1] - STATIONS
-    for exchange in range(spare if margin else 0):
+    best = jax.tree.map(lambda leaf: jnp.asarray(leaf[np.nanargmin(ends.cost)]), ends)
+    margins = {"drucker": path_margin, "slope": slope_margin}
+    if search.problem.constraint not in margins:
+        return best, search
+    margin = margins[search.problem.constraint]
+    for exchange in range(search.problem.stations.shape[-1] - STATIONS):
         geometry = search.geometry(best.u)
         x = solve(search.problem, geometry).x
         muscle = search.problem.muscle(geometry, search.problem.material(x))
@@ -98,6 +101,6 @@ def refine(search: Search, ends: BoxOptimum) -> tuple[BoxOptimum, Search]:
             break
         stations = search.problem.stations.at[..., STATIONS + exchange].set(position)
         search = eqx.tree_at(lambda s: s.problem.stations, search, stations)
-        again = _descend_chunk(search, jnp.tile(jnp.asarray(best.u), (_CHUNK, 1)))
-        best = jax.tree.map(lambda leaf: np.asarray(leaf)[0], again)
+        again = _descend_chunk(search, jnp.tile(best.u, (_CHUNK, 1)))
+        best = jax.tree.map(lambda leaf: leaf[0], again)
     return best, search

@@ -13,15 +13,17 @@ import famjax
 
 from ._box import BoxOptimum
 from ._data import ForceData
+from ._geometry_source import EstimatedSource
 from ._margin import path_margin, slope_margin
 from ._parameters import GEOMETRY, Bounds, coefficient_names, kind_of
-from ._problem import Problem, PressureDependence
+from ._problem import PressureDependence, Problem
 from ._qp import Optimum, Status
 from ._result import Certificate, Errors, Estimate, Identification
 from ._search import FEASIBLE, Search, solve
 from ._uncertainty import CONDITION_LIMIT, Covariance, covariance
 
 _STATIONARY = 1e-6
+_PERFECT = 1e-18  # a cost of this part of the data's own square is zero but for rounding
 _RIDGE = 0.98
 
 
@@ -50,9 +52,10 @@ def summarise(
     limits: dict[str, Bounds],
     dependence: PressureDependence,
     box: str,
+    seed: int,
 ) -> Identification:
     """The identification that the best descent stands for."""
-    problem, geometry = search.problem, search.geometry(jnp.asarray(best.u))
+    problem, geometry = search.problem, search.geometry(best.u)
     optimum = solve(problem, geometry)
     material = problem.material(optimum.x)
     muscle = problem.muscle(geometry, material)
@@ -78,12 +81,14 @@ def summarise(
             "drucker": float(stability.min()),
         }[problem.constraint],
         n_starts=len(ends.cost),
-        n_agreeing=int(np.sum(ends.cost <= best.cost * (1 + 1e-6))),
+        n_agreeing=int(
+            np.sum(ends.cost <= best.cost * (1 + 1e-6) + _PERFECT * data.force @ data.force)
+        ),
     )
     feasible = not certificate.constraint_margin < -FEASIBLE * np.abs(coefficients).max()
     optimal = bool(np.all(np.asarray(optimum.status) == int(Status.OPTIMAL)))
     loaded = data.loaded
-    force = np.asarray(muscle.force(data.length, data.pressure))
+    force = np.asarray(eqx.filter_jit(muscle.force)(data.length, data.pressure))
     estimates = _geometry_estimates(geometry, spread, limits, at_bound)
     if coefficients.shape[0] == 1:
         estimates += _coefficient_estimates(coefficients[0], spread, limits)
@@ -109,6 +114,7 @@ def summarise(
         constraint=problem.constraint,
         dependence=dependence,
         box=box,
+        seed=seed,
         converged=optimal and feasible and certificate.gradient_residual <= _STATIONARY,
         warnings=(),
     )
@@ -170,14 +176,16 @@ def _coefficient_estimates(
 
 
 def _derived(problem: Problem, geometry: Array, spread: Covariance) -> tuple[Estimate, ...]:
-    """Thread length and turns, with errors by the delta method."""
+    """Thread length and turns of an estimated geometry, with errors by the delta method."""
+    if not isinstance(problem.source, EstimatedSource):
+        return ()
 
     def quantities(geometry: Float[Array, " 3"]) -> Float[Array, " 2"]:
         muscle = problem.muscle(geometry, famjax.PolynomialMaterial(jnp.zeros(1)))
         assert isinstance(muscle.geometry, famjax.EstimatedGeometry)
         return jnp.stack([muscle.geometry.braid.rest_thread_length, muscle.geometry.braid.turns])
 
-    slopes = np.asarray(jax.jacfwd(quantities)(geometry))
+    slopes = np.asarray(jax.jit(jax.jacfwd(quantities))(geometry))
     matrix = spread.matrix[: len(GEOMETRY), : len(GEOMETRY)]
     known = np.isfinite(np.diag(matrix))
     matrix = np.where(known[:, None] & known, matrix, 0.0)
@@ -213,7 +221,7 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
 
 def _active_sentences(problem: Problem, optimum: Optimum) -> tuple[str, ...]:
     """One sentence for each active row of the convex fit."""
-    rest, stations = problem.specimen.rest_length, problem.path_end.shape[1]
+    rest, stations = problem.rest_length, problem.path_end.shape[1]
     per_path = problem.constraint_rows_per_path
     sentences = []
     for block, row in np.argwhere(np.asarray(optimum.active)):
@@ -224,7 +232,11 @@ def _active_sentences(problem: Problem, optimum: Optimum) -> tuple[str, ...]:
             continue
         path, station = divmod(int(row), per_path)
         pressure = float(problem.path_pressure[block, path]) / 1e3
-        at = "" if problem.basis.shape[1] * problem.weights.shape[0] == 1 else f" at {pressure:.4g} kPa"
+        at = (
+            ""
+            if problem.basis.shape[1] * problem.weights.shape[0] == 1
+            else f" at {pressure:.4g} kPa"
+        )
         if problem.constraint == "positive":
             sentences.append(f"E_{station + 1} = 0{at}")
             continue
@@ -256,12 +268,12 @@ def _warnings(result: Identification, spread: Covariance) -> tuple[str, ...]:
             "The parameters cannot be told apart by these data, so no standard errors are given: "
             "fix one of them by --bounds, or add lengths and pressures."
         )
-    warnings += _ridges(result, spread)
+    warnings += _ridges(spread)
     if result.active_constraints:
         warnings.append(
             f"The {result.constraint} constraint is active: standard errors hold along it only."
         )
-    if result.certificate.stability_margin < 0:
+    if result.certificate.stability_margin < -FEASIBLE * np.abs(result.coefficients).max():
         warnings.append(
             f"The law is NOT Drucker-stable on the actuation path (margin "
             f"{result.certificate.stability_margin / 1e6:.4g} MPa): do not extrapolate or simulate "
@@ -280,7 +292,7 @@ def _warnings(result: Identification, spread: Covariance) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _ridges(result: Identification, spread: Covariance) -> list[str]:
+def _ridges(spread: Covariance) -> list[str]:
     """Pairs of geometry parameters that the data determine only together."""
     correlation = spread.correlation
     ridges = []

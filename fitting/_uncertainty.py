@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 CONDITION_LIMIT = 1e10
 """Beyond this condition number of the scaled Jacobian no standard error is given."""
@@ -38,7 +38,7 @@ def covariance(
     jacobian: Float[np.ndarray, "k p"],
     residual: Float[np.ndarray, " k"],
     active: Float[np.ndarray, "a p"],
-    held: Float[np.ndarray, " p"],
+    held: Bool[np.ndarray, " p"],
 ) -> Covariance:
     """Gauss-Newton covariance s^2 Z (Z^T J^T J Z)^-1 Z^T of a constrained least-squares optimum.
 

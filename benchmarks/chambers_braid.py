@@ -1,0 +1,150 @@
+"""Chapter 5: the threads' stretch at the resting length."""
+
+import numpy as np
+from chambers_reference import (
+    PRESSURES,
+    Row,
+    elastic_braid,
+    printed,
+)
+
+from famjax import units
+from famjax._elastic_braid import BraidStretch
+from fitting._in_situ import InSitu, thread_in_situ
+
+FROM_PRINT = {"B": 0.001, "theta": 0.03}
+"""Tolerance [in, deg] of what follows from the printed D: 0.0005 in of D, and the print's digit."""
+
+MODEL = {"D": 0.004, "B": 0.005, "theta": 0.08}
+"""Tolerance [in, deg] of the model against photographs: one pixel, 0.004 in of D."""
+
+HIGH_PRESSURE = {60.0: 0.065, 80.0: 0.14}
+"""First pressure [psi] of the high-pressure points, which is not printed, and the relative
+tolerance of their modulus: 0.0005 in of D at either end of the strain's range."""
+
+LINEAR = 0.025
+"""The same tolerance of the modulus through all points."""
+
+SOFT = 10.0
+"""Stiffness of Kevlar over that of the soft braid."""
+
+SWEPT = (0.0, *PRESSURES)
+"""Gauge pressures [psi] of table 5.2."""
+
+
+def rows() -> list[Row]:
+    """Thread area, tables 5.1 and 5.2, the moduli found in situ, and the soft braid."""
+    return [*_area(), *_from_diameters(), *_moduli(), *_model(), *_stretch()]
+
+
+def _area() -> list[Row]:
+    of = printed()["specimen"]
+    area = of["fibres_per_thread"] * np.pi * of["fibre_diameter_in"] ** 2 / 4
+    return [Row("5, thread", "area of the fibres", area, "in2", of["thread_area_in2"], 5e-8)]
+
+
+def in_situ(high_pressure: float = 60.0) -> InSitu:
+    """The threads' state at the printed diameters and tested blocked forces, in SI.
+
+    Args:
+        high_pressure: first pressure [psi] of the high-pressure line.
+    """
+    of, table = printed()["specimen"], printed()["elastic_braid"]
+    tested = printed()["tested"]
+    force = dict(zip(tested["pressure_psi"], tested["blocked_force_lbf"], strict=True)) | {0: 0}
+    return thread_in_situ(
+        np.array(table["D_in"]) * units.INCH,
+        np.array([force[P] for P in table["pressure_psi"]]) * units.LBF,
+        np.array(table["pressure_psi"]) * units.PSI,
+        length=of["active_length_in"] * units.INCH,
+        turns=of["turns_N"],
+        n_threads=of["threads"],
+        area=of["thread_area_in2"] * units.INCH**2,
+        high_pressure=high_pressure * units.PSI,
+    )
+
+
+def _row_5_1(symbol: str, entry: str, computed: float, k: int, tolerance: dict[str, float]) -> Row:
+    unit = "deg" if symbol == "theta" else "in"
+    published = printed()["elastic_braid"][f"{symbol}_{unit}"][k]
+    return Row("5.1", entry, float(computed), unit, published, tolerance[symbol])
+
+
+def _from_diameters() -> list[Row]:
+    table, state = printed()["elastic_braid"], in_situ()
+    found = []
+    for k, P in enumerate(table["pressure_psi"]):
+        B, theta = state.thread_length[k] / units.INCH, float(np.rad2deg(state.braid_angle[k]))
+        found += [
+            _row_5_1("B", f"B from the printed D, {P} psi", B, k, FROM_PRINT),
+            _row_5_1("theta", f"theta from the printed D, {P} psi", theta, k, FROM_PRINT),
+        ]
+    tension = float(state.tension.max() / units.LBF)
+    strain = float(state.strain.max())
+    return [
+        *found,
+        Row("5.1", "largest thread tension", tension, "lbf", table["max_thread_tension_lbf"], 0.05),
+        Row("5.1", "largest thread strain", strain, "1", table["max_thread_strain"], 1e-4),
+    ]
+
+
+def _moduli() -> list[Row]:
+    """Both readings of "linear", with an intercept and through the origin, stand side by side."""
+    of, state = printed()["specimen"], in_situ()
+    table, published = "5, thread", of["thread_modulus_in_situ_linear_psi"]
+    found = [
+        Row(table, entry, fit.modulus / units.PSI, "psi", published, LINEAR * published)
+        for entry, fit in (
+            ("in-situ modulus, line through all points of table 5.1", state.linear),
+            ("in-situ modulus, the same through the origin", state.proportional),
+        )
+    ]
+    published = of["thread_modulus_in_situ_high_pressure_psi"]
+    for threshold, share in HIGH_PRESSURE.items():
+        modulus = in_situ(threshold).high_pressure.modulus / units.PSI
+        entry = f"in-situ modulus, points of table 5.1 from {threshold:g} psi"
+        found.append(Row(table, entry, modulus, "psi", published, share * published))
+    return found
+
+
+def stretch(pressures: np.ndarray, softness: float = 1.0) -> BraidStretch:
+    """The braid at the resting length over pressure [psi], with and without stretch."""
+    rest = printed()["specimen"]["active_length_in"]
+    return elastic_braid(softness).stretch(rest, pressures)
+
+
+def _model() -> list[Row]:
+    """The model from B0 = 9.89 in, against the diameters that were photographed."""
+    table = printed()["elastic_braid"]["pressure_psi"]
+    state = stretch(np.array(table, float)).elastic
+    columns = {
+        "D": np.asarray(state.diameter),
+        "B": np.asarray(state.thread_length),
+        "theta": np.rad2deg(state.braid_angle),
+    }
+    return [
+        _row_5_1(symbol, f"{symbol} of the model, {P} psi", column[k], k, MODEL)
+        for k, P in enumerate(table)
+        for symbol, column in columns.items()
+    ]
+
+
+def _stretch() -> list[Row]:
+    """Table 5.2, and the same for the soft braid."""
+    found = []
+    for table, label, softness in (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT)):
+        both = stretch(np.array(SWEPT), softness)
+        for name, state in (("with stretch", both.elastic), ("without stretch", both.inelastic)):
+            columns = (
+                ("B", "in", np.asarray(state.thread_length)),
+                ("D", "in", np.asarray(state.diameter)),
+                ("theta", "deg", np.rad2deg(state.braid_angle)),
+                ("Gaylord's force", "lbf", np.asarray(state.gaylord_force)),
+                ("thread tension", "lbf", np.asarray(state.tension)),
+            )
+            found += [
+                Row(table, f"{label}{quantity} {name}, {P:g} psi", float(values[k]), unit)
+                for k, P in enumerate(SWEPT)
+                for quantity, unit, values in columns
+            ]
+    return found

@@ -1,0 +1,105 @@
+"""Chapter 2: angles of braids on bladders, and the inner fitting."""
+
+import itertools
+import math
+
+from chambers_reference import Row, printed
+
+from famjax import units
+from famjax._catalogue import load_catalogue
+from famjax._design import Feasibility, fam_angle, feasibility
+from famjax._end_fitting import (
+    compression_sensitivity,
+    fitting_diameter_on_bladder,
+    fitting_diameter_on_braid,
+    safety_factor,
+    swaged_bore,
+)
+
+ANGLE = 0.05
+"""Tolerance [deg]: half the last digit of tables 2.2 and 2.3."""
+
+FITTING = 0.001
+"""Tolerance [in]: the last digit of table 2.4, whose rule is derived and not copied."""
+
+
+def rows() -> list[Row]:
+    """Tables 2.2 to 2.4 and the safety factors."""
+    return [*_jamming_angles(), *_braid_angles(), *_end_fitting(), *_safety()]
+
+
+def _jamming_angles() -> list[Row]:
+    found = []
+    for braid in printed()["kevlar_braid"]:
+        nominal = braid["nominal_diameter_in"]
+        for diameter, angle in zip(
+            braid["diameter_range_in"], braid["angle_range_deg"], strict=True
+        ):
+            computed = math.degrees(fam_angle(diameter, nominal))
+            entry = f"{nominal} in braid, angle at {diameter} in"
+            found.append(Row("2.2", entry, computed, "deg", angle, ANGLE))
+    return found
+
+
+def _braid_angles() -> list[Row]:
+    table = printed()["braid_angle_table"]
+    columns = {1.5: table["braid_1p5"], 2.0: table["braid_2p0"], 2.5: table["braid_2p5"]}
+    offered = {
+        round(braid.nominal_diameter / units.INCH, 6): braid for braid in load_catalogue().braids
+    }
+    found = []
+    for (nominal, angles), (k, diameter) in itertools.product(
+        columns.items(), enumerate(table["fam_diameter_in"])
+    ):
+        computed = math.degrees(fam_angle(diameter, nominal))
+        verdict = feasibility(diameter * units.INCH, offered[nominal])
+        remark = "" if verdict is Feasibility.FEASIBLE else f" ({verdict})"
+        entry = f"{nominal} in braid on {diameter} in{remark}"
+        if angles[k]:
+            found.append(Row("2.3", entry, computed, "deg", float(angles[k]), ANGLE))
+        else:
+            found.append(Row("2.3", entry, computed, "deg"))
+    return found
+
+
+def _end_fitting() -> list[Row]:
+    of, specimen = printed()["end_fitting"], printed()["specimen"]
+    braid, wall = specimen["braid_thickness_in"], specimen["bladder_thickness_in"]
+    tube = of["swage_tube_od_in"]
+    bore = swaged_bore(tube, of["swage_tube_thickness_in"], of["swage_reduction"])
+    on_braid = fitting_diameter_on_braid(bore, braid, of["braid_compression"])
+    on_bladder = fitting_diameter_on_bladder(bore, braid, wall, of["bladder_compression"])
+    per_thousandth = 0.001 * compression_sensitivity(bore, on_braid, braid)
+    under_braid, under_bladder = (
+        of[f"internal_fitting_od_{layer}_in"] for layer in ("braid", "bladder")
+    )
+    return [
+        Row("2.4", "inner fitting under the braid", float(on_braid), "in", under_braid, FITTING),
+        Row(
+            "2.4",
+            "inner fitting under the bladder",
+            float(on_bladder),
+            "in",
+            under_bladder,
+            FITTING,
+        ),
+        Row(
+            "2.4",
+            "change of the braid's compression, 0.001 in on the radius of the fitting",
+            float(per_thousandth),
+            "1",
+            of["compression_change_per_thousandth_in"],
+            0.005,
+        ),
+    ]
+
+
+def _safety() -> list[Row]:
+    of = printed()["tested_fams"]
+    force = max(of["blocked_force_100psi_lbf"])
+    burst = float(safety_factor(of["burst_pressure_psi"], 100.0))
+    pull = float(safety_factor(of["tensile_failure_lbf"], force))
+    return [
+        Row("2.5", "burst pressure over 100 psi", burst, "1"),
+        Row("2.5", "tensile failure over the largest blocked force at 100 psi", pull, "1"),
+    ]

@@ -1,0 +1,144 @@
+"""Chapter 4: volumes, the printed profiles, and how many Fourier terms a profile needs."""
+
+import math
+
+import equinox as eqx
+import numpy as np
+from chambers_reference import Row, inelastic_braid, printed, profile
+from jaxtyping import Float
+
+from famjax import diameter_from_length, tube_volume
+from famjax._assumed_shapes import EllipticToroidEnds
+from famjax._profile import AbstractProfile
+from famjax._profile_measures import Meridian
+from famjax._types import Real, RealArray
+
+VOLUME = 0.0005
+"""Tolerance [in3]: half the last digit of the printed volumes."""
+
+ANGLE = 0.1
+"""Tolerance [deg] of angles from the slope of blocked force."""
+
+END_LENGTH, END_ANGLE = 1.1, 1.0
+"""Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
+ellipse at the fitting: a finite slope there."""
+
+_X = np.linspace(0, 1, 401)
+_WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
+
+
+def rows() -> list[Row]:
+    """The volumes, the angle from blocked force, and tables 4.2 and 4.3."""
+    return [*_volumes(), *_angle_from_slope(), *_profiles(), *_fourier_terms()]
+
+
+def _volumes() -> list[Row]:
+    of = printed()["specimen"]
+    length, rubber = of["active_length_in"], of["bladder_thickness_in"]
+    bladder = float(tube_volume(length, of["bladder_outer_diameter_in"], rubber))
+    braid = float(
+        tube_volume(length, of["braid_resting_diameter_in"], of["braid_thickness_in"])
+    )
+    return [
+        Row("4, volumes", "bladder", bladder, "in3", of["bladder_volume_in3"], VOLUME),
+        Row("4, volumes", "braid", braid, "in3", of["braid_volume_in3"], VOLUME),
+    ]
+
+
+def _angle_from_slope() -> list[Row]:
+    """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does."""
+    tested, table = printed()["tested"], printed()["photogrammetry"]["estimated_theta0_deg"]
+    slope = np.polyfit(tested["pressure_psi"], tested["blocked_force_lbf"], 1)[0]
+    found = []
+    for diameter, key in ((0.875, "from_D0_0p875"), (1.025, "from_D0_1p025")):
+        magnification = slope / (math.pi * diameter**2 / 4)
+        angle = math.degrees(math.atan(math.sqrt((magnification + 1) / 2)))
+        entry = f"initial angle from the slope of blocked force, D0 = {diameter} in"
+        found.append(Row("4, angle", entry, angle, "deg", table[key], ANGLE))
+    return found
+
+
+def printed_diameter(
+    row: dict, x: Float[np.ndarray, " n"], *, corrected: bool
+) -> Float[np.ndarray, " n"]:
+    """Diameter [in] of a row of table 4.3 at x, also where the print makes it negative."""
+    w = row["w_corrected" if corrected else "w_as_printed"]
+    b = [row["b"][0] if corrected else row.get("b1_as_printed", row["b"][0]), *row["b"][1:]]
+    angle = np.arange(1, len(b) + 1) * w * np.asarray(x)[:, None]
+    return row["a"][0] + np.cos(angle) @ row["a"][1:] + np.sin(angle) @ b
+
+
+def _profiles() -> list[Row]:
+    """Table 4.3 as printed, corrected, and as used: corrected and made symmetric."""
+    rest = printed()["specimen"]["active_length_in"]
+    found = []
+    for row in printed()["profile_100psi"]:
+        at = f"{100 * row['contraction']:.4g} %"
+        for label, corrected in (("as printed", False), ("corrected", True)):
+            D = printed_diameter(row, _X, corrected=corrected)
+            values = (
+                ("D at x = 0", D[0]),
+                ("D at x = 1/2", D[_X.size // 2]),
+                ("D at x = 1", D[-1]),
+                ("largest |D(x) - D(1 - x)|", np.abs(D - D[::-1]).max()),
+            )
+            found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
+        used = profile(row, corrected=True).symmetrised()
+        mean, volume = _mean_and_volume(used, rest * (1 - row["contraction"]))
+        found.append(Row("4.3", f"used, {at}, mean D", float(mean), "in"))
+        found.append(Row("4.3", f"used, {at}, outline volume", float(volume), "in3"))
+    return found
+
+
+@eqx.filter_jit
+def _mean_and_volume(profile: AbstractProfile, length: Real) -> tuple[RealArray, RealArray]:
+    meridian = Meridian.of(profile, length)
+    return meridian.mean_diameter, meridian.volume
+
+
+def fit_terms(
+    x: Float[np.ndarray, " n"], diameters: Float[np.ndarray, "profiles n"], terms: int
+) -> Float[np.ndarray, "profiles n"]:
+    """The series of so many terms and free w that comes nearest to each profile, in the squares.
+
+    For each w of a grid the coefficients are a linear least-squares fit; the best w is kept.
+    """
+    columns = [_series(w, x, terms) for w in _WAVE_NUMBERS]
+    planes = [np.linalg.qr(column)[0] for column in columns]
+    caught = np.array([np.sum((diameters @ plane) ** 2, axis=1) for plane in planes])
+    best = [planes[k] for k in caught.argmax(axis=0)]
+    return np.array([plane @ (plane.T @ D) for plane, D in zip(best, diameters, strict=True)])
+
+
+def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarray, "n p"]:
+    angle = np.arange(1, terms + 1) * w * x[:, None]
+    return np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
+
+
+def synthetic_profiles() -> dict[float, Float[np.ndarray, " n"]]:
+    """SYNTHETIC diameters [in] at 201 positions, by contraction: elliptic ends, a cylinder.
+
+    The middle follows the braid's triangle, and the ends have the braid's resting diameter.
+    """
+    of, braid = printed()["specimen"], inelastic_braid()
+    profiles = {}
+    for contraction in (0.0, 0.0875, 0.175, 0.2625, 0.35):
+        length = of["active_length_in"] * (1 - contraction)
+        middle = diameter_from_length(length, braid.rest_thread_length, braid.turns)
+        shape = EllipticToroidEnds(middle, of["braid_resting_diameter_in"], END_LENGTH, END_ANGLE)
+        profiles[contraction] = np.asarray(shape.diameter(_X[::2], length))
+    return profiles
+
+
+def _fourier_terms() -> list[Row]:
+    """Table 4.2's errors on synthetic profiles: the photographs are not printed."""
+    profiles = np.stack(list(synthetic_profiles().values()))
+    found = []
+    for terms in printed()["fourier_terms"]["terms"]:
+        errors = fit_terms(_X[::2], profiles, terms) - profiles
+        for name, value in (
+            ("largest error, mean of the profiles", np.abs(errors).max(axis=1).mean()),
+            ("RMSE, mean of the profiles", np.sqrt((errors**2).mean(axis=1)).mean()),
+        ):
+            found.append(Row("4.2", f"SYNTHETIC profiles, {terms} terms, {name}", float(value), "in"))
+    return found

@@ -1,0 +1,182 @@
+"""What `famjax design` computes, as one document of rows, and its picture."""
+
+import io
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import units
+from ._catalogue import Catalogue, CatalogueError, load_catalogue
+from ._design import Candidate, Feasibility, Requirement, feasibility, search
+from ._design_report import (
+    SYSTEMS,
+    braid_angle_rows,
+    candidate_rows,
+    end_fitting_rows,
+    geometry_rows,
+    performance_rows,
+)
+from ._end_fitting import size_end_fittings
+from ._material import PolynomialMaterial
+
+LATEX = np.array([257.8, -57.9, 32.7]) * units.PSI
+"""E_n [Pa] of the reference work's latex (Chambers 2021, chapter 6): the bladder of the design."""
+
+_UNITS = {
+    "force": {"N": 1.0, "kN": 1e3, "lbf": units.LBF},
+    "pressure": {
+        "Pa": 1.0,
+        "kPa": units.KILOPASCAL,
+        "MPa": units.MEGAPASCAL,
+        "bar": units.BAR,
+        "psi": units.PSI,
+    },
+    "largest_diameter": {"m": 1.0, "mm": units.MILLIMETRE, "in": units.INCH},
+}
+_FRACTIONS = ("contraction", "force_contraction")
+_POINTS = 41  # on each curve over contraction
+
+
+def parse_requirement(entries: Iterable[str]) -> Requirement:
+    """The requirement that entries such as `force_lbf=900` and `contraction=0.3` make.
+
+    Args:
+        entries: `key_unit=value`; keys pressure, force, contraction, largest_diameter and
+            force_contraction. Pressure is needed; without a force or contraction none is asked.
+
+    Raises:
+        CatalogueError: an entry that cannot be read, with what is known.
+
+    >>> parse_requirement(["pressure_psi=100", "contraction=0.3"]).contraction
+    0.3
+    """
+    given: dict[str, float] = {}
+    for entry in entries:
+        key, equals, text = (part.strip() for part in entry.partition("="))
+        name, _, unit = key.rpartition("_")
+        factors = _UNITS.get(name, {})
+        if key in _FRACTIONS:
+            name, factor = key, 1.0
+        elif unit in factors:
+            factor = factors[unit]
+        else:
+            known = [f"{n}_{'|'.join(f)}" for n, f in _UNITS.items()] + list(_FRACTIONS)
+            raise CatalogueError(f"unknown requirement {entry!r}; known are {', '.join(known)}")
+        if name in given:
+            raise CatalogueError(f"the requirement {name} is given twice")
+        try:
+            given[name] = float(text) * factor
+        except ValueError:
+            raise CatalogueError(f"requirement {entry!r}: {text!r} is not a number") from None
+        if not equals or not math.isfinite(given[name]):
+            raise CatalogueError(f"requirement {entry!r} must read key_unit=value, finite")
+    if "pressure" not in given:
+        raise CatalogueError("a requirement needs the pressure, as in --require pressure_psi=100")
+    try:
+        return Requirement(**{"force": 0.0, "contraction": 0.0, **given})
+    except ValueError as error:
+        raise CatalogueError(str(error)) from None
+
+
+def design_document(
+    requirement: Requirement,
+    catalogues: Iterable[Path],
+    *,
+    bundled: bool,
+    rest_length: float,
+    system: str,
+) -> dict[str, Any]:
+    """Everything about the combinations of a catalogue that a designer asks for.
+
+    Args:
+        requirement: in SI.
+        catalogues: files of the user.
+        bundled: whether the bundled catalogue is taken too.
+        rest_length: active length L0 [m] for thread length and turns.
+        system: "si", "metric" or "us".
+
+    Returns:
+        Rows by subject, JSON-ready: braid angles, geometry, performance, candidates, end-fittings.
+    """
+    catalogue = load_catalogue(list(catalogues), bundled=bundled)
+    latex = PolynomialMaterial(LATEX)
+    candidates = search(catalogue, requirement, material=latex)
+    return {
+        "braid_angles": braid_angle_rows(catalogue, system=system),
+        "geometry": geometry_rows(catalogue, rest_length, system=system),
+        "candidates": candidate_rows(candidates, system=system),
+        "performance": _performance(candidates, requirement.pressure, system),
+        "end_fittings": _end_fittings(catalogue, system),
+    }
+
+
+def _performance(
+    candidates: Iterable[Candidate], pressure: float, system: str
+) -> list[dict[str, Any]]:
+    """Force and diameter over contraction, to zero force or to jamming, of every pair that fits."""
+    latex = PolynomialMaterial(LATEX)
+    rows = []
+    for candidate in candidates:
+        if candidate.usable_contraction > 0:
+            at = np.linspace(0.0, candidate.usable_contraction, _POINTS).tolist()
+            bladder, braid = candidate.bladder, candidate.braid
+            pair = {"bladder": bladder.name, "braid": braid.name}
+            rows += [
+                pair | row
+                for row in performance_rows(
+                    bladder, braid, pressure, at, material=latex, system=system
+                )
+            ]
+    return rows
+
+
+def _end_fittings(catalogue: Catalogue, system: str) -> list[dict[str, Any]]:
+    """The end-fittings of every pair of braid and bladder diameter that fit."""
+    rows = []
+    if not catalogue.tubes:
+        return rows
+    for braid in catalogue.braids:
+        for diameter in sorted({b.diameter for b in catalogue.bladders}):
+            if feasibility(diameter, braid) is not Feasibility.INFEASIBLE:
+                rows += end_fitting_rows(
+                    size_end_fittings(catalogue, braid, diameter), system=system
+                )
+    return rows
+
+
+def design_picture(document: dict[str, Any], system: str) -> bytes:
+    """Force and outer diameter against contraction of every combination, as PNG."""
+    from matplotlib import colormaps  # noqa: PLC0415
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 -- slow to load
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    figure = Figure(figsize=(11, 5.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2)
+    force, length = SYSTEMS[system]["force"][0], SYSTEMS[system]["length"][0]
+    pairs = dict.fromkeys((row["bladder"], row["braid"]) for row in document["performance"])
+    braids = list(dict.fromkeys(braid for _, braid in pairs))
+    bladders = list(dict.fromkeys(bladder for bladder, _ in pairs))
+    for bladder, braid in pairs:
+        rows = [
+            r for r in document["performance"] if (r["bladder"], r["braid"]) == (bladder, braid)
+        ]
+        style = {
+            "color": colours(bladders.index(bladder) % 20),
+            "ls": ("-", "--", ":", "-.")[braids.index(braid) % 4],
+            "label": f"{bladder} in {braid}",
+        }
+        contraction = [row["contraction"] for row in rows]
+        for axis, key in zip(axes, (f"force_{force}", f"outer_diameter_{length}"), strict=True):
+            axis.plot(contraction, [np.nan if r[key] is None else r[key] for r in rows], **style)
+    axes[0].set(xlabel="contraction", ylabel=f"force, {force}", ylim=(0, None))
+    axes[1].set(xlabel="contraction", ylabel=f"outer diameter, {length}")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7
+    )
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=130)
+    return picture.getvalue()

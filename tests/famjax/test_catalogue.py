@@ -1,0 +1,150 @@
+import math
+
+import pytest
+
+from famjax import units
+from famjax._catalogue import CatalogueError, load_catalogue
+
+INCH = units.INCH
+
+# Table 2.2: nominal diameter, thickness, diameter range [in], angle range [deg].
+TABLE_2_2 = [
+    (1.5, 0.012, (0.60, 1.75), (73.6, 34.4)),
+    (2.0, 0.011, (0.76, 2.23), (74.4, 38.0)),
+    (2.5, 0.018, (1.40, 2.65), (66.7, 41.5)),
+]
+BRAID = """
+source = "a vendor"
+[[braid]]
+name = "PET 20 mm"
+nominal_diameter_mm = 20
+thickness_mm = 0.5
+diameter_range_mm = [10, 25]
+"""
+BLADDER = """
+source = "a vendor"
+[[bladder]]
+diameter_mm = 12
+thickness_mm = [1, 2]
+"""
+TUBE = """
+source = "a vendor"
+[[tube]]
+outer_diameter_mm = 25
+thickness_mm = 1.5
+swage_reduction_mm = 0.7
+modulus_GPa = 69
+modulus_source = "handbook"
+"""
+
+
+def read(tmp_path, text, *, bundled=False):
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_catalogue([path], bundled=bundled)
+
+
+def test_bundled_braids_are_those_of_table_2_2():
+    found = load_catalogue().braids
+    for braid, (nominal, thickness, diameters, angles) in zip(found, TABLE_2_2, strict=True):
+        assert braid.nominal_diameter == pytest.approx(nominal * INCH)
+        assert braid.thickness == pytest.approx(thickness * INCH)
+        assert braid.diameter_range == pytest.approx([d * INCH for d in diameters])
+        assert braid.angle_range == pytest.approx([math.radians(a) for a in angles])
+        assert "Chambers 2021" in braid.source
+
+
+def test_bundled_bladders_and_tubes_are_those_offered():
+    catalogue = load_catalogue()
+    sizes = {
+        (round(b.diameter / INCH, 6), round(b.thickness / INCH, 6)) for b in catalogue.bladders
+    }
+    diameters, walls = (0.5, 0.625, 0.75, 0.875, 1.0), (0.0625, 0.125, 0.1875)
+    assert sizes == {(d, t) for d in diameters for t in walls}
+    walls = [round(tube.thickness / INCH, 6) for tube in catalogue.tubes]
+    assert walls == [0.035, 0.049, 0.058, 0.065]
+    assert all(tube.outer_diameter == pytest.approx(INCH) for tube in catalogue.tubes)
+    assert all(tube.modulus is None for tube in catalogue.tubes)
+
+
+def test_a_users_file_extends_the_bundled_catalogue(tmp_path):
+    catalogue = read(tmp_path, BRAID, bundled=True)
+    assert len(catalogue.braids) == 4
+    mine = catalogue.braids[-1]
+    assert mine.diameter_range == pytest.approx((0.010, 0.025))
+    assert mine.boundary_range == mine.diameter_range
+    assert (mine.name, mine.angle_range, mine.source) == ("PET 20 mm", None, "a vendor")
+
+
+def test_a_users_file_can_replace_the_bundled_catalogue(tmp_path):
+    catalogue = read(tmp_path, BLADDER)
+    assert (catalogue.braids, catalogue.tubes) == ((), ())
+    assert [b.bore for b in catalogue.bladders] == pytest.approx([0.010, 0.008])
+
+
+def test_a_tube_carries_its_modulus_in_pascal_with_its_source(tmp_path):
+    (tube,) = read(tmp_path, TUBE).tubes
+    assert tube.modulus == pytest.approx(69e9)
+    assert tube.modulus_source == "handbook"
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "message"),
+    [
+        (BRAID, "thickness_mm", "thickness", "number 1 .'PET 20 mm'.: thickness has no unit.*_in"),
+        (BRAID, "diameter_range_mm", "diameter_range", "diameter_range has no unit"),
+        (BRAID, "thickness_mm", "thickness_inch", "unknown unit 'inch'.*thickness_mm"),
+        (BRAID, "thickness_mm", "thickness_psi", "unknown unit 'psi'"),
+        (BRAID, "thickness_mm", "wall_mm", "thickness is missing"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = 0.5\nthickness_in = 0.02", "given twice"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = -0.5", "must be > 0 and finite, got -0.5"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = nan", "must be > 0 and finite"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = '0.5'", "must be a number"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = true", "must be a number"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = []", "must be a number"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = [0.5, 0.6]", "must be one number, got 2"),
+        (BRAID, "[10, 25]", "[10, 20, 25]", "must be two numbers in brackets"),
+        (BRAID, "[10, 25]", "10", "must be two numbers in brackets"),
+        (BRAID, "[10, 25]", "[25, 10]", r"\[smallest, largest\]"),
+        (BRAID, "[10, 25]", "[21, 25]", "with the nominal diameter between them"),
+        (BRAID, "[10, 25]", "[10, 30]", "at which the threads lie all round"),
+        (
+            BRAID,
+            "[10, 25]",
+            "[10, 25]\nboundary_range_mm = [11, 25]",
+            "must contain diameter_range",
+        ),
+        (BRAID, "[10, 25]", "[10, 25]\nboundary_range_mm = [9, 29]", "end below"),
+        (BRAID, "[10, 25]", "[10, 25]\nangle_range_deg = [20.7, 62.1]", "angles from the axis are"),
+        (BRAID, 'name = "PET 20 mm"', "", "name is missing"),
+        (BRAID, 'name = "PET 20 mm"', "name = 3", "name must be a text"),
+        (BRAID, "[[braid]]", "[[braids]]", "unknown table 'braids'"),
+        (BRAID, "[[braid]]", "[braid]", "two brackets"),
+        (BRAID, 'source = "a vendor"', "", "where its numbers come from"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm = 0.5\ncolour = 'red'", "unknown key 'colour'"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm 0.5", "not a TOML file"),
+        (BLADDER, "[1, 2]", "[1, 6]", "closes a tube"),
+        (BLADDER, "[1, 2]", "[1, 1]", "is there twice"),
+        (TUBE, 'modulus_source = "handbook"', "", "together with modulus_source"),
+        (TUBE, "modulus_GPa = 69", "", "together with modulus_source"),
+        (TUBE, "modulus_GPa", "modulus_ksi", "unknown unit 'ksi'.*modulus_GPa"),
+        (TUBE, "swage_reduction_mm = 0.7", "swage_reduction_mm = 23", "closes a tube"),
+    ],
+)
+def test_a_wrong_row_is_refused_with_the_reason(tmp_path, text, old, new, message):
+    assert old in text
+    with pytest.raises(CatalogueError, match=message):
+        read(tmp_path, text.replace(old, new))
+
+
+def test_a_name_in_two_files_is_refused(tmp_path):
+    with pytest.raises(CatalogueError, match=r"'Kevlar 2\.0 in' is there twice"):
+        read(tmp_path, BRAID.replace("PET 20 mm", "Kevlar 2.0 in"), bundled=True)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(CatalogueError, match=r"cannot read the catalogue .*none\.toml"):
+        load_catalogue([tmp_path / "none.toml"])
+    (tmp_path / "latin.toml").write_bytes(b'source = "M\xfcller"')
+    with pytest.raises(CatalogueError, match="not a UTF-8 text file"):
+        load_catalogue([tmp_path / "latin.toml"])

@@ -1,0 +1,146 @@
+"""The command as a person types it: exit codes, what is printed where, what is written."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import famjax
+from famjax.__main__ import main
+
+
+def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    captured = capsys.readouterr()
+    return int(stop.value.code or 0), captured.out, captured.err
+
+
+@pytest.fixture
+def map_file(tmp_path: Path) -> Path:
+    """A force map of a known muscle with two strange readings to be removed by tests."""
+    braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.13, length=0.3)
+    bladder = famjax.Bladder(0.3, 0.022, 0.002, embedded=True)
+    muscle = famjax.Muscle(
+        famjax.EstimatedGeometry(braid, bladder), famjax.PolynomialMaterial([3e6, -2e6]), 2e4
+    )
+    rows = ["pressure_kPa,length_mm,force_N"]
+    rows += [
+        f"{P},{L},{max(0.0, float(muscle.force(L / 1e3, P * 1e3))):.4f}"
+        for P in (100, 200, 300, 400)
+        for L in (300, 290, 280, 270)
+    ]
+    path = tmp_path / "map.csv"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_json_is_one_object_and_nothing_else(
+    capsys: pytest.CaptureFixture, map_file: Path, tmp_path: Path
+) -> None:
+    code, out, _ = run(
+        capsys, "fit", map_file, "--order", 2, "--json", "--output", tmp_path / "o", "--starts", 4,
+        "--specimen", "nominal_diameter_mm=20", "--units", "us",
+    )  # fmt: skip
+    assert code == 0
+    fit = json.loads(out)
+    wanted = {"rmse_N", "mae_N", "max_error_N", "max_force_N", "n_points", "parameters",
+              "coefficients_Pa", "stability_margin_Pa", "kkt_residual", "duality_gap",
+              "constraint", "converged"}  # fmt: skip
+    assert wanted <= set(fit)
+    assert fit["parameters"]["E_1"]["unit"] == "psi"
+    assert set(fit["parameters"]["E_1"]) >= {"value", "unit", "stderr", "at_bound"}
+    assert fit["rmse_N"] < 0.01  # the map is rounded to 0.1 mN
+    assert any("rest length was not given" in warning for warning in fit["warnings"])
+    assert {p.name for p in (tmp_path / "o").iterdir()} == {"fit.json", "fit.png", "report.html"}
+
+
+def test_table_for_people(capsys: pytest.CaptureFixture, map_file: Path, tmp_path: Path) -> None:
+    code, out, _ = run(
+        capsys, "fit", map_file, "--order", 2, "--output", tmp_path / "o", "--starts", 4,
+        "--bounds", "deadband_pressure_kPa=20", "--constraint", "slope",
+    )  # fmt: skip
+    assert code == 0
+    for needed in ("Parameters", "braid_angle", "held", "RMSE", "Certificate", "note:", "written:"):
+        assert needed in out
+
+
+@pytest.mark.parametrize(
+    ("spoil", "arguments", "message"),
+    [
+        (("force_N", "force"), (), "column 'force' has no unit"),
+        (("100,290", "100,x"), (), "row 3: length is 'x', not a number"),
+        (("100,290", "100,900"), ("--specimen", "rest_length_mm=300"), "longer than its thread"),
+        (("100,290", "-1,290"), (), "gauge pressure must be >= 0"),
+        (None, ("--order", "9"), "order of the law lies between 1 and 8"),
+        (None, ("--order", "many"), "order"),
+        (None, ("--constraint", "odd"), "constraint"),
+        (
+            None,
+            ("--bounds", "E_1_MPa=-3:-2", "--constraint", "positive"),
+            "no coefficients satisfy",
+        ),
+        (None, ("--bounds", "E_1_MPa=3:2"), "must not exceed"),
+        (None, ("--specimen", "colour=red"), "unknown entry of the specimen"),
+        (None, ("--spam",), "spam"),
+    ],
+)
+def test_bad_input_is_explained_with_exit_code_2(
+    capsys: pytest.CaptureFixture,
+    map_file: Path,
+    tmp_path: Path,
+    spoil: tuple[str, str] | None,
+    arguments: tuple[str, ...],
+    message: str,
+) -> None:
+    if spoil:
+        map_file.write_text(map_file.read_text().replace(*spoil, 1))
+    output = tmp_path / "out"
+    code, out, err = run(capsys, "fit", map_file, "--output", output, *arguments)
+    assert code == 2
+    assert message in err
+    assert "Traceback" not in err
+    assert out == ""
+    assert not output.exists()
+
+
+def test_missing_file_and_blocked_output(
+    capsys: pytest.CaptureFixture, map_file: Path, tmp_path: Path
+) -> None:
+    code, _, err = run(capsys, "fit", tmp_path / "none.csv", "--output", tmp_path / "o")
+    assert (code, "no such file" in err) == (2, True)
+    code, _, err = run(capsys, "fit", map_file, "--output", map_file / "below")
+    assert (code, "is not a folder" in err) == (2, True)
+
+
+def test_version_and_help(capsys: pytest.CaptureFixture) -> None:
+    assert run(capsys, "--version") == (0, f"famjax {famjax.__version__}\n", "")
+    code, out, _ = run(capsys, "fit", "--help")
+    assert code == 0
+    for option in ("--order", "--constraint", "--dependence", "--box", "--bounds", "--specimen",
+                   "--output", "--units", "--json", "--starts", "--seed"):  # fmt: skip
+        assert option in out
+
+
+def test_doctor_reports_versions_and_devices() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "famjax", "doctor"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    for needed in (f"famjax {famjax.__version__}", "jax ", "devices: ", "float64: ", "no problems"):
+        assert needed in done.stdout
+
+
+def test_doctor_names_a_clash(tmp_path: Path) -> None:
+    (tmp_path / "fitting.py").write_text("")
+    done = subprocess.run(
+        [sys.executable, "-c", "from famjax._doctor import problems; print(problems())"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert "fitting.py" in done.stdout
+    assert "not famjax's own 'fitting' package" in done.stdout

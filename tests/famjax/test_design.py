@@ -1,0 +1,421 @@
+import dataclasses
+import json
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.test_util
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from famjax import PolynomialMaterial, units
+from famjax._catalogue import load_catalogue
+from famjax._design import (
+    Combination,
+    Feasibility,
+    Requirement,
+    fam_angle,
+    feasibility,
+    search,
+)
+from famjax._design_report import (
+    braid_angle_rows,
+    candidate_rows,
+    geometry_rows,
+    jamming_range_rows,
+    performance_rows,
+)
+
+INCH, PSI, LBF = units.INCH, units.PSI, units.LBF
+ROUNDING = 1e-12  # relative, float64: a dozen operations
+LAST_DIGIT = 0.0501  # deg; half of the last printed digit, and float noise
+
+# Table 2.3: the printed angle, "" where the combination is infeasible.
+DIAMETERS = (1.0, 0.875, 0.75, 0.625)
+TABLE_2_3 = {
+    "Kevlar 1.5 in": ("61.9", "65.6", "69.3", "72.9"),
+    "Kevlar 2.0 in": ("69.3", "72.0", "74.6", ""),
+    "Kevlar 2.5 in": ("73.6", "", "", ""),
+}
+# Printed in table 2.3 although outside the range of table 2.2.
+BOUNDARY = {("Kevlar 2.0 in", 0.75), ("Kevlar 2.5 in", 1.0)}
+ENTRIES = [
+    (name, diameter, printed)
+    for name, row in TABLE_2_3.items()
+    for diameter, printed in zip(DIAMETERS, row, strict=True)
+]
+
+
+def braid_named(name):
+    return next(braid for braid in load_catalogue().braids if braid.name == name)
+
+
+def bladder_of(diameter_in, thickness_in=0.0625):
+    return next(
+        bladder
+        for bladder in load_catalogue().bladders
+        if bladder.name == f"bladder {diameter_in:g} in x {thickness_in:g} in"
+    )
+
+
+def the_7_8_in(rest_length=9.28125 * INCH):
+    return Combination.of(bladder_of(0.875), braid_named("Kevlar 2.0 in"), rest_length)
+
+
+def latex():
+    return PolynomialMaterial(np.array([257.8, -57.9, 32.7]) * PSI)
+
+
+@pytest.mark.parametrize(("name", "diameter", "printed"), ENTRIES)
+def test_table_2_3(name, diameter, printed):
+    braid = braid_named(name)
+    angle = math.degrees(fam_angle(diameter * INCH, braid.nominal_diameter))
+    verdict = feasibility(diameter * INCH, braid)
+    if not printed:
+        assert verdict is Feasibility.INFEASIBLE
+        return
+    assert abs(angle - float(printed)) < LAST_DIGIT
+    boundary = (name, diameter) in BOUNDARY
+    assert verdict is (Feasibility.BOUNDARY if boundary else Feasibility.FEASIBLE)
+
+
+def test_the_angle_table_has_the_rows_of_table_2_3():
+    rows = braid_angle_rows(load_catalogue(), [d * INCH for d in DIAMETERS], system="us")
+    assert [row["braid"] for row in rows] == [name for name, _, _ in ENTRIES]
+    for row, (_, diameter, printed) in zip(rows, ENTRIES, strict=True):
+        assert row["diameter_in"] == pytest.approx(diameter)
+        assert (row["feasibility"] == "infeasible") == (not printed)
+
+
+def test_the_printed_jamming_angles_follow_from_the_printed_diameters():
+    rows = jamming_range_rows(load_catalogue(), system="us")
+    assert len(rows) == 6
+    for row in rows:
+        assert abs(row["implied_angle_deg"] - row["printed_angle_deg"]) < LAST_DIGIT
+
+
+def test_the_ends_of_the_ranges_belong_to_them_whatever_the_unit():
+    braid = braid_named("Kevlar 2.0 in")
+    assert feasibility(0.76 * INCH, braid) is Feasibility.FEASIBLE
+    assert feasibility(19.304e-3, braid) is Feasibility.FEASIBLE
+    assert feasibility(19.05e-3, braid) is Feasibility.BOUNDARY
+    assert feasibility(19.04e-3, braid) is Feasibility.INFEASIBLE
+    assert feasibility(2.24 * INCH, braid) is Feasibility.INFEASIBLE
+
+
+def test_the_braid_on_the_bladder_is_at_rest_what_the_rule_says():
+    combination = the_7_8_in()
+    braid, length = combination.braid, combination.rest_length
+    assert combination.diameter(0.0) == pytest.approx(0.875 * INCH, rel=ROUNDING)
+    assert braid.braid_angle(length) == pytest.approx(float(combination.braid_angle), rel=ROUNDING)
+    assert combination.outer_diameter(0.0) == pytest.approx((0.875 + 0.022) * INCH, rel=ROUNDING)
+    # The same sleeve at 45 deg has its nominal diameter.
+    at_45 = braid.rest_thread_length * math.sin(math.pi / 4)
+    assert braid.diameter(at_45) == pytest.approx(2.0 * INCH, rel=ROUNDING)
+
+
+def test_ideal_force_is_the_virtual_work_of_the_pressure():
+    combination = the_7_8_in()
+    braid, length, pressure = combination.braid, combination.rest_length, 100 * PSI
+
+    def volume(length):
+        return math.pi / 4 * braid.diameter(length) ** 2 * length
+
+    for contraction in (-0.01, 0.0, 0.1, 0.3):
+        work = -pressure * jax.grad(volume)(length * (1 - contraction))
+        assert combination.force(contraction, pressure) == pytest.approx(float(work), rel=1e-11)
+
+
+def test_ideal_free_contraction_is_the_zero_of_the_force_when_nothing_jams():
+    combination = Combination.of(bladder_of(0.625), braid_named("Kevlar 1.5 in"))
+    free = combination.free_contraction(100 * PSI)
+    blocked = float(combination.force(0.0, 100 * PSI))
+    assert abs(combination.force(free, 100 * PSI)) < 1e-12 * blocked
+    assert combination.usable_contraction(100 * PSI) == free
+
+
+def test_the_braid_jams_at_its_largest_diameter_and_not_before():
+    combination = the_7_8_in()
+    least, greatest = combination.contraction_range()
+    assert combination.diameter(greatest) == pytest.approx(2.23 * INCH, rel=ROUNDING)
+    assert combination.diameter(least) == pytest.approx(0.76 * INCH, rel=ROUNDING)
+    # 38.0 deg printed, steeper than the neutral angle: this braid jams before it runs out of force.
+    expected = 1 - math.sin(math.acos(2.23 / 8**0.5)) / math.sin(math.acos(0.875 / 8**0.5))
+    assert greatest == pytest.approx(expected, rel=ROUNDING)
+    assert combination.usable_contraction(100 * PSI) == greatest
+    for beyond in (greatest + 1e-6, least - 1e-6):
+        assert np.isnan(combination.diameter(beyond))
+        assert np.isnan(combination.force(beyond, 100 * PSI))
+
+
+def test_a_boundary_combination_works_from_rest():
+    combination = Combination.of(bladder_of(1.0), braid_named("Kevlar 2.5 in"))
+    least, greatest = combination.contraction_range()
+    assert least == 0
+    assert greatest > 0.3
+    assert np.isfinite(combination.force(0.0, 100 * PSI))
+
+
+def test_force_with_a_bladder_is_the_muscles():
+    combination, material = the_7_8_in(), latex()
+    muscle = combination.muscle(material)
+    length = combination.rest_length * (1 - 0.2)
+    assert combination.force(0.2, 60 * PSI, material) == pytest.approx(
+        float(muscle.force(length, 60 * PSI)), rel=ROUNDING
+    )
+    # At rest the bladder is unstrained and the blocked force that of the braid alone.
+    assert combination.force(0.0, 60 * PSI, material) == pytest.approx(
+        float(combination.force(0.0, 60 * PSI)), rel=ROUNDING
+    )
+    assert combination.force(0.2, 60 * PSI, material) < combination.force(0.2, 60 * PSI)
+
+
+def test_usable_contraction_with_a_bladder_ends_where_the_force_does():
+    combination, material = the_7_8_in(), latex()
+    pressures = np.array([20.0, 60.0]) * PSI
+    usable = combination.usable_contraction(pressures, material)
+    blocked = combination.force(0.0, pressures, material)
+    # The root is bisected to 1e-15 of the rest length; the force falls by some blocked / 0.3.
+    assert np.all(np.abs(combination.force(usable, pressures, material)) < 1e-10 * blocked)
+    assert np.all(np.diff(usable) > 0)
+
+
+def test_force_against_contraction_does_not_depend_on_the_rest_length():
+    contractions = np.linspace(0.0, 0.35, 8)
+    short, long = the_7_8_in(1.0), the_7_8_in(0.1)
+    for material in (None, latex()):
+        np.testing.assert_allclose(
+            short.force(contractions, 100 * PSI, material),
+            long.force(contractions, 100 * PSI, material),
+            rtol=1e-10,  # cancellation of braid and bladder near zero force
+        )
+
+
+@pytest.mark.parametrize("material", [None, "latex"])
+def test_derivatives_of_the_force_agree_with_finite_differences(material):
+    law = latex() if material else None
+    combination = the_7_8_in()
+
+    def force(diameter, nominal, contraction, pressure):
+        changed = dataclasses.replace(
+            combination, bladder_diameter=diameter * INCH, nominal_diameter=nominal * INCH
+        )
+        return changed.force(contraction, pressure * PSI, law) / LBF / 1000
+
+    at = (0.875, 2.0, 0.2, 100.0)
+    jax.test_util.check_grads(force, at, order=1, modes=["fwd", "rev"], rtol=1e-6)
+
+
+def test_gradients_are_finite_at_rest_at_the_jam_and_beyond():
+    combination = the_7_8_in()
+    slope = jax.grad(combination.force)
+    greatest = combination.contraction_range()[1]
+    assert np.isfinite(slope(0.0, 100 * PSI))
+    assert np.isfinite(slope(greatest, 100 * PSI))
+    total = jax.grad(lambda c: jnp.nansum(combination.force(c, 100 * PSI)))(
+        jnp.array([0.0, 0.2, 0.5, -3.0])
+    )
+    assert np.all(np.isfinite(total))
+
+
+def test_jit_equals_eager_and_vmap_equals_a_loop():
+    fits = [
+        Combination.of(bladder_of(d), braid_named(name))
+        for d, name in ((0.625, "Kevlar 1.5 in"), (0.875, "Kevlar 2.0 in"))
+    ]
+    material = latex()
+    contractions = jnp.array([0.0, 0.1, 0.5])
+
+    def both(combination):
+        return (
+            combination.force(contractions, 100 * PSI, material),
+            combination.usable_contraction(100 * PSI, material),
+        )
+
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *fits)
+    mapped = jax.jit(jax.vmap(both))(stacked)
+    for index, combination in enumerate(fits):
+        for batch, single in zip(mapped, both(combination), strict=True):
+            np.testing.assert_allclose(batch[index], single, rtol=1e-11)  # fused operations
+
+
+def test_float32_stays_float32():
+    single = Combination(
+        *(np.float32(value) for value in (0.875, 0.0625, 2.0, 0.011, 0.76, 2.23, 9.28125))
+    )
+    force = single.force(np.float32(0.2), np.float32(100.0))
+    assert force.dtype == np.float32
+    double = the_7_8_in().force(0.2, 100 * PSI) / LBF
+    assert force == pytest.approx(float(double), rel=1e-5)  # float32, tan^2 of 50 deg
+    greatest = single.contraction_range()[1]
+    assert np.isfinite(single.diameter(greatest))
+
+
+# ------------------------------------------------------------------------------------ the search
+ASKED = Requirement(100 * PSI, 900 * LBF, 0.30, 2.2 * INCH)
+
+
+@pytest.mark.parametrize("material", [None, "latex"])
+def test_every_verdict_holds_when_each_requirement_is_computed_anew(material):
+    law = latex() if material else None
+
+    @eqx.filter_jit
+    def pull(combination, contraction):
+        return combination.force(contraction, ASKED.pressure, law)
+
+    def force(combination, contraction):
+        return float(pull(combination, jnp.asarray(contraction)))
+
+    def usable_contraction(combination):
+        greatest = float(combination.contraction_range()[1])
+        if material is None:  # the zero of the ideal force is the neutral angle's, jammed or not
+            neutral = 1 - math.sqrt(1 / 3) / math.sin(float(combination.braid_angle))
+            return min(greatest, neutral)
+        if force(combination, greatest) > 0:
+            return greatest
+        return brentq(lambda c: force(combination, c), 0.0, greatest, xtol=1e-14)
+
+    found = search(load_catalogue(), ASKED, material=law)
+    assert len(found) == 3 * 15
+    assert any(not candidate.failures for candidate in found)
+    for candidate in found:
+        failed = {failure.requirement for failure in candidate.failures}
+        fit = feasibility(candidate.bladder.diameter, candidate.braid)
+        assert candidate.feasibility is fit
+        if fit is Feasibility.INFEASIBLE:
+            assert failed == {"braid"}
+            continue
+        combination = Combination.of(candidate.bladder, candidate.braid)
+        usable = usable_contraction(combination)
+        reached = min(ASKED.contraction, usable)
+        expected = set()
+        if force(combination, 0.0) < ASKED.force:
+            expected.add("force")
+        if usable < ASKED.contraction:
+            expected.add("contraction")
+        if combination.outer_diameter(reached) > ASKED.largest_diameter:
+            expected.add("largest_diameter")
+        assert failed == expected
+        # Two bisections of the same root, each to some 1e-14 of the rest length.
+        assert candidate.usable_contraction == pytest.approx(usable, rel=1e-12)
+
+
+def test_the_best_comes_first():
+    found = search(load_catalogue(), ASKED, material=latex())
+    met = [candidate for candidate in found if not candidate.failures]
+    assert found[: len(met)] == met
+    assert met[0].bladder.name == "bladder 0.875 in x 0.0625 in"
+    assert met[0].braid.name == "Kevlar 2.0 in"
+    verdicts = [candidate.feasibility for candidate in met]
+    assert verdicts == sorted(verdicts, key=[Feasibility.FEASIBLE, Feasibility.BOUNDARY].index)
+    feasible = [c.outer_diameter for c in met if c.feasibility is Feasibility.FEASIBLE]
+    assert feasible == sorted(feasible)
+    last = [c for c in found if c.feasibility is Feasibility.INFEASIBLE]
+    assert found[-len(last) :] == last
+
+
+def test_each_failure_says_what_was_required_and_what_was_found():
+    found = {
+        (c.bladder.name, c.braid.name): c for c in search(load_catalogue(), ASKED, material=latex())
+    }
+    (braid,) = found["bladder 0.5 in x 0.0625 in", "Kevlar 1.5 in"].failures
+    assert (braid.requirement, braid.required, braid.found) == pytest.approx(
+        ("braid", 0.6 * INCH, 0.5 * INCH)
+    )
+    force, contraction = found["bladder 0.75 in x 0.125 in", "Kevlar 1.5 in"].failures
+    assert (force.requirement, contraction.requirement) == ("force", "contraction")
+    assert force.found < force.required == 900 * LBF
+    assert contraction.found < contraction.required == 0.30
+    (wide,) = found["bladder 1 in x 0.0625 in", "Kevlar 2.5 in"].failures
+    assert wide.requirement == "largest_diameter"
+    assert wide.found > wide.required == 2.2 * INCH
+
+
+def test_force_may_be_asked_for_at_a_contraction():
+    asked = dataclasses.replace(ASKED, force=500 * LBF, force_contraction=0.2)
+    for candidate in search(load_catalogue(), asked):
+        if candidate.feasibility is Feasibility.INFEASIBLE:
+            continue
+        combination = Combination.of(candidate.bladder, candidate.braid)
+        force = float(combination.force(0.2, asked.pressure))
+        assert candidate.force == pytest.approx(force, rel=ROUNDING)
+        assert ("force" in {f.requirement for f in candidate.failures}) == (force < 500 * LBF)
+
+
+def test_a_force_beyond_jamming_is_failed_not_guessed():
+    asked = Requirement(100 * PSI, 1.0, 0.1, force_contraction=0.36)
+    found = search(load_catalogue(), asked)
+    jammed = next(
+        c
+        for c in found
+        if (c.bladder.name, c.braid.name) == ("bladder 0.875 in x 0.0625 in", "Kevlar 2.0 in")
+    )
+    (failure,) = jammed.failures
+    assert failure.requirement == "force"
+    assert math.isnan(failure.found)
+    assert jammed.jams
+
+
+def test_a_catalogue_in_which_nothing_fits_gives_only_failures():
+    catalogue = load_catalogue()
+    narrow = dataclasses.replace(catalogue, bladders=(bladder_of(0.5),))
+    assert [c.failures[0].requirement for c in search(narrow, ASKED)] == ["braid"] * 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pressure": 0.0}, "pressure must be > 0"),
+        ({"force": -1.0}, "force must be >= 0"),
+        ({"contraction": 35.0}, r"fraction in \[0, 1\), got 35\.0; 0\.35 is 35 %"),
+        ({"force_contraction": math.nan}, "force_contraction must be a fraction"),
+        ({"largest_diameter": 0.0}, "largest diameter must be > 0"),
+    ],
+)
+def test_an_impossible_requirement_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(ASKED, **change)
+
+
+# -------------------------------------------------------------------------------------- the rows
+def test_rows_can_be_written_as_json():
+    catalogue = load_catalogue()
+    rows = candidate_rows(search(catalogue, ASKED), system="us")
+    assert json.loads(json.dumps(rows, allow_nan=False)) == rows
+    first, last = rows[0], rows[-1]
+    assert first["meets"]
+    assert first["fails"] == []
+    assert first["braid_angle_deg"] == pytest.approx(72.0, abs=LAST_DIGIT)
+    assert not last["meets"]
+    assert last["force_lbf"] is None
+    assert set(last["fails"][0]) == {"requirement", "required_in", "found_in"}
+
+
+def test_performance_rows_end_where_the_braid_jams():
+    rows = performance_rows(
+        bladder_of(0.875), braid_named("Kevlar 2.0 in"), 100 * PSI, [0.0, 0.2, 0.36], system="us"
+    )
+    assert [row["contraction"] for row in rows] == [0.0, 0.2, 0.36]
+    assert rows[0]["pressure_psi"] == pytest.approx(100)
+    assert rows[0]["outer_diameter_in"] == pytest.approx(0.897)
+    assert rows[0]["force_lbf"] > rows[1]["force_lbf"] > 0
+    assert rows[2]["force_lbf"] is None
+    assert rows[2]["outer_diameter_in"] is None
+
+
+def test_geometry_rows_hold_the_triangle_relation():
+    length = 9.28125 * INCH
+    rows = geometry_rows(load_catalogue(), length)
+    assert len(rows) == 3 * (4 + 3 + 1)
+    for row in rows:
+        thread, angle = row["thread_length_m"], row["braid_angle_rad"]
+        assert thread * math.sin(angle) == pytest.approx(length, rel=ROUNDING)
+        diameter = thread * math.cos(angle) / (math.pi * row["turns"])
+        assert f"bladder {diameter / INCH:g} in" in row["bladder"]
+
+
+def test_an_unknown_system_of_units_is_refused():
+    with pytest.raises(ValueError, match="system must be one of si, metric, us; got 'imperial'"):
+        geometry_rows(load_catalogue(), 0.2, system="imperial")

@@ -1,0 +1,114 @@
+"""Laws that every public formula obeys: jit, vmap, derivatives, precision, units."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+import famjax
+
+
+class Formula(NamedTuple):
+    """A public formula, sample arguments, and the dimension (length, pressure) of each."""
+
+    function: Callable
+    arguments: tuple[float, ...]
+    dimensions: tuple[tuple[int, int], ...]
+    result: tuple[int, int]
+
+
+LENGTH, AREA, VOLUME, PRESSURE, NUMBER, FORCE = (1, 0), (2, 0), (3, 0), (0, 1), (0, 0), (2, 1)
+
+FORMULAS = {
+    f.function.__name__: f
+    for f in [
+        Formula(famjax.thread_length_from_angle, (0.3, 1.1), (LENGTH, NUMBER), LENGTH),
+        Formula(famjax.turns_from_angle, (0.3, 0.02, 1.1), (LENGTH, LENGTH, NUMBER), NUMBER),
+        Formula(famjax.diameter_from_length, (0.3, 0.34, 2.1), (LENGTH, LENGTH, NUMBER), LENGTH),
+        Formula(famjax.length_from_diameter, (0.02, 0.34, 2.1), (LENGTH, LENGTH, NUMBER), LENGTH),
+        Formula(famjax.braid_angle_from_length, (0.3, 0.34), (LENGTH, LENGTH), NUMBER),
+        Formula(
+            famjax.braid_angle_from_diameter, (0.03, 0.02, 1.1), (LENGTH, LENGTH, NUMBER), NUMBER
+        ),
+        Formula(famjax.cylinder_volume, (0.3, 0.01), (LENGTH, LENGTH), VOLUME),
+        Formula(famjax.tube_volume, (0.3, 0.02, 0.002), (LENGTH, LENGTH, LENGTH), VOLUME),
+        Formula(famjax.bladder_thickness, (0.3, 0.01, 4e-5), (LENGTH, LENGTH, VOLUME), LENGTH),
+        Formula(famjax.force_magnification, (1.1,), (NUMBER,), NUMBER),
+        Formula(famjax.gaylord_force, (5e5, 0.01, 1.1), (PRESSURE, LENGTH, NUMBER), FORCE),
+        Formula(famjax.bladder_axial_force, (-1e6, 4e-5, 0.3), (PRESSURE, VOLUME, LENGTH), FORCE),
+        Formula(
+            famjax.bladder_hoop_force,
+            (1e6, 2e-3, 0.3, 0.01, 2.1),
+            (PRESSURE, LENGTH, LENGTH, LENGTH, NUMBER),
+            FORCE,
+        ),
+    ]
+}
+EXACT = 1e-13  # a few roundings in float64
+SINGLE = 2e-5  # a few roundings in float32, amplified by one subtraction
+
+
+@pytest.fixture(params=FORMULAS.values(), ids=FORMULAS.keys())
+def formula(request: pytest.FixtureRequest) -> Formula:
+    return request.param
+
+
+def _batch(formula: Formula) -> list[jnp.ndarray]:
+    steps = jnp.linspace(0.99, 1.01, 5)
+    return [jnp.asarray(value) * steps for value in formula.arguments]
+
+
+def test_jit_equals_eager(formula: Formula) -> None:
+    eager = formula.function(*formula.arguments)
+    np.testing.assert_allclose(jax.jit(formula.function)(*formula.arguments), eager, rtol=EXACT)
+
+
+def test_vmap_and_broadcast_equal_loop(formula: Formula) -> None:
+    batch = _batch(formula)
+    loop = [formula.function(*(float(column[k]) for column in batch)) for k in range(5)]
+    np.testing.assert_allclose(jax.vmap(formula.function)(*batch), loop, rtol=EXACT)
+    np.testing.assert_allclose(formula.function(*batch), loop, rtol=EXACT)
+
+
+def test_derivatives_match_finite_differences(formula: Formula) -> None:
+    scaled = tuple(jnp.ones(()) for _ in formula.arguments)
+    unit = formula.function(*formula.arguments)
+
+    def of_parts(*parts: jnp.ndarray) -> jnp.ndarray:
+        return (
+            formula.function(*(p * a for p, a in zip(parts, formula.arguments, strict=True))) / unit
+        )
+
+    check_grads(jax.jit(of_parts), scaled, order=2, modes=["fwd", "rev"], atol=1e-5, rtol=1e-5)
+
+
+def test_float32_in_float32_out(formula: Formula) -> None:
+    single = formula.function(*(jnp.float32(value) for value in formula.arguments))
+    assert single.dtype == jnp.float32
+    np.testing.assert_allclose(single, formula.function(*formula.arguments), rtol=SINGLE)
+
+
+def test_formula_is_homogeneous_in_units(formula: Formula) -> None:
+    length, pressure = 1 / 0.0254, 1 / 6894.757
+    other = [
+        value * length**i * pressure**j
+        for value, (i, j) in zip(formula.arguments, formula.dimensions, strict=True)
+    ]
+    i, j = formula.result
+    expected = formula.function(*formula.arguments) * length**i * pressure**j
+    np.testing.assert_allclose(formula.function(*other), expected, rtol=EXACT)
+
+
+def test_every_public_function_is_in_the_registry() -> None:
+    public = {
+        name
+        for name in famjax._braid.__dict__.keys()
+        | famjax._bladder.__dict__.keys()
+        | famjax._force.__dict__.keys()
+        if callable(getattr(famjax, name, None)) and name[0].islower()
+    }
+    assert public - {"units"} == set(FORMULAS)

@@ -1,0 +1,247 @@
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+from scipy.integrate import quad
+
+import famjax
+from famjax._hyperelastic import (
+    AbstractHyperelastic,
+    AbstractUniaxialLaw,
+    MooneyRivlinMaterial,
+    NeoHookeanMaterial,
+    OgdenMaterial,
+    SaturatingMaterial,
+    YeohMaterial,
+)
+
+EXACT = 1e-12  # closed forms, float64
+SINGLE = 2e-6  # float32: a dozen roundings of stresses of order one
+DIFFERENCE = 1e-6  # central differences
+
+MU, C10, C01 = 0.8, 0.3, 0.1
+YEOH = np.array([0.4, -0.02, 0.003])
+OGDEN, ALPHA = np.array([0.63, 0.0012, -0.01]), np.array([1.3, 5.0, -2.0])  # Ogden 1972, MPa
+
+HYPERELASTIC: dict[str, AbstractHyperelastic] = {
+    "neo-hookean": NeoHookeanMaterial(MU),
+    "mooney-rivlin": MooneyRivlinMaterial(C10, C01),
+    "yeoh": YeohMaterial(YEOH),
+    "ogden": OgdenMaterial(OGDEN, ALPHA),
+}
+LAWS = {**HYPERELASTIC, "saturating": SaturatingMaterial(0.5, 0.3, 0.2)}
+
+
+def _closed_form(name: str, a: float, b: float) -> float:
+    """Cauchy stress along the stretch a, the other in-plane stretch being b."""
+    c = 1 / (a * b)
+    I1 = a**2 + b**2 + c**2
+    return {
+        "neo-hookean": MU * (a**2 - c**2),
+        "mooney-rivlin": 2 * (a**2 - c**2) * (C10 + C01 * b**2),
+        "yeoh": 2 * (a**2 - c**2) * sum((i + 1) * C * (I1 - 3) ** i for i, C in enumerate(YEOH)),
+        "ogden": float(np.sum(OGDEN * (a**ALPHA - c**ALPHA))),
+    }[name]
+
+
+STATES: dict[str, Callable[[float], float]] = {
+    "equibiaxial": lambda stretch: stretch,
+    "uniaxial": lambda stretch: stretch**-0.5,
+    "pure shear": lambda stretch: 1.0,
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("name", HYPERELASTIC)
+def test_cauchy_stresses_equal_closed_forms(name: str, state: str) -> None:
+    law = HYPERELASTIC[name]
+    for stretch in (0.6, 0.95, 1.0, 1.3, 2.5):
+        other = STATES[state](stretch)
+        axial, hoop = law.stresses(stretch - 1, other - 1, 1e5)
+        size = abs(_closed_form(name, stretch, other)) + 1
+        assert float(axial) == pytest.approx(_closed_form(name, stretch, other), abs=EXACT * size)
+        assert float(hoop) == pytest.approx(_closed_form(name, other, stretch), abs=EXACT * size)
+        if state == "uniaxial":
+            assert float(hoop) == pytest.approx(0, abs=EXACT * size)
+            along = law.uniaxial_stress(stretch - 1)
+            assert float(along) == pytest.approx(float(axial), abs=EXACT * size)
+
+
+@pytest.mark.parametrize("law", HYPERELASTIC.values(), ids=HYPERELASTIC)
+def test_small_strain_is_linear_elasticity_at_poissons_ratio_one_half(
+    law: AbstractHyperelastic,
+) -> None:
+    mu = float(law.initial_shear_modulus)
+    assert mu > 0
+    assert float(law.initial_modulus) == pytest.approx(3 * mu)
+    assert float(jax.grad(law.uniaxial_stress)(0.0)) == pytest.approx(3 * mu, rel=EXACT)
+    # Plane stress: E / (1 - nu^2) = 4 mu along, nu times that across.
+    tangent = jax.jacobian(lambda e: jnp.stack(law.stresses(e[0], e[1], 0.0)))(jnp.zeros(2))
+    np.testing.assert_allclose(tangent, [[4 * mu, 2 * mu], [2 * mu, 4 * mu]], rtol=EXACT)
+
+
+def test_ogden_contains_neo_hookean_and_mooney_rivlin() -> None:
+    strain = jnp.linspace(-0.3, 1.5, 7)
+    pairs = [
+        (OgdenMaterial([MU], [2.0]), HYPERELASTIC["neo-hookean"]),
+        (OgdenMaterial([2 * C10, -2 * C01], [2.0, -2.0]), HYPERELASTIC["mooney-rivlin"]),
+    ]
+    for ogden, law in pairs:
+        pair = zip(ogden.stresses(strain, 0.4, 0.0), law.stresses(strain, 0.4, 0.0), strict=True)
+        for one, other in pair:
+            np.testing.assert_allclose(one, other, rtol=EXACT, atol=EXACT)
+
+
+def test_moduli_without_physical_sense_show_in_the_initial_shear_modulus() -> None:
+    assert float(OgdenMaterial([1.0], [-2.0]).initial_shear_modulus) == -1.0
+    assert float(OgdenMaterial([1.0, 0.5], [1.0, -2.0]).initial_shear_modulus) == 0.0
+    assert float(MooneyRivlinMaterial(-0.2, 0.1).initial_shear_modulus) < 0
+
+
+def test_ogden_refuses_unpaired_terms() -> None:
+    with pytest.raises(ValueError, match="one exponent for each modulus"):
+        OgdenMaterial([1.0, 2.0], [2.0])
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_stress_is_stretch_times_slope_of_the_energy(law: famjax.AbstractMaterial) -> None:
+    assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
+    z, c, h = 0.8, 2.1, 1e-5
+
+    def central(energy: Callable[[float], jax.Array], at: float) -> float:
+        return at * float(energy(at + h) - energy(at - h)) / (2 * h)
+
+    axial, hoop = law.stresses(z - 1, c - 1, 0.0)
+    assert central(lambda x: law.energy(x, c), z) == pytest.approx(float(axial), rel=DIFFERENCE)
+    assert central(lambda x: law.energy(z, x), c) == pytest.approx(float(hoop), rel=DIFFERENCE)
+    assert float(law.energy(1.0, 1.0)) == 0.0
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_jit_vmap_and_loop_agree(law: famjax.AbstractMaterial) -> None:
+    z, c = jnp.linspace(-0.3, 0.1, 5), jnp.linspace(0.0, 1.8, 5)
+    eager = jnp.stack(law.stresses(z, c, 0.0))
+    jitted = jnp.stack(eqx.filter_jit(law.stresses)(z, c, 0.0))
+    mapped = jnp.stack(jax.vmap(lambda a, b: law.stresses(a, b, 0.0))(z, c))
+    loop = jnp.array([law.stresses(a, b, 0.0) for a, b in zip(z, c, strict=True)]).T
+    for other in (jitted, mapped, loop):
+        np.testing.assert_allclose(other, eager, rtol=EXACT, atol=EXACT)
+    grid = law.stresses(z[:, None], c, 0.0)
+    assert jnp.broadcast_shapes(*(s.shape for s in grid)) == (5, 5)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_derivatives_in_strains_and_parameters(law: famjax.AbstractMaterial) -> None:
+    arrays, static = eqx.partition(law, eqx.is_array)
+
+    def stress(arrays: famjax.AbstractMaterial, strains: jax.Array) -> jax.Array:
+        return jnp.stack(eqx.combine(arrays, static).stresses(strains[0], strains[1], 0.0))
+
+    check_grads(stress, (arrays, jnp.array([-0.2, 0.9])), order=1, atol=DIFFERENCE, rtol=DIFFERENCE)
+    at_rest = jax.jacobian(stress, argnums=(0, 1))(arrays, jnp.zeros(2))
+    assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(at_rest))
+    np.testing.assert_array_equal(stress(arrays, jnp.zeros(2)), 0)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_float32_stays_and_is_as_exact_as_it_can_be(law: famjax.AbstractMaterial) -> None:
+    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), law)
+    z, c = jnp.float32(-0.25), jnp.linspace(0, 1.5, 4, dtype=jnp.float32)
+    for got, want in zip(
+        single.stresses(z, c, jnp.float32(0)),
+        law.stresses(jnp.float64(-0.25), c.astype(float), 0.0),
+        strict=True,
+    ):
+        assert got.dtype == jnp.float32
+        np.testing.assert_allclose(got, want, rtol=SINGLE, atol=SINGLE)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_bladder_force_is_the_slope_of_the_stored_energy(
+    law: famjax.AbstractMaterial, festo: famjax.Muscle
+) -> None:
+    """Virtual work: where threads and mid-wall coincide, F dL = V dW with no other term."""
+    assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
+    muscle = eqx.tree_at(lambda m: m.material, festo, law)
+
+    def stored(length: jax.Array) -> jax.Array:
+        at = muscle.geometry.dimensions(length, 2e5)
+        return at.bladder_volume * law.energy(1 + at.axial_strain, 1 + at.hoop_strain[0])
+
+    for length in jnp.array([0.22, 0.26, 0.296, 0.3]):
+        want = jax.grad(stored)(length)
+        assert float(muscle.bladder_force(length, 2e5)) == pytest.approx(float(want), rel=1e-10)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_laws_work_in_a_muscle(law: famjax.AbstractMaterial, chambers: famjax.Muscle) -> None:
+    stresses = {"moduli", "final_modulus", "saturation_stress", "shear_modulus", "coefficients"}
+    stiff = eqx.tree_at(  # 50 times the moduli, in psi; exponents and strain scale stay
+        lambda m: [getattr(m, name) for name in vars(m) if name in stresses | {"c10", "c01"}],
+        law,
+        replace_fn=lambda modulus: 50 * modulus,
+    )
+    muscle = eqx.tree_at(lambda m: m.material, chambers, stiff)
+    L, P = jnp.array([6.5, 9.28125]), jnp.array([60.0, 100.0])
+    force = eqx.filter_jit(muscle.force)(L[:, None], P)
+    assert force.shape == (2, 2)
+    for i, j in np.ndindex(2, 2):
+        assert float(muscle.force(L[i], P[j])) == pytest.approx(float(force[i, j]), rel=EXACT)
+    free = eqx.filter_jit(muscle.free_contraction)
+    assert 0.2 < float(free(80.0)) < 0.4
+    h = 0.01
+    slope = float(free(80 + h) - free(80 - h)) / (2 * h)
+    assert float(eqx.filter_jit(eqx.filter_grad(free))(jnp.asarray(80.0))) == pytest.approx(
+        slope, rel=1e-4
+    )  # a root, to 1e-14
+    modulus = famjax.path_modulus(stiff, muscle.geometry, jnp.array([6.5, 9.28125, 9.3]), 80.0)
+    assert bool(jnp.all(modulus > 0))
+
+
+def test_saturating_law_has_its_two_moduli_and_is_odd() -> None:
+    E, S, s = 0.5, 0.3, 0.2
+    law = SaturatingMaterial(E, S, s)
+    strain = np.linspace(-1.5, 1.5, 31)
+    want = E * strain + S * (1 - np.exp(-abs(strain) / s)) * np.sign(strain)
+    np.testing.assert_allclose(law.stress(strain), want, rtol=EXACT, atol=EXACT)
+    tangent = E + S / s * np.exp(-abs(strain) / s)
+    np.testing.assert_allclose(law.tangent_modulus(strain), tangent, rtol=EXACT)
+    for zero in (0.0, -0.0):
+        assert float(jax.grad(law.stress)(zero)) == pytest.approx(E + S / s, rel=EXACT)
+    assert float(law.initial_modulus) == pytest.approx(E + S / s, rel=EXACT)
+
+
+@pytest.mark.parametrize("s", [0.02, 0.2])  # the sharp knee is the quadrature's hard case
+def test_saturating_energy_is_the_work_of_true_stress(s: float) -> None:
+    E, S = 0.5, 0.3
+    law = SaturatingMaterial(E, S, s)
+    for stretch in (0.5, 0.99, 1.01, 1.5, 3.0):
+
+        def power(x: float, sign: float = float(np.sign(stretch - 1))) -> float:
+            return (E * x + S * (1 - np.exp(-abs(x) / s)) * sign) / (1 + x)
+
+        work = quad(power, 0, stretch - 1, epsabs=0, epsrel=1e-13)[0]
+        assert float(law.energy(stretch, 1.0)) == pytest.approx(work, rel=EXACT)
+
+
+def test_saturating_path_modulus_is_the_weighted_tangent(festo: famjax.Muscle) -> None:
+    law = SaturatingMaterial(4e5, 2e5, 0.15)
+    at = festo.geometry.dimensions(0.26, 2e5)
+    rates = jax.jacobian(
+        lambda L: jnp.stack(
+            [
+                festo.geometry.dimensions(L, 2e5).axial_strain,
+                festo.geometry.dimensions(L, 2e5).hoop_strain[0],
+            ]
+        )
+    )(0.26)
+    moduli = jnp.stack(
+        [law.tangent_modulus(at.axial_strain), law.tangent_modulus(at.hoop_strain[0])]
+    )
+    want = jnp.sum(moduli * rates**2) / jnp.sum(rates**2)
+    got = famjax.path_modulus(law, festo.geometry, 0.26, 2e5)
+    assert float(got) == pytest.approx(float(want), rel=EXACT)

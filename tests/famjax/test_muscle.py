@@ -1,0 +1,203 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+import famjax
+
+EXACT = 1e-12
+DIFFERENCE = 1e-6  # central differences of a function of order one
+
+
+def _states(muscle: famjax.Muscle) -> tuple[jnp.ndarray, jnp.ndarray]:
+    rest = float(muscle.geometry.rest_length)
+    pressure = 5e5 if rest < 1 else 80.0  # SI or psi
+    return rest * jnp.linspace(0.72, 1.02, 7), pressure * jnp.linspace(0.1, 1.2, 7)
+
+
+def test_jit_and_vmap_equal_eager(muscle: famjax.Muscle) -> None:
+    L, P = _states(muscle)
+    eager = muscle.force(L, P)
+    np.testing.assert_allclose(eqx.filter_jit(muscle.force)(L, P), eager, rtol=EXACT)
+    np.testing.assert_allclose(jax.vmap(muscle.force)(L, P), eager, rtol=EXACT)
+    grid = muscle.force(L[:, None], P)
+    assert grid.shape == (7, 7)
+    np.testing.assert_allclose(jnp.diagonal(grid), eager, rtol=EXACT)
+
+
+def test_force_is_the_sum_of_its_terms_by_hand(chambers: famjax.Muscle) -> None:
+    """The force balance written out once more, in plain numpy, for the reference specimen."""
+    L, P, N, B, V = 7.0, 80.0, 1.09, 9.89, np.pi * 0.0625 * (0.875 - 0.0625) * 9.28125
+    R = np.sqrt(B**2 - L**2) / (2 * np.pi * N)
+    outer = R - 0.011
+    t = outer - np.sqrt(outer**2 - V / (np.pi * L))
+    ez, ec = L / 9.28125 - 1, (outer - t / 2) / (0.4375 - 0.03125) - 1
+
+    def law(e: float) -> float:
+        return 257.8 * e - 57.9 * e * abs(e) + 32.7 * e**3
+
+    by_hand = (
+        P * np.pi * R**2 * (2 * (L / (2 * np.pi * R * N)) ** 2 - 1)
+        + law(ez) * V / L
+        - law(ec) * t * L**2 / (2 * np.pi * R * N**2)
+    )
+    assert float(chambers.force(L, P)) == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_derivatives_of_force(muscle: famjax.Muscle) -> None:
+    L, P = _states(muscle)
+    rest, top, scale = L[-1], P[-1], float(muscle.force(L[-1], P[-1]))
+    check_grads(
+        jax.jit(lambda x, p: muscle.force(x * rest, p * top) / scale),
+        (L / rest, P / top),
+        order=2,
+        atol=1e-4,  # second differences keep about five digits
+        rtol=1e-4,
+    )
+
+
+def test_stiffness_is_the_slope_of_the_force(muscle: famjax.Muscle) -> None:
+    L, P = _states(muscle)
+    h = 1e-6 * L[0]
+    slope = (muscle.force(L + h, P) - muscle.force(L - h, P)) / (2 * h)
+    np.testing.assert_allclose(muscle.stiffness(L, P), slope, rtol=DIFFERENCE)
+
+
+@pytest.mark.parametrize("state", ["rest", "no pressure", "neutral"])
+def test_values_and_gradients_are_finite_at_the_edges(muscle: famjax.Muscle, state: str) -> None:
+    L, P = _states(muscle)
+    length, pressure = {
+        "rest": (muscle.geometry.rest_length, P[-1]),
+        "no pressure": (L[3], jnp.zeros(())),
+        "neutral": (muscle.geometry.braid.neutral_length, P[-1]),
+    }[state]
+    value, slopes = jax.value_and_grad(muscle.force, argnums=(0, 1))(length, pressure)
+    of_muscle = eqx.filter_grad(lambda m: m.force(length, pressure))(muscle)
+    second = jax.hessian(muscle.force)(length, pressure)
+    for leaf in jax.tree.leaves((value, slopes, of_muscle, second)):
+        assert np.isfinite(leaf).all()
+
+
+def test_force_is_homogeneous_in_units(festo: famjax.Muscle) -> None:
+    inch, psi = 0.0254, 6894.757293168361
+    braid, bladder = festo.geometry.braid, festo.geometry.bladder
+    other = famjax.Muscle(
+        famjax.EstimatedGeometry(
+            famjax.Braid(braid.rest_thread_length / inch, braid.turns),
+            famjax.Bladder(
+                bladder.rest_length / inch,
+                bladder.rest_diameter / inch,
+                bladder.rest_thickness / inch,
+                embedded=True,
+            ),
+        ),
+        famjax.PolynomialMaterial(festo.material.coefficients / psi),
+        festo.deadband_pressure / psi,
+    )
+    lbf = psi * inch**2
+    np.testing.assert_allclose(
+        other.force(0.27 / inch, 4e5 / psi) * lbf, festo.force(0.27, 4e5), rtol=EXACT
+    )
+
+
+def test_blocked_force_is_at_rest_length(muscle: famjax.Muscle) -> None:
+    P = _states(muscle)[1]
+    rest = muscle.geometry.rest_length
+    np.testing.assert_array_equal(muscle.blocked_force(P), muscle.force(rest, P))
+
+
+def test_free_contraction_has_no_force_and_load_is_carried(muscle: famjax.Muscle) -> None:
+    P = _states(muscle)[1][2:]
+    blocked = muscle.blocked_force(P)
+    free = muscle.free_contraction(P)
+    at = (1 - free) * muscle.geometry.rest_length
+    np.testing.assert_allclose(muscle.force(at, P) / blocked, 0, atol=1e-11)
+    loaded = muscle.length_at_load(0.4 * blocked, P)
+    np.testing.assert_allclose(muscle.force(loaded, P), 0.4 * blocked, rtol=1e-11)
+    assert (np.diff(free) > 0).all()
+
+
+def test_without_bladder_the_free_contraction_is_the_braid_s(festo: famjax.Muscle) -> None:
+    limp = famjax.Muscle(festo.geometry, famjax.PolynomialMaterial([0.0]))
+    expected = 1 - festo.geometry.braid.neutral_length / festo.geometry.rest_length
+    assert float(limp.free_contraction(3e5)) == pytest.approx(float(expected), abs=1e-12)
+
+
+def test_solve_is_differentiable_in_everything(muscle: famjax.Muscle) -> None:
+    P = float(_states(muscle)[1][4])
+
+    def of(parts: jnp.ndarray) -> jnp.ndarray:
+        scaled = eqx.tree_at(
+            lambda m: (
+                m.material.coefficients,
+                m.geometry.braid.turns,
+                m.geometry.bladder.rest_length,
+            ),
+            muscle,
+            (
+                muscle.material.coefficients * parts[0],
+                muscle.geometry.braid.turns * parts[1],
+                muscle.geometry.bladder.rest_length * parts[2],
+            ),
+        )
+        return scaled.length_at_load(0.2 * muscle.blocked_force(P) * parts[4], P * parts[3])
+
+    check_grads(jax.jit(of), (jnp.ones(5),), order=1, modes=["fwd", "rev"], atol=1e-6, rtol=1e-6)
+
+
+def test_solve_under_jit_and_vmap(festo: famjax.Muscle) -> None:
+    P = jnp.linspace(1e5, 6e5, 5)
+    eager = festo.free_contraction(P)
+    np.testing.assert_allclose(eqx.filter_jit(festo.free_contraction)(P), eager, rtol=1e-12)
+    np.testing.assert_allclose(jax.vmap(festo.free_contraction)(P), eager, rtol=1e-12)
+
+
+def test_unreachable_load_is_an_error_or_nan(festo: famjax.Muscle) -> None:
+    with pytest.raises(RuntimeError, match="no equilibrium length"):
+        festo.length_at_load(1e6, 4e5)
+    lengths = festo.length_at_load(jnp.array([100.0, 1e6]), 4e5, throw=False)
+    np.testing.assert_array_equal(np.isnan(lengths), [False, True])
+
+
+def test_float32_muscle(festo: famjax.Muscle) -> None:
+    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), festo)
+    L, P = (values.astype(jnp.float32) for values in _states(festo))
+    force = single.force(L, P)
+    assert force.dtype == jnp.float32
+    np.testing.assert_allclose(force, festo.force(*_states(festo)), rtol=1e-4, atol=0.05)
+    free = single.free_contraction(P[3:])
+    assert free.dtype == jnp.float32
+    np.testing.assert_allclose(free, festo.free_contraction(_states(festo)[1][3:]), atol=2e-6)
+
+
+def test_chapter_six_inelastic_column(chambers: famjax.Muscle) -> None:
+    """Inelastic braid: tables 6.2 (powers of hoop strain, free) and 6.3 (Gaylord, at rest)."""
+    at = chambers.geometry.dimensions(9.28125 * (1 - 0.354), 100.0)  # the tested free contraction
+    strain = float(at.hoop_strain[0])
+    for n, printed in enumerate((1.76, 3.09, 5.43, 9.53), 1):
+        assert strain**n == pytest.approx(printed, rel=0.005)  # printed to three digits
+    assert float(chambers.braid_force(9.28125, 100.0)) == pytest.approx(1074.3, rel=0.002)
+    np.testing.assert_allclose(at.station_weights.sum(), 1)
+
+
+def test_path_modulus_of_a_linear_law_is_its_modulus(muscle: famjax.Muscle) -> None:
+    L, P = _states(muscle)
+    linear = famjax.PolynomialMaterial([3.5])
+    np.testing.assert_allclose(famjax.path_modulus(linear, muscle.geometry, L, P), 3.5, rtol=1e-12)
+
+
+def test_path_modulus_is_the_weighted_tangent(festo: famjax.Muscle) -> None:
+    L = jnp.linspace(0.22, 0.29, 6)
+    at = [festo.geometry.dimensions(L + h, 0.0) for h in (-1e-7, 1e-7)]
+    dz = np.diff([a.axial_strain for a in at], axis=0)[0]
+    dc = np.diff([a.hoop_strain[:, 0] for a in at], axis=0)[0]
+    middle = festo.geometry.dimensions(L, 0.0)
+    tangent = jax.vmap(jax.grad(festo.material.stress))
+    weighted = tangent(middle.axial_strain) * dz**2 + tangent(middle.hoop_strain[:, 0]) * dc**2
+    np.testing.assert_allclose(
+        famjax.path_modulus(festo.material, festo.geometry, L, 0.0),
+        weighted / (dz**2 + dc**2),
+        rtol=1e-6,
+    )

@@ -1,0 +1,69 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import clarabel
+import numpy as np
+import pytest
+from scipy import sparse
+
+from fitting import ForceData, Identification, identify, load_bundled
+
+DMSP20, DMSP10 = "DMSP-20-300", "DMSP-10-250"
+
+
+@pytest.fixture(scope="session")
+def dmsp20() -> ForceData:
+    return load_bundled(DMSP20)
+
+
+@pytest.fixture(scope="session")
+def dmsp10() -> ForceData:
+    return load_bundled(DMSP10)
+
+
+@pytest.fixture(scope="session")
+def fitted20(dmsp20: ForceData) -> Identification:
+    return identify(dmsp20)
+
+
+@pytest.fixture
+def map_file(tmp_path: Path) -> Path:
+    """A small valid map that tests spoil."""
+    rows = ["pressure_kPa,length_mm,force_N"]
+    rows += [
+        f"{P},{L},{max(0.0, P * (0.4 - (300 - L) / 150) - 8)}"
+        for P in (100, 200, 300, 400)
+        for L in (300, 290, 280, 270)
+    ]
+    path = tmp_path / "map.csv"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.fixture(scope="session")
+def clarabel_objective() -> Callable[..., float]:
+    """The optimal objective of a quadratic programme by somebody else's interior-point solver."""
+    return _clarabel_objective
+
+
+def _clarabel_objective(A: np.ndarray, b: np.ndarray, G: np.ndarray, h: np.ndarray) -> float:
+    """Solved in units in which columns, data and constraint rows are of order one."""
+    columns, size = np.linalg.norm(A, axis=0), np.linalg.norm(b)
+    A, G, b, h = A / columns, G / columns, b / size, h / size
+    on = np.linalg.norm(G, axis=1) > 0
+    rows = np.linalg.norm(G[on], axis=1)
+    G, h = G[on] / rows[:, None], h[on] / rows
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix(np.triu(A.T @ A)),
+        -A.T @ b,
+        sparse.csc_matrix(-G),
+        -h,
+        [clarabel.NonnegativeConeT(len(h))] if len(h) else [],
+        settings,
+    )
+    solution = solver.solve()
+    assert str(solution.status) in {"Solved", "AlmostSolved"}
+    return 0.5 * float(np.sum((A @ np.array(solution.x) - b) ** 2)) * size**2

@@ -1,0 +1,136 @@
+"""Reading force maps: units, specimen, and every way in which a file can be wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting import ForceData, InputError, Specimen, load_bundled, read_csv
+from fitting._options import parse_bounds, parse_specimen
+
+
+def _spoil(path: Path, old: str, new: str) -> Path:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    return path
+
+
+def test_bundled_maps_are_the_published_tables() -> None:
+    """Sizes and largest forces of Martens & Boblan 2017, tables A1 and A2."""
+    for name, readings, loaded, largest in (
+        ("DMSP-20-300", 126, 60, 1653.5),
+        ("DMSP-10-250", 85, 40, 542.5),
+    ):
+        data = load_bundled(name)
+        assert (data.force.size, int(data.loaded.sum()), data.max_force) == (
+            readings,
+            loaded,
+            largest,
+        )
+        assert data.specimen.embedded
+        assert not data.notes
+
+
+def test_units_are_converted_and_order_does_not_matter(tmp_path: Path) -> None:
+    path = tmp_path / "us.csv"
+    path.write_text("force_lbf;length_in;pressure_psi\n10;10;20\n5;9;20\n0;8;10\n")
+    data = read_csv(path)
+    np.testing.assert_allclose(data.force, [44.482216152605, 22.2411080763025, 0])
+    np.testing.assert_allclose(data.length, [0.254, 0.2286, 0.2032])
+    np.testing.assert_allclose(data.pressure, [137895.1458633, 137895.1458633, 68947.57293168])
+    assert data.specimen.rest_length == pytest.approx(0.254)
+    assert any("rest length was not given" in note for note in data.notes)
+    assert any("wall was not given" in note for note in data.notes)
+
+
+def test_specimen_lines_and_overrides(map_file: Path) -> None:
+    map_file.write_text("# a remark\n# specimen: rest_length_in = 12\n" + map_file.read_text())
+    assert read_csv(map_file).specimen.rest_length == pytest.approx(0.3048)
+    given = parse_specimen(["rest_length_mm=310", "name=mine"])
+    specimen = read_csv(map_file, given).specimen
+    assert (specimen.rest_length, specimen.name) == (0.31, "mine")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("force_N", "force", "column 'force' has no unit; write for example force_N"),
+        ("force_N", "force_dyn", "unknown unit 'dyn'; known units of force are: N, kN, lbf, kgf"),
+        ("pressure_kPa", "pressure_psia", "unknown unit 'psia'.*gauge"),
+        ("force_N", "torque_Nm", "unknown column 'torque_Nm'"),
+        ("length_mm,", "", "row 2 has 3 cells|no column for length"),
+        ("length_mm", "force_kN", "the quantity 'force' has two columns"),
+        ("100,300,", "100,300mm,", "row 2: length is '300mm', not a number"),
+        ("100,300,", "100,nan,", "row 2: length is nan; every value must be finite"),
+        ("100,300,", "inf,300,", "row 2: pressure is inf"),
+        ("100,300,", "-5,300,", "row 2: pressure is -5; gauge pressure must be >= 0"),
+        ("100,300,", "100,0,", "row 2: length is 0; it must be > 0"),
+        ("100,290,", "100,290,1,", "row 3 has 4 cells, the header has 3"),
+        ("pressure", "# specimen: rest_lenght_mm = 3\npressure", "unknown entry.*'rest_lenght_mm'"),
+        ("pressure", "# specimen: rest_length_mm = x\npressure", "not a number"),
+        ("pressure", "# specimen: embedded = maybe\npressure", "true or false"),
+        ("pressure", "# specimen: rest_length_mm = -3\npressure", "must be a positive length"),
+    ],
+)
+def test_what_is_wrong_is_said(map_file: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_csv(_spoil(map_file, old, new))
+
+
+def test_files_that_are_no_map(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        read_csv(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="cannot read"):
+        read_csv(tmp_path)
+    empty = tmp_path / "empty.csv"
+    empty.write_text("")
+    with pytest.raises(InputError, match="the file is empty"):
+        read_csv(empty)
+    empty.write_text("pressure_kPa,length_mm,force_N\n")
+    with pytest.raises(InputError, match="no readings"):
+        read_csv(empty)
+    empty.write_bytes(b"\xff\xfe\x00pressure")
+    with pytest.raises(InputError, match="not a UTF-8 text file"):
+        read_csv(empty)
+
+
+def test_arrays_are_checked_like_files() -> None:
+    specimen = Specimen("s", 0.3, 0.0018)
+    good = np.array([1.0, 2.0])
+    with pytest.raises(InputError, match="all 2 readings are slack"):
+        ForceData(-good, good, good, specimen)
+    with pytest.raises(InputError, match="length has shape"):
+        ForceData(good, good, good[:1], specimen)
+    with pytest.raises(InputError, match=r"pressure \(gauge pressure, not absolute\) must be >= 0"):
+        ForceData(good, -good, good, specimen)
+    with pytest.raises(InputError, match="force of reading 2 is nan"):
+        ForceData(np.array([1.0, np.nan]), good, good, specimen)
+    with pytest.raises(InputError, match="does not fit twice"):
+        Specimen("s", 0.3, 0.01, bladder_diameter=0.02)
+
+
+def test_hash_follows_the_numbers_not_the_format(tmp_path: Path) -> None:
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    a.write_text("# specimen: name = x\npressure_kPa,length_mm,force_N\n100,250,10\n")
+    b.write_text("# specimen: name = x\nforce_N;pressure_Pa;length_m\n10;100000;0.25\n")
+    assert read_csv(a).sha256 == read_csv(b).sha256
+    b.write_text("# specimen: name = x\nforce_N;pressure_Pa;length_m\n10;100001;0.25\n")
+    assert read_csv(a).sha256 != read_csv(b).sha256
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("E_1_MPa", "must read name_unit=min:max"),
+        ("E_1_MPa=a:b", "is not min:max"),
+        ("E_1_MPa=1:2:3", "is not min:max"),
+        ("E_1_mm=1:2", "'mm' is not a known unit of stress"),
+        ("wall_mm=1:2", "unknown parameter"),
+    ],
+)
+def test_bounds_that_cannot_be_read(entry: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        parse_bounds([entry])
+    with pytest.raises(InputError, match="given twice"):
+        parse_bounds(["E_1_MPa=1:2", "E_1_kPa=1:2"])

@@ -1,0 +1,105 @@
+"""What a fit leaves behind: one JSON file that gives the same muscle back, a picture, a page."""
+
+import json
+import re
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import famjax
+from fitting import (
+    Identification,
+    InputError,
+    html_report,
+    load_fit,
+    muscle_as_dict,
+    muscle_from_dict,
+    plot_fit,
+    summary_as_dict,
+    write_fit,
+)
+
+
+def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path) -> None:
+    paths = write_fit(fitted20, tmp_path / "deep" / "er")
+    assert sorted(p.name for p in paths) == ["fit.json", "fit.png", "report.html"]
+    assert sorted(p.name for p in paths[0].parent.iterdir()) == sorted(p.name for p in paths)
+    saved = load_fit(paths[0])
+    assert jax.tree.structure(saved.muscle) == jax.tree.structure(fitted20.muscle)
+    for mine, theirs in zip(
+        jax.tree.leaves(saved.muscle), jax.tree.leaves(fitted20.muscle), strict=True
+    ):
+        np.testing.assert_array_equal(mine, theirs)
+    assert saved.document["data"]["sha256"] == fitted20.data.sha256
+    assert saved.document["rmse_N"] == fitted20.errors.rmse
+    readings = saved.document["data"]["readings"]
+    np.testing.assert_array_equal(readings["force_N"], fitted20.data.force)
+    assert saved.document["parameters"]["braid_diameter"]["stderr"] is None
+    assert (tmp_path / "deep" / "er" / "fit.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_saving_twice_gives_the_same_bytes(fitted20: Identification, tmp_path: Path) -> None:
+    first = [p.read_bytes() for p in write_fit(fitted20, tmp_path / "a")]
+    assert first == [p.read_bytes() for p in write_fit(fitted20, tmp_path / "b")]
+
+
+def test_pressure_dependent_muscle_round_trips(fitted20: Identification) -> None:
+    law = famjax.PressurePolynomialMaterial([1e5, 5e5], [[1e6, -2e6], [3e6, 0.1e6]])
+    muscle = famjax.Muscle(fitted20.muscle.geometry, law, 1e4)
+    again = muscle_from_dict(json.loads(json.dumps(muscle_as_dict(muscle))))
+    assert float(again.force(0.27, 3e5)) == float(muscle.force(0.27, 3e5))
+
+
+def test_unit_systems_agree(fitted20: Identification) -> None:
+    si, us, metric = (summary_as_dict(fitted20, system) for system in ("si", "us", "metric"))
+    for name, to_psi in (("E_1", 6894.757293168361), ("E_3", 6894.757293168361)):
+        assert us["parameters"][name]["unit"] == "psi"
+        assert us["parameters"][name]["value"] * to_psi == pytest.approx(
+            si["parameters"][name]["value"], rel=1e-14
+        )
+        assert metric["parameters"][name]["value"] * 1e6 == pytest.approx(
+            si["parameters"][name]["value"], rel=1e-14
+        )
+    assert us["parameters"]["braid_diameter"]["value"] * 0.0254 == pytest.approx(0.0236)
+    assert us["coefficients_Pa"] == si["coefficients_Pa"]
+
+
+def test_report_is_one_self_contained_page(fitted20: Identification) -> None:
+    page = html_report(fitted20)
+    assert page.startswith("<!doctype html>")
+    assert not re.search(r'(?:src|href)="(?!#|data:)', page)
+    for needed in ("<svg", "braid_diameter", "Drucker-stable", fitted20.data.sha256, "At a bound"):
+        assert needed in page
+
+
+def test_picture_shows_points_isobars_and_the_unstable_part(fitted20: Identification) -> None:
+    import dataclasses
+
+    axes = {axis.get_xlabel(): axis for axis in plot_fit(fitted20, "us").axes}
+    law = axes["engineering strain"]
+    assert law.get_ylabel() == "true stress, psi"
+    dashed = [line for line in law.lines if line.get_linestyle() == "--"]
+    assert all(np.isnan(np.asarray(line.get_ydata())).all() for line in dashed)
+    falling = dataclasses.replace(fitted20, coefficients=np.array([[2e6, -4e6, 1e6]]))
+    law = {axis.get_xlabel(): axis for axis in plot_fit(falling).axes}["engineering strain"]
+    dashed = [line for line in law.lines if line.get_linestyle() == "--"]
+    assert any(np.isfinite(np.asarray(line.get_ydata())).any() for line in dashed)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "is not a JSON file"),
+        ("{}", "must be a fit of schema 'famjax-fit/1', got None"),
+        ('{"schema": "famjax-fit/1", "muscle": {}}', "no entry 'geometry'"),
+    ],
+)
+def test_files_that_are_no_fit(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "fit.json"
+    with pytest.raises(InputError, match="cannot read"):
+        load_fit(path)
+    path.write_text(content)
+    with pytest.raises(InputError, match=message):
+        load_fit(path)
