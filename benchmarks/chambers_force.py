@@ -1,16 +1,12 @@
 """Chapter 6: strains, thickness, stresses and forces of the four geometries."""
 
-import dataclasses
-import functools
 import math
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from chambers_reference import PRESSURES, Row, muscles, printed
-from jaxtyping import Array, Float
+from chambers_balance import LAST, PRINTED, PRINTED_FREE, TESTED, free_contractions, terms
+from chambers_reference import PRESSURES, Row, printed
 
-from famjax import Muscle, bladder_axial_force, bladder_hoop_force, gaylord_force, tube_volume
+from famjax import tube_volume
 
 MOMENTS = 0.015
 """Relative tolerance of strain moments."""
@@ -23,46 +19,6 @@ GAYLORD = 0.002
 
 HEADLINE = {"in": 0.01, "deg": 0.1, "1": 0.005}
 """Tolerance of the differences in the summary: one unit of their last digit; 0.5 % of diameter."""
-
-PRINTED_FREE = 0.353
-"""Contraction of tables 6.1 and 6.2."""
-
-GRID = 101
-"""Points from rest to a free contraction, over which extremes and means are taken."""
-
-OWN, TESTED = slice(0, GRID), slice(GRID, 2 * GRID)
-"""Columns of `Terms` from rest to the geometry's own and to the tested free contraction."""
-
-PRINTED, LAST = 2 * GRID, 2 * GRID + 1
-"""Columns of `Terms` at `PRINTED_FREE` and at the last profile measured."""
-
-ORDERS = 4
-
-
-@dataclasses.dataclass(frozen=True)
-class Terms:
-    """Everything in the balance, over pressure (rows) and contraction (columns); psi, in, lbf."""
-
-    contraction: Float[np.ndarray, "pressures columns"]
-    values: dict[str, Float[np.ndarray, "pressures columns"]]
-
-    def at(self, quantity: str, row: int, state: str) -> float:
-        """The quantity at one pressure and state; at an extreme of its size, with its sign."""
-        values = self.values[quantity][row]
-        size = np.abs(values[OWN])
-        column = {
-            "rest": 0,
-            "free": OWN.stop - 1,
-            "tested free": TESTED.stop - 1,
-            "maximum": int(size.argmax()),
-            "minimum": int(size.argmin()),
-        }[state]
-        return float(values[column])
-
-    def at_100_psi(self, quantity: str) -> Float[np.ndarray, " columns"]:
-        """The quantity at all contractions of the highest pressure."""
-        return self.values[quantity][-1]
-
 
 QUANTITIES = {
     "bladder thickness": ("6.4", "in"),
@@ -82,69 +38,6 @@ STATES = {
     "tested free": "at the tested free contraction",
     "maximum": "at the maximum",
 }
-
-
-@eqx.filter_jit
-def balance(
-    muscle: Muscle, contraction: Float[Array, "..."], pressure: Float[Array, "..."]
-) -> dict[str, Float[Array, "..."]]:
-    """The terms of the force balance, strains and their moments included, broadcast shape."""
-    length = muscle.geometry.rest_length * (1 - contraction)
-    at = muscle.geometry.dimensions(length, pressure)
-    axial, hoop = muscle.material.stresses(
-        at.axial_strain[..., None], at.hoop_strain, pressure[..., None]
-    )
-    axial, hoop = (jnp.sum(at.station_weights * stress, axis=-1) for stress in (axial, hoop))
-    axial_force = bladder_axial_force(axial, at.bladder_volume, at.length)
-    hoop_force = bladder_hoop_force(hoop, at.thickness, at.length, at.radius, at.turns)
-    gaylord = gaylord_force(pressure, at.radius, at.braid_angle)
-    moments = {
-        f"{name} strain {n}": jnp.sum(at.station_weights * strain**n, axis=-1)
-        for name, strain in (("axial", jnp.abs(at.axial_strain[..., None])), ("hoop", at.hoop_strain))
-        for n in range(1, ORDERS + 1)
-    }
-    return {
-        "diameter": 2 * at.radius,
-        "braid angle": jnp.rad2deg(at.braid_angle),
-        "bladder thickness": at.thickness,
-        "longitudinal stress": axial,
-        "circumferential stress": hoop,
-        "longitudinal bladder force": axial_force,
-        "circumferential bladder force": hoop_force,
-        "bladder force": axial_force + hoop_force,
-        "Gaylord force": gaylord,
-        "total force": gaylord + axial_force + hoop_force,
-        **moments,
-    }
-
-
-@eqx.filter_jit
-def _free_contraction(muscle: Muscle, pressure: Float[Array, " n"]) -> Float[Array, " n"]:
-    return muscle.free_contraction(pressure)
-
-
-@functools.cache
-def free_contractions() -> dict[str, Float[np.ndarray, " pressures"]]:
-    """Free contraction of each geometry at `PRESSURES`: where its own model's force is zero."""
-    pressures = jnp.array(PRESSURES)
-    return {name: np.asarray(_free_contraction(m, pressures)) for name, m in muscles().items()}
-
-
-@functools.cache
-def terms() -> dict[str, Terms]:
-    """The terms of each geometry."""
-    tested = np.array(printed()["tested"]["free_contraction"])[:, None]
-    last = printed()["profile_100psi"][-1]["contraction"]
-    share = np.linspace(0, 1, GRID)
-    places = np.broadcast_to([PRINTED_FREE, last], (len(PRESSURES), 2))
-    found = {}
-    for name, muscle in muscles().items():
-        own = free_contractions()[name][:, None]
-        contraction = np.hstack([own * share, tested * share, places])
-        pressures = np.broadcast_to(np.array(PRESSURES)[:, None], contraction.shape)
-        values = balance(muscle, jnp.asarray(contraction), jnp.asarray(pressures))
-        found[name] = Terms(contraction, {key: np.asarray(v) for key, v in values.items()})
-    return found
 
 
 def rows() -> list[Row]:
@@ -234,7 +127,9 @@ def _gaylord() -> list[Row]:
         }
         if key in table["mae"]:
             difference = np.abs(force[key] - average).mean()
-            entries["mean absolute difference of Gaylord force from the measured average diameter"] = (
+            entries[
+                "mean absolute difference of Gaylord force from the measured average diameter"
+            ] = (
                 difference,
                 table["mae"][key],
             )
@@ -270,21 +165,28 @@ def _headline() -> list[Row]:
     """Estimated (elastic) against measured at 35.3 %, 100 psi."""
     of, specimen, table = printed()["headline"], printed()["specimen"], "6, summary"
     (D, theta), (D_measured, theta_measured) = (
-        (float(terms()[name].at_100_psi(quantity)[PRINTED]) for quantity in ("diameter", "braid angle"))
+        [float(terms()[name].at_100_psi(key)[PRINTED]) for key in ("diameter", "braid angle")]
         for name in ("estimated elastic", "measured")
     )
     length = specimen["active_length_in"] * (1 - PRINTED_FREE)
     thread, measured_thread = (
         math.hypot(length, math.pi * specimen["turns_N"] * diameter) for diameter in (D, D_measured)
     )
-    found = (
-        ("diameter, estimated minus measured", D - D_measured, "in", "diameter_overestimate_in"),
-        ("braid angle, measured minus estimated", theta_measured - theta, "deg", "braid_angle_underestimate_deg"),
-        ("thread length lost to curvature", thread - measured_thread, "in", "thread_length_lost_to_curvature_in"),
-    )
+    wider, steeper, lost = D - D_measured, theta_measured - theta, thread - measured_thread
+    inch, degree = HEADLINE["in"], HEADLINE["deg"]
+    published = [
+        of[f"{key}_{unit}"]
+        for key, unit in (
+            ("diameter_overestimate", "in"),
+            ("braid_angle_underestimate", "deg"),
+            ("thread_length_lost_to_curvature", "in"),
+        )
+    ]
     return [
-        *(Row(table, entry, value, unit, of[key], HEADLINE[unit]) for entry, value, unit, key in found),
-        Row(table, "the diameter's difference over the measured", D / D_measured - 1, "1", 0.047, HEADLINE["1"]),
+        Row(table, "diameter, estimated minus measured", wider, "in", published[0], inch),
+        Row(table, "the same over the measured", wider / D_measured, "1", 0.047, HEADLINE["1"]),
+        Row(table, "braid angle, measured minus estimated", steeper, "deg", published[1], degree),
+        Row(table, "thread length lost to curvature", lost, "in", published[2], inch),
     ]
 
 

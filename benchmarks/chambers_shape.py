@@ -36,9 +36,7 @@ def _volumes() -> list[Row]:
     of = printed()["specimen"]
     length, rubber = of["active_length_in"], of["bladder_thickness_in"]
     bladder = float(tube_volume(length, of["bladder_outer_diameter_in"], rubber))
-    braid = float(
-        tube_volume(length, of["braid_resting_diameter_in"], of["braid_thickness_in"])
-    )
+    braid = float(tube_volume(length, of["braid_resting_diameter_in"], of["braid_thickness_in"]))
     return [
         Row("4, volumes", "bladder", bladder, "in3", of["bladder_volume_in3"], VOLUME),
         Row("4, volumes", "braid", braid, "in3", of["braid_volume_in3"], VOLUME),
@@ -140,5 +138,7 @@ def _fourier_terms() -> list[Row]:
             ("largest error, mean of the profiles", np.abs(errors).max(axis=1).mean()),
             ("RMSE, mean of the profiles", np.sqrt((errors**2).mean(axis=1)).mean()),
         ):
-            found.append(Row("4.2", f"SYNTHETIC profiles, {terms} terms, {name}", float(value), "in"))
+            found.append(
+                Row("4.2", f"SYNTHETIC profiles, {terms} terms, {name}", float(value), "in")
+            )
     return found

@@ -5,11 +5,12 @@ import functools
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from chambers_reference import Row, elastic_braid, geometries, latex
+from chambers_balance import terms
+from chambers_reference import Row, elastic_braid, geometries
+from jaxtyping import Float
 
-from famjax import Muscle
 from famjax._elastic_braid import ElasticBraid
-from famjax._virtual_work import PressureTerms, VirtualWorkGeometry, pressure_terms
+from famjax._virtual_work import PressureTerms, pressure_terms
 
 PRESSURE = 100.0
 CONTRACTIONS = np.linspace(0, 0.35, 71)
@@ -33,8 +34,17 @@ def over_contraction() -> dict[str, PressureTerms]:
     }
 
 
+def _mean(values: Float[np.ndarray, " n"]) -> float:
+    """Mean over the range of contraction."""
+    return float(np.trapezoid(values, CONTRACTIONS) / np.ptp(CONTRACTIONS))
+
+
 def rows() -> list[Row]:
-    """Both terms and their mean difference, and the muscle that works with the new one."""
+    """Both terms and their means.
+
+    At constant pressure the rate's mean over the range is exact, the difference of two volumes; at
+    one contraction the rate is that of the spline between five profiles.
+    """
     table, found = "virtual work", []
     for name, both in over_contraction().items():
         columns = {
@@ -45,17 +55,17 @@ def rows() -> list[Row]:
         for quantity, values in columns.items():
             for c in TABULATED:
                 force = float(np.interp(c, CONTRACTIONS, values))
-                found.append(Row(table, f"{name}, 100 psi, contraction {c:g}, {quantity}", force, "lbf"))
+                entry = f"{name}, 100 psi, contraction {c:g}, {quantity}"
+                found.append(Row(table, entry, force, "lbf"))
         gaylord, work = columns["Gaylord force"], columns["-P dV/dL at constant thread length"]
-        entry = f"{name}, 100 psi, mean absolute change of the pressure term"
-        found.append(Row(table, entry, float(np.abs(work - gaylord).mean()), "lbf"))
-        found += _muscle(name)
+        blocked = work[0] + terms()[name].at("bladder force", -1, "rest")
+        for entry, value in (
+            *(
+                (f"mean {quantity}, 0 to 35 %", _mean(values))
+                for quantity, values in columns.items()
+            ),
+            ("mean absolute change of the pressure term, 0 to 35 %", _mean(np.abs(work - gaylord))),
+            ("blocked force with -P dV/dL at constant thread length", blocked),
+        ):
+            found.append(Row(table, f"{name}, 100 psi, {entry}", float(value), "lbf"))
     return found
-
-
-def _muscle(name: str) -> list[Row]:
-    """Blocked force and free contraction with the pressure term of virtual work."""
-    geometry = VirtualWorkGeometry(geometries()[name], _braid(name))
-    muscle = Muscle(geometry, latex())
-    blocked = float(muscle.blocked_force(PRESSURE))
-    return [Row("virtual work", f"{name}, 100 psi, blocked force with it", blocked, "lbf")]

@@ -245,10 +245,15 @@ def reproduce(
     from importlib import import_module  # noqa: PLC0415
 
     benchmark = import_module("reproduce")
-    console = Console(stderr=True)
-    rows, paths = benchmark.reproduce(
-        output, progress=lambda what: console.print(what, style="dim")
-    )
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("reproducing", total=None)
+
+        def show(done: int, total: int, name: str) -> None:
+            progress.update(task, completed=done, total=total, description=name)
+
+        found = benchmark.reproduce(progress=show)
+        paths = benchmark.write_page(output, found)
+    rows = [row.as_dict() for row in found]
     if json_:
         print(json.dumps(rows, allow_nan=False))
         return 0

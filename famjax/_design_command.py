@@ -160,6 +160,7 @@ def design_picture(document: dict[str, Any], system: str) -> bytes:
     pairs = dict.fromkeys((row["bladder"], row["braid"]) for row in document["performance"])
     braids = list(dict.fromkeys(braid for _, braid in pairs))
     bladders = list(dict.fromkeys(bladder for bladder, _ in pairs))
+    colours = colormaps["tab20"]
     for bladder, braid in pairs:
         rows = [
             r for r in document["performance"] if (r["bladder"], r["braid"]) == (bladder, braid)

@@ -61,7 +61,7 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
 
     >>> data = load_bundled("DMSP-20-300")
     >>> data.force.size, int(data.loaded.sum()), data.max_force
-    (120, 60, 1653.5)
+    (126, 60, 1653.5)
     """
     if name not in bundled_names():
         raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")

@@ -1,6 +1,7 @@
 """Set up before anything imports JAX: threads, float64, and run-time checks of every annotation."""
 
 import os
+from pathlib import Path
 
 os.environ.setdefault("PJRT_NPROC", "16")  # see docs: batched LAPACK on few cores
 
@@ -8,5 +9,13 @@ import jax
 from jaxtyping import install_import_hook
 
 jax.config.update("jax_enable_x64", True)
+
+# Most of the time of these tests is XLA compiling: what one worker has compiled it does not again.
+CACHE = (
+    Path(__file__).parents[1] / ".pytest_cache" / "jax" / os.environ.get("PYTEST_XDIST_WORKER", "")
+)
+jax.config.update("jax_compilation_cache_dir", str(CACHE))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 HOOK = install_import_hook(["famjax", "fitting"], "beartype.beartype")

@@ -272,7 +272,7 @@ def test_derivatives(measure: str) -> None:
         return getattr(Meridian.of(profile, L), measure)
 
     values = (jnp.array(1.5), jnp.array([-0.5, -0.1]), jnp.array(5.0), jnp.array(7.0))
-    check_grads(jax.jit(value), values, order=1, atol=1e-6, rtol=1e-6)
+    check_grads(jax.jit(value), values, order=1, atol=1e-6, rtol=1e-6, eps=1e-5)
 
 
 def test_derivative_of_shapes_with_vertical_tangents() -> None:

@@ -1,0 +1,202 @@
+"""The figures of the reference work, redrawn from the computed terms; no pyplot."""
+
+from typing import Any
+
+import chambers_braid
+import chambers_virtual_work
+import matplotlib as mpl
+import numpy as np
+from chambers_balance import OWN, PRINTED_FREE, terms
+from chambers_reference import PRESSURES, printed, profile
+from chambers_shape import synthetic_profiles
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from famjax._elastic_braid import BraidState
+
+_STYLES: dict[str, dict[str, Any]] = {
+    "estimated inelastic": {"color": "C0", "ls": "--"},
+    "estimated elastic": {"color": "C0", "ls": "-"},
+    "measured average diameter": {"color": "C3", "ls": "--"},
+    "measured": {"color": "C3", "ls": "-"},
+}
+_SHADES = mpl.colormaps["viridis"](np.linspace(0, 0.9, 5))
+
+
+def figures() -> dict[str, Figure]:
+    """Every figure of the page, by its caption."""
+    return {
+        "Profiles at 100 psi, table 4.3 corrected and made symmetric; thin: corrected only.": profiles(),
+        "SYNTHETIC profiles behind our table 4.2: elliptic ends, a cylinder.": synthetic(),
+        "Braid at the resting length over pressure: Kevlar, and a braid of one tenth its "
+        "stiffness; circles: table 5.1.": stretch(),
+        "Strains at 100 psi, axial means of the powers 1 to 4 (axial: magnitudes).": strains(),
+        "Bladder thickness and true stresses at 100 psi.": stresses(),
+        "Terms of the force balance at 100 psi.": force_terms(),
+        "Total force at 20 to 100 psi and the tested blocked forces and free contractions.": forces(),
+        "Pressure term at 100 psi: Gaylord's force, and -P dV/dL at constant thread length.": work(),
+    }
+
+
+def _axes(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for one in axes.flat:
+        one.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False)
+
+
+def profiles() -> Figure:
+    """Diameter over position at the five contractions."""
+    figure, ((axes,),) = _axes(1, 1, (7.5, 3.8))
+    x = np.linspace(0, 1, 301)
+    for row, shade in zip(printed()["profile_100psi"], _SHADES, strict=True):
+        whole = profile(row, corrected=True)
+        label = f"{100 * row['contraction']:.4g} %"
+        axes.plot(x, whole.diameter(x, 1.0), color=shade, lw=0.6)
+        axes.plot(x, whole.symmetrised().diameter(x, 1.0), color=shade, label=label)
+    axes.set(xlabel="position x along the active length", ylabel="diameter, in", ylim=(0, None))
+    axes.legend(title="contraction", frameon=False, loc="lower center", ncols=5)
+    return figure
+
+
+def synthetic() -> Figure:
+    """The synthetic diameters of table 4.2."""
+    figure, ((axes,),) = _axes(1, 1, (7.5, 3.0))
+    for (contraction, D), shade in zip(synthetic_profiles().items(), _SHADES, strict=True):
+        axes.plot(np.linspace(0, 1, D.size), D, color=shade, label=f"{100 * contraction:.4g} %")
+    axes.set(xlabel="position x along the active length", ylabel="diameter, in", ylim=(0, None))
+    axes.set_title("SYNTHETIC", fontsize=9, color="C3")
+    axes.legend(title="contraction", frameon=False, loc="lower center", ncols=5)
+    return figure
+
+
+def stretch() -> Figure:
+    """B, D, theta and Gaylord's force over pressure."""
+    figure, axes = _axes(1, 4, (12, 3.4))
+    P = np.linspace(0, 100, 51)
+    soft = chambers_braid.stretch(P, chambers_braid.SOFT).elastic
+    kevlar = chambers_braid.stretch(P)
+    lines: tuple[tuple[str, BraidState, dict[str, Any]], ...] = (
+        ("inelastic", kevlar.inelastic, {"color": "0.5", "ls": ":"}),
+        ("Kevlar", kevlar.elastic, {"color": "C0"}),
+        ("one tenth of its stiffness", soft, {"color": "C1"}),
+    )
+    for label, state, style in lines:
+        columns = (
+            state.thread_length,
+            state.diameter,
+            np.rad2deg(state.braid_angle),
+            state.gaylord_force,
+        )
+        for one, column in zip(axes.flat, columns, strict=True):
+            one.plot(P, column, label=label, **style)
+    table = printed()["elastic_braid"]
+    for one, key in zip(axes.flat, ("B_in", "D_in", "theta_deg"), strict=False):
+        one.plot(
+            table["pressure_psi"], table[key], "o", mfc="none", mec="black", ms=5, label="printed"
+        )
+    for one, label in zip(
+        axes.flat,
+        ("thread length B, in", "diameter D, in", "braid angle, deg", "Gaylord's force, lbf"),
+        strict=True,
+    ):
+        one.set(xlabel="pressure, psi", ylabel=label)
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def _over_contraction(axes: Axes, quantity: str, label: str) -> None:
+    for name, of in terms().items():
+        axes.plot(
+            of.contraction[-1, OWN], of.at_100_psi(quantity)[OWN], label=name, **_STYLES[name]
+        )
+    axes.set(xlabel="contraction", ylabel=label)
+
+
+def strains() -> Figure:
+    """Moments of the two strains; points: tables 6.1 and 6.2."""
+    figure, axes = _axes(2, 4, (12, 5.6))
+    tables = (("axial", "longitudinal_strain"), ("hoop", "circumferential_strain"))
+    for row, (strain, key) in zip(axes, tables, strict=True):
+        for n, one in enumerate(row, 1):
+            _over_contraction(one, f"{strain} strain {n}", f"mean of |{strain} strain|$^{n}$")
+            for kind, values in printed()[key].items():
+                name = "estimated inelastic" if kind == "cylindrical" else kind.replace("_", " ")
+                colour = _STYLES[name]["color"]
+                one.plot(PRINTED_FREE, values[n - 1], "o", mfc="none", mec=colour, ms=5)
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def stresses() -> Figure:
+    """Thickness and the two stresses."""
+    figure, axes = _axes(1, 3, (12, 3.8))
+    _over_contraction(axes[0, 0], "bladder thickness", "bladder thickness, in")
+    _over_contraction(axes[0, 1], "longitudinal stress", "longitudinal stress, psi")
+    _over_contraction(axes[0, 2], "circumferential stress", "circumferential stress, psi")
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def force_terms() -> Figure:
+    """Gaylord's force and the two of the bladder."""
+    figure, axes = _axes(1, 4, (12, 3.6))
+    for one, quantity in zip(
+        axes.flat,
+        (
+            "Gaylord force",
+            "longitudinal bladder force",
+            "circumferential bladder force",
+            "bladder force",
+        ),
+        strict=True,
+    ):
+        _over_contraction(one, quantity, f"{quantity}, lbf")
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def forces() -> Figure:
+    """Isobars of the four geometries and the tested points."""
+    figure, axes = _axes(1, 4, (12, 4.0))
+    tested = printed()["tested"]
+    for one, (name, of) in zip(axes.flat, terms().items(), strict=True):
+        for row, (P, shade) in enumerate(zip(PRESSURES, _SHADES, strict=True)):
+            force = of.values["total force"][row, OWN]
+            one.plot(of.contraction[row, OWN], force, color=shade, label=f"{P:g} psi")
+            blocked, free = tested["blocked_force_lbf"][row], tested["free_contraction"][row]
+            points = {"color": shade, "mec": "black", "ms": 5, "clip_on": False, "zorder": 3}
+            one.plot([0, free], [blocked, 0], "o", **points)
+        one.set(xlabel="contraction", xlim=(0, 0.4), ylim=(0, 1150))
+        one.set_title(name, fontsize=10)
+    axes[0, 0].set(ylabel="force, lbf")
+    axes[0, 0].plot([], [], "o", color="white", mec="black", ms=5, label="tested")
+    _legend(figure, axes[0, 0], 6)
+    return figure
+
+
+def work() -> Figure:
+    """Gaylord's force against virtual work."""
+    figure, ((left, right),) = _axes(1, 2, (10, 4.0))
+    for name, both in chambers_virtual_work.over_contraction().items():
+        at, style = np.asarray(both.contraction), _STYLES[name]
+        force = np.asarray(both.virtual_work_at_thread_length)
+        left.plot(at, force, label=f"{name}, -P dV/dL", **style)
+        right.plot(at, force - np.asarray(both.gaylord), **style)
+        if name == "measured":
+            left.plot(at, both.gaylord, color="black", lw=1, label="measured, Gaylord")
+    for row in printed()["profile_100psi"]:
+        right.axvline(row["contraction"], color="0.8", lw=0.8, zorder=0)
+    left.set(xlabel="contraction", ylabel="pressure term, lbf")
+    right.set(xlabel="contraction", ylabel="-P dV/dL minus Gaylord's force, lbf")
+    right.set_title("grey: measured profiles, between them a spline", fontsize=9)
+    _legend(figure, left, 3)
+    return figure

@@ -1,0 +1,135 @@
+"""The page for people: what agrees, the tables side by side, the figures redrawn."""
+
+import base64
+import html
+import io
+import itertools
+import os
+from pathlib import Path
+
+from chambers_figures import figures
+from chambers_notes import NOT_COMPUTED, NOTES
+from chambers_reference import Row
+from matplotlib.figure import Figure
+
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem;color:#222}
+h2{margin:2.2rem 0 .3rem}table{border-collapse:collapse;font-size:.87rem}
+td,th{padding:.12rem .7rem;text-align:right;border-bottom:1px solid #eee}
+td:first-child,th:first-child{text-align:left}.out{background:#fde8e4}.in{color:#17702b}
+.bad{color:#a3200d;font-weight:600}.none{color:#888}img{max-width:100%}figure{margin:1.5rem 0}
+figcaption,.note{color:#555}nav a{margin-right:.8rem;white-space:nowrap}
+"""
+
+
+def write(folder: Path, rows: list[Row]) -> list[Path]:
+    """The page `reproduce.html` in the folder, which is made if need be; written whole or not."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "reproduce.html"
+    draft = path.with_suffix(".html.part")
+    draft.write_text(_page(rows), encoding="utf-8")
+    os.replace(draft, path)
+    return [path]
+
+
+def _page(rows: list[Row]) -> str:
+    tables = {
+        table: list(group)
+        for table, group in itertools.groupby(
+            sorted(rows, key=lambda row: _order(row.table)), lambda row: row.table
+        )
+    }
+    within = sum(row.within is True for row in rows)
+    out = [row for row in rows if row.within is False]
+    silent = sum(row.published is None for row in rows)
+    links = "".join(f'<a href="#{_anchor(t)}">{html.escape(t)}</a>' for t in tables)
+    return "".join(
+        [
+            '<!doctype html><html lang="en"><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width">',
+            f"<title>The reference work reproduced</title><style>{_STYLE}</style>",
+            "<h1>The reference work reproduced</h1>",
+            "<p>Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs that it prints. ",
+            "Nothing is tuned to a figure; what differs by more than its tolerance is shown so.</p>",
+            f"<p><b>{within}</b> figures within tolerance, <b>{len(out)}</b> out of tolerance, ",
+            f"<b>{silent}</b> computed of which no published figure was given to us. ",
+            "A published figure that can be read in two ways stands in two rows.</p>",
+            f"<nav>{links}</nav>",
+            "<h2>Out of tolerance</h2>",
+            _table(out, with_table=True),
+            _not_computed(),
+            "<h2>Figures</h2>",
+            *(_figure(caption, figure) for caption, figure in figures().items()),
+            *(_section(table, group) for table, group in tables.items()),
+        ]
+    )
+
+
+def _order(table: str) -> tuple[int, int, str]:
+    """By chapter and number; sections without a number after their chapter's tables."""
+    chapter, _, number = table.partition(".")
+    if number:
+        return int(chapter), int(number), ""
+    digit = table.partition(",")[0]
+    return (int(digit) if digit.isdigit() else 99), 99, table
+
+
+def _anchor(table: str) -> str:
+    return "table-" + "".join(c if c.isalnum() else "-" for c in table)
+
+
+def _section(table: str, rows: list[Row]) -> str:
+    title = f"Table {table}" if table.replace(".", "").isdigit() else f"Section {table}"
+    remarks = "".join(f'<p class="note">{html.escape(n)}</p>' for t, n in NOTES if t == table)
+    heading = f'<h2 id="{_anchor(table)}">{html.escape(title)}</h2>'
+    return heading + remarks + _table(rows, with_table=False)
+
+
+def _table(rows: list[Row], *, with_table: bool) -> str:
+    names = ("published", "computed", "difference", "tolerance", "unit", "verdict")
+    head = "".join(f"<th>{name}</th>" for name in ("entry", *names))
+    return f"<table><tr>{head}</tr>{''.join(_line(row, with_table) for row in rows)}</table>"
+
+
+def _line(row: Row, with_table: bool) -> str:
+    verdict, kind = {
+        True: ("within", "in"),
+        False: ("out", "bad"),
+        None: ("not published", "none"),
+    }[row.within]
+    cells = (
+        _number(row.published),
+        _number(row.computed),
+        _number(row.difference, sign=True),
+        _number(row.tolerance),
+        row.unit if row.unit != "1" else "",
+    )
+    entry = html.escape(f"{row.table}: {row.entry}" if with_table else row.entry)
+    body = "".join(f"<td>{cell}</td>" for cell in cells)
+    shade = ' class="out"' if row.within is False else ""
+    return f'<tr{shade}><td>{entry}</td>{body}<td class="{kind}">{verdict}</td></tr>'
+
+
+def _number(value: float | None, *, sign: bool = False) -> str:
+    if value is None:
+        return ""
+    digits = 3 if sign else 6
+    return f"{value:+.{digits}g}" if sign else f"{value:.{digits}g}"
+
+
+def _not_computed() -> str:
+    lines = "".join(
+        f"<li><b>{html.escape(table)}</b>: {html.escape(why)}</li>" for table, why in NOT_COMPUTED
+    )
+    return f"<h2>Not computed</h2><ul>{lines}</ul>"
+
+
+def _figure(caption: str, figure: Figure) -> str:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None})
+    data = base64.b64encode(stream.getvalue()).decode()
+    text = html.escape(caption)
+    return (
+        f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
+        f"<figcaption>{text}</figcaption></figure>"
+    )
