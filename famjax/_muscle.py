@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from ._equilibrium import longest_equilibrium, required
 from ._force import bladder_axial_force, bladder_hoop_force, gaylord_force
-from ._geometry import AbstractGeometry
+from ._geometry import AbstractGeometry, Dimensions
 from ._material import AbstractMaterial
 from ._types import Real, RealArray, as_real
 
@@ -35,19 +35,24 @@ class Muscle(eqx.Module):
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        return self.braid_force(length, pressure) + self.bladder_force(length, pressure)
+        at = self.geometry.dimensions(length, pressure)
+        return self._braid_force(at, pressure) + self._bladder_force(at, pressure)
 
     def braid_force(self, length: Real, pressure: Real) -> RealArray:
         """Pull [N] of the pressurised braid alone, F_G at P - P_d, broadcast shape."""
-        at = self.geometry.dimensions(length, pressure)
-        return gaylord_force(pressure - self.deadband_pressure, at.radius, at.braid_angle)
+        return self._braid_force(self.geometry.dimensions(length, pressure), pressure)
 
     def bladder_force(self, length: Real, pressure: Real) -> RealArray:
         """Pull [N] of the bladder alone, broadcast shape; negative where it resists.
 
         Stresses that vary along the axis enter by their axial mean.
         """
-        at = self.geometry.dimensions(length, pressure)
+        return self._bladder_force(self.geometry.dimensions(length, pressure), pressure)
+
+    def _braid_force(self, at: Dimensions, pressure: Real) -> RealArray:
+        return gaylord_force(pressure - self.deadband_pressure, at.radius, at.braid_angle)
+
+    def _bladder_force(self, at: Dimensions, pressure: Real) -> RealArray:
         axial_stress, hoop_stress = self.material.stresses(
             at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
         )

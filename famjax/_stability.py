@@ -32,13 +32,15 @@ def path_modulus(
     """
 
     def one(length: RealArray, pressure: RealArray) -> RealArray:
-        def state(length: RealArray) -> tuple[tuple[RealArray, RealArray], ...]:
+        def state(length: RealArray) -> tuple[tuple[tuple[RealArray, RealArray], ...], RealArray]:
             at = geometry.dimensions(length, pressure)
             axial = jnp.broadcast_to(at.axial_strain[..., None], at.hoop_strain.shape)
-            return (axial, at.hoop_strain), material.stresses(axial, at.hoop_strain, pressure)
+            strains = (axial, at.hoop_strain)
+            return (strains, material.stresses(*strains, pressure)), at.station_weights
 
-        strain_rate, stress_rate = jax.jvp(state, (length,), (jnp.ones_like(length),))[1]
-        weights = geometry.dimensions(length, pressure).station_weights
+        _, (strain_rate, stress_rate), weights = jax.jvp(
+            state, (length,), (jnp.ones_like(length),), has_aux=True
+        )
         work = sum(rate * strain for rate, strain in zip(stress_rate, strain_rate, strict=True))
         square = sum(strain**2 for strain in strain_rate)
         return jnp.sum(weights * work) / jnp.sum(weights * square)
