@@ -237,6 +237,11 @@ def _complete(
             "(--specimen wall_thickness_mm=...). E_n scales nearly "
             "inversely with it; the force does not change."
         )
+    if "nominal_diameter" not in fields:
+        notes.append(
+            "The nominal diameter was not given: the braid diameter is sought between 3 and 80 mm "
+            "(--specimen nominal_diameter_mm=...), and may not be that of a muscle on sale."
+        )
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True
         notes.append(

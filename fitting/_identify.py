@@ -166,7 +166,7 @@ def _check_count(
 ) -> None:
     """There must be more readings than parameters, and pressures for a law that depends on them."""
     pressures = data.pressure[data.loaded]
-    levels, readings = np.unique(pressures, return_counts=True)
+    levels = np.unique(pressures)
     if dependence != "fixed" and levels.size < 2:
         raise InputError(
             f"a law that is {dependence} in pressure needs readings at two pressures or more; all "
@@ -193,13 +193,18 @@ def _check_count(
             f"rest length, {rest * 1e3:.5g} mm, where the bladder is not strained; there are "
             f"{lengths.size}. Use a lower order, or measure at more lengths"
         )
-    for level in levels[readings < order] if dependence == "free" else []:
-        count = int(np.sum(data.loaded & (data.pressure == level) & (data.length != rest)))
-        raise InputError(
-            f"free coefficients at every pressure need at least {order} loaded readings at each; "
-            f"{level / 1e3:.5g} kPa has {count} away from the rest length. Use --dependence linear, "
-            "a lower order, or leave that pressure out"
+    if dependence == "free":
+        strained = data.loaded & (data.length != rest)
+        known = np.array(
+            [np.unique(data.length[strained & (data.pressure == P)]).size for P in levels]
         )
+        poor = levels[known < order] / 1e3
+        if poor.size:
+            raise InputError(
+                f"free coefficients need loaded readings at {order} or more lengths away from the "
+                f"rest length at every pressure; too few at {', '.join(f'{P:.4g}' for P in poor)} "
+                "kPa. Use --dependence linear, a lower order, or leave those pressures out"
+            )
 
 
 def _check_solvable(search: Search) -> None:
