@@ -93,10 +93,10 @@ def test_a_parameter_at_its_bound_has_no_error_bar(fitted20: Identification) -> 
         fitted20.estimate("spam")
 
 
-@pytest.mark.parametrize("constraint", CONSTRAINTS)
 @pytest.mark.parametrize(
-    ("order", "dependence"),
-    [*((order, "fixed") for order in (1, 2, 3, 4)), (3, "linear"), (3, "free")],
+    ("order", "dependence", "constraint"),
+    [(order, "fixed", constraint) for order in (1, 2, 3, 4) for constraint in CONSTRAINTS]
+    + [(3, form, constraint) for form in ("linear", "free") for constraint in ("none", "drucker")],
 )
 def test_convex_fit_agrees_with_clarabel(
     order: int, dependence: str, constraint: str, clarabel_objective: Callable[..., float]
