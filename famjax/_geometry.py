@@ -65,6 +65,29 @@ class AbstractGeometry(eqx.Module):
         """Active length L0 [m] of zero contraction."""
 
 
+def cylinder_dimensions(
+    length: RealArray,
+    radius: RealArray,
+    braid_angle: RealArray,
+    braid: AbstractBraid,
+    bladder: Bladder,
+) -> Dimensions:
+    """Dimensions of a cylinder of braid radius R [m] and angle theta [rad] at length L [m]."""
+    bladder_radius = radius if bladder.embedded else radius - braid.thickness
+    return Dimensions(
+        length=length,
+        radius=radius,
+        braid_angle=braid_angle,
+        turns=braid.turns,
+        thickness=bladder.thickness(length, bladder_radius),
+        axial_strain=bladder.axial_strain(length),
+        hoop_strain=bladder.hoop_strain(length, bladder_radius)[..., None],
+        station_weights=jnp.ones(1, length.dtype),
+        bladder_volume=bladder.volume,
+        volume=cylinder_volume(length, radius),
+    )
+
+
 class EstimatedGeometry(AbstractGeometry):
     """A cylinder whose diameter follows from the braid: the estimated geometry.
 
@@ -84,19 +107,8 @@ class EstimatedGeometry(AbstractGeometry):
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         thread_length = self.braid.thread_length(length, pressure)
         radius = diameter_from_length(length, thread_length, self.braid.turns) / 2
-        bladder_radius = radius if self.bladder.embedded else radius - self.braid.thickness
-        return Dimensions(
-            length=length,
-            radius=radius,
-            braid_angle=braid_angle_from_length(length, thread_length),
-            turns=self.braid.turns,
-            thickness=self.bladder.thickness(length, bladder_radius),
-            axial_strain=self.bladder.axial_strain(length),
-            hoop_strain=self.bladder.hoop_strain(length, bladder_radius)[..., None],
-            station_weights=jnp.ones(1, length.dtype),
-            bladder_volume=self.bladder.volume,
-            volume=cylinder_volume(length, radius),
-        )
+        angle = braid_angle_from_length(length, thread_length)
+        return cylinder_dimensions(length, radius, angle, self.braid, self.bladder)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to where the braid closes the bladder's bore at rest."""

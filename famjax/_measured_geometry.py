@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from ._bladder import Bladder, cylinder_volume
+from ._bladder import Bladder
 from ._braid import AbstractBraid
-from ._geometry import AbstractGeometry, Dimensions
+from ._geometry import AbstractGeometry, Dimensions, cylinder_dimensions
 from ._profile_family import MeasuredFamily
 from ._profile_measures import QUADRATURE_ORDER, Meridian, quadrature
 from ._types import Real, RealArray, as_real
@@ -106,19 +106,8 @@ class AverageDiameterGeometry(AbstractGeometry):
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         radius = _mean_diameter(self.family, self.order, length, pressure) / 2
-        bladder_radius = radius if self.bladder.embedded else radius - self.braid.thickness
-        return Dimensions(
-            length=length,
-            radius=radius,
-            braid_angle=_braid_angle(length, 2 * radius, self.braid),
-            turns=self.braid.turns,
-            thickness=self.bladder.thickness(length, bladder_radius),
-            axial_strain=self.bladder.axial_strain(length),
-            hoop_strain=self.bladder.hoop_strain(length, bladder_radius)[..., None],
-            station_weights=jnp.ones(1, length.dtype),
-            bladder_volume=self.bladder.volume,
-            volume=cylinder_volume(length, radius),
-        )
+        angle = _braid_angle(length, 2 * radius, self.braid)
+        return cylinder_dimensions(length, radius, angle, self.braid, self.bladder)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """The family's: the measured lengths, and its margin of extrapolation beyond."""

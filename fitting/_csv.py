@@ -181,14 +181,24 @@ def _check_sign(name: str, value: float, cell: str, row: int) -> None:
 
 def _specimen_fields(comments: Iterable[str]) -> dict[str, Any]:
     """Fields of `Specimen` in SI from lines such as `# specimen: rest_length_mm = 296`."""
+    parts = [line.lstrip("# \t").partition(":") for line in comments]
+    return parse_specimen(entry for label, _, entry in parts if label.strip() == "specimen")
+
+
+def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:
+    """Fields of `Specimen` in SI, from entries such as `rest_length_mm=296`.
+
+    Raises:
+        InputError: an entry that is not of this form, or a field twice.
+
+    >>> parse_specimen(["rest_length_in=10", "embedded=false"])
+    {'rest_length': 0.254, 'embedded': False}
+    """
     fields: dict[str, Any] = {}
-    for line in comments:
-        label, _, entry = line.lstrip("# \t").partition(":")
-        if label.strip() != "specimen":
-            continue
+    for entry in entries:
         key, equals, value = (part.strip() for part in entry.partition("="))
         if not equals:
-            raise InputError(f"specimen line {line!r} must read '# specimen: key = value'")
+            raise InputError(f"specimen {entry!r} must read key=value, as in rest_length_mm=296")
         name, field = specimen_field(key, value)
         if name in fields:
             raise InputError(f"the specimen's {name} is given twice")

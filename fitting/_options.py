@@ -1,9 +1,8 @@
 """What a person types for bounds and specimen, as numbers in SI."""
 
 from collections.abc import Iterable
-from typing import Any
 
-from ._csv import specimen_field
+from ._csv import parse_specimen as parse_specimen
 from ._errors import InputError
 from ._parameters import KINDS
 from ._units import UNITS, to_si
@@ -41,24 +40,3 @@ def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
             raise InputError(f"bounds {entry!r}: {interval!r} is not min:max")
         bounds[name] = (to_si(low, unit, kind), to_si(high, unit, kind))
     return bounds
-
-
-def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:
-    """Fields of `Specimen` in SI, from entries such as `rest_length_mm=296`.
-
-    Raises:
-        InputError: an entry that is not of this form, or a field twice.
-
-    >>> parse_specimen(["rest_length_in=10", "embedded=false"])
-    {'rest_length': 0.254, 'embedded': False}
-    """
-    fields: dict[str, Any] = {}
-    for entry in entries:
-        key, equals, value = (part.strip() for part in entry.partition("="))
-        if not equals:
-            raise InputError(f"specimen {entry!r} must read key=value, as in rest_length_mm=296")
-        name, field = specimen_field(key, value)
-        if name in fields:
-            raise InputError(f"the specimen's {name} is given twice")
-        fields[name] = field
-    return fields
