@@ -114,6 +114,7 @@ def write_csv(path: Path, isobars: SyntheticIsobars) -> Path:
         f"# {isobars.name}: nothing here is measured; seed {isobars.seed}",
         f"# specimen: name = {isobars.name}",
         f"# specimen: rest_length_in = {of['active_length_in']}",
+        f"# specimen: nominal_diameter_in = {of['nominal_diameter_in']}",
         f"# specimen: wall_thickness_in = {of['bladder_thickness_in']}",
         f"# specimen: bladder_diameter_in = {of['bladder_outer_diameter_in']}",
         f"# specimen: braid_thickness_in = {of['braid_thickness_in']}",
