@@ -6,12 +6,14 @@ import math
 from chambers_reference import Row, printed
 
 from famjax import units
-from famjax._catalogue import load_catalogue
-from famjax._design import Feasibility, fam_angle, feasibility
-from famjax._end_fitting import (
+from famjax.design import (
+    Feasibility,
     compression_sensitivity,
+    fam_angle,
+    feasibility,
     fitting_diameter_on_bladder,
     fitting_diameter_on_braid,
+    load_catalogue,
     safety_factor,
     swaged_bore,
 )

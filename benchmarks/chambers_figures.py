@@ -7,7 +7,7 @@ import chambers_virtual_work
 import matplotlib as mpl
 import numpy as np
 from chambers_balance import OWN, PRINTED_FREE, terms
-from chambers_reference import PRESSURES, printed, profile
+from chambers_reference import PRESSURES, printed, profile, transcribed_profile
 from chambers_shape import synthetic_profiles
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -58,10 +58,10 @@ def profiles() -> Figure:
     figure, ((axes,),) = _axes(1, 1, (7.5, 3.8))
     x = np.linspace(0, 1, 301)
     for row, shade in zip(printed()["profile_100psi"], _SHADES, strict=True):
-        whole = profile(row, corrected=True)
+        whole = transcribed_profile(row)
         label = f"{100 * row['contraction']:.4g} %"
         axes.plot(x, whole.diameter(x, 1.0), color=shade, lw=0.6)
-        axes.plot(x, whole.symmetrised().diameter(x, 1.0), color=shade, label=label)
+        axes.plot(x, profile(row).diameter(x, 1.0), color=shade, label=label)
     axes.set(xlabel="position x along the active length", ylabel="diameter, in", ylim=(0, None))
     axes.legend(title="contraction", frameon=False, loc="lower center", ncols=5)
     return figure

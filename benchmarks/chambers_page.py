@@ -18,7 +18,8 @@ h2{margin:2.2rem 0 .3rem}table{border-collapse:collapse;font-size:.87rem}
 td,th{padding:.12rem .7rem;text-align:right;border-bottom:1px solid #eee}
 td:first-child,th:first-child{text-align:left}.out{background:#fde8e4}.in{color:#17702b}
 .bad{color:#a3200d;font-weight:600}.none{color:#888}img{max-width:100%}figure{margin:1.5rem 0}
-figcaption,.note{color:#555}nav a{margin-right:.8rem;white-space:nowrap}
+figcaption,.note{color:#555}nav{display:flex;flex-wrap:wrap;column-gap:.8rem}
+nav a{white-space:nowrap}
 """
 
 

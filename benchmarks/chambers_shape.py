@@ -3,15 +3,18 @@
 import math
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from chambers_reference import Row, inelastic_braid, printed, profile
-from jaxtyping import Float
+from chambers_reference import Row, inelastic_braid, printed, profile, transcribed_profile
+from jaxtyping import Array, Float
 
-from famjax import diameter_from_length, tube_volume
-from famjax._assumed_shapes import EllipticToroidEnds
-from famjax._profile import AbstractProfile
-from famjax._profile_measures import Meridian
-from famjax._types import Real, RealArray
+from famjax import (
+    AbstractProfile,
+    EllipticToroidEnds,
+    Meridian,
+    diameter_from_length,
+    tube_volume,
+)
 
 VOLUME = 0.0005
 """Tolerance [in3]: half the last digit of the printed volumes."""
@@ -81,17 +84,26 @@ def _profiles() -> list[Row]:
                 ("largest |D(x) - D(1 - x)|", np.abs(D - D[::-1]).max()),
             )
             found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
-        used = profile(row, corrected=True).symmetrised()
-        mean, volume = _mean_and_volume(used, rest * (1 - row["contraction"]))
-        found.append(Row("4.3", f"used, {at}, mean D", float(mean), "in"))
-        found.append(Row("4.3", f"used, {at}, outline volume", float(volume), "in3"))
+        for label, even in (
+            ("used", profile(row)),
+            ("transcribed w", transcribed_profile(row).symmetrised()),
+        ):
+            length = jnp.asarray(rest * (1 - row["contraction"]))
+            mean, arc, volume = _measures(even, length)
+            found += [
+                Row("4.3", f"{label}, {at}, w", float(even.w), "1"),
+                Row("4.3", f"{label}, {at}, mean D", float(mean), "in"),
+                Row("4.3", f"{label}, {at}, outline volume", float(volume), "in3"),
+                Row("4.3", f"{label}, {at}, axial strain", float(arc) / rest - 1, "1"),
+            ]
     return found
 
 
 @eqx.filter_jit
-def _mean_and_volume(profile: AbstractProfile, length: Real) -> tuple[RealArray, RealArray]:
-    meridian = Meridian.of(profile, length)
-    return meridian.mean_diameter, meridian.volume
+def _measures(even: AbstractProfile, length: Float[Array, ""]) -> tuple[Float[Array, ""], ...]:
+    """Mean diameter [in], arc length [in] and volume [in3]."""
+    meridian = Meridian.of(even, length)
+    return meridian.mean_diameter, meridian.arc_length, meridian.volume
 
 
 def fit_terms(

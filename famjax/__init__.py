@@ -4,7 +4,7 @@ Values are SI unless a caller keeps another consistent set. The library never ch
 configuration; float64 is the caller's choice (`jax.config.update("jax_enable_x64", True)`).
 """
 
-from . import design as design, units as units
+from . import design as design, peers as peers, units as units
 from ._assumed_shapes import (
     AbstractAssumedShape as AbstractAssumedShape,
     CircularArcEnds as CircularArcEnds,
@@ -33,11 +33,13 @@ from ._braid import (
     thread_length_from_angle as thread_length_from_angle,
     turns_from_angle as turns_from_angle,
 )
+from ._compliant_braid import CompliantBraid as CompliantBraid
 from ._elastic_braid import (
     BraidState as BraidState,
     BraidStretch as BraidStretch,
     ElasticBraid as ElasticBraid,
 )
+from ._end_effect import EndEffectGeometry as EndEffectGeometry
 from ._force import (
     bladder_axial_force as bladder_axial_force,
     bladder_hoop_force as bladder_hoop_force,
@@ -76,6 +78,8 @@ from ._measured_geometry import (
     AverageDiameterGeometry as AverageDiameterGeometry,
     MeasuredGeometry as MeasuredGeometry,
 )
+from ._monotone import MonotoneMaterial as MonotoneMaterial
+from ._mounted_muscle import MountedMuscle as MountedMuscle
 from ._muscle import Muscle as Muscle
 from ._profile import AbstractProfile as AbstractProfile, FourierProfile as FourierProfile
 from ._profile_family import (
@@ -90,13 +94,18 @@ from ._profile_measures import (
     quadrature as quadrature,
 )
 from ._require import require as require
-from ._stability import path_modulus as path_modulus
+from ._stability import (
+    PathStrains as PathStrains,
+    path_modulus as path_modulus,
+    path_strains as path_strains,
+)
 from ._thread import (
     AbstractThread as AbstractThread,
     LinearThread as LinearThread,
     ToeThread as ToeThread,
     thread_tension as thread_tension,
 )
+from ._types import Real as Real
 from ._virtual_work import (
     PressureTerms as PressureTerms,
     VirtualWorkGeometry as VirtualWorkGeometry,

@@ -23,7 +23,7 @@ except ImportError as missing:
 from . import __version__
 
 if TYPE_CHECKING:
-    from fitting import Identification
+    from fitting import Evidence, Identification
 
 app = App(
     name="famjax",
@@ -37,11 +37,18 @@ app = App(
 def fit(
     data: str = "DMSP-20-300",
     *,
-    order: int = 3,
+    law: Literal["polynomial", "ogden", "mooney-rivlin", "saturating", "monotone"] = "polynomial",
+    order: int | None = None,
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
     dependence: Literal["fixed", "linear", "free"] = "fixed",
     box: Literal["physical", "open"] = "physical",
     bounds: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    free: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    prior: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    noise_N: Annotated[float | None, Parameter(name="--noise-N")] = None,
+    validate: Annotated[bool, Parameter(negative=())] = False,
+    profile: Annotated[bool, Parameter(negative=())] = False,
+    bootstrap: int = 0,
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     starts: int = 16,
     seed: int = 0,
@@ -58,8 +65,11 @@ def fit(
     data
         CSV file with columns such as `pressure_psi,length_in,force_lbf`, or the name of a bundled
         map (DMSP-20-300, DMSP-10-250). Lines `# specimen: rest_length_mm = 296` describe the muscle.
+    law
+        Of the bladder: polynomial in strain, one-term Ogden, Mooney-Rivlin, saturating, or monotone
+        (tangent modulus >= 0 at knots).
     order
-        Order of the bladder's stress law, sigma = E_1 eps + E_2 eps|eps| + ...
+        Order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; 3 unless given.
     constraint
         none; positive: E_n >= 0; slope: stress rises on the strain range; drucker: stable along
         the actuation path.
@@ -71,6 +81,21 @@ def fit(
     bounds
         Replace bounds, name_unit=min:max, repeatable: `--bounds braid_diameter_mm=20:23.6`.
         One value holds the parameter: `--bounds deadband_pressure_kPa=40`.
+    free
+        Parameters that take part besides braid diameter, angle and deadband, repeatable:
+        end_factor (rounded ends), rest_length, braid_compliance (stretch of all threads),
+        series_compliance (of the rig). `--bounds` and `--prior` make them take part too.
+    prior
+        What is known of a parameter, name_unit=mean+-std, repeatable: `--prior
+        rest_length_mm=296+-0.5`; `--prior length_offset_mm=0+-0.25` for errors of every length.
+    noise_N
+        Standard deviation of one reading, against which priors are weighed.
+    validate
+        Also leave out each pressure and each length, and predict it.
+    profile
+        Also hold each parameter beside its optimum: which are identified, and how far.
+    bootstrap
+        Number of bootstrap replicates for standard errors and prediction bands.
     specimen
         Describe the muscle, key_unit=value, repeatable: `--specimen rest_length_mm=296`. Keys:
         rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness (with a
@@ -87,7 +112,13 @@ def fit(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = _fitting()
-    from fitting._options import parse_bounds, parse_specimen  # noqa: PLC0415
+    from fitting._evidence import gather  # noqa: PLC0415
+    from fitting._options import (  # noqa: PLC0415
+        parse_bounds,
+        parse_free,
+        parse_priors,
+        parse_specimen,
+    )
     from fitting._report import check_output, write_fit  # noqa: PLC0415
 
     check_output(output)
@@ -96,20 +127,35 @@ def fit(
         task = progress.add_task(f"identifying {measured.specimen.name}", total=starts)
         result = fitting.identify(
             measured,
+            law=law,
             order=order,
             constraint=constraint,
             dependence=dependence,
             box=box,
             bounds=parse_bounds(bounds),
+            parameters=parse_free(free) | parse_priors(prior),
+            noise=noise_N,
             starts=starts,
             seed=seed,
             progress=lambda done, total: progress.update(task, completed=done, total=total),
         )
-        paths = write_fit(result, output, units)
+
+        def show(what: str, done: int, total: int) -> None:
+            progress.update(task, description=what, completed=done, total=total)
+
+        evidence = gather(
+            result,
+            validation=validate,
+            profiles=profile,
+            replicates=bootstrap,
+            seed=seed,
+            progress=show,
+        )
+        paths = write_fit(result, output, units, evidence)
     if json_:
-        print(json.dumps(fitting.summary_as_dict(result, units), allow_nan=False))
+        print(json.dumps(fitting.summary_as_dict(result, units, evidence), allow_nan=False))
     else:
-        _print_fit(result, units)
+        _print_fit(result, units, evidence)
         print("written:", ", ".join(str(path) for path in paths))
     return 0 if result.converged else 1
 
@@ -133,12 +179,12 @@ def _load(data: str, specimen: dict):
     return read_csv(data, specimen)
 
 
-def _print_fit(result: "Identification", units: str) -> None:
-    from fitting._report import tables, verdict  # noqa: PLC0415
+def _print_fit(result: "Identification", units: str, evidence: "Evidence") -> None:
+    from fitting._report import notes, tables, verdict  # noqa: PLC0415
 
     console = Console(highlight=False)
     console.print(f"[bold]{result.data.specimen.name}[/bold]  ({result.data.source})")
-    for title, header, rows in tables(result, units):
+    for title, header, rows in tables(result, units, evidence):
         table = Table(title=title, title_justify="left", box=None, pad_edge=False)
         for column, name in enumerate(header):
             table.add_column(name, justify="left" if column == 0 else "right", overflow="fold")
@@ -147,9 +193,200 @@ def _print_fit(result: "Identification", units: str) -> None:
         console.print()
         console.print(table)
     console.print()
-    for warning in result.warnings:
+    for warning in notes(result, evidence):
         console.print(f"note: {warning}", markup=False)
     console.print(verdict(result), style="bold", markup=False)
+
+
+@app.command
+def compare(
+    data: str = "DMSP-20-300",
+    *,
+    models: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    starts: int = 32,
+    seed: int = 0,
+    output: Path = Path("famjax-compare"),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Fit every published static force model, and famjax's own, to one force map.
+
+    Each is fitted to all loaded readings, and again without each pressure and each length, which it
+    then predicts. Writes `compare.json` and `compare.png`.
+
+    Parameters
+    ----------
+    data
+        CSV file or the name of a bundled map, as for `famjax fit`.
+    models
+        Names of the models, repeatable; all unless given. An unknown one prints those there are.
+    specimen
+        Describe the muscle, key_unit=value, repeatable.
+    starts
+        Of each nonlinear fit.
+    seed
+        Of the starts; the same seed gives the same table.
+    output
+        Folder for the files, made if need be.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    fitting = _fitting()
+    from fitting._compare_plot import plot_comparison  # noqa: PLC0415
+    from fitting._options import parse_specimen  # noqa: PLC0415
+    from fitting._report import as_png, check_output, write_all  # noqa: PLC0415
+
+    check_output(output)
+    measured = _load(data, parse_specimen(specimen))
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("comparing", total=None)
+
+        def show(done: int, total: int, name: str) -> None:
+            progress.update(task, completed=done, total=total, description=name)
+
+        table = fitting.compare(measured, models or None, starts=starts, seed=seed, progress=show)
+    document = table.as_dict()
+    content = json.dumps(document, indent=1, allow_nan=False).encode()
+    paths = write_all(
+        output, {"compare.json": content, "compare.png": as_png(plot_comparison(table))}
+    )
+    if json_:
+        print(json.dumps(document, allow_nan=False))
+        return 0
+    columns = ("label", "n_parameters", "rmse_N", "lopo_rmse_N", "lolo_interior_rmse_N",
+               "lolo_rmse_N", "max_error_N")  # fmt: skip
+    rows = [{key: row[key] for key in columns} for row in document["models"]]
+    _print_rows(f"{document['specimen']}, largest force {document['max_force_N']:.5g} N", rows)
+    for row in document["models"]:
+        remarks = [f"at a bound: {', '.join(row['at_bound'])}"] if row["at_bound"] else []
+        remarks += [row["note"]] if row["note"] else []
+        if remarks:
+            print(f"note: {row['label']}: {'; '.join(remarks)}")
+    print("written:", ", ".join(str(path) for path in paths))
+    return 0
+
+
+@app.command
+def ramps(
+    *records: str,
+    atmosphere: str,
+    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    columns: str | None = None,
+    branches: Literal["both", "fill", "vent"] = "both",
+    period_s: float | None = None,
+    step_kPa: Annotated[float, Parameter(name="--step-kPa")] = 25.0,
+    slack_below_N: Annotated[float | None, Parameter(name="--slack-below-N")] = None,
+    length_std_mm: float | None = None,
+    output: Path = Path("famjax-ramps"),
+    units: Literal["si", "metric", "us"] = "metric",
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Turn raw isometric pressure ramps into a static force map with its noise and hysteresis.
+
+    Writes `map.csv` (which `famjax fit` reads), `ramps.png` and `ramps.json`.
+
+    Parameters
+    ----------
+    records
+        Raw records with the length at which each was taken, `test8.csv=73.25mm`; or a list, a CSV
+        file with the columns `file,length_mm`.
+    atmosphere
+        What the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each record in
+        which the muscle is vented, `0s:0.5s`.
+    specimen
+        Describe the muscle, key_unit=value, repeatable; rest_length is needed.
+    columns
+        Names of the columns, with units, where the records have no header that names them.
+    branches
+        Which branch the map holds: the mean of both, fill or vent.
+    period_s
+        Time between valve pulses; found in the record unless given.
+    step_kPa
+        Of the pressures of the map.
+    slack_below_N
+        Force under which the muscle does not pull; found from the clamp of the sensor unless given.
+    length_std_mm
+        Standard deviation of the lengths, where it is known.
+    output
+        Folder for the files, made if need be.
+    units
+        Of summary, picture and map: si, metric or us.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    _fitting()
+    from fitting._options import parse_specimen  # noqa: PLC0415
+    from fitting._ramp_command import parse_atmosphere, ramps_command  # noqa: PLC0415
+    from fitting._report import check_output, write_all  # noqa: PLC0415
+
+    check_output(output)
+    summary, files = ramps_command(
+        records,
+        atmosphere=parse_atmosphere(atmosphere),
+        columns=columns,
+        specimen=parse_specimen(specimen),
+        period=period_s,
+        step=step_kPa * 1e3,
+        slack_below=slack_below_N,
+        branches=branches,
+        length_std=None if length_std_mm is None else length_std_mm / 1e3,
+        system=units,
+    )
+    paths = write_all(output, files)
+    if json_:
+        print(json.dumps(summary, allow_nan=False))
+        return 0
+    _print_rows("Records", summary["records"])
+    _print_rows("Lengths", summary["lengths"])
+    print("written:", ", ".join(str(path) for path in paths))
+    return 0
+
+
+@app.command
+def predict(
+    fit_json: Path,
+    *,
+    length: tuple[str, ...],
+    pressure: tuple[str, ...] = (),
+    onset: Annotated[bool, Parameter(negative=())] = False,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Predict the force of a fitted muscle, and the pressure at which it begins to pull.
+
+    Parameters
+    ----------
+    fit_json
+        A `fit.json` that `famjax fit` has written.
+    length
+        Active lengths with their unit, repeatable or separated by commas: `--length 270mm,250mm`.
+    pressure
+        Gauge pressures with their unit: `--pressure 500kPa`.
+    onset
+        Also the pressure at which the force leaves zero at each length.
+    json_
+        Print one JSON list to standard output and nothing else there.
+    """
+    fitting = _fitting()
+    import numpy as np  # noqa: PLC0415
+
+    from fitting._quantities import parse_quantities  # noqa: PLC0415
+
+    rows = fitting.predict(
+        fitting.load_fit(fit_json),
+        np.array(parse_quantities(length, "length")),
+        np.array(parse_quantities(pressure, "pressure")),
+        onset=onset,
+    )
+    if json_:
+        print(json.dumps(rows, allow_nan=False))
+        return 0
+    for title, key in (("Force", "force_N"), ("Onset", "onset_pressure_Pa")):
+        chosen = [row for row in rows if key in row]
+        if chosen:
+            _print_rows(title, chosen)
+    if not all(row["inside"] for row in rows):
+        print("note: rows that are not inside lie beyond the fitted lengths or pressures")
+    return 0
 
 
 @app.command
@@ -158,6 +395,7 @@ def design(
     *,
     catalogue: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
     bundled: bool = True,
+    tube: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     rest_length_mm: float = 235.74375,
     output: Path = Path("famjax-design"),
     units: Literal["si", "metric", "us"] = "us",
@@ -177,6 +415,10 @@ def design(
         Your own catalogue files, repeatable; the bundled one shows the format.
     bundled
         Whether to search the bundled catalogue too.
+    tube
+        What is known of the swage tubes, key_unit=value, repeatable: modulus_psi=10e6,
+        yield_stress_psi=40e3, free_length_in=2.6, supported_length_in=1.85. What is not given is
+        the catalogue's, else assumed, and the output says so.
     rest_length_mm
         Active length at rest, for thread length and turns; that of the reference work's specimen.
     output
@@ -189,7 +431,8 @@ def design(
     _fitting()
     from fitting._report import check_output, write_all  # noqa: PLC0415
 
-    from ._design_command import design_document, design_picture, parse_requirement  # noqa: PLC0415
+    from ._design_command import design_document, design_picture  # noqa: PLC0415
+    from ._design_options import parse_requirement, parse_tube  # noqa: PLC0415
 
     check_output(output)
     document = design_document(
@@ -198,6 +441,7 @@ def design(
         bundled=bundled,
         rest_length=rest_length_mm / 1e3,
         system=units,
+        tube=parse_tube(tube),
     )
     content = json.dumps(document, indent=1, allow_nan=False).encode()
     paths = write_all(
@@ -210,6 +454,10 @@ def design(
     _print_rows("Candidates, the best first", document["candidates"])
     usable = [row for row in document["end_fittings"] if row["feasible"]]
     _print_rows("End-fittings that enter the bladder's bore", usable)
+    _print_rows("Buckling of the swage tubes in the die", document["tube_buckling"])
+    _print_rows("Safety factors of tested muscles", document["safety_factors"])
+    for note in document["notes"]:
+        print("note:", note)
     print("written:", ", ".join(str(path) for path in paths))
     return 0
 
@@ -276,12 +524,17 @@ def _print_rows(title: str, rows: list[dict]) -> None:
     for key in keys:
         table.add_column(key.replace("_", " "), overflow="fold")
     for row in rows:
-        cells = [row[key] for key in keys]
-        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in cells))
+        table.add_row(*(_cell(row[key]) for key in keys))
     console = Console(highlight=False)
     console.width = max(console.width, 130)  # folded cells are harder to read than long lines
     console.print()
     console.print(table if rows else f"{title}: none", markup=False)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 @app.command

@@ -1,7 +1,6 @@
 """What `famjax design` computes, as one document of rows, and its picture."""
 
 import io
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -9,76 +8,22 @@ from typing import Any
 import numpy as np
 
 from . import units
-from ._catalogue import Catalogue, CatalogueError, load_catalogue
-from ._design import Candidate, Feasibility, Requirement, feasibility, search
-from ._design_report import (
-    SYSTEMS,
-    braid_angle_rows,
-    candidate_rows,
-    end_fitting_rows,
-    geometry_rows,
-    performance_rows,
-)
+from ._catalogue import Catalogue
+from ._catalogue_file import load_catalogue
+from ._combination import Feasibility, feasibility
+from ._design_report import braid_angle_rows, candidate_rows, geometry_rows, performance_rows
+from ._design_search import Candidate, Requirement, search
+from ._design_units import unit_in
 from ._end_fitting import size_end_fittings
+from ._end_fitting_report import end_fitting_rows, safety_factor_rows, tube_buckling_rows
 from ._material import PolynomialMaterial
+from ._safety import safety_factors
+from ._tube_strength import TubeOptions, assumption_notes, tube_strengths
 
 LATEX = np.array([257.8, -57.9, 32.7]) * units.PSI
 """E_n [Pa] of the reference work's latex (Chambers 2021, chapter 6): the bladder of the design."""
 
-_UNITS = {
-    "force": {"N": 1.0, "kN": 1e3, "lbf": units.LBF},
-    "pressure": {
-        "Pa": 1.0,
-        "kPa": units.KILOPASCAL,
-        "MPa": units.MEGAPASCAL,
-        "bar": units.BAR,
-        "psi": units.PSI,
-    },
-    "largest_diameter": {"m": 1.0, "mm": units.MILLIMETRE, "in": units.INCH},
-}
-_FRACTIONS = ("contraction", "force_contraction")
 _POINTS = 41  # on each curve over contraction
-
-
-def parse_requirement(entries: Iterable[str]) -> Requirement:
-    """The requirement that entries such as `force_lbf=900` and `contraction=0.3` make.
-
-    Args:
-        entries: `key_unit=value`; keys pressure, force, contraction, largest_diameter and
-            force_contraction. Pressure is needed; without a force or contraction none is asked.
-
-    Raises:
-        CatalogueError: an entry that cannot be read, with what is known.
-
-    >>> parse_requirement(["pressure_psi=100", "contraction=0.3"]).contraction
-    0.3
-    """
-    given: dict[str, float] = {}
-    for entry in entries:
-        key, equals, text = (part.strip() for part in entry.partition("="))
-        name, _, unit = key.rpartition("_")
-        factors = _UNITS.get(name, {})
-        if key in _FRACTIONS:
-            name, factor = key, 1.0
-        elif unit in factors:
-            factor = factors[unit]
-        else:
-            known = [f"{n}_{'|'.join(f)}" for n, f in _UNITS.items()] + list(_FRACTIONS)
-            raise CatalogueError(f"unknown requirement {entry!r}; known are {', '.join(known)}")
-        if name in given:
-            raise CatalogueError(f"the requirement {name} is given twice")
-        try:
-            given[name] = float(text) * factor
-        except ValueError:
-            raise CatalogueError(f"requirement {entry!r}: {text!r} is not a number") from None
-        if not equals or not math.isfinite(given[name]):
-            raise CatalogueError(f"requirement {entry!r} must read key_unit=value, finite")
-    if "pressure" not in given:
-        raise CatalogueError("a requirement needs the pressure, as in --require pressure_psi=100")
-    try:
-        return Requirement(**{"force": 0.0, "contraction": 0.0, **given})
-    except ValueError as error:
-        raise CatalogueError(str(error)) from None
 
 
 def design_document(
@@ -88,6 +33,7 @@ def design_document(
     bundled: bool,
     rest_length: float,
     system: str,
+    tube: TubeOptions | None = None,
 ) -> dict[str, Any]:
     """Everything about the combinations of a catalogue that a designer asks for.
 
@@ -97,19 +43,26 @@ def design_document(
         bundled: whether the bundled catalogue is taken too.
         rest_length: active length L0 [m] for thread length and turns.
         system: "si", "metric" or "us".
+        tube: what is known of the swage tubes beyond the catalogue.
 
     Returns:
-        Rows by subject, JSON-ready: braid angles, geometry, performance, candidates, end-fittings.
+        Rows by subject, JSON-ready: braid angles, geometry, candidates, performance, end-fittings,
+        buckling of the tubes, safety factors; and `notes`, sentences on what was assumed.
     """
     catalogue = load_catalogue(list(catalogues), bundled=bundled)
     latex = PolynomialMaterial(LATEX)
     candidates = search(catalogue, requirement, material=latex)
+    strengths = tube_strengths(catalogue, tube)
+    factors = safety_factors(catalogue, requirement, candidates)
     return {
         "braid_angles": braid_angle_rows(catalogue, system=system),
         "geometry": geometry_rows(catalogue, rest_length, system=system),
         "candidates": candidate_rows(candidates, system=system),
         "performance": _performance(candidates, requirement.pressure, system),
         "end_fittings": _end_fittings(catalogue, system),
+        "tube_buckling": tube_buckling_rows(strengths, system=system),
+        "safety_factors": safety_factor_rows(factors, system=system),
+        "notes": assumption_notes(strengths),
     }
 
 
@@ -156,7 +109,7 @@ def design_picture(document: dict[str, Any], system: str) -> bytes:
     figure = Figure(figsize=(11, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
-    force, length = SYSTEMS[system]["force"][0], SYSTEMS[system]["length"][0]
+    force, length = unit_in(system, "force")[0], unit_in(system, "length")[0]
     pairs = dict.fromkeys((row["bladder"], row["braid"]) for row in document["performance"])
     braids = list(dict.fromkeys(braid for _, braid in pairs))
     bladders = list(dict.fromkeys(bladder for bladder, _ in pairs))

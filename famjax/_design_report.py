@@ -1,59 +1,28 @@
-"""Results of a design as plain rows, the unit in each key, for a table or a JSON file.
+"""Braids on bladders as plain rows, the unit in each key, for a table or a JSON file.
 
 A value that does not exist (a jammed braid has no force) is None.
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from . import units
 from ._catalogue import Catalogue, CatalogueBladder, CatalogueBraid
-from ._design import Candidate, Combination, Feasibility, fam_angle, feasibility
-from ._end_fitting import EndFitting
+from ._combination import Combination, Feasibility, fam_angle, feasibility
+from ._design_search import Candidate
+from ._design_units import Row, entry
 from ._material import AbstractMaterial
 from ._types import RealArray
 
-Row = dict[str, Any]
-
-SYSTEMS: dict[str, dict[str, tuple[str, float]]] = {
-    "si": {
-        "length": ("m", 1.0),
-        "force": ("N", 1.0),
-        "pressure": ("Pa", 1.0),
-        "angle": ("rad", 1.0),
-    },
-    "metric": {
-        "length": ("mm", units.MILLIMETRE),
-        "force": ("N", 1.0),
-        "pressure": ("kPa", units.KILOPASCAL),
-        "angle": ("deg", units.DEGREE),
-    },
-    "us": {
-        "length": ("in", units.INCH),
-        "force": ("lbf", units.LBF),
-        "pressure": ("psi", units.PSI),
-        "angle": ("deg", units.DEGREE),
-    },
+_KINDS = {
+    "braid": "length",
+    "force": "force",
+    "contraction": "number",
+    "largest_diameter": "length",
 }
-"""Unit, and its multiplier to SI, of each kind of quantity in a system of units."""
-
-
-def _unit(kind: str, system: str) -> tuple[str, float]:
-    if system not in SYSTEMS:
-        raise ValueError(f"system must be one of {', '.join(SYSTEMS)}; got {system!r}")
-    return SYSTEMS[system][kind]
-
-
-def _entry(name: str, value: float, kind: str, system: str) -> Row:
-    """One key with its unit and the value in it; None for nan. A "number" has no unit."""
-    unit, factor = ("", 1.0) if kind == "number" else _unit(kind, system)
-    scaled = float(value) / factor
-    return {f"{name}_{unit}" if unit else name: None if math.isnan(scaled) else scaled}
 
 
 def braid_angle_rows(
@@ -75,8 +44,8 @@ def braid_angle_rows(
     return [
         {
             "braid": braid.name,
-            **_entry("diameter", diameter, "length", system),
-            **_entry(
+            **entry("diameter", diameter, "length", system),
+            **entry(
                 "braid_angle",
                 float(fam_angle(diameter, braid.nominal_diameter)),
                 "angle",
@@ -102,11 +71,11 @@ def jamming_range_rows(catalogue: Catalogue, *, system: str = "si") -> list[Row]
     return [
         {
             "braid": braid.name,
-            **_entry("diameter", diameter, "length", system),
-            **_entry(
+            **entry("diameter", diameter, "length", system),
+            **entry(
                 "implied_angle", float(fam_angle(diameter, braid.nominal_diameter)), "angle", system
             ),
-            **_entry("printed_angle", printed, "angle", system),
+            **entry("printed_angle", printed, "angle", system),
         }
         for braid in catalogue.braids
         for diameter, printed in zip(
@@ -131,10 +100,10 @@ def geometry_rows(catalogue: Catalogue, rest_length: float, *, system: str = "si
                     "bladder": bladder.name,
                     "braid": braid.name,
                     "feasibility": str(fit),
-                    **_entry("braid_angle", float(combination.braid_angle), "angle", system),
-                    **_entry("thread_length", float(at_rest.rest_thread_length), "length", system),
-                    **_entry("turns", float(at_rest.turns), "number", system),
-                    **_entry("jamming_contraction", float(jamming), "number", system),
+                    **entry("braid_angle", float(combination.braid_angle), "angle", system),
+                    **entry("thread_length", float(at_rest.rest_thread_length), "length", system),
+                    **entry("turns", float(at_rest.turns), "number", system),
+                    **entry("jamming_contraction", float(jamming), "number", system),
                 }
             )
     return rows
@@ -168,9 +137,9 @@ def performance_rows(
     return [
         {
             "contraction": float(contraction),
-            **_entry("pressure", pressure, "pressure", system),
-            **_entry("force", force, "force", system),
-            **_entry("outer_diameter", diameter, "length", system),
+            **entry("pressure", pressure, "pressure", system),
+            **entry("force", force, "force", system),
+            **entry("outer_diameter", diameter, "length", system),
         }
         for contraction, force, diameter in zip(*map(np.asarray, columns), strict=True)
     ]
@@ -186,14 +155,6 @@ def _force_and_diameter(
     return combination.force(contraction, pressure, material), combination.outer_diameter(
         contraction
     )
-
-
-_KINDS = {
-    "braid": "length",
-    "force": "force",
-    "contraction": "number",
-    "largest_diameter": "length",
-}
 
 
 def candidate_rows(candidates: Iterable[Candidate], *, system: str = "si") -> list[Row]:
@@ -212,40 +173,20 @@ def candidate_rows(candidates: Iterable[Candidate], *, system: str = "si") -> li
             "braid": candidate.braid.name,
             "feasibility": str(candidate.feasibility),
             "meets": not candidate.failures,
-            **_entry("braid_angle", candidate.braid_angle, "angle", system),
-            **_entry("blocked_force", candidate.blocked_force, "force", system),
-            **_entry("force", candidate.force, "force", system),
-            **_entry("usable_contraction", candidate.usable_contraction, "number", system),
+            **entry("braid_angle", candidate.braid_angle, "angle", system),
+            **entry("blocked_force", candidate.blocked_force, "force", system),
+            **entry("force", candidate.force, "force", system),
+            **entry("usable_contraction", candidate.usable_contraction, "number", system),
             "jams": candidate.jams,
-            **_entry("outer_diameter", candidate.outer_diameter, "length", system),
+            **entry("outer_diameter", candidate.outer_diameter, "length", system),
             "fails": [
                 {
                     "requirement": failure.requirement,
-                    **_entry("required", failure.required, _KINDS[failure.requirement], system),
-                    **_entry("found", failure.found, _KINDS[failure.requirement], system),
+                    **entry("required", failure.required, _KINDS[failure.requirement], system),
+                    **entry("found", failure.found, _KINDS[failure.requirement], system),
                 }
                 for failure in candidate.failures
             ],
         }
         for candidate in candidates
-    ]
-
-
-def end_fitting_rows(fittings: Iterable[EndFitting], *, system: str = "si") -> list[Row]:
-    """The sizings of an end-fitting, in their order; sensitivities are per length of the radius."""
-    unit, factor = _unit("length", system)
-    return [
-        {
-            "tube": fitting.tube.name,
-            "bladder": fitting.bladder.name,
-            "braid": fitting.braid.name,
-            **_entry("diameter_on_braid", fitting.diameter_on_braid, "length", system),
-            **_entry("diameter_on_bladder", fitting.diameter_on_bladder, "length", system),
-            **_entry("bladder_bore", fitting.bladder.bore, "length", system),
-            "bore_stretch": fitting.bore_stretch,
-            "feasible": fitting.feasible,
-            f"braid_compression_per_{unit}": fitting.braid_sensitivity * factor,
-            f"bladder_compression_per_{unit}": fitting.bladder_sensitivity * factor,
-        }
-        for fitting in fittings
     ]

@@ -36,23 +36,25 @@ class Muscle(eqx.Module):
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         at = self.geometry.dimensions(length, pressure)
-        return self._braid_force(at, pressure) + self._bladder_force(at, pressure)
+        return self.braid_force_at(at, pressure) + self.bladder_force_at(at, pressure)
 
     def braid_force(self, length: Real, pressure: Real) -> RealArray:
         """Pull [N] of the pressurised braid alone, F_G at P - P_d, broadcast shape."""
-        return self._braid_force(self.geometry.dimensions(length, pressure), pressure)
+        return self.braid_force_at(self.geometry.dimensions(length, pressure), pressure)
 
     def bladder_force(self, length: Real, pressure: Real) -> RealArray:
         """Pull [N] of the bladder alone, broadcast shape; negative where it resists.
 
         Stresses that vary along the axis enter by their axial mean.
         """
-        return self._bladder_force(self.geometry.dimensions(length, pressure), pressure)
+        return self.bladder_force_at(self.geometry.dimensions(length, pressure), pressure)
 
-    def _braid_force(self, at: Dimensions, pressure: Real) -> RealArray:
+    def braid_force_at(self, at: Dimensions, pressure: Real) -> RealArray:
+        """`braid_force` [N] at known dimensions and gauge pressure P [Pa]."""
         return gaylord_force(pressure - self.deadband_pressure, at.radius, at.braid_angle)
 
-    def _bladder_force(self, at: Dimensions, pressure: Real) -> RealArray:
+    def bladder_force_at(self, at: Dimensions, pressure: Real) -> RealArray:
+        """`bladder_force` [N] at known dimensions and gauge pressure P [Pa]."""
         axial_stress, hoop_stress = self.material.stresses(
             at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
         )
@@ -115,3 +117,32 @@ class Muscle(eqx.Module):
             RuntimeError: the force has no zero, and `throw`.
         """
         return 1 - self.length_at_load(0.0, pressure, throw=throw) / self.geometry.rest_length
+
+    def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
+        """Gauge pressure [Pa] at which the force leaves zero at a held length: the onset.
+
+        Args:
+            length: active length L [m].
+            highest: pressure [Pa] up to which the onset is looked for.
+            throw: raise where there is none; if False, return nan there.
+
+        Returns:
+            P [Pa], broadcast shape; differentiable in length and every number of the muscle.
+
+        Raises:
+            RuntimeError: the force has no zero between 0 and `highest`, and `throw`.
+        """
+        lengths, tops = jnp.broadcast_arrays(as_real(length), as_real(highest))
+
+        def one(length: RealArray, top: RealArray) -> tuple[RealArray, Array]:
+            return longest_equilibrium(
+                lambda pressure: self.force(length, pressure),
+                jnp.zeros_like(top),
+                top,
+                jnp.zeros_like(top),
+            )
+
+        pressure, found = jax.vmap(one)(lengths.ravel(), tops.ravel())
+        if throw:
+            pressure = required(pressure, found, "onset pressure")
+        return pressure.reshape(lengths.shape)

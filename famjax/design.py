@@ -8,40 +8,60 @@ from ._catalogue import (
     CatalogueBladder as CatalogueBladder,
     CatalogueBraid as CatalogueBraid,
     CatalogueError as CatalogueError,
+    CatalogueTest as CatalogueTest,
     CatalogueTube as CatalogueTube,
-    load_catalogue as load_catalogue,
 )
-from ._design import (
-    Candidate as Candidate,
+from ._catalogue_file import load_catalogue as load_catalogue
+from ._combination import (
     Combination as Combination,
-    Failure as Failure,
     Feasibility as Feasibility,
-    Requirement as Requirement,
     fam_angle as fam_angle,
     feasibility as feasibility,
-    search as search,
 )
 from ._design_report import (
     braid_angle_rows as braid_angle_rows,
     candidate_rows as candidate_rows,
-    end_fitting_rows as end_fitting_rows,
     geometry_rows as geometry_rows,
     jamming_range_rows as jamming_range_rows,
     performance_rows as performance_rows,
 )
+from ._design_search import (
+    Candidate as Candidate,
+    Failure as Failure,
+    Requirement as Requirement,
+    search as search,
+)
 from ._end_fitting import (
     EndFitting as EndFitting,
-    TubeBuckling as TubeBuckling,
     bladder_compression as bladder_compression,
     braid_compression as braid_compression,
     compression_sensitivity as compression_sensitivity,
-    euler_load as euler_load,
     fitting_diameter_on_bladder as fitting_diameter_on_bladder,
     fitting_diameter_on_braid as fitting_diameter_on_braid,
-    safety_factor as safety_factor,
     size_end_fittings as size_end_fittings,
     swaged_bore as swaged_bore,
     swaged_thickness as swaged_thickness,
+)
+from ._end_fitting_report import (
+    end_fitting_rows as end_fitting_rows,
+    safety_factor_rows as safety_factor_rows,
+    tube_buckling_rows as tube_buckling_rows,
+)
+from ._safety import (
+    SafetyFactor as SafetyFactor,
+    safety_factor as safety_factor,
+    safety_factors as safety_factors,
+)
+from ._tube_buckling import (
+    TubeBuckling as TubeBuckling,
+    euler_load as euler_load,
     tube_buckling as tube_buckling,
     tube_second_moment as tube_second_moment,
+    yield_load as yield_load,
+)
+from ._tube_strength import (
+    TubeOptions as TubeOptions,
+    TubeStrength as TubeStrength,
+    assumption_notes as assumption_notes,
+    tube_strengths as tube_strengths,
 )

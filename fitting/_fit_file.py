@@ -14,6 +14,7 @@ import famjax
 
 from ._csv import specimen_as_dict
 from ._errors import InputError
+from ._evidence import Evidence, evidence_as_dict, evidence_warnings
 from ._muscle_card import muscle_as_dict, muscle_from_dict
 from ._result import Estimate, Identification
 from ._units import SYSTEMS, UNITS, from_si
@@ -35,11 +36,11 @@ def all_estimates(result: Identification) -> tuple[Estimate, ...]:
     for pressure, values, errors in zip(
         result.node_pressures, result.coefficients, result.coefficients_stderr, strict=True
     ):
-        for n, (value, error) in enumerate(zip(values, errors, strict=True), 1):
-            name = f"E_{n}_at_{pressure / 1e3:.6g}kPa"
+        for name, value, error in zip(result.law.coefficients, values, errors, strict=True):
+            at = f"{name}_at_{pressure / 1e3:.6g}kPa"
             nodes.append(
                 Estimate(
-                    name, float(value), float(error), -math.inf, math.inf, False, False, "stress"
+                    at, float(value), float(error), -math.inf, math.inf, False, False, "stress"
                 )
             )
     return result.estimates + tuple(nodes)
@@ -60,10 +61,13 @@ def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
         "min": scaled(estimate.min),
         "max": scaled(estimate.max),
         "fixed": estimate.fixed,
+        "prior": None if estimate.prior is None else [scaled(v) for v in estimate.prior],
     }
 
 
-def summary_as_dict(result: Identification, system: str = "si") -> dict[str, Any]:
+def summary_as_dict(
+    result: Identification, system: str = "si", evidence: Evidence | None = None
+) -> dict[str, Any]:
     """The figures of a fit as one flat JSON object; parameters in the unit system, the rest SI."""
     errors, certificate = result.errors, result.certificate
     fixed = result.node_pressures is None
@@ -83,7 +87,7 @@ def summary_as_dict(result: Identification, system: str = "si") -> dict[str, Any
         "node_pressures_Pa": None if fixed else np.asarray(result.node_pressures).tolist(),
         "strain_range": result.strain_range,
         "stability_margin_Pa": certificate.stability_margin,
-        "slope_margin_Pa": certificate.slope_margin,
+        "slope_margin_Pa": finite_or_none(certificate.slope_margin),
         "constraint_margin_Pa": finite_or_none(certificate.constraint_margin),
         "kkt_residual": certificate.kkt_residual,
         "duality_gap": certificate.duality_gap,
@@ -91,17 +95,22 @@ def summary_as_dict(result: Identification, system: str = "si") -> dict[str, Any
         "condition": finite_or_none(certificate.condition),
         "n_starts": certificate.n_starts,
         "n_starts_agreeing": certificate.n_agreeing,
+        "law": type(result.law).__name__,
         "order": result.order,
+        "n_parameters": result.n_parameters,
+        "series_compliance_m_per_N": result.series_compliance,
+        "length_offsets_m": result.length_offsets.tolist(),
         "constraint": result.constraint,
         "dependence": result.dependence,
         "box": result.box,
         "active_constraints": list(result.active_constraints),
         "converged": result.converged,
-        "warnings": list(result.warnings),
+        "warnings": [*result.warnings, *evidence_warnings(evidence or Evidence(), result)],
+        **evidence_as_dict(evidence or Evidence()),
     }
 
 
-def fit_as_dict(result: Identification) -> dict[str, Any]:
+def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dict[str, Any]:
     """The whole content of `fit.json`, in SI."""
     data = result.data
     readings = {
@@ -124,7 +133,7 @@ def fit_as_dict(result: Identification) -> dict[str, Any]:
             "readings": readings,
         },
         "seed": result.seed,
-        **summary_as_dict(result),
+        **summary_as_dict(result, evidence=evidence),
         "residuals_N": result.residuals.tolist(),
         "start_objectives": result.starts.tolist(),
         "muscle": muscle_as_dict(result.muscle),

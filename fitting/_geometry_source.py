@@ -1,27 +1,31 @@
-"""From identified geometry parameters to a geometry: which of the four a fit is made with."""
+"""From identified parameters to a geometry: which of the four a fit is made with."""
 
 import abc
+from collections.abc import Mapping
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 import famjax
 
 from ._data import Specimen
 
+Values = Mapping[str, famjax.Real]
+"""Parameters of one specimen by name, SI."""
+
 
 class AbstractGeometrySource(eqx.Module):
-    """Makes a geometry of the braid diameter D0 [m] and braid angle theta0 [rad] at rest."""
+    """Makes a geometry of a specimen's parameters."""
 
     @abc.abstractmethod
-    def geometry(
-        self, diameter: Float[Array, ""], braid_angle: Float[Array, ""]
-    ) -> famjax.AbstractGeometry:
-        """The geometry of these two parameters."""
+    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+        """The geometry of these parameters [SI]; those it does not know are ignored."""
 
 
 class EstimatedSource(AbstractGeometrySource):
     """A cylinder in a braid that follows from D0 and theta0: both estimated geometries.
+
+    It reads `braid_diameter` and `braid_angle`, both of the unloaded threads, and where they are
+    given `rest_length`, `end_factor` and `braid_compliance`.
 
     Attributes:
         specimen: rest length, wall and place of the bladder.
@@ -40,29 +44,36 @@ class EstimatedSource(AbstractGeometrySource):
                 "give neither for inextensible threads"
             )
 
-    def geometry(
-        self, diameter: Float[Array, ""], braid_angle: Float[Array, ""]
-    ) -> famjax.AbstractGeometry:
-        """The cylinder with that braid; D0 and theta0 belong to the unloaded threads."""
-        specimen = self.specimen
-        braid: famjax.AbstractBraid = famjax.Braid.from_rest(
-            diameter=diameter,
-            braid_angle=braid_angle,
-            length=specimen.rest_length,
-            thickness=specimen.braid_thickness,
-        )
-        if self.thread is not None and self.n_threads is not None:
-            braid = famjax.ElasticBraid(
-                braid.rest_thread_length, braid.turns, braid.thickness, self.n_threads, self.thread
-            )
+    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+        """The cylinder with that braid, behind its end effect if there is one."""
+        specimen, diameter = self.specimen, values["braid_diameter"]
+        rest_length = values.get("rest_length", specimen.rest_length)
         inset = 0.0 if specimen.embedded else 2 * specimen.braid_thickness
         bladder = famjax.Bladder(
-            rest_length=specimen.rest_length,
+            rest_length=rest_length,
             rest_diameter=specimen.bladder_diameter or diameter - inset,
             rest_thickness=specimen.wall_thickness,
             embedded=specimen.embedded,
         )
-        return famjax.EstimatedGeometry(braid, bladder)
+        cylinder = famjax.EstimatedGeometry(self._braid(values, rest_length), bladder)
+        if "end_factor" in values:
+            return famjax.EndEffectGeometry(cylinder, values["end_factor"])
+        return cylinder
+
+    def _braid(self, values: Values, rest_length: famjax.Real) -> famjax.AbstractBraid:
+        braid = famjax.Braid.from_rest(
+            diameter=values["braid_diameter"],
+            braid_angle=values["braid_angle"],
+            length=rest_length,
+            thickness=self.specimen.braid_thickness,
+        )
+        if self.thread is not None and self.n_threads is not None:
+            return famjax.ElasticBraid(
+                braid.rest_thread_length, braid.turns, braid.thickness, self.n_threads, self.thread
+            )
+        if "braid_compliance" in values:
+            return famjax.CompliantBraid.of(braid, values["braid_compliance"])
+        return braid
 
 
 class KnownSource(AbstractGeometrySource):
@@ -74,9 +85,7 @@ class KnownSource(AbstractGeometrySource):
 
     known: famjax.AbstractGeometry
 
-    def geometry(
-        self, diameter: Float[Array, ""], braid_angle: Float[Array, ""]
-    ) -> famjax.AbstractGeometry:
+    def geometry(self, values: Values) -> famjax.AbstractGeometry:
         """The known geometry."""
-        del diameter, braid_angle
+        del values
         return self.known

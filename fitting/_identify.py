@@ -1,43 +1,44 @@
-"""Identification of a muscle from a force map: geometry outside, a certified convex fit inside."""
+"""Identification of muscles from force maps: geometry outside, a certified convex fit inside."""
 
-import math
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import famjax
 
+from ._build import EXCHANGES, build_search
+from ._checks import (
+    check_count,
+    check_lengths,
+    check_options,
+    check_priors,
+    check_solvable,
+    check_source,
+    known_bounds,
+)
 from ._data import ForceData
 from ._errors import InputError
 from ._geometry_source import AbstractGeometrySource, EstimatedSource, KnownSource
-from ._parameters import GEOMETRY, Bounds, coefficient_names, complete_bounds
-from ._problem import (
-    CONSTRAINTS,
-    DEPENDENCES,
-    Constraint,
-    PressureDependence,
-    build_problem,
-    geometry_bounds,
-)
-from ._qp import Status
+from ._laws import AbstractLaw, law_named
+from ._parameters import Entry, Parameter, complete_table
 from ._result import Identification
-from ._search import Search, descend, latin_hypercube, refine, solve
+from ._search import best_of, descend, latin_hypercube, refine
 from ._summary import summarise
-
-_MAX_ORDER = 8
-_SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
 
 def identify(
     data: ForceData,
     *,
-    order: int = 3,
+    law: str | AbstractLaw = "polynomial",
+    order: int | None = None,
     constraint: str = "drucker",
     dependence: str = "fixed",
     box: str = "physical",
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    parameters: Mapping[str, Parameter] | None = None,
+    noise: float | None = None,
     geometry: AbstractGeometrySource | famjax.AbstractGeometry | None = None,
     starts: int = 16,
     seed: int = 0,
@@ -45,20 +46,29 @@ def identify(
 ) -> Identification:
     """The muscle that fits a force map best, among those that satisfy the constraint.
 
-    The force is linear in the coefficients E_n: for every geometry they are the certified optimum
-    of a convex programme. The geometry (braid diameter, braid angle, deadband) is sought from many
-    starts by Gauss-Newton with derivatives through that programme (variable projection).
+    The force is linear in the coefficients of the law: for every geometry they are the certified
+    optimum of a convex programme. The nonlinear parameters (braid diameter, braid angle, deadband,
+    and those that `parameters` names) are sought from many starts by Gauss-Newton with derivatives
+    through that programme (variable projection).
 
     Args:
         data: the force map; slack readings are censored.
-        order: of the stress law, 1 to 8.
-        constraint: "none", "positive" (E_n >= 0), "slope" (rising stress on the strain range) or
-            "drucker" (positive second-order work along the actuation path). It holds between the
-            stations as well.
-        dependence: of the coefficients on pressure: "fixed" (none), "linear" or "free".
-        box: "physical" or "open", see `default_bounds`.
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", or a law.
+        order: of the polynomial law, 1 to 8; 3 unless given.
+        constraint: "none", "positive" (every coefficient >= 0), "slope" (rising stress on the
+            strain range) or "drucker" (positive second-order work along the actuation path). It
+            holds between the stations as well.
+        dependence: of the polynomial's coefficients on pressure: "fixed" (none), "linear" or
+            "free".
+        box: "physical" or "open", see `standard_table`.
         bounds: intervals (min, max) in SI by parameter name, which replace those of the box; an
             interval of one value holds the parameter there.
+        parameters: the same with units, held values and priors. Naming one of these makes it take
+            part: `rest_length`, `end_factor` (k of Tondu & Lopez), `braid_compliance` (of all
+            threads), `series_compliance` (of the rig), `length_offset` (one for each length, with
+            a prior).
+        noise: standard deviation of one reading [N], against which priors are weighed; needed
+            with priors where the data have no `force_std`.
         geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
             braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
             such as a `famjax.MeasuredGeometry`: as it is, and only the deadband is identified.
@@ -76,149 +86,152 @@ def identify(
     References:
         Golub & Pereyra 1973 (variable projection); Chambers 2021, chapter 7.
     """
-    if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError(
-            "identification needs float64, and JAX computes in float32 by default. Put this line "
-            'before any other use of JAX: jax.config.update("jax_enable_x64", True)'
-        )
-    constraint, dependence = _check_options(order, constraint, dependence, starts)
     given = dict(bounds or {})
     if isinstance(geometry, famjax.AbstractGeometry):
-        given |= _known_bounds(data, geometry)
+        given |= known_bounds(data, geometry)
         geometry = KnownSource(geometry)
+    chosen = law_named(law, order)
+    rows = {**chosen.shape, **chosen.coefficients}
+    table = complete_table(data.specimen, box, rows, given, parameters or {})
     source = EstimatedSource(data.specimen) if geometry is None else geometry
-    limits = complete_bounds(data.specimen, box, order, given)
-    _check_lengths(data, limits)
-    _check_count(data, order, dependence, limits)
-    problem = build_problem(
-        data,
-        order=order,
-        constraint=constraint,
-        dependence=dependence,
-        bounds=limits,
-        source=source,
-    )
-    search = Search.in_box(problem, *geometry_bounds(limits))
-    _check_solvable(search)
-    ends = descend(search, latin_hypercube(len(search.free), starts, seed), progress)
-    best, search = refine(search, ends)
-    return summarise(data, search, best, ends, limits, dependence, box, seed)
+    request = Request((data,), (source,), table, chosen, constraint, dependence, box, noise)
+    return request.run(starts, seed, progress)[0]
 
 
-def _check_options(
-    order: int, constraint: str, dependence: str, starts: int
-) -> tuple[Constraint, PressureDependence]:
-    """The named choices, if they are among those there are."""
-    if not 1 <= order <= _MAX_ORDER:
-        raise InputError(f"the order of the law lies between 1 and {_MAX_ORDER}, got {order}")
-    if constraint not in CONSTRAINTS:
-        raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
-    if dependence not in DEPENDENCES:
-        raise InputError(
-            f"the pressure dependence is one of {', '.join(DEPENDENCES)}, got {dependence!r}"
-        )
-    if starts < 1:
-        raise InputError(f"at least one start is needed, got {starts}")
-    return constraint, dependence
+def identify_together(
+    data: Sequence[ForceData],
+    *,
+    own: Sequence[str] = ("deadband_pressure",),
+    own_law: bool = False,
+    law: str | AbstractLaw = "polynomial",
+    order: int | None = None,
+    constraint: str = "drucker",
+    box: str = "physical",
+    parameters: Mapping[str, Parameter] | None = None,
+    noise: float | None = None,
+    starts: int = 16,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Identification, ...]:
+    """Several specimens identified at once, with shared and own parameters.
+
+    Args:
+        data: one force map for each specimen, with different names.
+        own: parameters that each specimen has for itself; all others are shared.
+        own_law: whether each specimen has its own coefficients of the law.
+        law: as in `identify`, and all that follows.
+        order: of the polynomial law.
+        constraint: on the coefficients.
+        box: of the standard bounds; those of a shared parameter are the first specimen's.
+        parameters: bounds, held values and priors, the same for every specimen.
+        noise: standard deviation of one reading [N].
+        starts: number of starts.
+        seed: of the starts.
+        progress: called with (starts done, starts).
+
+    Returns:
+        One identification for each specimen. Shared parameters, certificate and starts are the
+        same in all; an own parameter is called `name[specimen]`.
+
+    Raises:
+        InputError: the data cannot support the fit, with the reason.
+        RuntimeError: float64 is off.
+    """
+    names = [one.specimen.name for one in data]
+    if len(set(names)) < len(names) or not names:
+        raise InputError(f"specimens identified together need different names, got {names}")
+    chosen = law_named(law, order)
+    rows = {**chosen.shape, **chosen.coefficients}
+    tables = [complete_table(d.specimen, box, rows, {}, parameters or {}) for d in data]
+    unknown = sorted(set(own) - set(tables[0]))
+    if unknown:
+        raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
+    mixed = [n for n in own if n in rows]
+    if mixed:
+        raise InputError(f"{mixed[0]} belongs to the law: use own_law=True")
+    table: dict[str, Entry] = {}
+    for name, entry in tables[0].items():
+        if name in own:
+            table |= {f"{name}[{who}]": of[name] for who, of in zip(names, tables, strict=True)}
+        else:
+            table[name] = entry
+    sources = tuple(EstimatedSource(one.specimen) for one in data)
+    request = Request(tuple(data), sources, table, chosen, constraint, "fixed", box, noise, own_law)
+    return request.run(starts, seed, progress)
 
 
-def _known_bounds(
-    data: ForceData, geometry: famjax.AbstractGeometry
-) -> dict[str, tuple[float, float]]:
-    """Diameter and angle of a known geometry at rest and without pressure, as held parameters."""
-    rest = float(geometry.rest_length)
-    if abs(rest / data.specimen.rest_length - 1) > _SAME_LENGTH:
-        raise InputError(
-            f"the geometry's rest length, {rest * 1e3:.6g} mm, must be the specimen's, "
-            f"{data.specimen.rest_length * 1e3:.6g} mm: set rest_length of the specimen"
-        )
-    at = geometry.dimensions(rest, 0.0)
-    diameter, angle = 2 * float(at.radius), float(at.braid_angle)
-    return {"braid_diameter": (diameter, diameter), "braid_angle": (angle, angle)}
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What is to be identified, complete and checked; `run` does it.
 
+    Attributes:
+        data: force maps.
+        sources: what their geometries follow from.
+        table: all parameters in SI, the coefficients last.
+        law: family of the law.
+        constraint, dependence, box: as given.
+        noise: of a reading [N], or None.
+        own_law: whether each specimen has its own coefficients.
+    """
 
-def _check_lengths(data: ForceData, limits: dict[str, Bounds]) -> None:
-    """Every length must be within what a braid in the box can reach."""
-    rest, steepest = data.specimen.rest_length, limits["braid_angle"].max
-    longest = rest / math.sin(steepest)
-    longest_reading = int(np.argmax(data.length))
-    if data.length[longest_reading] >= longest:
-        raise InputError(
-            f"reading {longest_reading + 1} has the length {data.length[longest_reading] * 1e3:.5g} "
-            f"mm, longer than its thread: with a rest length of {rest * 1e3:.5g} mm and a braid "
-            f"angle of at most {math.degrees(steepest):.4g} deg one thread has {longest * 1e3:.5g} "
-            "mm. Check the unit of the length column and the rest length"
-        )
-    shortest = longest * math.sin(famjax.NEUTRAL_ANGLE)
-    pulling = np.where(data.loaded, data.length, np.inf)
-    reading = int(np.argmin(pulling))
-    if pulling[reading] <= shortest:
-        raise InputError(
-            f"reading {reading + 1} pulls at the length {pulling[reading] * 1e3:.5g} mm, a "
-            f"contraction of {1 - pulling[reading] / rest:.3f}, but no braid of at most "
-            f"{math.degrees(steepest):.4g} deg pulls when shorter than {shortest * 1e3:.5g} mm "
-            f"(rest length {rest * 1e3:.5g} mm). Check the lengths and the rest length"
-        )
+    data: tuple[ForceData, ...]
+    sources: tuple[AbstractGeometrySource, ...]
+    table: dict[str, Entry]
+    law: AbstractLaw
+    constraint: str
+    dependence: str
+    box: str
+    noise: float | None
+    own_law: bool = False
 
-
-def _check_count(
-    data: ForceData, order: int, dependence: PressureDependence, limits: dict[str, Bounds]
-) -> None:
-    """There must be more readings than parameters, and pressures for a law that depends on them."""
-    pressures = data.pressure[data.loaded]
-    levels = np.unique(pressures)
-    if dependence != "fixed" and levels.size < 2:
-        raise InputError(
-            f"a law that is {dependence} in pressure needs readings at two pressures or more; all "
-            f"{pressures.size} loaded readings are at {levels[0] / 1e3:.5g} kPa. Use a law that "
-            "does not depend on pressure (--dependence fixed)"
-        )
-    free_geometry = sum(not limits[name].fixed for name in GEOMETRY)
-    free_coefficients = sum(not limits[name].fixed for name in coefficient_names(order))
-    nodes = {"fixed": 1, "linear": 2, "free": levels.size}[dependence]
-    unknowns = free_geometry + nodes * free_coefficients
-    if pressures.size < unknowns:
-        raise InputError(
-            f"{pressures.size} loaded readings cannot determine {unknowns} parameters "
-            f"({free_geometry} of the geometry, {nodes * free_coefficients} coefficients): give "
-            "more readings, a lower order, or fix parameters by bounds"
-        )
-    if unknowns == 0:
-        raise InputError("every parameter is fixed by its bounds: there is nothing to identify")
-    rest = data.specimen.rest_length
-    lengths = np.unique(data.length[data.loaded & (data.length != rest)])
-    if lengths.size < order:
-        raise InputError(
-            f"a law of order {order} needs loaded readings at {order} or more lengths away from the "
-            f"rest length, {rest * 1e3:.5g} mm, where the bladder is not strained; there are "
-            f"{lengths.size}. Use a lower order, or measure at more lengths"
-        )
-    if dependence == "free":
-        strained = data.loaded & (data.length != rest)
-        known = np.array(
-            [np.unique(data.length[strained & (data.pressure == P)]).size for P in levels]
-        )
-        poor = levels[known < order] / 1e3
-        if poor.size:
-            raise InputError(
-                f"free coefficients need loaded readings at {order} or more lengths away from the "
-                f"rest length at every pressure; too few at {', '.join(f'{P:.4g}' for P in poor)} "
-                "kPa. Use --dependence linear, a lower order, or leave those pressures out"
+    def run(
+        self, starts: int, seed: int, progress: Callable[[int, int], None] | None
+    ) -> tuple[Identification, ...]:
+        """The identifications, one for each force map."""
+        if not jax.config.read("jax_enable_x64"):
+            raise RuntimeError(
+                "identification needs float64, and JAX computes in float32 by default. Put this "
+                "line before any other use of JAX: "
+                'jax.config.update("jax_enable_x64", True)'
             )
-
-
-def _check_solvable(search: Search) -> None:
-    """The convex fit must have a solution in the middle of the box."""
-    middle = search.low + (search.high - search.low) / 2
-    offsets = search.problem.programmes(middle)[1]
-    lost = np.flatnonzero(~np.isfinite(np.asarray(jnp.sum(offsets, axis=0))))
-    if lost.size:
-        raise InputError(
-            f"the geometry has no dimensions at the loaded reading {lost[0] + 1} (length "
-            f"{float(search.problem.length[lost[0]]) * 1e3:.5g} mm): the bladder does not fit in the "
-            "braid there, or the length is outside what was measured"
+        constraint, dependence = check_options(self.law, self.constraint, self.dependence, starts)
+        table = self._with_offsets()
+        for data, source in zip(self.data, self.sources, strict=True):
+            own = {
+                name.removesuffix(f"[{data.specimen.name}]"): entry
+                for name, entry in table.items()
+                if "[" not in name or name.endswith(f"[{data.specimen.name}]")
+            }
+            check_source(source, self.table)
+            check_lengths(data, own)
+            check_priors(data, own, self.noise)
+            check_count(data, self.law, dependence, own)
+        search = build_search(
+            self.data,
+            self.sources,
+            table,
+            self.law,
+            constraint=constraint,
+            dependence=dependence,
+            own_law=self.own_law,
+            noise=self.noise or 1.0,
         )
-    statuses = [Status(int(code)) for code in np.unique(solve(search.problem, middle).status)]
-    worst = statuses[-1]
-    if worst in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
-        raise InputError(worst.message)
+        check_solvable(search)
+        ends = descend(search, latin_hypercube(len(search.free), starts, seed), progress)
+        best, search = refine(search, best_of(ends), EXCHANGES)
+        return summarise(
+            self.data, search, best, ends, table, dependence=dependence, box=self.box, seed=seed
+        )
+
+    def _with_offsets(self) -> dict[str, Entry]:
+        """The table with one offset for each distinct length in place of `length_offset`."""
+        if "length_offset" not in self.table:
+            return self.table
+        one = self.table["length_offset"]
+        table = {n: entry for n, entry in self.table.items() if n != "length_offset"}
+        linear = {n: table.pop(n) for n in self.law.coefficients}
+        for data in self.data:
+            tag = f"[{data.specimen.name}]" if len(self.data) > 1 else ""
+            for length in np.unique(data.length[data.loaded]):
+                table[f"length_offset_at_{length * 1e3:.6g}mm{tag}"] = one
+        return table | linear

@@ -1,5 +1,6 @@
 """The stability margin between grid points: where on the actuation path the law is weakest."""
 
+import functools
 from collections.abc import Callable
 
 import equinox as eqx
@@ -9,7 +10,8 @@ from jaxtyping import Array, Float
 
 import famjax
 
-from ._problem import Problem
+from ._part import Part
+from ._problem import Problem, tangent_modulus
 
 _GRID = 1025
 _ZOOM = 33
@@ -46,38 +48,77 @@ def smallest_on_path(
 
 @eqx.filter_jit
 def _path_moduli(
-    problem: Problem, muscle: famjax.Muscle, stations: Float[Array, "*paths k"]
+    part: Part,
+    parameters: Float[Array, " q"],
+    material: famjax.AbstractMaterial,
+    stations: Float[Array, "*paths k"],
 ) -> Float[Array, "*paths k"]:
-    at = eqx.tree_at(lambda p: p.stations, problem, stations)
+    at = eqx.tree_at(lambda p: p.stations, part, stations)
     return famjax.path_modulus(
-        muscle.material, muscle.geometry, at.path_lengths(), problem.path_pressure[..., None]
+        material,
+        part.source.geometry(part.values(parameters)),
+        at.path_lengths(parameters),
+        part.path_pressure[..., None],
     )
 
 
 @eqx.filter_jit
-def _largest_strain(problem: Problem, geometry: Float[Array, " 3"]) -> Float[Array, "blocks paths"]:
-    return problem.largest_strain(geometry)
+def _largest_strain(part: Part, parameters: Float[Array, " q"]) -> Float[Array, "blocks paths"]:
+    return part.largest_strain(parameters)
+
+
+_tangent_modulus = eqx.filter_jit(tangent_modulus)
+
+Found = list[tuple[Float[np.ndarray, "blocks paths"], Float[np.ndarray, "blocks paths"]]]
+"""For each part: the stations in [0, 1] at which its paths are weakest, and the moduli [Pa]."""
 
 
 def path_margin(
-    problem: Problem, geometry: Float[Array, " 3"], muscle: famjax.Muscle
-) -> tuple[Float[np.ndarray, "blocks paths"], Float[np.ndarray, "blocks paths"]]:
-    """Smallest modulus along each actuation path [Pa] and its station in [0, 1]: Drucker >= 0."""
-    del geometry
-    return smallest_on_path(
-        lambda stations: _path_moduli(problem, muscle, stations), problem.path_end.shape
-    )
+    problem: Problem, parameters: Float[Array, " q"], x: Float[Array, "blocks n"]
+) -> Found:
+    """Smallest modulus along each actuation path: Drucker-stable where >= 0."""
+    return [
+        smallest_on_path(
+            functools.partial(_path_moduli, part, parameters, material), part.path_end.shape
+        )
+        for part, material in zip(problem.parts, problem.materials(parameters, x), strict=True)
+    ]
 
 
 def slope_margin(
-    problem: Problem, geometry: Float[Array, " 3"], muscle: famjax.Muscle
-) -> tuple[Float[np.ndarray, "blocks paths"], Float[np.ndarray, "blocks paths"]]:
-    """Smallest tangent modulus [Pa] on [0, largest strain] of each path, and its part of it.
+    problem: Problem, parameters: Float[Array, " q"], x: Float[Array, "blocks n"]
+) -> Found:
+    """Smallest tangent modulus on [0, largest strain] of each path; nan where directions interact.
 
-    Exact: the minimum of a polynomial is at an end or at a real root of its derivative.
+    Exact for polynomials: the minimum is at an end or at a real root of the derivative.
     """
-    largest = np.asarray(_largest_strain(problem, geometry))
-    coefficients = _coefficients_on_paths(problem, muscle)
+    found = []
+    for part, material in zip(problem.parts, problem.materials(parameters, x), strict=True):
+        largest = np.asarray(_largest_strain(part, parameters))
+        if isinstance(material, famjax.PolynomialMaterial):
+            coefficients = np.broadcast_to(
+                material.coefficients, (*largest.shape, *material.coefficients.shape)
+            )
+            found.append(_polynomial_slope(coefficients, largest))
+        elif isinstance(material, famjax.PressurePolynomialMaterial):
+            coefficients = np.asarray(material.coefficients_at(part.path_pressure))
+            found.append(_polynomial_slope(coefficients, largest))
+        elif isinstance(material, famjax.AbstractUniaxialLaw):
+
+            def at_stations(
+                stations: Float[Array, "*paths k"], material=material, largest=largest
+            ) -> Float[Array, "*paths k"]:
+                return _tangent_modulus(material, stations * largest[..., None])
+
+            found.append(smallest_on_path(at_stations, largest.shape))
+        else:
+            found.append((np.zeros(largest.shape), np.full(largest.shape, np.nan)))
+    return found
+
+
+def _polynomial_slope(
+    coefficients: np.ndarray, largest: np.ndarray
+) -> tuple[Float[np.ndarray, "blocks paths"], Float[np.ndarray, "blocks paths"]]:
     position, value = np.zeros(largest.shape), np.zeros(largest.shape)
     for index in np.ndindex(largest.shape):
         tangent = np.polynomial.Polynomial([0.0, *coefficients[index]]).deriv()
@@ -90,12 +131,3 @@ def slope_margin(
         value[index] = moduli[weakest]
         position[index] = strains[weakest] / largest[index] if largest[index] > 0 else 0.0
     return position, value
-
-
-def _coefficients_on_paths(problem: Problem, muscle: famjax.Muscle) -> np.ndarray:
-    """Coefficients [Pa] at the pressure of each path, shape (blocks, paths, order)."""
-    material = muscle.material
-    if isinstance(material, famjax.PressurePolynomialMaterial):
-        return np.asarray(material.coefficients_at(problem.path_pressure))
-    assert isinstance(material, famjax.PolynomialMaterial)
-    return np.broadcast_to(material.coefficients, (*problem.path_end.shape, problem.order))

@@ -1,11 +1,38 @@
-"""What a person types for bounds and specimen, as numbers in SI."""
+"""What a person types for parameters and specimen, as numbers in SI."""
 
 from collections.abc import Iterable
 
 from ._csv import parse_specimen as parse_specimen
 from ._errors import InputError
-from ._parameters import KINDS
+from ._laws import LAWS
+from ._parameters import KINDS, Parameter
 from ._units import UNITS, to_si
+
+
+def _kinds() -> dict[str, str]:
+    """Kind of unit of every parameter that any fit may have, the polynomial's aside."""
+    kinds = dict(KINDS)
+    for law in LAWS.values():
+        made = law()
+        kinds |= {name: entry.kind for name, entry in {**made.shape, **made.coefficients}.items()}
+    return kinds
+
+
+def _name_and_unit(key: str, entry: str, what: str) -> tuple[str, str, str]:
+    """Name, unit and kind of a key such as `braid_diameter_mm`, or `end_factor` without a unit."""
+    kinds = _kinds()
+    if kinds.get(key) == "number":
+        return key, "", "number"
+    name, _, unit = key.rpartition("_")
+    kind = kinds.get(name, "stress" if name.startswith("E_") else None)
+    if key in kinds:
+        known = ", ".join(UNITS[kinds[key]])
+        raise InputError(f"{what} {entry!r}: {key} needs a unit, one of {known}, as in "
+                         f"{key}_{UNITS[kinds[key]][-1]}=...")  # fmt: skip
+    if kind is None:
+        known = ", ".join(f"{n}_{UNITS[k][0]}".rstrip("_") for n, k in kinds.items())
+        raise InputError(f"{what} {entry!r}: unknown parameter; known, with any unit: {known}")
+    return name, unit, kind
 
 
 def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
@@ -22,13 +49,9 @@ def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
     bounds: dict[str, tuple[float, float]] = {}
     for entry in entries:
         key, equals, interval = entry.partition("=")
-        name, _, unit = key.strip().rpartition("_")
-        if not equals or not name:
+        if not equals or not key.strip():
             raise InputError(f"bounds {entry!r} must read name_unit=min:max, as in E_1_MPa=0:10")
-        kind = KINDS.get(name, "stress" if name.startswith("E_") else None)
-        if kind is None:
-            known = ", ".join([*(f"{n}_{UNITS[k][0]}" for n, k in KINDS.items()), "E_1_MPa, ..."])
-            raise InputError(f"bounds {entry!r}: unknown parameter; known, with any unit: {known}")
+        name, unit, kind = _name_and_unit(key.strip(), entry, "bounds")
         if name in bounds:
             raise InputError(f"bounds of {name} are given twice")
         ends = interval.split(":")
@@ -40,3 +63,42 @@ def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
             raise InputError(f"bounds {entry!r}: {interval!r} is not min:max")
         bounds[name] = (to_si(low, unit, kind), to_si(high, unit, kind))
     return bounds
+
+
+def parse_free(names: Iterable[str]) -> dict[str, Parameter]:
+    """Parameters that take part with their standard bounds, from their names.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    found = {}
+    for name in names:
+        if name not in KINDS:
+            raise InputError(f"--free {name}: unknown parameter; known are {', '.join(KINDS)}")
+        found[name] = Parameter()
+    return found
+
+
+def parse_priors(entries: Iterable[str]) -> dict[str, Parameter]:
+    """Parameters with a prior, from entries such as `rest_length_mm=296+-0.5`.
+
+    Raises:
+        InputError: an entry that is not of this form, or an unknown name or unit.
+
+    >>> parse_priors(["rest_length_mm=296+-0.5"])["rest_length"].prior
+    (296.0, 0.5)
+    """
+    found = {}
+    for entry in entries:
+        key, equals, value = entry.partition("=")
+        mean, plus_minus, std = value.partition("+-")
+        if not (equals and plus_minus):
+            raise InputError(
+                f"prior {entry!r} must read name_unit=mean+-std, as in rest_length_mm=296+-0.5"
+            )
+        name, unit, _ = _name_and_unit(key.strip(), entry, "prior")
+        try:
+            found[name] = Parameter(prior=(float(mean), float(std)), unit=unit)
+        except ValueError:
+            raise InputError(f"prior {entry!r}: {value!r} is not mean+-std") from None
+    return found

@@ -63,7 +63,7 @@ def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normal
     lengths = np.linspace(data.length.min(), data.length.max(), 200)
     loaded = data.loaded
     for level in np.unique(data.pressure[loaded]):
-        force = np.asarray(result.muscle.force(lengths, level))
+        force = result.predict(lengths, np.full_like(lengths, level))
         axes.plot(
             1 - lengths / rest,
             np.where(force < 0, np.nan, force) / force_unit,
@@ -119,16 +119,29 @@ def _draw_residuals(axes: Axes, result: Identification, system: str, shade: Norm
 def _draw_law(axes: Axes, result: Identification, system: str) -> None:
     unit = SYSTEMS[system]["stress"]
     strain = np.linspace(0, _BEYOND * result.strain_range, 400)
-    nodes = result.node_pressures
-    shown = [0] if nodes is None else sorted({0, len(nodes) // 2, len(nodes) - 1})
-    for row, colour in zip(shown, ("C0", "C1", "C2"), strict=False):
-        law = famjax.PolynomialMaterial(result.coefficients[row])
-        stress = np.asarray(law.stress(strain)) / factor(unit, "stress")
+    for label, true_stress in _laws(result, strain):
+        stress = true_stress / factor(unit, "stress")
         unstable = np.gradient(stress, strain) < 0
-        label = None if nodes is None else f"at {nodes[row] / 1e3:.4g} kPa"
-        axes.plot(strain, np.where(unstable, np.nan, stress), color=colour, label=label)
-        axes.plot(strain, np.where(unstable, stress, np.nan), color=colour, ls="--")
+        (line,) = axes.plot(strain, np.where(unstable, np.nan, stress), label=label)
+        axes.plot(strain, np.where(unstable, stress, np.nan), color=line.get_color(), ls="--")
     axes.axvspan(0, result.strain_range, color="0.92", zorder=0, label="strain range used")
     axes.set(xlabel="engineering strain", ylabel=f"true stress, {unit}", xlim=(0, strain[-1]))
-    axes.set_title("bladder law; dashed where unstable", fontsize=9)
+    axes.set_title("bladder law; dashed where falling", fontsize=9)
     axes.legend(frameon=False, fontsize=8)
+
+
+def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, np.ndarray]]:
+    """Labels and stresses [Pa] of the curves that show the law: of one direction by itself."""
+    material, nodes = result.muscle.material, result.node_pressures
+    if nodes is not None:
+        return [
+            (
+                f"at {nodes[row] / 1e3:.4g} kPa",
+                np.asarray(famjax.PolynomialMaterial(result.coefficients[row]).stress(strain)),
+            )
+            for row in sorted({0, len(nodes) // 2, len(nodes) - 1})
+        ]
+    if isinstance(material, famjax.AbstractHyperelastic):
+        return [("tensile test", np.asarray(material.uniaxial_stress(strain)))]
+    assert isinstance(material, famjax.PolynomialMaterial | famjax.AbstractUniaxialLaw)
+    return [(None, np.asarray(material.stress(strain)))]

@@ -1,12 +1,11 @@
-"""One identification problem as pure functions of the geometry: design matrix, constraint rows.
+"""An identification as pure functions of its nonlinear parameters: design matrix, constraint rows.
 
-The force is linear in the coefficients E_n, so for each geometry the fit is a convex programme.
-What makes it "free", "linear" or "fixed" in pressure is a basis over pressure; what makes it
-"positive", "slope" or "drucker" is a set of rows. Every case has the same shape: blocks of
-independent programmes, each with `basis` times `order` unknowns.
+The force is linear in the coefficients of the law, so for each geometry the fit is a convex
+programme. What makes it "free", "linear" or "fixed" in pressure, or own to each specimen, is a
+basis over the readings; what makes it "positive", "slope" or "drucker" is a set of rows. Every case
+has the same shape: blocks of independent programmes, each with `basis` times `order` unknowns.
 """
 
-import math
 from typing import Literal
 
 import equinox as eqx
@@ -17,9 +16,8 @@ from jaxtyping import Array, Float
 
 import famjax
 
-from ._data import ForceData
-from ._geometry_source import AbstractGeometrySource
-from ._parameters import GEOMETRY, Bounds, coefficient_names
+from ._laws import AbstractLaw
+from ._part import Part, Reach
 from ._qp import Optimum, solve_qp
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
@@ -28,235 +26,292 @@ PressureDependence = Literal["fixed", "linear", "free"]
 CONSTRAINTS: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker")
 DEPENDENCES: tuple[PressureDependence, ...] = ("fixed", "linear", "free")
 
-STATIONS = 49
-"""Stations along the actuation path at which the constraint is posed from the start."""
-EXCHANGES = 8
-"""Spare stations, filled with the points between the others where the constraint is violated."""
+_REACHES = 4
+"""Convex fits in a compliant rig, each about the forces of the one before: quadratic convergence."""
+
+
+class Prior(eqx.Module):
+    """What is known of a parameter besides the data.
+
+    Attributes:
+        place: in the vector of nonlinear parameters, or of coefficients.
+        mean, std: in SI.
+    """
+
+    place: int = eqx.field(static=True)
+    mean: float = eqx.field(static=True)
+    std: float = eqx.field(static=True)
 
 
 class Problem(eqx.Module):
-    """A force map, a form of the law and a constraint.
+    """Force maps, a form of the law and a constraint.
 
     Attributes:
-        force, pressure, length: loaded readings [N, Pa, m], shape (points,).
-        weights: of the readings in each block, 1/std or 1, 0 where not in it: (blocks, points).
-        basis: of the coefficients over pressure at the readings, shape (points, basis).
-        path_pressure: pressures [Pa] of the paths on which the constraint holds, (blocks, paths).
-        path_basis: basis there, shape (blocks, paths, basis).
-        path_end: shortest length [m] of each path, shape (blocks, paths); all start at rest.
-        stations: parts of the path in [0, 1], shape (blocks, paths, stations).
+        parts: one for each specimen.
+        law: family of the bladder's law.
+        shape: places of the law's shape parameters in the vector of nonlinear parameters.
         coefficient_min, coefficient_max: bounds [Pa], shape (order,), infinite where there is none.
-        source: makes the geometry of its parameters.
-        rest_length: L0 [m], where every path starts.
-        order: of the polynomial law.
+        priors: on nonlinear parameters.
+        coefficient_priors: on coefficients.
+        prior_weight: noise of the force, in the unit of the weighted residual.
         constraint: on the coefficients.
     """
 
-    force: Float[Array, " points"]
-    pressure: Float[Array, " points"]
-    length: Float[Array, " points"]
-    weights: Float[Array, "blocks points"]
-    basis: Float[Array, "points basis"]
-    path_pressure: Float[Array, "blocks paths"]
-    path_basis: Float[Array, "blocks paths basis"]
-    path_end: Float[Array, "blocks paths"]
-    stations: Float[Array, "blocks paths stations"]
+    parts: tuple[Part, ...]
+    law: AbstractLaw
+    shape: tuple[int, ...] = eqx.field(static=True)
     coefficient_min: Float[Array, " order"]
     coefficient_max: Float[Array, " order"]
-    source: AbstractGeometrySource
-    rest_length: float = eqx.field(static=True)
-    order: int = eqx.field(static=True)
+    priors: tuple[Prior, ...]
+    coefficient_priors: tuple[Prior, ...]
+    prior_weight: Float[Array, ""]
     constraint: Constraint = eqx.field(static=True)
 
     @property
-    def constraint_rows_per_path(self) -> int:
-        """Number of rows that the constraint has on each path."""
-        stations = self.stations.shape[-1]
-        counts = {"none": 0, "positive": self.order, "slope": stations, "drucker": stations}
-        return counts[self.constraint]
+    def order(self) -> int:
+        """Number of coefficients of the law."""
+        return self.law.order
+
+    @property
+    def blocks(self) -> int:
+        """Number of independent convex programmes."""
+        return self.parts[0].weights.shape[0]
+
+    @property
+    def nodes(self) -> int:
+        """Number of laws within a block."""
+        return self.parts[0].basis.shape[1]
 
     @property
     def n_coefficients(self) -> int:
         """Number of linear unknowns in all blocks."""
-        return self.weights.shape[0] * self.basis.shape[1] * self.order
+        return self.blocks * self.nodes * self.order
 
-    def muscle(
-        self, geometry: Float[Array, " 3"], material: famjax.AbstractMaterial
-    ) -> famjax.Muscle:
-        """The muscle with this geometry (`GEOMETRY`, SI) and material."""
-        diameter, angle, deadband = geometry
-        return famjax.Muscle(self.source.geometry(diameter, angle), material, deadband)
+    def material(
+        self, parameters: Float[Array, " q"], coefficients: Float[Array, " order"]
+    ) -> famjax.AbstractMaterial:
+        """The material with these parameters and coefficients of one node."""
+        return self.law.material(parameters[jnp.asarray(self.shape, int)], coefficients)
 
-    def _unit_laws(
-        self, geometry: Float[Array, " 3"], quantity: str
-    ) -> Float[Array, "*shape order"]:
-        """Bladder force at the readings, or path modulus at the stations, of each E_n = 1 Pa."""
+    def _linear_force(
+        self, part: Part, parameters: Float[Array, " q"], reach: Reach | None
+    ) -> tuple[Float[Array, " points"], Float[Array, "points order"]]:
+        """Force at the readings as offset + columns @ coefficients.
 
-        def of_law(coefficients: Float[Array, " order"]) -> Float[Array, "*shape"]:
-            muscle = self.muscle(geometry, famjax.PolynomialMaterial(coefficients))
-            if quantity == "bladder_force":
-                return muscle.bladder_force(self.length, self.pressure)
-            return famjax.path_modulus(
-                muscle.material, muscle.geometry, self.path_lengths(), self.path_pressure[..., None]
-            )
+        In a rig that gives way by c per newton the force moves only 1/(1 + c dF/dL) as far as the
+        muscle's own; `reach` holds the force and stiffness about which that is linear.
+        """
+        at = part.dimensions(parameters, reach)
+        limp = part.muscle(parameters, famjax.PolynomialMaterial(jnp.zeros(1)))
+        braid = limp.braid_force_at(at, part.pressure)
 
-        return jax.vmap(of_law, out_axes=-1)(jnp.eye(self.order))
+        def of_law(coefficients: Float[Array, " order"]) -> Float[Array, " points"]:
+            material = self.material(parameters, coefficients)
+            muscle = famjax.Muscle(limp.geometry, material, limp.deadband_pressure)
+            return muscle.bladder_force_at(at, part.pressure)
 
-    def path_lengths(self) -> Float[Array, "blocks paths stations"]:
-        """Active lengths [m] of the stations."""
-        rest = self.rest_length
-        return rest + self.stations * (self.path_end - rest)[..., None]
+        columns = jax.vmap(of_law, out_axes=-1)(jnp.eye(self.order))
+        if reach is None:
+            return braid, columns
+        gain = 1 / (1 + jax.lax.stop_gradient(part.compliance(parameters)) * reach.stiffness)
+        return reach.force + gain * (braid - reach.force), gain[:, None] * columns
 
-    def largest_strain(self, geometry: Float[Array, " 3"]) -> Float[Array, "blocks paths"]:
-        """Largest strain magnitude [-] that the material sees along each path."""
-        muscle = self.muscle(geometry, famjax.PolynomialMaterial(jnp.zeros(1)))
-        rest = jnp.full_like(self.path_end, self.rest_length)
-        ends = jnp.stack([rest, self.path_end], axis=-1)
-        at = muscle.geometry.dimensions(ends, self.path_pressure[..., None])
-        hoop = jnp.max(jnp.abs(at.hoop_strain), axis=-1)
-        return jnp.max(jnp.maximum(hoop, jnp.abs(at.axial_strain)), axis=-1)
-
-    def constraint_rows(
-        self, geometry: Float[Array, " 3"]
-    ) -> Float[Array, "blocks paths stations order"]:
-        """Rows on the coefficients at each path's pressure, in Pa: the constraint asks >= 0."""
-        shape = (*self.path_end.shape, 0, self.order)
+    def _constraint_rows(
+        self, part: Part, parameters: Float[Array, " q"]
+    ) -> Float[Array, "blocks paths rows order"]:
+        """Rows on the coefficients of one path's node, in Pa: the constraint asks >= 0."""
+        unit = jnp.eye(self.order)
+        shape = part.path_end.shape
         if self.constraint == "none":
-            return jnp.zeros(shape)
+            return jnp.zeros((*shape, 0, self.order))
         if self.constraint == "positive":
-            return jnp.broadcast_to(jnp.eye(self.order), (*shape[:2], self.order, self.order))
+            return jnp.broadcast_to(unit, (*shape, self.order, self.order))
         if self.constraint == "slope":
-            powers = jnp.arange(1, self.order + 1)
-            strain = self.largest_strain(geometry)[..., None] * self.stations
-            return powers * strain[..., None] ** (powers - 1)
-        return self._unit_laws(geometry, "path_modulus")
+            strain = part.largest_strain(parameters)[..., None] * part.stations
+            return jax.vmap(
+                lambda c: tangent_modulus(self.material(parameters, c), strain), out_axes=-1
+            )(unit)
+        path = part.path_strains(parameters)
+        return jax.vmap(lambda c: path.modulus(self.material(parameters, c)), out_axes=-1)(unit)
+
+    def _rows(
+        self, part: Part, parameters: Float[Array, " q"]
+    ) -> tuple[Float[Array, "blocks m n"], Float[Array, "blocks m"]]:
+        """Constraint rows of one part and its bounds on the coefficients, G x >= h."""
+        rows = self._constraint_rows(part, parameters)
+        limits = jnp.concatenate([self.coefficient_min, -self.coefficient_max])
+        signs = jnp.concatenate([jnp.eye(self.order), -jnp.eye(self.order)])
+        on = jnp.isfinite(limits)
+        bounds = jnp.broadcast_to(
+            jnp.where(on[:, None], signs, 0.0), (*rows.shape[:2], *signs.shape)
+        )
+        # A row that is off must be satisfied by anything.
+        offsets = jnp.broadcast_to(jnp.where(on, limits, -1.0), (*rows.shape[:2], limits.size))
+        blocks, n = part.path_end.shape[0], self.nodes * self.order
+
+        def over_nodes(
+            rows: Float[Array, "blocks paths rows order"],
+        ) -> Float[Array, "blocks m n"]:
+            return (part.path_basis[..., None, :, None] * rows[..., None, :]).reshape(blocks, -1, n)
+
+        G = jnp.concatenate([over_nodes(rows), over_nodes(bounds)], axis=1)
+        zeros = jnp.zeros((blocks, G.shape[1] - offsets[0].size))
+        return G, jnp.concatenate([zeros, offsets.reshape(blocks, -1)], axis=1)
 
     def programmes(
-        self, geometry: Float[Array, " 3"]
+        self, parameters: Float[Array, " q"], reaches: tuple[Reach, ...] | None = None
     ) -> tuple[
         Float[Array, "blocks k n"],
         Float[Array, "blocks k"],
         Float[Array, "blocks m n"],
         Float[Array, "blocks m"],
     ]:
-        """The convex programmes (A, b, G, h) of all blocks at this geometry."""
-        blocks, n = self.weights.shape[0], self.basis.shape[1] * self.order
-        columns = self.basis[:, :, None] * self._unit_laws(geometry, "bladder_force")[:, None, :]
-        A = self.weights[..., None] * columns.reshape(-1, n)
-        braid = self.muscle(geometry, famjax.PolynomialMaterial(jnp.zeros(1)))
-        b = self.weights * (self.force - braid.braid_force(self.length, self.pressure))
-        rows = self.constraint_rows(geometry)
-        rows = self.path_basis[..., None, :, None] * rows[..., None, :]
-        limits = jnp.concatenate([self.coefficient_min, -self.coefficient_max])
-        signs = jnp.concatenate([jnp.eye(self.order), -jnp.eye(self.order)])
-        on = jnp.isfinite(limits)
-        signs = jnp.where(on[:, None], signs, 0.0)
-        bound_rows = self.path_basis[..., None, :, None] * signs[:, None, :]
-        G = jnp.concatenate(
-            [rows.reshape(blocks, -1, n), bound_rows.reshape(blocks, -1, n)], axis=1
+        """The convex programmes (A, b, G, h) of all blocks with these parameters.
+
+        Args:
+            parameters: nonlinear ones, SI.
+            reaches: where a compliant rig is made linear, one for each part; None for a rigid one.
+        """
+        n = self.nodes * self.order
+        blocks_A, blocks_b, blocks_G, blocks_h = [], [], [], []
+        for k, part in enumerate(self.parts):
+            offset, columns = self._linear_force(
+                part, parameters, None if reaches is None else reaches[k]
+            )
+            columns = (part.basis[:, :, None] * columns[:, None, :]).reshape(-1, n)
+            blocks_A.append(part.weights[..., None] * columns)
+            blocks_b.append(part.weights * (part.force - offset))
+            G, h = self._rows(part, parameters)
+            blocks_G.append(G)
+            blocks_h.append(h)
+        if self.coefficient_priors:
+            A, b = self._prior_rows()
+            blocks_A.append(A)
+            blocks_b.append(b)
+        A, b, G, h = (
+            jnp.concatenate(parts, axis=1) for parts in (blocks_A, blocks_b, blocks_G, blocks_h)
         )
-        paths = self.path_end.shape[1]
-        h = jnp.concatenate(
+        return A, b, G, h
+
+    def _prior_rows(self) -> tuple[Float[Array, "blocks k n"], Float[Array, "blocks k"]]:
+        """Rows that hold every node's coefficients to their priors."""
+        unit = jnp.eye(self.nodes * self.order).reshape(self.nodes, self.order, -1)
+        scale = [self.prior_weight / prior.std for prior in self.coefficient_priors]
+        A = jnp.concatenate(
             [
-                jnp.zeros(rows.reshape(blocks, -1, n).shape[1]),
-                jnp.tile(jnp.where(on, limits, -1.0), paths),
+                s * unit[:, prior.place]
+                for s, prior in zip(scale, self.coefficient_priors, strict=True)
             ]
         )
-        return A, b, G, jnp.broadcast_to(h, (blocks, h.shape[0]))
+        b = jnp.repeat(
+            jnp.stack(
+                [s * prior.mean for s, prior in zip(scale, self.coefficient_priors, strict=True)]
+            ),
+            self.nodes,
+        )
+        return (
+            jnp.broadcast_to(A, (self.blocks, *A.shape)),
+            jnp.broadcast_to(b, (self.blocks, *b.shape)),
+        )
 
-    def solve(self, geometry: Float[Array, " 3"]) -> Optimum:
-        """The certified optimum of every block at this geometry, with a leading axis of blocks."""
-        return jax.vmap(solve_qp)(*self.programmes(geometry))
+    def reaches(self, parameters: Float[Array, " q"]) -> tuple[Reach, ...] | None:
+        """Where the best fit in a compliant rig is linear; None if every rig is rigid."""
+        if not any(part.compliant for part in self.parts):
+            return None
+        fixed = jax.lax.stop_gradient(parameters)
+        start = tuple(Reach(part.force, jnp.zeros_like(part.force)) for part in self.parts)
 
-    def residual(self, geometry: Float[Array, " 3"]) -> Float[Array, " points"]:
-        """Weighted residual of the best coefficients at this geometry: the projected variables."""
-        A, b, _, _ = self.programmes(geometry)
-        return jnp.sum(jnp.einsum("bkn,bn->bk", A, self.solve(geometry).x) - b, axis=0)
+        def refit(_: Array, reaches: tuple[Reach, ...]) -> tuple[Reach, ...]:
+            x = self._solve(fixed, reaches).x
+            return tuple(
+                part.reach(fixed, self.material(fixed, coefficients))
+                for part, coefficients in zip(self.parts, self._own(x[0]), strict=True)
+            )
 
-    def material(self, x: Float[Array, "blocks n"]) -> famjax.AbstractMaterial:
-        """The material of the blocks' coefficients."""
-        blocks, n = x.shape
-        nodes = x.reshape(blocks * n // self.order, self.order)
-        if nodes.shape[0] == 1:
-            return famjax.PolynomialMaterial(nodes[0])
-        pressures = self.path_pressure.reshape(-1)
-        if blocks == 1:
+        return jax.lax.stop_gradient(jax.lax.fori_loop(0, _REACHES, refit, start))
+
+    def _own(self, x: Float[Array, " n"]) -> list[Float[Array, " order"]]:
+        """Coefficients of each part in a problem that does not depend on pressure."""
+        return [part.path_basis[0, 0] @ x.reshape(self.nodes, self.order) for part in self.parts]
+
+    def _solve(self, parameters: Float[Array, " q"], reaches: tuple[Reach, ...] | None) -> Optimum:
+        return jax.vmap(solve_qp)(*self.programmes(parameters, reaches))
+
+    def solve(self, parameters: Float[Array, " q"]) -> Optimum:
+        """The certified optimum of every block with these parameters, leading axis of blocks."""
+        return self._solve(parameters, self.reaches(parameters))
+
+    def residual(self, parameters: Float[Array, " q"]) -> Float[Array, " k"]:
+        """Weighted residual of the best coefficients, priors included: the projected variables."""
+        reaches = self.reaches(parameters)
+        return self.joint_residual(parameters, self._solve(parameters, reaches).x, reaches)
+
+    def joint_residual(
+        self,
+        parameters: Float[Array, " q"],
+        x: Float[Array, "blocks n"],
+        reaches: tuple[Reach, ...] | None,
+    ) -> Float[Array, " k"]:
+        """Weighted residual with these parameters and coefficients, priors included."""
+        A, b, _, _ = self.programmes(parameters, reaches)
+        data = jnp.sum(jnp.einsum("bkn,bn->bk", A, x) - b, axis=0)
+        if not self.priors:
+            return data
+        priors = [(parameters[prior.place] - prior.mean) / prior.std for prior in self.priors]
+        return jnp.concatenate([data, self.prior_weight * jnp.stack(priors)])
+
+    def force_error(
+        self,
+        parameters: Float[Array, " q"],
+        x: Float[Array, "blocks n"],
+        reaches: tuple[Reach, ...] | None,
+    ) -> Float[Array, " points"]:
+        """Model minus reading [N] at every reading, whatever its weight."""
+        laws = x.reshape(self.blocks, self.nodes, self.order)
+        errors = []
+        for k, part in enumerate(self.parts):
+            offset, columns = self._linear_force(
+                part, parameters, None if reaches is None else reaches[k]
+            )
+            block = jnp.argmax(part.weights != 0, axis=0) if self.blocks > 1 else 0
+            own = jnp.einsum("pn,pno->po", part.basis, jnp.broadcast_to(
+                laws[block], (part.force.shape[0], self.nodes, self.order)))  # fmt: skip
+            errors.append(offset + jnp.sum(columns * own, axis=1) - part.force)
+        return jnp.concatenate(errors)
+
+    def materials(
+        self, parameters: Float[Array, " q"], x: Float[Array, "blocks n"]
+    ) -> tuple[famjax.AbstractMaterial, ...]:
+        """The material of each part."""
+        part = self.parts[0]
+        if self.blocks == 1 and (self.nodes == 1 or len(self.parts) > 1):
+            return tuple(self.material(parameters, own) for own in self._own(x[0]))
+        nodes = x.reshape(-1, self.order)
+        pressures = part.path_pressure.reshape(-1)
+        if self.blocks == 1:
             pressures = jnp.stack([pressures[0], pressures[-1]])
-        return famjax.PressurePolynomialMaterial(pressures, nodes)
+        return (famjax.PressurePolynomialMaterial(pressures, nodes),)
+
+    def muscles(
+        self, parameters: Float[Array, " q"], x: Float[Array, "blocks n"]
+    ) -> tuple[famjax.Muscle, ...]:
+        """The muscle of each part."""
+        return tuple(
+            part.muscle(parameters, material)
+            for part, material in zip(self.parts, self.materials(parameters, x), strict=True)
+        )
+
+    def rows_per_path(self, part: Part) -> int:
+        """Number of rows that the constraint has on each path of a part."""
+        stations = part.stations.shape[-1]
+        counts = {"none": 0, "positive": self.order, "slope": stations, "drucker": stations}
+        return counts[self.constraint]
 
 
-def build_problem(
-    data: ForceData,
-    *,
-    order: int,
-    constraint: Constraint,
-    dependence: PressureDependence,
-    bounds: dict[str, Bounds],
-    source: AbstractGeometrySource,
-) -> Problem:
-    """The problem of a force map.
-
-    The actuation path at a pressure runs from rest to the longest length at which the muscle is
-    slack there, so that it includes the free contraction; where no reading is slack, to the
-    shortest length. A law fixed in pressure has one path, to the shortest length in the map.
-    """
-    loaded = data.loaded
-    pressure = data.pressure[loaded]
-    levels = np.unique(pressure)
-    weights = 1 / data.force_std[loaded] if data.force_std is not None else np.ones(pressure.size)
-    ends = np.array([_path_end(data, level) for level in levels])
-    if dependence == "fixed":
-        weights = weights[None]
-        basis = np.ones((pressure.size, 1))
-        path_pressure, path_end = levels[None, -1:], np.array([[data.length.min()]])
-        path_basis = np.ones((1, 1, 1))
-    elif dependence == "linear":
-        weights = weights[None]
-        basis = _linear_basis(pressure, levels)
-        path_pressure, path_end = levels[None], ends[None]
-        path_basis = _linear_basis(levels, levels)[None]
-    else:
-        weights = weights * (pressure == levels[:, None])
-        basis = np.ones((pressure.size, 1))
-        path_pressure, path_end = levels[:, None], ends[:, None]
-        path_basis = np.ones((levels.size, 1, 1))
-    stations = np.concatenate([np.linspace(0, 1, STATIONS), np.zeros(EXCHANGES)])
-    names = coefficient_names(order)
-    return Problem(
-        force=jnp.asarray(data.force[loaded]),
-        pressure=jnp.asarray(pressure),
-        length=jnp.asarray(data.length[loaded]),
-        weights=jnp.asarray(weights),
-        basis=jnp.asarray(basis),
-        path_pressure=jnp.asarray(path_pressure),
-        path_basis=jnp.asarray(path_basis),
-        path_end=jnp.asarray(path_end),
-        stations=jnp.asarray(np.broadcast_to(stations, (*path_end.shape, stations.size))),
-        coefficient_min=jnp.asarray([bounds[name].min for name in names]),
-        coefficient_max=jnp.asarray([bounds[name].max for name in names]),
-        source=source,
-        rest_length=data.specimen.rest_length,
-        order=order,
-        constraint=constraint,
-    )
-
-
-def _linear_basis(pressure: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Shares of the coefficients at the lowest and the highest pressure, shape (..., 2)."""
-    share = (pressure - levels[0]) / (levels[-1] - levels[0]) if levels.size > 1 else 0 * pressure
-    return np.stack([1 - share, share], axis=-1)
-
-
-def _path_end(data: ForceData, level: float) -> float:
-    at = data.pressure == level
-    shortest_loaded = data.length[at & data.loaded].min()
-    slack = data.length[at & ~data.loaded & (data.length < shortest_loaded)]
-    return float(slack.max(initial=-math.inf)) if slack.size else float(shortest_loaded)
-
-
-def geometry_bounds(bounds: dict[str, Bounds]) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds of `GEOMETRY` [SI], shape (3,) each."""
-    return (
-        np.array([bounds[name].min for name in GEOMETRY]),
-        np.array([bounds[name].max for name in GEOMETRY]),
-    )
+def tangent_modulus(
+    material: famjax.AbstractMaterial, strain: Float[Array | np.ndarray, "*shape"]
+) -> Float[Array, "*shape"]:
+    """Tangent modulus [Pa] at a strain [-], of a law whose two directions do not interact."""
+    assert isinstance(material, famjax.PolynomialMaterial | famjax.AbstractUniaxialLaw)
+    strain = jnp.asarray(strain)
+    return jax.jvp(material.stress, (strain,), (jnp.ones_like(strain),))[1]

@@ -2,16 +2,10 @@
 
     minimise 1/2 |A x - b|^2   subject to   G x >= h
 
-The columns are scaled, the rows compressed by one QR factorisation, and the dual active-set method
-of Goldfarb & Idnani walks from the unconstrained optimum to the constrained one. Its last active
-set is then solved once more as a system of equations. That solve is what gets differentiated: it
-is the implicit function theorem at the optimum, exact while the active set is strict.
-
-References:
-    Goldfarb & Idnani 1983, Mathematical Programming 27, 1-33.
+The columns are scaled, the rows compressed by one QR factorisation A = Q R, and in y = R x the
+optimum is the point of a polyhedron nearest to Q^T b (`_active_set`). The certificate is computed
+on the problem as it was given.
 """
-
-import enum
 
 import equinox as eqx
 import jax
@@ -19,36 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-
-class Status(enum.IntEnum):
-    """How a quadratic programme ended; `message` says what to do about it."""
-
-    OPTIMAL = 0
-    RANK_DEFICIENT = 1
-    INFEASIBLE = 2
-    STALLED = 3
-
-    @property
-    def message(self) -> str:
-        """A full sentence with a remedy."""
-        return _MESSAGES[self]
-
-
-_MESSAGES = {
-    Status.OPTIMAL: "the optimum was found and certified",
-    Status.RANK_DEFICIENT: (
-        "the data cannot tell the coefficients apart: use a lower order, fewer pressure-dependent "
-        "coefficients, or readings at more lengths"
-    ),
-    Status.INFEASIBLE: (
-        "no coefficients satisfy the constraints: the bounds on the coefficients contradict the "
-        "constraint, or one another; widen them or choose a weaker constraint"
-    ),
-    Status.STALLED: (
-        "the active set kept changing: check the data for columns of very different size, "
-        "or constraint rows that are nearly the same"
-    ),
-}
+from ._active_set import nearest_point
+from ._small_dense import inverse_lower
+from ._status import Status as Status
 
 
 class Optimum(eqx.Module):
@@ -61,7 +28,8 @@ class Optimum(eqx.Module):
         objective: 1/2 |A x - b|^2.
         kkt_residual: largest violation of the optimality conditions, relative to |b|.
         duality_gap: primal minus dual objective, relative to the objective.
-        condition: condition number of A with columns scaled to unit length.
+        condition: |A| |A^+| in the Frobenius norm, with columns scaled to unit length; at most n
+            times the ratio of the singular values.
         status: a `Status`.
     """
 
@@ -75,109 +43,7 @@ class Optimum(eqx.Module):
     status: Int[Array, ""]
 
 
-class _Walk(eqx.Module):
-    """State of the active-set walk; slot k holds the active row `rows[k]` where `used[k]`."""
-
-    y: Float[Array, " n"]
-    multipliers: Float[Array, " n"]
-    rows: Int[Array, " n"]
-    used: Bool[Array, " n"]
-    entering: Int[Array, ""]
-    entering_multiplier: Float[Array, ""]
-    steps: Int[Array, ""]
-    status: Int[Array, ""]
-    done: Bool[Array, ""]
-
-
-def _equality_solve(
-    normals: Float[Array, "n n"],
-    used: Bool[Array, " n"],
-    target: Float[Array, " n"],
-    offsets: Float[Array, " n"],
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """The point y nearest to `target` with normals y = offsets in the used slots.
-
-    Returns:
-        (y, multipliers) with y = target + normals^T multipliers; unused slots carry zero.
-    """
-    n = target.shape[0]
-    free = jnp.diag(jnp.where(used, 0.0, 1.0).astype(target.dtype))
-    system = jnp.block([[jnp.eye(n, dtype=target.dtype), -normals.T], [normals, free]])
-    solved = jnp.linalg.solve(system, jnp.concatenate([target, jnp.where(used, offsets, 0.0)]))
-    return solved[:n], solved[n:]
-
-
-def _walk(
-    rows: Float[Array, "m n"], offsets: Float[Array, " m"], centre: Float[Array, " n"]
-) -> _Walk:
-    """The active set of the projection of `centre` on {y: rows y >= offsets}, rows of unit length."""
-    m, n = rows.shape
-    eps = float(jnp.finfo(centre.dtype).eps)
-    tolerance = 32 * eps * (jnp.linalg.norm(centre) + jnp.max(jnp.abs(offsets)))
-
-    def step(state: _Walk) -> _Walk:
-        slack = rows @ state.y - offsets
-        # A row that only enters in part (a blocking one had to leave first) stays at hand.
-        entering = jnp.where(state.entering >= 0, state.entering, jnp.argmin(slack))
-        done = (state.entering < 0) & (slack[entering] >= -tolerance)
-        normal = rows[entering]
-        normals = jnp.where(state.used[:, None], rows[state.rows], 0.0)
-        direction, minus_share = _equality_solve(
-            normals, state.used, normal, jnp.zeros_like(normal)
-        )
-        share = -minus_share
-        square = direction @ normal
-        independent = (square > 1e4 * eps**1.5) & ~jnp.all(state.used)
-        full = jnp.where(
-            independent, -slack[entering] / jnp.where(independent, square, 1.0), jnp.inf
-        )
-        blocks = state.used & (share > eps)
-        ratios = jnp.where(blocks, state.multipliers / jnp.where(blocks, share, 1.0), jnp.inf)
-        leaving = jnp.argmin(ratios)
-        partial = ratios[leaving]
-        length = jnp.minimum(full, partial)
-        infeasible = jnp.isinf(length) & ~done
-        length = jnp.where(jnp.isfinite(length), length, 0.0)
-        enters = full <= partial
-        slot = jnp.where(enters, jnp.argmin(state.used), leaving)
-        entering_multiplier = state.entering_multiplier + length
-        multipliers = state.multipliers - length * share
-        moved = _Walk(
-            y=jnp.where(independent, state.y + length * direction, state.y),
-            multipliers=multipliers.at[slot].set(jnp.where(enters, entering_multiplier, 0.0)),
-            rows=state.rows.at[slot].set(jnp.where(enters, entering, 0)),
-            used=state.used.at[slot].set(enters),
-            entering=jnp.where(enters, -1, entering),
-            entering_multiplier=jnp.where(enters, 0.0, entering_multiplier),
-            steps=state.steps + 1,
-            status=state.status,
-            done=state.done,
-        )
-        stop = done | infeasible
-        kept = jax.tree.map(lambda old, new: jnp.where(stop, old, new), state, moved)
-        status = jnp.where(infeasible, int(Status.INFEASIBLE), state.status)
-        return eqx.tree_at(lambda s: (s.status, s.done), kept, (status, stop))
-
-    limit = 20 * n + 20
-    start = _Walk(
-        y=centre,
-        multipliers=jnp.zeros(n, centre.dtype),
-        rows=jnp.zeros(n, int),
-        used=jnp.zeros(n, bool),
-        entering=jnp.array(-1),
-        entering_multiplier=jnp.zeros((), centre.dtype),
-        steps=jnp.array(0),
-        status=jnp.array(int(Status.OPTIMAL)),
-        done=jnp.array(m == 0),
-    )
-    if m == 0:
-        return start
-    end = jax.lax.while_loop(lambda s: ~s.done & (s.steps < limit), step, start)
-    status = jnp.where(end.done, end.status, int(Status.STALLED))
-    return eqx.tree_at(lambda s: s.status, end, status)
-
-
-def _unit_rows(
+def unit_rows(
     rows: Float[Array, "m n"], offsets: Float[Array, " m"]
 ) -> tuple[Float[Array, "m n"], Float[Array, " m"], Float[Array, " m"]]:
     """Rows scaled to unit length, their offsets, and the lengths; an empty row keeps its sign."""
@@ -221,38 +87,50 @@ def solve_qp(
     scale = jax.lax.stop_gradient(jnp.linalg.norm(A, axis=0))
     scale = jnp.where(scale > 0, scale, 1.0)
     Q, R = jnp.linalg.qr(A / scale)
-    singular = jnp.linalg.svd(jax.lax.stop_gradient(R), compute_uv=False)
-    deficient = singular[-1] <= 10 * max(A.shape) * jnp.finfo(A.dtype).eps * singular[0]
-    # A deficient problem is solved as if it were not, so that its lane stays finite until the end.
-    R = jnp.where(deficient, jnp.eye(A.shape[1], dtype=R.dtype), R)
+    J, condition, deficient = inverse_upper(R, max(A.shape))
     centre = Q.T @ b
-    rows, offsets, size = _unit_rows(
-        jax.scipy.linalg.solve_triangular(R, (G / scale).T, trans="T").T, h
-    )
-
-    walk = _walk(*(jax.lax.stop_gradient(v) for v in (rows, offsets, centre)))
-    if G.shape[0]:
-        normals = jnp.where(walk.used[:, None], rows[walk.rows], 0.0)
-        y, slot_multipliers = _equality_solve(normals, walk.used, centre, offsets[walk.rows])
-        multipliers = jnp.zeros(G.shape[0], y.dtype)
-        multipliers = multipliers.at[walk.rows].add(jnp.where(walk.used, slot_multipliers, 0.0))
-        active = jnp.zeros(G.shape[0], bool).at[walk.rows].max(walk.used)
-    else:
-        y, multipliers, active = centre, jnp.zeros(0, centre.dtype), jnp.zeros(0, bool)
-    x = jax.scipy.linalg.solve_triangular(R, y) / scale
-
-    status = jnp.where(deficient, int(Status.RANK_DEFICIENT), walk.status)
+    rows, offsets, size = unit_rows((G / scale) @ J, h)
+    nearest = nearest_point(rows, offsets, centre)
+    m = G.shape[0]
+    multipliers, active = jnp.zeros(m, b.dtype), jnp.zeros(m, bool)
+    if m:
+        multipliers = multipliers.at[nearest.rows].add(nearest.multipliers)
+        active = active.at[nearest.rows].max(nearest.used)
+    x = (J @ nearest.y) / scale
+    status = jnp.where(deficient, int(Status.RANK_DEFICIENT), nearest.status)
     certificate = _certificate(
-        *(jax.lax.stop_gradient(v) for v in (A, b, G, h, x, multipliers / size, R, scale, size))
+        *(jax.lax.stop_gradient(v) for v in (A, b, G, h, x, multipliers / size, J, scale, size))
     )
     return Optimum(
         x=jnp.where(status == int(Status.OPTIMAL), x, jnp.nan),
         multipliers=jax.lax.stop_gradient(multipliers / size),
         active=active,
-        condition=singular[0] / singular[-1],
+        condition=condition,
         status=status,
         **certificate,
     )
+
+
+def inverse_upper(
+    R: Float[Array, "n n"], size: int
+) -> tuple[Float[Array, "n n"], Float[Array, ""], Bool[Array, ""]]:
+    """The inverse of an upper triangle, its condition number, and whether it is singular.
+
+    A singular one is replaced by the identity, so that its lane of a batch stays finite.
+
+    Args:
+        R: with columns of unit length.
+        size: the larger dimension of the matrix whose factor it is, for the rounding.
+    """
+    n, eps = R.shape[0], jnp.finfo(R.dtype).eps
+    fixed = jax.lax.stop_gradient(R)
+    norm = jnp.linalg.norm(fixed)
+    zero = jnp.abs(jnp.diagonal(fixed)) <= eps * norm
+    trial = inverse_lower(fixed.T + jnp.diag(jnp.where(zero, 1.0, 0.0).astype(R.dtype)))
+    condition = jnp.where(jnp.any(zero), jnp.inf, norm * jnp.linalg.norm(trial))
+    deficient = ~(condition * 10 * size * eps < 1)
+    R = jnp.where(deficient, jnp.eye(n, dtype=R.dtype), R)
+    return inverse_lower(R.T).T, condition, deficient
 
 
 def _certificate(
@@ -262,7 +140,7 @@ def _certificate(
     h: Float[Array, " m"],
     x: Float[Array, " n"],
     multipliers: Float[Array, " m"],
-    R: Float[Array, "n n"],
+    J: Float[Array, "n n"],
     scale: Float[Array, " n"],
     size: Float[Array, " m"],
 ) -> dict[str, Float[Array, ""]]:
@@ -277,7 +155,7 @@ def _certificate(
     )
     objective = residual @ residual / 2
     # primal - dual = multipliers . slack + 1/2 |R^-T stationarity|^2, free of cancellation
-    excess = jax.scipy.linalg.solve_triangular(R, stationarity, trans="T")
+    excess = J.T @ stationarity
     gap = weights @ slack + excess @ excess / 2
     size_b = jnp.linalg.norm(b)
     return {

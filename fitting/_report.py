@@ -13,15 +13,14 @@ import jinja2
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from ._errors import InputError
+from ._evidence import Evidence, Table, evidence_tables, evidence_warnings
 from ._fit_file import all_estimates, fit_as_dict
 from ._plot import plot_fit
 from ._result import Estimate, Identification
 from ._units import SYSTEMS, from_si
-
-Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
-"""Title, header and rows of text."""
 
 
 def verdict(result: Identification) -> str:
@@ -43,13 +42,21 @@ def verdict(result: Identification) -> str:
     )
 
 
-def tables(result: Identification, system: str = "metric") -> list[Table]:
+def tables(
+    result: Identification, system: str = "metric", evidence: Evidence | None = None
+) -> list[Table]:
     """The tables of a fit, as text in the given unit system."""
     return [
         _parameter_table(result, system),
         _error_table(result, system),
+        *evidence_tables(evidence or Evidence(), result, system),
         _certificate_table(result, system),
     ]
+
+
+def notes(result: Identification, evidence: Evidence | None = None) -> tuple[str, ...]:
+    """All warnings: of the fit, and where validation and uncertainty speak against it."""
+    return result.warnings + evidence_warnings(evidence or Evidence(), result)
 
 
 def _parameter_table(result: Identification, system: str) -> Table:
@@ -100,7 +107,8 @@ def _certificate_table(result: Identification, system: str) -> Table:
     rows = [
         ("smallest modulus along the actuation path (Drucker >= 0)",
          stress(certificate.stability_margin)),
-        ("smallest tangent modulus on the strain range", stress(certificate.slope_margin)),
+        *([] if math.isnan(certificate.slope_margin) else [
+            ("smallest tangent modulus on the strain range", stress(certificate.slope_margin))]),
         ("largest strain used", f"{result.strain_range:.4g}"),
         ("active constraints", "; ".join(result.active_constraints) or "none"),
         ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
@@ -112,7 +120,9 @@ def _certificate_table(result: Identification, system: str) -> Table:
     return "Certificate", ("quantity", "value"), rows
 
 
-def html_report(result: Identification, system: str = "metric") -> str:
+def html_report(
+    result: Identification, system: str = "metric", evidence: Evidence | None = None
+) -> str:
     """The report as one self-contained HTML page."""
     buffer = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "famjax"}):
@@ -127,9 +137,9 @@ def html_report(result: Identification, system: str = "metric") -> str:
             name=result.data.specimen.name,
             good=result.converged,
             verdict=verdict(result),
-            warnings=result.warnings,
+            warnings=notes(result, evidence),
             figure=Markup(svg[svg.index("<svg") :]),
-            tables=tables(result, system),
+            tables=tables(result, system, evidence),
             data=f"data: {result.data.source}, sha256 {result.data.sha256}",
             versions=", ".join(
                 f"{name} {version}" for name, version in document["versions"].items()
@@ -155,13 +165,19 @@ def check_output(folder: Path) -> None:
         )
 
 
-def write_fit(result: Identification, folder: Path, system: str = "metric") -> list[Path]:
+def write_fit(
+    result: Identification,
+    folder: Path,
+    system: str = "metric",
+    evidence: Evidence | None = None,
+) -> list[Path]:
     """Write `fit.json`, `fit.png` and `report.html`, all or none.
 
     Args:
         result: what `identify` returned.
         folder: made if it is not there; files of an earlier fit are replaced.
         system: units of picture and report; `fit.json` is in SI.
+        evidence: validation and uncertainty, if there are any.
 
     Returns:
         The paths written.
@@ -169,15 +185,20 @@ def write_fit(result: Identification, folder: Path, system: str = "metric") -> l
     Raises:
         InputError: the folder cannot be written.
     """
-    picture = io.BytesIO()
-    plot_fit(result, system).savefig(picture, format="png", dpi=150)
-    content = json.dumps(fit_as_dict(result), indent=1, allow_nan=False)
+    content = json.dumps(fit_as_dict(result, evidence), indent=1, allow_nan=False)
     files = {
         "fit.json": content.encode(),
-        "fit.png": picture.getvalue(),
-        "report.html": html_report(result, system).encode(),
+        "fit.png": as_png(plot_fit(result, system)),
+        "report.html": html_report(result, system, evidence).encode(),
     }
     return write_all(folder, files)
+
+
+def as_png(figure: Figure) -> bytes:
+    """The picture as a PNG file."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=150)
+    return picture.getvalue()
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:

@@ -3,13 +3,18 @@
 import dataclasses
 from typing import Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 import famjax
 
 from ._data import ForceData
+from ._laws import AbstractLaw
 from ._problem import Constraint, PressureDependence
+from ._search import Search
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +29,7 @@ class Estimate:
         at_bound: the optimum lies on a bound, so the data alone would put it elsewhere.
         fixed: held at a given value.
         kind: kind of unit.
+        prior: (mean, standard deviation) in SI of what was said to be known, or None.
     """
 
     name: str
@@ -34,6 +40,7 @@ class Estimate:
     at_bound: bool
     fixed: bool
     kind: str
+    prior: tuple[float, float] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,6 +112,8 @@ class Identification:
     Attributes:
         data: the force map.
         muscle: the model; a differentiable function of length and pressure.
+        series_compliance: of the rig [m/N], 0 where it was taken as rigid.
+        length_offsets: errors [m] of the distinct loaded lengths, ascending; empty if none.
         estimates: geometry, then the coefficients where they do not depend on pressure.
         derived: quantities that follow from the geometry (thread length, turns), with errors.
         coefficients: E_n [Pa], shape (nodes, order); one node where fixed in pressure.
@@ -116,13 +125,18 @@ class Identification:
         certificate: optimality and stability.
         active_constraints: one sentence each.
         starts: objective of every start [N^2 or weighted], ascending.
-        order, constraint, dependence, box, seed: what was asked for.
+        law: family of the law.
+        constraint, dependence, box, seed: what was asked for.
         converged: the best start is stationary, certified and feasible.
         warnings: what a reader must know before using the numbers.
+        search: the problem as it was posed, for validation and uncertainty.
+        unit_optimum: the free nonlinear parameters at the optimum, in parts of their bounds.
     """
 
     data: ForceData
     muscle: famjax.Muscle
+    series_compliance: float
+    length_offsets: Float[np.ndarray, " lengths"]
     estimates: tuple[Estimate, ...]
     derived: tuple[Estimate, ...]
     coefficients: Float[np.ndarray, "nodes order"]
@@ -134,13 +148,43 @@ class Identification:
     certificate: Certificate
     active_constraints: tuple[str, ...]
     starts: Float[np.ndarray, " starts"]
-    order: int
+    law: AbstractLaw
     constraint: Constraint
     dependence: PressureDependence
     box: str
     seed: int
     converged: bool
     warnings: tuple[str, ...]
+    search: Search = dataclasses.field(repr=False)
+    unit_optimum: Float[np.ndarray, " p"] = dataclasses.field(repr=False)
+
+    @property
+    def order(self) -> int:
+        """Number of coefficients of the law."""
+        return self.law.order
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters that the data had to determine, coefficients of all nodes included."""
+        nodes = self.coefficients.size if self.node_pressures is not None else 0
+        return nodes + sum(not e.fixed for e in self.estimates)
+
+    def predict(
+        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
+        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped."""
+        model = self.muscle
+        if self.series_compliance:
+            model = famjax.MountedMuscle(model, jnp.asarray(self.series_compliance))
+        return np.asarray(_force(model, length, pressure))
+
+    def model_force(self) -> Float[np.ndarray, " n"]:
+        """The model's force [N] at every reading, slack ones included, lengths corrected."""
+        length = np.array(self.data.length)
+        known = np.unique(self.data.length[self.data.loaded])
+        for at, offset in zip(known, self.length_offsets, strict=False):
+            length[self.data.length == at] += offset
+        return self.predict(length, self.data.pressure)
 
     def estimate(self, name: str) -> Estimate:
         """The estimate of that name.
@@ -153,3 +197,8 @@ class Identification:
                 return estimate
         names: list[Any] = [e.name for e in self.estimates + self.derived]
         raise KeyError(f"no parameter {name!r}; there are {', '.join(names)}")
+
+
+@eqx.filter_jit
+def _force(model: famjax.Muscle | famjax.MountedMuscle, length: Any, pressure: Any) -> jax.Array:
+    return model.force(length, pressure)

@@ -10,53 +10,65 @@ from jaxtyping import Array, Float
 
 from ._box import BoxOptimum, minimise_in_box
 from ._margin import path_margin, slope_margin
-from ._problem import STATIONS, Problem
+from ._part import Part
+from ._problem import Problem
 from ._qp import Optimum
+from ._quick_jit import quick_jit
 
-_CHUNK = 8
 FEASIBLE = 1e-9
-"""Violation of a constraint between stations that counts as rounding, in parts of the largest E_n."""
+"""Violation of a constraint that counts as rounding, in parts of the largest coefficient."""
+_CHUNK = 8
 
 
 class Search(eqx.Module):
-    """A problem with the box in which its geometry is sought.
+    """A problem with the box in which its nonlinear parameters are sought.
 
     Attributes:
-        problem: the fit for a given geometry.
-        low, high: bounds of the geometry [SI], shape (3,).
-        free: positions of the parameters that may move, those with low < high.
+        problem: the fit for given parameters.
+        names: of the parameters.
+        low, high: bounds of the parameters [SI], shape (q,).
+        free: places of the parameters that may move, those with low < high.
     """
 
     problem: Problem
-    low: Float[Array, " 3"]
-    high: Float[Array, " 3"]
+    names: tuple[str, ...] = eqx.field(static=True)
+    low: Float[Array, " q"]
+    high: Float[Array, " q"]
     free: tuple[int, ...] = eqx.field(static=True)
 
     @classmethod
-    def in_box(cls, problem: Problem, low: np.ndarray, high: np.ndarray) -> "Search":
-        """The search of a problem's geometry between two bounds [SI]."""
+    def in_box(
+        cls, problem: Problem, names: tuple[str, ...], low: np.ndarray, high: np.ndarray
+    ) -> "Search":
+        """The search of a problem's parameters between two bounds [SI]."""
         free = tuple(int(k) for k in np.flatnonzero(low < high))
-        return cls(problem, jnp.asarray(low), jnp.asarray(high), free)
+        return cls(problem, names, jnp.asarray(low), jnp.asarray(high), free)
 
-    def geometry(self, u: Float[Array, " p"]) -> Float[Array, " 3"]:
-        """The geometry [SI] at a point of the unit box."""
+    def parameters(self, u: Float[Array, " p"]) -> Float[Array, " q"]:
+        """The parameters [SI] at a point of the unit box."""
         at = jnp.asarray(self.free, int)
         return self.low.at[at].add(u * (self.high - self.low)[at])
 
     def descend(self, start: Float[Array, " p"]) -> BoxOptimum:
         """One descent from a point of the unit box."""
-        return minimise_in_box(lambda u: self.problem.residual(self.geometry(u)), start)
+        return minimise_in_box(lambda u: self.problem.residual(self.parameters(u)), start)
 
 
-@eqx.filter_jit
+@quick_jit
 def _descend_chunk(search: Search, starts: Float[Array, "k p"]) -> BoxOptimum:
     return jax.vmap(search.descend)(starts)
 
 
-@eqx.filter_jit
-def solve(problem: Problem, geometry: Float[Array, " 3"]) -> Optimum:
-    """The convex fit of every block at one geometry."""
-    return problem.solve(geometry)
+@quick_jit
+def solve(problem: Problem, parameters: Float[Array, " q"]) -> Optimum:
+    """The convex fit of every block with given parameters."""
+    return problem.solve(parameters)
+
+
+@quick_jit
+def offsets(problem: Problem, parameters: Float[Array, " q"]) -> Float[Array, " k"]:
+    """What the coefficients have to explain at every reading; nan where there is no geometry."""
+    return jnp.sum(problem.programmes(parameters)[1], axis=0)
 
 
 def latin_hypercube(n_free: int, count: int, seed: int) -> Float[np.ndarray, "k p"]:
@@ -82,25 +94,45 @@ def descend(
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *chunks)
 
 
-def refine(search: Search, ends: BoxOptimum) -> tuple[BoxOptimum, Search]:
+def best_of(ends: BoxOptimum) -> BoxOptimum:
+    """The end of the lowest cost; one whose cost is nan never is."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf[np.nanargmin(ends.cost)]), ends)
+
+
+def refine(search: Search, best: BoxOptimum, spare: int) -> tuple[BoxOptimum, Search]:
     """The best of the descents, with the constraint made to hold between the stations.
 
     Where the law is found to violate it, that point becomes a station and the descent goes on.
+
+    Args:
+        search: of the descents.
+        best: their best end.
+        spare: number of stations at the end of each path that are free to be placed.
+
+    Returns:
+        The end of the last descent, and the search with the stations placed.
     """
-    best = jax.tree.map(lambda leaf: jnp.asarray(leaf[np.nanargmin(ends.cost)]), ends)
     margins = {"drucker": path_margin, "slope": slope_margin}
     if search.problem.constraint not in margins:
         return best, search
     margin = margins[search.problem.constraint]
-    for exchange in range(search.problem.stations.shape[-1] - STATIONS):
-        geometry = search.geometry(best.u)
-        x = solve(search.problem, geometry).x
-        muscle = search.problem.muscle(geometry, search.problem.material(x))
-        position, value = margin(search.problem, geometry, muscle)
-        if value.min() >= -FEASIBLE * float(jnp.max(jnp.abs(x))):
+    for exchange in range(spare):
+        parameters = search.parameters(best.u)
+        x = solve(search.problem, parameters).x
+        found = margin(search.problem, parameters, x)
+        if min(value.min() for _, value in found) >= -FEASIBLE * float(jnp.max(jnp.abs(x))):
             break
-        stations = search.problem.stations.at[..., STATIONS + exchange].set(position)
-        search = eqx.tree_at(lambda s: s.problem.stations, search, stations)
+        parts = tuple(
+            _with_station(part, exchange - spare, position)
+            for part, (position, _) in zip(search.problem.parts, found, strict=True)
+        )
+        search = eqx.tree_at(lambda s: s.problem.parts, search, parts)
         again = _descend_chunk(search, jnp.tile(best.u, (_CHUNK, 1)))
         best = jax.tree.map(lambda leaf: leaf[0], again)
     return best, search
+
+
+def _with_station(part: Part, place: int, position: np.ndarray) -> Part:
+    """The part with one station of each path moved."""
+    moved = eqx.tree_at(lambda p: p.stations, part, part.stations.at[..., place].set(position))
+    return moved.tabulated()

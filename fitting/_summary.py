@@ -2,8 +2,8 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,181 +12,252 @@ from jaxtyping import Array, Bool, Float
 import famjax
 
 from ._box import BoxOptimum
+from ._build import own_names
 from ._data import ForceData
+from ._doubts import warnings
 from ._geometry_source import EstimatedSource
 from ._margin import path_margin, slope_margin
-from ._parameters import GEOMETRY, Bounds, coefficient_names, kind_of
+from ._parameters import Entry
+from ._part import Part
 from ._problem import PressureDependence, Problem
 from ._qp import Optimum, Status
+from ._quick_jit import quick_jit
 from ._result import Certificate, Errors, Estimate, Identification
 from ._search import FEASIBLE, Search, solve
-from ._uncertainty import CONDITION_LIMIT, Covariance, covariance
+from ._uncertainty import Covariance, covariance
 
 _STATIONARY = 1e-6
 _PERFECT = 1e-18  # a cost of this part of the data's own square is zero but for rounding
-_RIDGE = 0.98
 
 
-@eqx.filter_jit
-def _joint_derivatives(
-    problem: Problem, geometry: Float[Array, " 3"], x: Float[Array, "blocks n"]
+@dataclasses.dataclass(frozen=True)
+class Optimal:
+    """An optimum and all that is derived of it before it is told to a reader.
+
+    Attributes:
+        search: with its stations placed.
+        parameters: nonlinear parameters [SI], shape (q,).
+        optimum: of the convex fit.
+        spread: covariance of the nonlinear parameters and then the coefficients.
+        at_bound: nonlinear parameters on a bound.
+    """
+
+    search: Search
+    parameters: Float[Array, " q"]
+    optimum: Optimum
+    spread: Covariance
+    at_bound: Bool[np.ndarray, " q"]
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of the search."""
+        return self.search.problem
+
+    @property
+    def coefficients(self) -> Float[np.ndarray, "nodes order"]:
+        """Coefficients [Pa] of every node of every block."""
+        return np.asarray(self.optimum.x).reshape(-1, self.problem.order)
+
+
+@quick_jit
+def joint_derivatives(
+    problem: Problem, parameters: Float[Array, " q"], x: Float[Array, "blocks n"]
 ) -> tuple[Array, Array, Array]:
-    """Weighted residual, its Jacobian and that of the constraint rows, in (geometry, x)."""
+    """Weighted residual, its Jacobian and that of the constraint rows, in (parameters, x)."""
+    reaches = problem.reaches(parameters)
 
-    def both(geometry: Float[Array, " 3"], flat: Float[Array, " n"]) -> tuple[Array, Array]:
-        A, b, G, h = problem.programmes(geometry)
+    def both(parameters: Float[Array, " q"], flat: Float[Array, " n"]) -> tuple[Array, Array]:
         coefficients = flat.reshape(x.shape)
-        residual = jnp.sum(jnp.einsum("bkn,bn->bk", A, coefficients) - b, axis=0)
-        return residual, (jnp.einsum("bmn,bn->bm", G, coefficients) - h).ravel()
+        _, _, G, h = problem.programmes(parameters, reaches)
+        slack = (jnp.einsum("bmn,bn->bm", G, coefficients) - h).ravel()
+        return problem.joint_residual(parameters, coefficients, reaches), slack
 
-    residual, _ = both(geometry, x.ravel())
-    (rg, rx), (cg, cx) = jax.jacfwd(both, argnums=(0, 1))(geometry, x.ravel())
-    return residual, jnp.concatenate([rg, rx], axis=1), jnp.concatenate([cg, cx], axis=1)
+    residual, _ = both(parameters, x.ravel())
+    (rp, rx), (cp, cx) = jax.jacfwd(both, argnums=(0, 1))(parameters, x.ravel())
+    return residual, jnp.concatenate([rp, rx], axis=1), jnp.concatenate([cp, cx], axis=1)
+
+
+def optimal(search: Search, best: BoxOptimum) -> Optimal:
+    """The optimum at the end of a descent, with its covariance."""
+    parameters = search.parameters(best.u)
+    optimum = solve(search.problem, parameters)
+    moves, at_bound = np.zeros((2, len(search.names)), bool)
+    u = np.asarray(best.u)
+    moves[list(search.free)] = True
+    at_bound[list(search.free)] = (u <= 1e-9) | (u >= 1 - 1e-9)
+    held = np.concatenate([at_bound | ~moves, np.zeros(search.problem.n_coefficients, bool)])
+    residual, jacobian, rows = map(
+        np.asarray, joint_derivatives(search.problem, parameters, optimum.x)
+    )
+    active = np.asarray(optimum.active).ravel()
+    spread = covariance(jacobian, residual, rows[active], held)
+    return Optimal(search, parameters, optimum, spread, at_bound)
 
 
 def summarise(
-    data: ForceData,
+    data: Sequence[ForceData],
     search: Search,
     best: BoxOptimum,
     ends: BoxOptimum,
-    limits: dict[str, Bounds],
+    table: Mapping[str, Entry],
+    *,
     dependence: PressureDependence,
     box: str,
     seed: int,
-) -> Identification:
-    """The identification that the best descent stands for."""
-    problem, geometry = search.problem, search.geometry(best.u)
-    optimum = solve(problem, geometry)
-    material = problem.material(optimum.x)
-    muscle = problem.muscle(geometry, material)
-    coefficients = np.asarray(optimum.x).reshape(-1, problem.order)
-    at_bound = _geometry_at_bound(search, best)
-    held = np.concatenate([at_bound | ~_moves(search), np.zeros(coefficients.size, bool)])
-    residual, jacobian, rows = map(np.asarray, _joint_derivatives(problem, geometry, optimum.x))
-    active = np.asarray(optimum.active).ravel()
-    spread = covariance(jacobian, residual, rows[active], held)
-    stability = path_margin(problem, geometry, muscle)[1]
-    slope = slope_margin(problem, geometry, muscle)[1]
-    certificate = Certificate(
+) -> tuple[Identification, ...]:
+    """The identifications, one for each force map, that the best descent stands for."""
+    found = optimal(search, best)
+    problem, optimum = search.problem, found.optimum
+    certificate = _certificate(found, best, ends, np.concatenate([d.force for d in data]))
+    feasible = not certificate.constraint_margin < -FEASIBLE * np.abs(found.coefficients).max()
+    certified = bool(np.all(np.asarray(optimum.status) == int(Status.OPTIMAL)))
+    muscles = problem.muscles(found.parameters, optimum.x)
+    estimates = _estimates(found, table)
+    results = []
+    for k, (one, part, muscle) in enumerate(zip(data, problem.parts, muscles, strict=True)):
+        nodes = _nodes_of(problem, k)
+        material = muscle.material
+        offsets = found.parameters[jnp.asarray(part.offsets, int)]
+        result = Identification(
+            data=one,
+            muscle=muscle,
+            series_compliance=float(part.compliance(found.parameters)),
+            length_offsets=np.asarray(offsets),
+            estimates=_concerning(estimates, one, nodes, problem),
+            derived=_derived(found, part),
+            coefficients=found.coefficients[nodes],
+            coefficients_stderr=_coefficient_stderr(found)[nodes],
+            node_pressures=(
+                np.asarray(material.node_pressures)
+                if isinstance(material, famjax.PressurePolynomialMaterial)
+                else None
+            ),
+            strain_range=float(jnp.max(part.largest_strain(found.parameters))),
+            residuals=np.zeros(0),
+            errors=_errors(one, one.force),
+            certificate=certificate,
+            active_constraints=_active_sentences(problem, found),
+            starts=np.sort(ends.cost),
+            law=problem.law,
+            constraint=problem.constraint,
+            dependence=dependence,
+            box=box,
+            seed=seed,
+            converged=certified and feasible and certificate.gradient_residual <= _STATIONARY,
+            warnings=(),
+            search=search,
+            unit_optimum=np.asarray(best.u),
+        )
+        force = result.model_force()
+        loaded = one.loaded
+        result = dataclasses.replace(
+            result,
+            residuals=force[loaded] - one.force[loaded],
+            errors=_errors(one, force),
+            converged=result.converged and bool(np.isfinite(force[loaded]).all()),
+        )
+        results.append(
+            dataclasses.replace(result, warnings=warnings(result, found.spread, search.names))
+        )
+    return tuple(results)
+
+
+def _nodes_of(problem: Problem, part: int) -> slice:
+    """Which rows of the coefficients belong to a part: its own, or all."""
+    own = len(problem.parts) > 1 and problem.nodes == len(problem.parts)
+    return slice(part, part + 1) if own else slice(None)
+
+
+def _certificate(
+    found: Optimal, best: BoxOptimum, ends: BoxOptimum, force: np.ndarray
+) -> Certificate:
+    problem, optimum = found.problem, found.optimum
+    stability, slope = (
+        min(float(value.min()) for _, value in margin(problem, found.parameters, optimum.x))
+        for margin in (path_margin, slope_margin)
+    )
+    return Certificate(
         kkt_residual=float(jnp.max(optimum.kkt_residual)),
         duality_gap=float(jnp.max(optimum.duality_gap)),
         gradient_residual=float(best.gradient_residual),
-        condition=spread.condition,
-        stability_margin=float(stability.min()),
-        slope_margin=float(slope.min()),
+        condition=found.spread.condition,
+        stability_margin=stability,
+        slope_margin=slope,
         constraint_margin={
             "none": math.nan,
-            "positive": float(coefficients.min()),
-            "slope": float(slope.min()),
-            "drucker": float(stability.min()),
+            "positive": float(found.coefficients.min()),
+            "slope": slope,
+            "drucker": stability,
         }[problem.constraint],
         n_starts=len(ends.cost),
-        n_agreeing=int(
-            np.sum(ends.cost <= best.cost * (1 + 1e-6) + _PERFECT * data.force @ data.force)
-        ),
+        n_agreeing=int(np.sum(ends.cost <= best.cost * (1 + 1e-6) + _PERFECT * force @ force)),
     )
-    feasible = not certificate.constraint_margin < -FEASIBLE * np.abs(coefficients).max()
-    optimal = bool(np.all(np.asarray(optimum.status) == int(Status.OPTIMAL)))
-    loaded = data.loaded
-    force = np.asarray(eqx.filter_jit(muscle.force)(data.length, data.pressure))
-    estimates = _geometry_estimates(geometry, spread, limits, at_bound)
-    if coefficients.shape[0] == 1:
-        estimates += _coefficient_estimates(coefficients[0], spread, limits)
-    result = Identification(
-        data=data,
-        muscle=muscle,
-        estimates=estimates,
-        derived=_derived(problem, geometry, spread),
-        coefficients=coefficients,
-        coefficients_stderr=spread.stderr[len(GEOMETRY) :].reshape(coefficients.shape),
-        node_pressures=(
-            np.asarray(material.node_pressures)
-            if isinstance(material, famjax.PressurePolynomialMaterial)
-            else None
-        ),
-        strain_range=float(jnp.max(problem.largest_strain(geometry))),
-        residuals=force[loaded] - data.force[loaded],
-        errors=_errors(data, force),
-        certificate=certificate,
-        active_constraints=_active_sentences(problem, optimum),
-        starts=np.sort(ends.cost),
-        order=problem.order,
-        constraint=problem.constraint,
-        dependence=dependence,
-        box=box,
-        seed=seed,
-        converged=optimal and feasible and certificate.gradient_residual <= _STATIONARY,
-        warnings=(),
-    )
-    return dataclasses.replace(result, warnings=_warnings(result, spread))
 
 
-def _moves(search: Search) -> Bool[np.ndarray, " 3"]:
-    moves = np.zeros(len(GEOMETRY), bool)
-    moves[list(search.free)] = True
-    return moves
+def _coefficient_stderr(found: Optimal) -> Float[np.ndarray, "nodes order"]:
+    return found.spread.stderr[len(found.search.names) :].reshape(found.coefficients.shape)
 
 
-def _geometry_at_bound(search: Search, best: BoxOptimum) -> Bool[np.ndarray, " 3"]:
-    at_bound = np.zeros(len(GEOMETRY), bool)
-    u = np.asarray(best.u)
-    at_bound[list(search.free)] = (u <= 1e-9) | (u >= 1 - 1e-9)
-    return at_bound
-
-
-def _geometry_estimates(
-    geometry: Array, spread: Covariance, limits: dict[str, Bounds], at_bound: np.ndarray
-) -> tuple[Estimate, ...]:
-    return tuple(
-        Estimate(
-            name=name,
-            value=float(geometry[k]),
-            stderr=float(spread.stderr[k]),
-            min=limits[name].min,
-            max=limits[name].max,
-            at_bound=bool(at_bound[k]),
-            fixed=limits[name].fixed,
-            kind=kind_of(name),
+def _estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...]:
+    """Every nonlinear parameter, then the coefficients of every node."""
+    estimates = [
+        _estimate(name, float(value), float(error), table[name], bool(stopped))
+        for name, value, error, stopped in zip(
+            found.search.names, found.parameters, found.spread.stderr, found.at_bound, strict=False
         )
-        for k, name in enumerate(GEOMETRY)
-    )
-
-
-def _coefficient_estimates(
-    values: np.ndarray, spread: Covariance, limits: dict[str, Bounds]
-) -> tuple[Estimate, ...]:
-    scale = np.abs(values).max()
-    estimates = []
-    for k, name in enumerate(coefficient_names(values.size)):
-        bound = limits[name]
-        near = min(abs(values[k] - bound.min), abs(values[k] - bound.max))
-        estimates.append(
-            Estimate(
-                name=name,
-                value=float(values[k]),
-                stderr=float(spread.stderr[len(GEOMETRY) + k]),
-                min=bound.min,
-                max=bound.max,
-                at_bound=bool(near <= 1e-9 * scale) and not bound.fixed,
-                fixed=bound.fixed,
-                kind="stress",
-            )
-        )
+    ]
+    names = tuple(found.problem.law.coefficients)
+    scale = np.abs(found.coefficients).max()
+    for values, errors in zip(found.coefficients, _coefficient_stderr(found), strict=True):
+        for name, value, error in zip(names, values, errors, strict=True):
+            bound = table[name]
+            near = min(abs(value - bound.min), abs(value - bound.max)) <= 1e-9 * scale
+            estimates.append(_estimate(name, float(value), float(error), bound, bool(near)))
     return tuple(estimates)
 
 
-def _derived(problem: Problem, geometry: Array, spread: Covariance) -> tuple[Estimate, ...]:
+def _estimate(name: str, value: float, error: float, entry: Entry, stopped: bool) -> Estimate:
+    return Estimate(
+        name=name,
+        value=value,
+        stderr=error,
+        min=entry.min,
+        max=entry.max,
+        at_bound=stopped and not entry.fixed,
+        fixed=entry.fixed,
+        kind=entry.kind,
+        prior=entry.prior,
+    )
+
+
+def _concerning(
+    estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, problem: Problem
+) -> tuple[Estimate, ...]:
+    """The estimates that concern one specimen; a law with several nodes is told elsewhere."""
+    count = len(estimates) - problem.n_coefficients
+    mine = own_names([e.name for e in estimates[:count]], data.specimen.name)
+    geometry = tuple(e for e in estimates[:count] if e.name in mine)
+    order = problem.order
+    laws = [estimates[count + k * order :][:order] for k in range(problem.n_coefficients // order)]
+    return geometry + (laws[nodes][0] if len(laws[nodes]) == 1 else ())
+
+
+def _derived(found: Optimal, part: Part) -> tuple[Estimate, ...]:
     """Thread length and turns of an estimated geometry, with errors by the delta method."""
-    if not isinstance(problem.source, EstimatedSource):
+    source = part.source
+    if not isinstance(source, EstimatedSource):
         return ()
 
-    def quantities(geometry: Float[Array, " 3"]) -> Float[Array, " 2"]:
-        muscle = problem.muscle(geometry, famjax.PolynomialMaterial(jnp.zeros(1)))
-        assert isinstance(muscle.geometry, famjax.EstimatedGeometry)
-        return jnp.stack([muscle.geometry.braid.rest_thread_length, muscle.geometry.braid.turns])
+    def quantities(parameters: Float[Array, " q"]) -> Float[Array, " 2"]:
+        geometry = source.geometry(part.values(parameters))
+        if isinstance(geometry, famjax.EndEffectGeometry):
+            geometry = geometry.cylinder
+        assert isinstance(geometry, famjax.EstimatedGeometry)
+        return jnp.stack([geometry.braid.rest_thread_length, geometry.braid.turns])
 
-    slopes = np.asarray(jax.jit(jax.jacfwd(quantities))(geometry))
-    matrix = spread.matrix[: len(GEOMETRY), : len(GEOMETRY)]
+    slopes = np.asarray(jax.jit(jax.jacfwd(quantities))(found.parameters))
+    count = len(found.search.names)
+    matrix = found.spread.matrix[:count, :count]
     known = np.isfinite(np.diag(matrix))
     matrix = np.where(known[:, None] & known, matrix, 0.0)
     variance = np.einsum("ij,jk,ik->i", slopes, matrix, slopes)
@@ -196,7 +267,7 @@ def _derived(problem: Problem, geometry: Array, spread: Covariance) -> tuple[Est
         for name, kind, value, error in zip(
             ("thread_length", "turns"),
             ("length", "number"),
-            quantities(geometry),
+            quantities(found.parameters),
             stderr,
             strict=True,
         )
@@ -219,88 +290,34 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
     )
 
 
-def _active_sentences(problem: Problem, optimum: Optimum) -> tuple[str, ...]:
+def _active_sentences(problem: Problem, found: Optimal) -> tuple[str, ...]:
     """One sentence for each active row of the convex fit."""
-    rest, stations = problem.rest_length, problem.path_end.shape[1]
-    per_path = problem.constraint_rows_per_path
-    sentences = []
-    for block, row in np.argwhere(np.asarray(optimum.active)):
-        if row >= stations * per_path:
-            which = (row - stations * per_path) % (2 * problem.order)
-            side = "lower" if which < problem.order else "upper"
-            sentences.append(f"E_{which % problem.order + 1} at its {side} bound")
-            continue
-        path, station = divmod(int(row), per_path)
-        pressure = float(problem.path_pressure[block, path]) / 1e3
-        at = (
-            ""
-            if problem.basis.shape[1] * problem.weights.shape[0] == 1
-            else f" at {pressure:.4g} kPa"
-        )
-        if problem.constraint == "positive":
-            sentences.append(f"E_{station + 1} = 0{at}")
-            continue
-        part = float(problem.stations[block, path, station])
-        if problem.constraint == "slope":
-            sentences.append(f"tangent modulus 0 at {part:.1%} of the strain range{at}")
-        else:
-            contraction = part * (1 - float(problem.path_end[block, path]) / rest)
-            sentences.append(f"Drucker modulus 0 at contraction {contraction:.4f}{at}")
+    active = np.asarray(found.optimum.active)
+    sentences, first = [], 0
+    for part in problem.parts:
+        count = part.path_end.shape[1] * (problem.rows_per_path(part) + 2 * problem.order)
+        for block, row in np.argwhere(active[:, first : first + count]):
+            sentences.append(_active_sentence(problem, part, found, int(block), int(row)))
+        first += count
     return tuple(dict.fromkeys(sentences))
 
 
-def _warnings(result: Identification, spread: Covariance) -> tuple[str, ...]:
-    """What a reader must know before using the numbers."""
-    warnings = list(result.data.notes)
-    if result.box == "open":
-        warnings.append(
-            "The box is open: braid diameter and angle are then only fit parameters, not the "
-            "dimensions of a muscle that could be built."
-        )
-    stopped = [e.name for e in result.estimates if e.at_bound]
-    if stopped:
-        warnings.append(
-            f"At a bound: {', '.join(stopped)}. The data alone would go further, so no standard "
-            "error is given; the errors of the others hold with these kept where they are."
-        )
-    if not np.isfinite(spread.condition) or spread.condition > CONDITION_LIMIT:
-        warnings.append(
-            "The parameters cannot be told apart by these data, so no standard errors are given: "
-            "fix one of them by --bounds, or add lengths and pressures."
-        )
-    warnings += _ridges(spread)
-    if result.active_constraints:
-        warnings.append(
-            f"The {result.constraint} constraint is active: standard errors hold along it only."
-        )
-    if result.certificate.stability_margin < -FEASIBLE * np.abs(result.coefficients).max():
-        warnings.append(
-            f"The law is NOT Drucker-stable on the actuation path (margin "
-            f"{result.certificate.stability_margin / 1e6:.4g} MPa): do not extrapolate or simulate "
-            "with it; --constraint drucker gives the best stable law."
-        )
-    errors = result.errors
-    if errors.max_slack_force > 2 * errors.rmse:
-        warnings.append(
-            f"The model pulls at {errors.slack_violations} of {errors.n_slack} slack readings, by "
-            f"up to {errors.max_slack_force:.3g} N."
-        )
-    if result.certificate.n_agreeing < 2 < result.certificate.n_starts:
-        warnings.append("Only one start reached the best objective: try more (--starts).")
-    if not result.converged:
-        warnings.append("The fit did NOT converge; its numbers are not an optimum.")
-    return tuple(warnings)
-
-
-def _ridges(spread: Covariance) -> list[str]:
-    """Pairs of geometry parameters that the data determine only together."""
-    correlation = spread.correlation
-    ridges = []
-    for i, first in enumerate(GEOMETRY):
-        for j in range(i + 1, len(GEOMETRY)):
-            if abs(correlation[i, j]) > _RIDGE:
-                ridges.append(
-                    f"Ridge: {first} and {GEOMETRY[j]} are correlated by "
-                    f"{correlation[i, j]:.4f}; only a combination of them is known well."
-                )
-    return ridges
+def _active_sentence(problem: Problem, part: Part, found: Optimal, block: int, row: int) -> str:
+    per_path, paths = problem.rows_per_path(part), part.path_end.shape[1]
+    names = tuple(problem.law.coefficients)
+    if row >= paths * per_path:
+        which = (row - paths * per_path) % (2 * problem.order)
+        side = "lower" if which < problem.order else "upper"
+        return f"{names[which % problem.order]} at its {side} bound"
+    path, station = divmod(row, per_path)
+    several = problem.blocks * problem.nodes > 1 and len(problem.parts) == 1
+    pressure = float(part.path_pressure[block, path]) / 1e3
+    at = f" at {pressure:.4g} kPa" if several else ""
+    if problem.constraint == "positive":
+        return f"{names[station]} = 0{at}"
+    place = float(part.stations[block, path, station])
+    if problem.constraint == "slope":
+        return f"tangent modulus 0 at {place:.1%} of the strain range{at}"
+    rest, end = part.path_ends(found.parameters)
+    contraction = place * (1 - float(end[block, path] / rest))
+    return f"Drucker modulus 0 at contraction {contraction:.4f}{at}"

@@ -1,4 +1,4 @@
-"""The bladder's stress law from a cyclic tensile test: softening, permanent set, polynomial fit."""
+"""The bladder's stress law from a cyclic tensile test: a polynomial through chosen cycles."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,102 +9,15 @@ from jaxtyping import Float
 
 import famjax
 
-from ._cycles import (
-    Branch,
-    Cycle,
-    checked_columns,
-    choose_cycles,
-    lost_work,
-    pair_cycles,
-    split_branches,
-)
+from ._cycles import Cycle, choose_cycles, pair_cycles, split_branches
 from ._errors import InputError
+from ._tensile_cycle import TensileCycle, tensile_cycles
+from ._tensile_record import TensileRecord, zero_force
 
 BranchChoice = Literal["loading", "unloading", "both"]
 """Which branches of the chosen cycles a fit uses."""
 
-_ZERO_WINDOW = (0.02, 0.20)  # of the peak force: readings from which zero force is found
 _MAX_ORDER = 8
-
-
-@dataclasses.dataclass(frozen=True)
-class TensileRecord:
-    """The record of a cyclic tensile test on a strip or tube, in order of time.
-
-    Attributes:
-        force: F [N], shape (n,), positive in tension.
-        displacement: d [m], shape (n,), of the grips; zero at the gauge length.
-        gauge_length: l0 [m], unloaded length between the grips before the test.
-        area: A0 [m2], unloaded cross-section of the rubber before the test.
-        time: [s], shape (n,), or None.
-        source: where the numbers come from.
-    """
-
-    force: Float[np.ndarray, " n"]
-    displacement: Float[np.ndarray, " n"]
-    gauge_length: float
-    area: float
-    time: Float[np.ndarray, " n"] | None = None
-    source: str = "arrays"
-
-    def __post_init__(self) -> None:
-        columns = {"force": self.force, "displacement": self.displacement, "time": self.time}
-        for name, values in checked_columns(columns).items():
-            object.__setattr__(self, name, values)
-        for name, unit in (("gauge_length", "m"), ("area", "m2")):
-            size = getattr(self, name)
-            if not (np.isfinite(size) and size > 0):
-                raise InputError(f"{name} must be > 0 and finite, got {size} {unit}")
-        length = self.gauge_length + self.displacement.min()
-        if length <= 0:
-            raise InputError(
-                f"a displacement of {self.displacement.min():.6g} m shortens the gauge length of "
-                f"{self.gauge_length:.6g} m to {length:.6g} m: check the units and the zero"
-            )
-
-    @property
-    def volume(self) -> float:
-        """Volume [m3] of the rubber between the grips, A0 l0; constant."""
-        return self.area * self.gauge_length
-
-    @property
-    def true_stress(self) -> Float[np.ndarray, " n"]:
-        """True stress [Pa] at constant volume, F l / V with l = l0 + d: F/A (1 + eps)."""
-        return self.force * (self.gauge_length + self.displacement) / self.volume
-
-
-@dataclasses.dataclass(frozen=True)
-class TensileCycle:
-    """What one cycle of a tensile test shows.
-
-    Attributes:
-        number: from 1.
-        max_strain: largest engineering strain [-] on the loading branch, of the gauge length
-            before the test.
-        peak_stress: true stress [Pa] on the loading branch at the largest displacement that all
-            cycles reach.
-        peak_ratio, peak_ratio_stderr: of that stress to the first cycle's [-].
-        half_ratio, half_ratio_stderr: the same at half that displacement [-], where softening
-            shows most.
-        permanent_set, permanent_set_stderr: displacement [m] at which unloading brings the force
-            back to zero; nan where the cycle does not return to it.
-        gauge_length: unloaded length [m] after the cycle.
-        lost_energy: work lost in the cycle per volume of rubber [J/m3].
-        rate: mean speed [m/s] of the loading branch, or None where no time is known.
-    """
-
-    number: int
-    max_strain: float
-    peak_stress: float
-    peak_ratio: float
-    peak_ratio_stderr: float
-    half_ratio: float
-    half_ratio_stderr: float
-    permanent_set: float
-    permanent_set_stderr: float
-    gauge_length: float
-    lost_energy: float
-    rate: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -196,7 +109,7 @@ def characterise_bladder(
     )
     chosen = choose_cycles(found, cycles)
     fit = _fit(record, chosen, tuple(cycles), order, branch)
-    reports = _reports(record, found)
+    reports = tensile_cycles(record, found)
     second = reports[1] if len(reports) > 1 else None
     softer = second is not None and 1 - second.half_ratio > 3 * second.half_ratio_stderr
     return Characterisation(cycles=reports, fit=fit, mullins=softer)
@@ -213,7 +126,7 @@ def _fit(
     unloading = [cycle.second for cycle in chosen] if branch != "loading" else []
     strains, stresses, shifts = [], [], []
     for part in loading + unloading:
-        zero, zero_stderr = _zero_force(record, part)
+        zero, zero_stderr = zero_force(record, part)
         if not np.isfinite(zero):
             low = record.force[part.rows].min()
             raise InputError(
@@ -257,90 +170,3 @@ def _fit(
         stress=stress,
         residuals=residuals,
     )
-
-
-def _reports(record: TensileRecord, cycles: Sequence[Cycle]) -> tuple[TensileCycle, ...]:
-    d, stress = record.displacement, record.true_stress
-    common = min(d[cycle.first.rows].max() for cycle in cycles)
-    first: tuple[tuple[float, float], ...] | None = None
-    reports = []
-    for number, cycle in enumerate(cycles, 1):
-        rows = cycle.first.rows
-        levels = tuple(_local_value(d[rows], stress[rows], at) for at in (common, common / 2))
-        first = first or levels
-        peak, half = (_ratio(level, base) for level, base in zip(levels, first, strict=True))
-        permanent, permanent_stderr = _zero_force(record, cycle.second)
-        time = None if record.time is None else np.ptp(record.time[rows])
-        reports.append(
-            TensileCycle(
-                number=number,
-                max_strain=float(d[rows].max() / record.gauge_length),
-                peak_stress=levels[0][0],
-                peak_ratio=peak[0],
-                peak_ratio_stderr=peak[1],
-                half_ratio=half[0],
-                half_ratio_stderr=half[1],
-                permanent_set=permanent,
-                permanent_set_stderr=permanent_stderr,
-                gauge_length=record.gauge_length + permanent,
-                lost_energy=lost_work(d, record.force, cycle) / record.volume,
-                rate=float(np.ptp(d[rows]) / time) if time else None,
-            )
-        )
-    return tuple(reports)
-
-
-def _zero_force(record: TensileRecord, branch: Branch) -> tuple[float, float]:
-    """Displacement [m] at which a branch's force is zero, and its standard error; nan if never."""
-    way = slice(None, None, 1 if branch.rising else -1)
-    force, x, y = (
-        column[branch.rows][way]
-        for column in (record.force, record.displacement, record.true_stress)
-    )
-    # The window's ends are looked for in a running mean, so that noise does not draw them in.
-    span = 2 * (force.size // 100) + 1
-    smooth = np.convolve(np.pad(force, span // 2, mode="edge"), np.ones(span) / span, "valid")
-    low, high = (part * smooth.max() for part in _ZERO_WINDOW)
-    stop = int(np.argmax(smooth >= high))
-    slack = np.flatnonzero(smooth[:stop] <= low)
-    if smooth.max() <= 0 or not slack.size or stop - slack[-1] < 6:
-        return np.nan, np.nan
-    near = slice(int(slack[-1]) + 1, stop)
-    (c0, c1, c2), covariance = _parabola(x[near] - x[near][0], y[near])
-    square = c1**2 - 4 * c0 * c2
-    if c1 <= 0 or square <= 0:
-        return np.nan, np.nan
-    t = -2 * c0 / (c1 + np.sqrt(square))
-    row = np.array([1.0, t, t**2])
-    return float(x[near][0] + t), float(np.sqrt(row @ covariance @ row / square))
-
-
-def _local_value(
-    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], at: float
-) -> tuple[float, float]:
-    """Value and standard error of noisy y at x, by a parabola through the readings near it."""
-    count = min(max(9, x.size // 20), x.size)
-    if count < 5:
-        raise InputError(f"a branch has only {count} readings: record at least 5, better 100")
-    near = np.argsort(np.abs(x - at), kind="stable")[:count]
-    coefficients, covariance = _parabola(x[near] - at, y[near])
-    return float(coefficients[0]), float(np.sqrt(covariance[0, 0]))
-
-
-def _parabola(
-    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-    """Coefficients, constant first, of the parabola that fits best, and their covariance; n > 3."""
-    scale = np.abs(x).max() ** np.arange(3)
-    powers = np.vander(x, 3, increasing=True)
-    inverse = np.linalg.pinv(powers / scale) / scale[:, None]
-    residual = y - powers @ inverse @ y
-    return inverse @ y, inverse @ inverse.T * (residual @ residual / (x.size - 3))
-
-
-def _ratio(value: tuple[float, float], base: tuple[float, float]) -> tuple[float, float]:
-    """Ratio of two values with its standard error; the base to itself is one, without error."""
-    if value is base:
-        return 1.0, 0.0
-    ratio = value[0] / base[0]
-    return ratio, float(np.hypot(value[1], ratio * base[1]) / abs(base[0]))

@@ -16,7 +16,7 @@ class Covariance:
     Attributes:
         matrix: shape (p, p); rows of parameters that cannot move are nan.
         condition: condition number of the scaled Jacobian on the free directions.
-        degrees_of_freedom: readings minus free directions.
+        degrees_of_freedom: readings and priors minus free directions.
     """
 
     matrix: Float[np.ndarray, "p p"]

@@ -10,19 +10,21 @@ UNITS: dict[str, tuple[str, ...]] = {
     "length": ("m", "cm", "mm", "in"),
     "stress": ("Pa", "kPa", "MPa", "GPa", "psi"),
     "angle": ("rad", "deg"),
+    "compliance": ("m/N", "mm/N", "in/lbf"),
+    "strain compliance": ("1/N", "1/kN", "1/lbf"),
     "number": ("",),
 }
 """Units known for each kind of quantity; the first is the SI unit used inside."""
 
 SYSTEMS: dict[str, dict[str, str]] = {
-    "si": {"force": "N", "pressure": "Pa", "length": "m", "stress": "Pa", "angle": "rad"},
-    "metric": {"force": "N", "pressure": "kPa", "length": "mm", "stress": "MPa", "angle": "deg"},
-    "us": {"force": "lbf", "pressure": "psi", "length": "in", "stress": "psi", "angle": "deg"},
+    system: dict(zip(UNITS, units, strict=True))
+    for system, units in {
+        "si": ("N", "Pa", "m", "Pa", "rad", "m/N", "1/N", ""),
+        "metric": ("N", "kPa", "mm", "MPa", "deg", "mm/N", "1/kN", ""),
+        "us": ("lbf", "psi", "in", "psi", "deg", "in/lbf", "1/lbf", ""),
+    }.items()
 }
-"""Unit systems of a report."""
-
-for _system in SYSTEMS.values():
-    _system["number"] = ""
+"""Unit systems of a report: the unit of each kind."""
 
 
 @functools.cache
@@ -31,7 +33,7 @@ def factor(unit: str, kind: str) -> float:
 
     Args:
         unit: one of `UNITS[kind]`.
-        kind: "force", "pressure", "length", "stress", "angle" or "number".
+        kind: one of `UNITS`.
 
     Returns:
         SI units per `unit`.

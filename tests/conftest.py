@@ -4,13 +4,15 @@ import os
 from pathlib import Path
 
 os.environ.setdefault("PJRT_NPROC", "16")  # see docs: batched LAPACK on few cores
+# Most of the time of these tests is XLA compiling, and LLVM's passes cost more than they save.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
 
 import jax
 from jaxtyping import install_import_hook
 
 jax.config.update("jax_enable_x64", True)
 
-# Most of the time of these tests is XLA compiling: what one worker has compiled it does not again.
+# What one worker has compiled it does not compile again.
 CACHE = (
     Path(__file__).parents[1] / ".pytest_cache" / "jax" / os.environ.get("PYTEST_XDIST_WORKER", "")
 )

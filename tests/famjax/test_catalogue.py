@@ -3,7 +3,7 @@ import math
 import pytest
 
 from famjax import units
-from famjax._catalogue import CatalogueError, load_catalogue
+from famjax.design import CatalogueError, load_catalogue
 
 INCH = units.INCH
 
@@ -36,6 +36,14 @@ swage_reduction_mm = 0.7
 modulus_GPa = 69
 modulus_source = "handbook"
 """
+TEST = """
+source = "a laboratory"
+[[test]]
+name = "burst"
+bladder = "bladder 0.875 in x 0.0625 in"
+braid = "Kevlar 2.0 in"
+burst_pressure_bar = 19.3
+"""
 
 
 def read(tmp_path, text, *, bundled=False):
@@ -64,7 +72,17 @@ def test_bundled_bladders_and_tubes_are_those_offered():
     walls = [round(tube.thickness / INCH, 6) for tube in catalogue.tubes]
     assert walls == [0.035, 0.049, 0.058, 0.065]
     assert all(tube.outer_diameter == pytest.approx(INCH) for tube in catalogue.tubes)
-    assert all(tube.modulus is None for tube in catalogue.tubes)
+    for tube in catalogue.tubes:
+        assert tube.modulus is tube.yield_stress is tube.free_length is None  # not printed
+        assert tube.supported_length == pytest.approx(1.85 * INCH)
+
+
+def test_bundled_tests_are_those_of_table_2_5():
+    tensile, burst = load_catalogue().tests
+    assert tensile.tensile_force == pytest.approx(2147 * units.LBF)
+    assert burst.burst_pressure == pytest.approx(280 * units.PSI)
+    assert burst.burst_force == pytest.approx(2639 * units.LBF)
+    assert tensile.burst_pressure is tensile.burst_force is burst.tensile_force is None
 
 
 def test_a_users_file_extends_the_bundled_catalogue(tmp_path):
@@ -86,6 +104,31 @@ def test_a_tube_carries_its_modulus_in_pascal_with_its_source(tmp_path):
     (tube,) = read(tmp_path, TUBE).tubes
     assert tube.modulus == pytest.approx(69e9)
     assert tube.modulus_source == "handbook"
+    assert (tube.yield_stress, tube.yield_stress_source, tube.supported_length) == (None,) * 3
+
+
+def test_a_users_test_extends_the_bundled_ones(tmp_path):
+    *_, mine = read(tmp_path, TEST, bundled=True).tests
+    assert mine.burst_pressure == pytest.approx(19.3e5)
+    assert mine.source == "a laboratory"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("Kevlar 2.0 in", "Kevlar 3.0 in", "of the braid 'Kevlar 3.0 in', which is not offered"),
+        ("bladder 0.875", "bladder 0.9", "of the bladder .* offered are bladder 0.5 in x"),
+        ("burst_pressure_bar", "burst_pressure_ksi", "unknown unit 'ksi'.*burst_pressure_psi"),
+        ("burst_pressure_bar", "burst_pressure", "burst_pressure has no unit"),
+        ("burst_pressure_bar = 19.3", "", "a test needs burst_pressure"),
+        ("burst_pressure_bar = 19.3", "burst_force_lbf = [1, 2]", "must be one number, got 2"),
+        ('braid = "Kevlar 2.0 in"', "", "braid is missing"),
+    ],
+)
+def test_a_wrong_test_is_refused_with_the_reason(tmp_path, old, new, message):
+    assert old in TEST
+    with pytest.raises(CatalogueError, match=message):
+        read(tmp_path, TEST.replace(old, new), bundled=True)
 
 
 @pytest.mark.parametrize(
@@ -127,6 +170,18 @@ def test_a_tube_carries_its_modulus_in_pascal_with_its_source(tmp_path):
         (BLADDER, "[1, 2]", "[1, 1]", "is there twice"),
         (TUBE, 'modulus_source = "handbook"', "", "together with modulus_source"),
         (TUBE, "modulus_GPa = 69", "", "together with modulus_source"),
+        (
+            TUBE,
+            "modulus_GPa = 69",
+            "modulus_GPa = 69\nyield_stress_MPa = 276",
+            "yield_stress_source",
+        ),
+        (
+            TUBE,
+            "modulus_GPa = 69",
+            "modulus_GPa = 69\nfree_length_mm = 40\nsupported_length_mm = 50",
+            "supported_length, 0.05 m, exceeds free_length",
+        ),
         (TUBE, "modulus_GPa", "modulus_ksi", "unknown unit 'ksi'.*modulus_GPa"),
         (TUBE, "swage_reduction_mm = 0.7", "swage_reduction_mm = 23", "closes a tube"),
     ],

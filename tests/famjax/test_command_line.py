@@ -9,6 +9,7 @@ import pytest
 
 import famjax
 from famjax.__main__ import main
+from fitting import load_fit
 
 
 def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
@@ -42,7 +43,8 @@ def test_json_is_one_object_and_nothing_else(
 ) -> None:
     code, out, _ = run(
         capsys, "fit", map_file, "--order", 2, "--json", "--output", tmp_path / "o", "--starts", 4,
-        "--specimen", "nominal_diameter_mm=20", "--units", "us",
+        "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20",
+        "--units", "us",
     )  # fmt: skip
     assert code == 0
     fit = json.loads(out)
@@ -60,11 +62,37 @@ def test_json_is_one_object_and_nothing_else(
 def test_table_for_people(capsys: pytest.CaptureFixture, map_file: Path, tmp_path: Path) -> None:
     code, out, _ = run(
         capsys, "fit", map_file, "--order", 2, "--output", tmp_path / "o", "--starts", 4,
-        "--bounds", "deadband_pressure_kPa=20", "--constraint", "slope",
+        "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20",
+        "--validate", "--profile", "--bootstrap", 8,
     )  # fmt: skip
     assert code == 0
-    for needed in ("Parameters", "braid_angle", "held", "RMSE", "Certificate", "note:", "written:"):
+    for needed in ("Parameters", "braid_angle", "held", "RMSE", "Certificate", "note:", "written:",
+                   "Validation", "Profile likelihood", "Bootstrap, 8 replicates"):  # fmt: skip
         assert needed in out
+    saved = json.loads((tmp_path / "o" / "fit.json").read_text())
+    assert saved["leave_one_pressure_out"]["rmse_N"] < 0.01  # exact readings are predicted
+    assert saved["profiles"]["E_1"]["verdict"] == "identified"
+    _predict_from(capsys, tmp_path / "o" / "fit.json")
+
+
+def _predict_from(capsys: pytest.CaptureFixture, fit: Path) -> None:
+    """The saved muscle predicts the reading it was made from, and where it begins to pull."""
+    code, out, _ = run(
+        capsys, "predict", fit, "--length", "280mm,300mm", "--pressure", "3bar", "--onset", "--json"
+    )
+    assert code == 0
+    rows = json.loads(out)
+    muscle = load_fit(fit).muscle
+    assert rows[0]["force_N"] == pytest.approx(float(muscle.force(0.28, 3e5)), rel=1e-12)
+    assert rows[0]["inside"]
+    assert not rows[0]["slack"]
+    assert rows[3]["onset_pressure_Pa"] == pytest.approx(20e3, rel=1e-6)  # at rest: the deadband
+    code, out, _ = run(capsys, "predict", fit, "--length", "0.2m", "--pressure", "300kPa")
+    assert code == 0
+    assert "not inside" in out
+    for wrong, message in (("280", "has no unit"), ("280kg", "not a known unit"), ("x", "number")):
+        code, _, err = run(capsys, "predict", fit, "--length", wrong, "--pressure", "3bar")
+        assert (code, message in err) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -84,6 +112,11 @@ def test_table_for_people(capsys: pytest.CaptureFixture, map_file: Path, tmp_pat
         ),
         (None, ("--bounds", "E_1_MPa=3:2"), "must not exceed"),
         (None, ("--specimen", "colour=red"), "unknown entry of the specimen"),
+        (None, ("--prior", "rest_length=300+-1"), "rest_length needs a unit"),
+        (None, ("--prior", "rest_length_mm=300"), "must read name_unit=mean+-std"),
+        (None, ("--prior", "rest_length_mm=300+-1"), "weighed against the noise"),
+        (None, ("--free", "colour"), "unknown parameter"),
+        (None, ("--law", "ogden", "--dependence", "linear"), "only the polynomial law"),
         (None, ("--spam",), "spam"),
     ],
 )
@@ -166,6 +199,9 @@ def test_design_finds_a_muscle_and_says_why_others_fail(
     }
     assert angles["Kevlar 2.0 in", 0.875] == pytest.approx(72.0, abs=0.05)  # table 2.3
     assert {p.name for p in (tmp_path / "o").iterdir()} == {"design.json", "design.png"}
+    assert all(row["yields_first"] for row in document["tube_buckling"])
+    assert all(row["safety_factor"] > 1 for row in document["safety_factors"])
+    assert any("assumed" in note for note in document["notes"])
 
 
 @pytest.mark.parametrize(

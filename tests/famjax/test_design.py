@@ -11,21 +11,19 @@ import pytest
 from scipy.optimize import brentq
 
 from famjax import PolynomialMaterial, units
-from famjax._catalogue import load_catalogue
-from famjax._design import (
+from famjax.design import (
     Combination,
     Feasibility,
     Requirement,
-    fam_angle,
-    feasibility,
-    search,
-)
-from famjax._design_report import (
     braid_angle_rows,
     candidate_rows,
+    fam_angle,
+    feasibility,
     geometry_rows,
     jamming_range_rows,
+    load_catalogue,
     performance_rows,
+    search,
 )
 
 INCH, PSI, LBF = units.INCH, units.PSI, units.LBF

@@ -24,15 +24,8 @@ from famjax._profile_measures import Meridian, maximum_diameter, quadrature
 EXACT = 1e-12
 QUADRATURE = 1e-8  # the promise of the default order
 L0 = 9.28125
-# Chambers 2021, table 4.3 as corrected; inches. Contraction, a0, a_n, b_n, w.
-ROWS = [
-    (0.0, 1.02, [-0.09, -0.07, -0.01], [0.03, 0.06, 0.02], 5.596),
-    (0.0875, 1.37, [-0.35, -0.15, -0.01], [-0.17, -0.19, -0.06], -5.371),
-    (0.175, 1.51, [-0.56, -0.10, 0.04], [0.43, 0.41, 0.10], 4.961),
-    (0.2625, 1.27, [-0.83, 0.29, 0.18], [1.20, 0.75, 0.04], 4.347),
-    (0.35, -32.74, [24.82, 12.82, -3.90], [47.44, -18.47, -0.5], 2.176),
-]
-MEASURED = {row[0]: (FourierProfile(*row[1:]), L0 * (1 - row[0])) for row in ROWS}
+CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
+Case = tuple[AbstractProfile, float]
 # A curve (z, R) of one end from the fitting inwards, its rates, and the range of its parameter.
 Curve = Callable[[float], tuple[float, float, float, float]]
 
@@ -113,10 +106,12 @@ def test_default_order_against_scipy_on_piecewise_shapes(name: str) -> None:
     np.testing.assert_allclose(_measures(Meridian.of(shape, 6.0)), oracle, rtol=QUADRATURE)
 
 
-@pytest.mark.parametrize("contraction", MEASURED)
-def test_default_order_against_scipy_on_measured_profiles(contraction: float) -> None:
-    profile, L = MEASURED[contraction]
-    _, a0, a, b, w = next(row for row in ROWS if row[0] == contraction)
+@pytest.mark.parametrize("contraction", CONTRACTIONS)
+def test_default_order_against_scipy_on_measured_profiles(
+    contraction: float, table_4_3: dict[float, Case]
+) -> None:
+    profile, L = table_4_3[contraction]
+    a0, a, b, w = (np.asarray(leaf) for leaf in (profile.a0, profile.a, profile.b, profile.w))
     n = np.arange(1, 4)
 
     def radius(x: float) -> float:
@@ -138,8 +133,8 @@ def test_default_order_against_scipy_on_measured_profiles(contraction: float) ->
     np.testing.assert_allclose(_measures(Meridian.of(profile, L)), oracle, rtol=QUADRATURE)
 
 
-EVERY: dict[str, tuple[AbstractProfile, float]] = {
-    **{f"{contraction:.2%}": case for contraction, case in MEASURED.items()},
+MEASURED = tuple(f"{contraction:.2%}" for contraction in CONTRACTIONS)
+SYNTHETIC: dict[str, Case] = {
     **{name: (case[0], 6.0) for name, case in ASSUMED.items()},
     "cylinder": (Cylinder(2.2), 6.0),
     "stepped": (SteppedCylinder(2.2, 0.9, 1.1), 6.0),
@@ -147,9 +142,14 @@ EVERY: dict[str, tuple[AbstractProfile, float]] = {
 }
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_default_order_against_much_higher_order(name: str) -> None:
-    profile, L = EVERY[name]
+@pytest.fixture(scope="module")
+def every(table_4_3: dict[float, Case]) -> dict[str, Case]:
+    return dict(zip(MEASURED, table_4_3.values(), strict=True)) | SYNTHETIC
+
+
+@pytest.mark.parametrize("name", [*MEASURED, *SYNTHETIC])
+def test_default_order_against_much_higher_order(name: str, every: dict[str, Case]) -> None:
+    profile, L = every[name]
     default, high = Meridian.of(profile, L), Meridian.of(profile, L, order=600)
     np.testing.assert_allclose(_measures(default), _measures(high), rtol=QUADRATURE)
     strip = Bladder(L0, 0.875, 0.0625)
@@ -161,10 +161,10 @@ def test_default_order_against_much_higher_order(name: str) -> None:
         )
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_a_low_order_is_worse(name: str) -> None:
+@pytest.mark.parametrize("name", [*MEASURED, *SYNTHETIC])
+def test_a_low_order_is_worse(name: str, every: dict[str, Case]) -> None:
     """That the comparison above can fail: three stations are not enough for any curved shape."""
-    profile, L = EVERY[name]
+    profile, L = every[name]
     error = _measures(Meridian.of(profile, L, order=3)) / _measures(Meridian.of(profile, L)) - 1
     flat = name in ("cylinder", "stepped", "frustum", "frusta only")
     assert (np.max(np.abs(error)) < EXACT) == (flat and "frust" not in name)
@@ -193,8 +193,8 @@ def test_stepped_cylinder_is_three_cylinders() -> None:
     np.testing.assert_allclose(_measures(Meridian.of(shape, 6.0)), exact, rtol=EXACT)
 
 
-def test_slope_is_that_of_the_line() -> None:
-    profile, L = MEASURED[0.2625]
+def test_slope_is_that_of_the_line(table_4_3: dict[float, Case]) -> None:
+    profile, L = table_4_3[0.2625]
     meridian = Meridian.of(profile, L)
     x, _ = quadrature(profile.breakpoints(L))
     h = 1e-5
@@ -211,9 +211,9 @@ def test_quadrature_weights_and_order() -> None:
         quadrature(jnp.zeros(0), 0)
 
 
-def test_bladder_by_hand() -> None:
+def test_bladder_by_hand(table_4_3: dict[float, Case]) -> None:
     """Thickness, strains and their powers, written out in numpy on a fine even grid."""
-    profile, L = MEASURED[0.2625]
+    profile, L = table_4_3[0.2625]
     line = Meridian.of(profile, L).inset(0.011)
     bladder = Bladder(L0, 0.875, 0.0625)
     x = (np.arange(20000) + 0.5) / 20000
@@ -240,9 +240,9 @@ def test_embedded_bladder_strains_with_the_line_itself() -> None:
     assert thickness == pytest.approx(float(bladder.thickness(0.25, 0.015)), rel=EXACT)
 
 
-@pytest.mark.parametrize("name", [*map("{:.2%}".format, MEASURED), "five terms", "cylinder"])
-def test_maximum_diameter(name: str) -> None:
-    profile, L = EVERY[name]
+@pytest.mark.parametrize("name", [*MEASURED, "five terms", "cylinder"])
+def test_maximum_diameter(name: str, every: dict[str, Case]) -> None:
+    profile, L = every[name]
     x = np.linspace(0, 1, 2001)
     best = x[int(jnp.argmax(profile.diameter(x, L)))]
     bracket = (max(best - 1e-3, 0), min(best + 1e-3, 1))
@@ -299,9 +299,9 @@ def test_jit_and_vmap_equal_eager() -> None:
     np.testing.assert_allclose(area(lengths), one_by_one, rtol=EXACT)
 
 
-def test_float32() -> None:
+def test_float32(every: dict[str, Case]) -> None:
     for name in ("26.25%", "circular", "closed ellipsoid"):
-        profile, L = EVERY[name]
+        profile, L = every[name]
         single = jax.tree.map(lambda leaf: leaf.astype(np.float32), profile)
         meridian = Meridian.of(single, np.float32(L))
         assert meridian.volume.dtype == np.float32

@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,7 +10,6 @@ from famjax import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial
 from famjax._assumed_shapes import CircularArcEnds, Cylinder
 from famjax._elastic_braid import ElasticBraid
 from famjax._measured_geometry import AverageDiameterGeometry, MeasuredGeometry
-from famjax._profile import FourierProfile
 from famjax._profile_family import AssumedShapeFamily, MeasuredFamily
 from famjax._thread import LinearThread
 from famjax._virtual_work import (
@@ -20,14 +21,6 @@ from famjax._virtual_work import (
 
 EXACT = 1e-11  # a derivative of sums over 64 stations
 L0 = 9.28125
-# Chambers 2021, table 4.3 as corrected, 100 psi; inches. Contraction, a0, a_n, b_n, w.
-ROWS = [
-    (0.0, 1.02, [-0.09, -0.07, -0.01], [0.03, 0.06, 0.02], 5.596),
-    (0.0875, 1.37, [-0.35, -0.15, -0.01], [-0.17, -0.19, -0.06], -5.371),
-    (0.175, 1.51, [-0.56, -0.10, 0.04], [0.43, 0.41, 0.10], 4.961),
-    (0.2625, 1.27, [-0.83, 0.29, 0.18], [1.20, 0.75, 0.04], 4.347),
-    (0.35, -32.74, [24.82, 12.82, -3.90], [47.44, -18.47, -0.5], 2.176),
-]
 SPECIMEN = Bladder(L0, 0.875, 0.0625)
 INELASTIC = Braid(9.89, 1.09, 0.011)
 ELASTIC = ElasticBraid(9.89, 1.09, 0.011, 144, LinearThread(11.6e6, 1.332e-4))
@@ -35,10 +28,8 @@ LENGTHS = jnp.linspace(6.0, 9.28, 7)
 
 
 @pytest.fixture(scope="module")
-def measured() -> MeasuredGeometry:
-    profiles = [FourierProfile(*row[1:]).symmetrised() for row in ROWS]
-    lengths = [L0 * (1 - row[0]) for row in ROWS]
-    return MeasuredGeometry(MeasuredFamily(lengths, profiles, 100.0, ELASTIC), SPECIMEN)
+def measured(measured_family: Callable[[ElasticBraid], MeasuredFamily]) -> MeasuredGeometry:
+    return MeasuredGeometry(measured_family(ELASTIC), SPECIMEN)
 
 
 def _gaylord(geometry: EstimatedGeometry, pressure: float) -> jax.Array:

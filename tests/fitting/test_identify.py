@@ -15,11 +15,12 @@ from fitting import (
     ForceData,
     Identification,
     InputError,
+    PolynomialLaw,
     Specimen,
-    build_problem,
     identify,
 )
-from fitting._parameters import complete_bounds
+from fitting._build import build_search
+from fitting._parameters import complete_table
 from fitting._problem import CONSTRAINTS
 
 OBJECTIVE = 1e-6  # relative agreement with an independent convex solver that the project promises
@@ -103,15 +104,15 @@ def test_convex_fit_agrees_with_clarabel(
 ) -> None:
     """Every order and constraint, and every dependence, at one geometry, block by block."""
     data = readings(known_muscle(SOFTENING), noise=8.0)
-    limits = complete_bounds(SPECIMEN, "physical", order, {})
-    problem = build_problem(
-        data,
-        order=order,
+    law = PolynomialLaw(order)
+    problem = build_search(
+        [data],
+        [EstimatedSource(SPECIMEN)],
+        complete_table(SPECIMEN, "physical", law.coefficients, {}, {}),
+        law,
         constraint=constraint,
         dependence=dependence,
-        bounds=limits,
-        source=EstimatedSource(SPECIMEN),
-    )
+    ).problem
     geometry = jnp.array([0.0215, math.radians(64.0), 25e3])  # beside the truth: constraints bite
     optimum, programmes = eqx.filter_jit(lambda p, g: (p.solve(g), p.programmes(g)))(
         problem, geometry
@@ -229,7 +230,7 @@ def test_elastic_braid_is_identified() -> None:
     """The truth has soft threads: the elastic geometry finds it, the inelastic one cannot."""
     thread = famjax.LinearThread(8e9, 1e-7)
     source = EstimatedSource(SPECIMEN, 200.0, thread)
-    geometry = source.geometry(jnp.array(0.022), jnp.array(math.radians(65)))
+    geometry = source.geometry({"braid_diameter": 0.022, "braid_angle": math.radians(65)})
     data = readings(famjax.Muscle(geometry, SOFTENING, 30e3))
     elastic = identify(data, geometry=source, starts=8)
     expected = [0.022, math.radians(65), 30e3, 4e6, -6e6, 6e6]

@@ -1,0 +1,126 @@
+"""Hunt's relation, which gives the pressure that a force takes: solved for the force."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from .._types import Real, RealArray, as_real
+from ..units import KILOPASCAL
+from ._model import PeerModel
+
+_STEEP = math.pi / 2 - 0.01  # rad; the tangent is 100 there, beyond every pressure in use
+
+
+class Hunt(PeerModel):
+    """The force at which an empirical relation for the pressure holds; no physics.
+
+    P = a0 + a5 F + a1 tan(a2 (eps / (eps_max + a4 F) + a3)) + P_S
+
+    At one contraction the pressure rises with the force, so the root is unique. It is bracketed
+    and bisected, and differentiated by the implicit function theorem. A muscle longer than at rest
+    (eps < 0) is outside the relation and gives nan.
+
+    Attributes:
+        rest_length: L0 [m], from which the contraction eps is counted.
+        largest_contraction: eps_max [-], free contraction at 620 kPa. Scaling eps_max and a4 with
+            1 / a2 and 1 / a3 changes nothing, so it cannot be fitted beside them.
+        offset_pressure: a0 [Pa].
+        tangent_pressure: a1 [Pa], > 0.
+        tangent_slope: a2 [-], > 0.
+        tangent_offset: a3 [-], negative.
+        contraction_per_force: a4 [1/N], < 0.
+        pressure_per_force: a5 [Pa/N], > 0.
+        hysteresis_pressure: P_S [Pa]: 15.6 kPa when shortening, the opposite when lengthening,
+            zero when static.
+
+    References:
+        Hunt, Graber-Tilton & Quinn 2017, with the constants as corrected by Bolen et al. 2026 in
+        article and code, where they were read.
+
+    >>> muscle = Hunt.published(rest_length=0.25, largest_contraction=0.2)
+    >>> print(f"{muscle.force(0.234, 4e5):.0f}")
+    134
+    """
+
+    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
+    largest_contraction: Float[Array, "..."] = eqx.field(converter=as_real)
+    offset_pressure: Float[Array, "..."] = eqx.field(converter=as_real)
+    tangent_pressure: Float[Array, "..."] = eqx.field(converter=as_real)
+    tangent_slope: Float[Array, "..."] = eqx.field(converter=as_real)
+    tangent_offset: Float[Array, "..."] = eqx.field(converter=as_real)
+    contraction_per_force: Float[Array, "..."] = eqx.field(converter=as_real)
+    pressure_per_force: Float[Array, "..."] = eqx.field(converter=as_real)
+    hysteresis_pressure: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0)
+
+    @classmethod
+    def published(cls, *, rest_length: float, largest_contraction: float) -> "Hunt":
+        """The corrected constants, of 10 mm Festo muscles.
+
+        Args:
+            rest_length: L0 [m].
+            largest_contraction: eps_max [-] of the muscle at hand.
+
+        Returns:
+            The model.
+        """
+        return cls(
+            rest_length=rest_length,
+            largest_contraction=largest_contraction,
+            offset_pressure=254.3 * KILOPASCAL,
+            tangent_pressure=192 * KILOPASCAL,
+            tangent_slope=2.0265,
+            tangent_offset=-0.4609,
+            contraction_per_force=-0.331e-3,
+            pressure_per_force=1.229 * KILOPASCAL,
+        )
+
+    def pressure(self, length: Real, force: Real) -> RealArray:
+        """Gauge pressure P [Pa] that the force F [N] takes at the length L [m], broadcast shape."""
+        return self._pressure(1 - as_real(length) / self.rest_length, as_real(force))
+
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        eps, P = jnp.broadcast_arrays(1 - as_real(length) / self.rest_length, as_real(pressure))
+        return jax.vmap(self._root)(eps.ravel(), P.ravel()).reshape(eps.shape)
+
+    def _pressure(self, eps: RealArray, force: RealArray) -> RealArray:
+        relative = eps / (self.largest_contraction + self.contraction_per_force * force)
+        bent = jnp.tan(self.tangent_slope * (relative + self.tangent_offset))
+        linear = self.offset_pressure + self.pressure_per_force * force
+        return linear + self.tangent_pressure * bent + self.hysteresis_pressure
+
+    def _root(self, eps: RealArray, pressure: RealArray) -> RealArray:
+        """The force [N] at one contraction and pressure."""
+        inside = eps >= 0
+        eps = jnp.where(inside, eps, 0.0)
+        bent = eps > 0
+        # Where the tangent is steep the pressure exceeds the one sought, and below that force it
+        # falls by pressure_per_force at least.
+        steepest = eps / (_STEEP / self.tangent_slope - self.tangent_offset)
+        steep = (steepest - self.largest_contraction) / self.contraction_per_force
+        steep = jnp.where(bent, steep, 0.0)
+        excess = self._pressure(eps, steep) - pressure
+        span = (jnp.abs(excess) + self.tangent_pressure) / self.pressure_per_force
+        upper = jax.lax.stop_gradient(jnp.where(bent, steep, steep + span))
+        width = jax.lax.stop_gradient(jnp.where(bent, span, 2 * span))
+
+        def residual(y: RealArray, args: tuple["Hunt", RealArray, RealArray]) -> RealArray:
+            model, eps, pressure = args
+            reached = model._pressure(eps, upper - width * y)
+            return (reached - pressure) / jax.lax.stop_gradient(model.tangent_pressure)
+
+        tolerance = 4 * float(jnp.finfo(pressure.dtype).eps)
+        solution = optx.root_find(
+            residual,
+            optx.Bisection(rtol=tolerance, atol=tolerance, flip=True),
+            jnp.full_like(pressure, 0.5),
+            (self, eps, pressure),
+            options={"lower": jnp.zeros_like(pressure), "upper": jnp.ones_like(pressure)},
+            max_steps=64,
+            throw=False,
+        )
+        return jnp.where(inside, upper - width * solution.value, jnp.nan)

@@ -1,0 +1,88 @@
+"""One model's line in the league table."""
+
+import dataclasses
+import math
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+
+@runtime_checkable
+class HeldOut(Protocol):
+    """What a cross-validation knows, whoever made it."""
+
+    @property
+    def rmse(self) -> float:
+        """Over all that was left out [N]."""
+        ...
+
+    @property
+    def interior_rmse(self) -> float:
+        """Over all but the lowest and the highest group [N]."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class ComparisonRow:
+    """One model in the table. Errors are of loaded readings [N]; nan where there is none.
+
+    Attributes:
+        name: of the model.
+        label: authors and variant.
+        n_parameters: fitted to the map; 0 for published constants.
+        rmse, mae, max_error: in sample.
+        lopo_rmse: with each pressure in turn left out and predicted.
+        lolo_interior_rmse: with each length left out, the shortest and the longest not counted.
+        lolo_rmse: with each length left out, all counted.
+        at_bound: parameters that ended on a bound.
+        note: what else to know.
+    """
+
+    name: str
+    label: str
+    n_parameters: int
+    rmse: float = math.nan
+    mae: float = math.nan
+    max_error: float = math.nan
+    lopo_rmse: float = math.nan
+    lolo_interior_rmse: float = math.nan
+    lolo_rmse: float = math.nan
+    at_bound: tuple[str, ...] = ()
+    note: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The row for JSON: no nan, lists for tuples."""
+        row: dict[str, Any] = {}
+        for key, value in dataclasses.asdict(self).items():
+            if isinstance(value, float):
+                row[f"{key}_N"] = value if math.isfinite(value) else None
+            else:
+                row[key] = list(value) if isinstance(value, tuple) else value
+        return row
+
+    def noted(self, note: str) -> "ComparisonRow":
+        """The row with one more note."""
+        return dataclasses.replace(self, note="; ".join(filter(None, (self.note, note))))
+
+    def at_bounds(self, n_parameters: int, names: tuple[str, ...]) -> "ComparisonRow":
+        """The row with its number of parameters and those of them on a bound."""
+        return dataclasses.replace(self, n_parameters=n_parameters, at_bound=names)
+
+    def with_errors(
+        self,
+        error: Float[np.ndarray, " points"],
+        without_pressure: HeldOut | None,
+        without_length: HeldOut | None,
+    ) -> "ComparisonRow":
+        """The row with its errors [N]: in sample at the loaded readings, and held out."""
+        size = np.abs(error)
+        return dataclasses.replace(
+            self,
+            rmse=float(np.sqrt(np.mean(size**2))),
+            mae=float(size.mean()),
+            max_error=float(size.max()),
+            lopo_rmse=without_pressure.rmse if without_pressure else math.nan,
+            lolo_interior_rmse=without_length.interior_rmse if without_length else math.nan,
+            lolo_rmse=without_length.rmse if without_length else math.nan,
+        )

@@ -1,0 +1,149 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import jax.test_util
+import numpy as np
+import pytest
+
+from famjax import units
+from famjax.design import (
+    CatalogueError,
+    TubeOptions,
+    assumption_notes,
+    euler_load,
+    load_catalogue,
+    tube_buckling,
+    tube_buckling_rows,
+    tube_second_moment,
+    tube_strengths,
+    yield_load,
+)
+
+INCH, PSI, LBF = units.INCH, units.PSI, units.LBF
+ROUNDING = 1e-12  # relative, float64: a dozen operations
+
+
+@pytest.mark.parametrize("wall", [0.01, 0.058, 0.125, 0.5])
+def test_second_moment_is_the_difference_of_two_discs(wall):
+    expected = np.pi / 64 * (1.0 - (1.0 - 2 * wall) ** 4)
+    assert tube_second_moment(1.0, wall) == pytest.approx(expected, rel=ROUNDING)
+
+
+def test_euler_load_is_the_least_eigenvalue_of_the_pinned_column():
+    n, length, stiffness = 200, 1.85, 3.0e5  # E I
+    step = length / n
+    bending = (2 * np.eye(n - 1) - np.eye(n - 1, k=1) - np.eye(n - 1, k=-1)) / step**2
+    expected = stiffness * np.linalg.eigvalsh(bending)[0]
+    # Central differences fall short of the eigenvalue by (pi / n)^2 / 12 = 2.1e-5 of it.
+    assert euler_load(3.0e7, 0.01, length) == pytest.approx(expected, rel=3e-5)
+
+
+def test_a_clamped_column_bears_four_times_as_much():
+    clamped, pinned = euler_load(1e7, 0.02, 2.0, 0.5), euler_load(1e7, 0.02, 2.0)
+    assert clamped == pytest.approx(4 * float(pinned), rel=ROUNDING)
+
+
+def test_the_support_doubles_the_load_of_a_tube_root_two_as_long():
+    found = tube_buckling(
+        modulus=1e7,
+        outer_diameter=1.0,
+        thickness=0.058,
+        length=1.85 * 2**0.5,
+        supported_length=1.85,
+    )
+    assert found.gain == pytest.approx(2.0, rel=ROUNDING)
+    second_moment = tube_second_moment(1.0, 0.058)
+    assert found.supported_load == pytest.approx(
+        float(euler_load(1e7, second_moment, 1.85)), rel=ROUNDING
+    )
+    section = np.pi / 4 * (1.0 - 0.884**2)
+    assert found.supported_stress == pytest.approx(
+        float(found.supported_load) / section, rel=ROUNDING
+    )
+
+
+def test_gradients_of_the_buckling_load_agree_with_finite_differences():
+    def gain(length, thickness):
+        found = tube_buckling(
+            modulus=1e7,
+            outer_diameter=1.0,
+            thickness=thickness,
+            length=length,
+            supported_length=1.85,
+        )
+        return found.unsupported_load / 1e6
+
+    jax.test_util.check_grads(gain, (2.6, 0.058), order=1, modes=["fwd", "rev"], rtol=1e-6)
+
+
+def test_the_yield_load_is_the_stress_on_the_section():
+    section = np.pi / 4 * (1.0 - 0.884**2)
+    assert yield_load(40e3, 1.0, 0.058) == pytest.approx(40e3 * section, rel=ROUNDING)
+
+
+def test_the_loads_keep_float32():
+    single = jnp.float32
+    moment = tube_second_moment(single(1.0), single(0.058))
+    load = euler_load(single(1e7), moment, single(1.85))
+    assert load.dtype == single
+    assert load == pytest.approx(float(euler_load(1e7, tube_second_moment(1.0, 0.058), 1.85)), 1e-6)
+    assert yield_load(single(4e4), single(1.0), single(0.058)).dtype == single
+
+
+# --------------------------------------------------------------------- the tubes of the catalogue
+def test_the_user_comes_before_the_catalogue_and_the_catalogue_before_what_is_assumed():
+    catalogue = load_catalogue()
+    steel = tuple(dataclasses.replace(tube, modulus=193e9) for tube in catalogue.tubes)
+    found = tube_strengths(
+        dataclasses.replace(catalogue, tubes=steel), TubeOptions(yield_stress=215e6)
+    )
+    for strength in found:
+        assert (strength.modulus, strength.yield_stress) == (193e9, 215e6)
+        assert strength.supported_length == pytest.approx(1.85 * INCH)  # printed
+        assert strength.assumed == ("free_length",)
+    assert tube_strengths(catalogue)[0].assumed == ("modulus", "yield_stress", "free_length")
+    mine = tube_strengths(catalogue, TubeOptions(70e9, 250e6, 0.1, 0.05))
+    assert mine[0].assumed == ()
+    assert mine[0].gain == pytest.approx(4.0, rel=ROUNDING)
+
+
+def test_what_is_assumed_is_said():
+    notes = assumption_notes(tube_strengths(load_catalogue()))
+    assert len(notes) == 3
+    for note, said in zip(notes, ("68.9 GPa", "276 MPa", "sqrt(2)"), strict=True):
+        assert said in note
+    given = tube_strengths(load_catalogue(), TubeOptions(70e9, 250e6, 0.1))
+    assert assumption_notes(given) == []
+
+
+def test_a_short_tube_yields_and_a_long_one_buckles():
+    short, *_ = tube_strengths(load_catalogue())
+    assert short.yields_first
+    long, *_ = tube_strengths(load_catalogue(), TubeOptions(free_length=1.0))
+    assert not long.yields_first
+    # By hand: the slenderness at which Euler's stress is the yield stress.
+    moment = float(tube_second_moment(INCH, 0.035 * INCH))
+    slender = np.pi * np.sqrt(68.9e9 * moment / long.yield_load)
+    assert short.free_length < slender < long.free_length
+    at, *_ = tube_strengths(load_catalogue(), TubeOptions(free_length=slender))
+    assert at.unsupported_load == pytest.approx(at.yield_load, rel=1e-11)
+
+
+def test_rows_of_tubes_name_their_units():
+    row = tube_buckling_rows(tube_strengths(load_catalogue()), system="us")[2]
+    assert row["tube"] == "tube 1 in x 0.058 in"
+    moment = float(tube_second_moment(1.0, 0.058))
+    load = float(euler_load(row["modulus_psi"], moment, 1.85))
+    assert row["supported_buckling_load_lbf"] == pytest.approx(load, rel=1e-11)
+    assert row["buckling_load_lbf"] == pytest.approx(load / 2, rel=1e-11)
+    assert row["modulus_psi"] == pytest.approx(68.9e9 / PSI)
+    assert row["yield_load_lbf"] == pytest.approx(276e6 / PSI * np.pi * 0.058 * 0.942, rel=1e-11)
+    assert row["yields_first"]
+
+
+def test_a_support_that_frees_more_of_the_tube_is_refused():
+    with pytest.raises(
+        CatalogueError, match=r"supported_length, 0\.04699 m, exceeds the free_leng"
+    ):
+        tube_strengths(load_catalogue(), TubeOptions(free_length=0.02))

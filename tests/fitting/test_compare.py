@@ -1,0 +1,287 @@
+"""The league table against scipy, against the project's study of peers, and against itself."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import optimize
+
+from famjax import peers
+from fitting import ForceData, InputError, Specimen
+from fitting._compare import comparable_models, compare
+from fitting._compare_plot import plot_comparison
+from fitting._cross_validation import cross_validate, subset
+from fitting._hocking import fit_hocking_wereley, hocking_orders
+from fitting._peer_families import peer_families
+from fitting._peer_fit import PeerFit, cross_validate_peer, fit_peer
+
+STUDY = 6e-3  # figures known to two decimals
+OPTIMUM = 1e-7  # relative: two minimisers of one function
+AFFINE = 1e-9  # relative: sums in another order, columns of very different size
+
+
+@pytest.fixture(scope="module")
+def sarosi(dmsp10: ForceData) -> PeerFit:
+    return fit_peer("sarosi_6", dmsp10)
+
+
+@pytest.fixture(scope="module")
+def pillsbury(dmsp10: ForceData) -> PeerFit:
+    return fit_peer("pillsbury_2", dmsp10, starts=16)
+
+
+def _error(fit: PeerFit, data: ForceData) -> np.ndarray:
+    return fit.predicted - data.force[data.loaded]
+
+
+def test_every_family_is_affine_in_what_it_says_is_linear(dmsp10: ForceData) -> None:
+    rng = np.random.default_rng(0)
+    length, pressure = jnp.array([0.249, 0.23, 0.21]), jnp.array([6e5, 3e5, 5e5])
+    for name, family in peer_families(dmsp10).items():
+        searched = {p.name: rng.uniform(p.low, p.high) for p in family.nonlinear}
+        assert all(math.isfinite(p.low) and p.low < p.high for p in family.nonlinear), name
+
+        def force(scale: float, family=family, searched=searched) -> np.ndarray:
+            linear = {p.name: scale * (k + 1.0) for k, p in enumerate(family.linear)}
+            values = {key: jnp.asarray(value) for key, value in (searched | linear).items()}
+            return np.asarray(family.build(values).force(length, pressure))
+
+        if family.linear:
+            none, once, twice = force(0.0), force(1.0), force(2.0)
+            np.testing.assert_allclose(
+                twice + none, 2 * once, rtol=AFFINE, atol=AFFINE * np.abs(once).max(), err_msg=name
+            )
+
+
+def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10: ForceData, sarosi: PeerFit) -> None:
+    """Variable projection by hand: a bracketed search over the rate, least squares inside."""
+    at = dmsp10.loaded
+    P, F = dmsp10.pressure[at] / 1e5, dmsp10.force[at]
+    eps = 1 - dmsp10.length[at] / dmsp10.specimen.rest_length
+
+    def residual(rate: float) -> np.ndarray:
+        bent = np.exp(rate * eps)
+        A = np.stack([P * bent, bent, P * eps, P, np.ones_like(P)], axis=1)
+        return A @ np.linalg.lstsq(A, F, rcond=None)[0] - F
+
+    def cost(rate: float) -> float:
+        return float(np.sum(residual(rate) ** 2))
+
+    grid = -np.geomspace(1, 300, 200)
+    best = int(np.argmin([cost(rate) for rate in grid]))
+    theirs = optimize.minimize_scalar(
+        cost, bounds=(grid[best + 1], grid[best - 1]), method="bounded", options={"xatol": 1e-9}
+    )
+    assert np.sum(_error(sarosi, dmsp10) ** 2) == pytest.approx(theirs.fun, rel=OPTIMUM)
+    assert sarosi.values["a3"] == pytest.approx(theirs.x, rel=1e-4)  # flat at its minimum
+    np.testing.assert_allclose(
+        sarosi.force(dmsp10.length[at], dmsp10.pressure[at]), sarosi.predicted, rtol=1e-9
+    )
+    assert (sarosi.converged, sarosi.at_bound) == (True, ())
+
+
+def test_sarosi_6_has_the_errors_of_the_study(dmsp10: ForceData, sarosi: PeerFit) -> None:
+    assert np.sqrt(np.mean(_error(sarosi, dmsp10) ** 2)) == pytest.approx(1.10, abs=STUDY)
+    by_pressure = cross_validate_peer(sarosi, dmsp10, "pressure")
+    by_length = cross_validate_peer(sarosi, dmsp10, "length")
+    assert by_pressure.rmse == pytest.approx(1.36, abs=STUDY)
+    assert by_length.interior_rmse == pytest.approx(8.1, abs=0.05)
+    assert by_length.rmse == pytest.approx(81, abs=0.5)
+    assert by_pressure.ambiguous == ()
+
+
+def test_refits_by_weights_are_refits_of_subsets(dmsp10: ForceData) -> None:
+    """One compiled call with weights, against fits of the smaller maps one by one."""
+    fit = fit_peer("polynomial_3", dmsp10)
+    ours = cross_validate_peer(fit, dmsp10, "pressure")
+    degree, rest = 3, dmsp10.specimen.rest_length
+
+    def refit(train: ForceData) -> Callable:
+        def columns(length: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+            eps, P = 1 - length / rest, pressure / 1e6
+            terms = peers.PolynomialSurface.terms(degree)
+            return np.stack([eps**i * P**j for i, j in terms], axis=1)
+
+        at = train.loaded
+        A = columns(train.length[at], train.pressure[at])
+        solved = np.linalg.lstsq(A, train.force[at], rcond=None)[0]
+        return lambda length, pressure: columns(length, pressure) @ solved
+
+    theirs = cross_validate(refit, dmsp10, "pressure")
+    np.testing.assert_allclose(ours.predicted, theirs.predicted, rtol=1e-7)
+
+
+def test_what_a_fold_does_not_determine_is_reported(dmsp10: ForceData) -> None:
+    """A parabola and four terms of force over three lengths: one more than there are."""
+    fit = fit_peer("hildebrandt", dmsp10)
+    assert len(cross_validate_peer(fit, dmsp10, "length").ambiguous) == 4
+    assert not fit.determined
+
+
+def test_positive_coefficients_are_those_of_nonnegative_least_squares(
+    dmsp10: ForceData, pillsbury: PeerFit
+) -> None:
+    at, linear = dmsp10.loaded, pillsbury.family.linear
+    given = {p.name: jnp.asarray(pillsbury.values[p.name]) for p in pillsbury.family.nonlinear}
+
+    def force(scales: np.ndarray) -> np.ndarray:
+        values = given | {p.name: jnp.asarray(s) for p, s in zip(linear, scales, strict=True)}
+        model = pillsbury.family.build(values)
+        return np.asarray(model.force(dmsp10.length[at], dmsp10.pressure[at]))
+
+    none = force(np.zeros(4))
+    A = np.stack([force(unit * 1e6) - none for unit in np.eye(4)], axis=1)
+    theirs, norm = optimize.nnls(A, dmsp10.force[at] - none)
+    ours = np.array([pillsbury.values[p.name] for p in linear])
+    np.testing.assert_allclose(ours / 1e6, theirs, atol=1e-6 * theirs.max())
+    assert np.linalg.norm(_error(pillsbury, dmsp10)) == pytest.approx(norm, rel=OPTIMUM)
+    reached = {p.name for p, value in zip(linear, theirs, strict=True) if value == 0}
+    assert reached == set(pillsbury.at_bound) & {p.name for p in linear}
+    assert reached
+
+
+def test_known_parameters_are_recovered(dmsp10: ForceData) -> None:
+    truth = peers.Sarosi.published("10 mm", rest_length=0.25)
+    force = np.asarray(truth.force(dmsp10.length, dmsp10.pressure))
+    made = dataclasses.replace(dmsp10, force=force)
+    fit = fit_peer("sarosi_6", made)
+    for name, value in fit.values.items():
+        assert value == pytest.approx(float(getattr(truth, name)), rel=1e-6), name
+
+
+def test_hocking_and_wereley_fit_each_pressure_by_itself(dmsp20: ForceData) -> None:
+    """With no more coefficients than strained lengths each pressure is met away from rest."""
+    orders = hocking_orders(dmsp20)
+    assert 65e3 not in orders  # one loaded length, the rest length
+    assert orders[146250.0] == 1
+    assert max(orders.values()) == 4
+    predict = fit_hocking_wereley(dmsp20)
+    at = dmsp20.loaded & (dmsp20.length != dmsp20.specimen.rest_length)
+    np.testing.assert_allclose(
+        predict(dmsp20.length[at], dmsp20.pressure[at]), dmsp20.force[at], rtol=1e-7
+    )
+    with pytest.raises(InputError, match="give the specimen's nominal_diameter"):
+        fit_hocking_wereley(
+            dataclasses.replace(
+                dmsp20, specimen=dataclasses.replace(dmsp20.specimen, nominal_diameter=None)
+            )
+        )
+
+
+@pytest.fixture(scope="module")
+def table(dmsp10: ForceData):
+    seen: list[tuple[int, int, str]] = []
+
+    def mean(train: ForceData) -> Callable:
+        force = train.force[train.loaded].mean()
+        return lambda length, pressure: np.full_like(length, force)
+
+    def needs_a_length(train: ForceData) -> Callable:
+        if 0.234 not in train.length:
+            raise InputError("no reading at 234 mm")
+        return mean(train)
+
+    found = compare(
+        dmsp10,
+        ["hildebrandt", "polynomial_3", "martens_published", "gaylord_nominal"],
+        own=[("mean", 1, mean), ("picky", 1, needs_a_length)],
+        progress=lambda *state: seen.append(state),
+    )
+    return found, seen
+
+
+def test_the_table_holds_every_model_the_best_first(table) -> None:
+    found, seen = table
+    rows = {row.name: row for row in found.rows}
+    assert [row.rmse for row in found.rows] == sorted(row.rmse for row in found.rows)
+    assert rows["hildebrandt"].rmse == pytest.approx(1.12, abs=STUDY)
+    assert rows["polynomial_3"].lopo_rmse == pytest.approx(0.98, abs=STUDY)
+    assert rows["gaylord_nominal"].rmse == pytest.approx(107.2, abs=0.05)
+    martens = rows["martens_published"]
+    assert (martens.n_parameters, martens.lopo_rmse, martens.lolo_rmse) == (
+        0,
+        martens.rmse,
+        martens.rmse,
+    )
+    force = found.data.force[found.data.loaded]
+    assert rows["mean"].rmse == pytest.approx(force.std(), rel=1e-12)
+    assert rows["mean"].max_error == pytest.approx(np.abs(force - force.mean()).max(), rel=1e-12)
+    assert seen[0] == (0, 6, "hildebrandt")
+    assert seen[-1] == (6, 6, "")
+
+
+def test_a_model_that_refuses_readings_says_so(table) -> None:
+    picky = next(row for row in table[0].rows if row.name == "picky")
+    assert math.isnan(picky.lolo_rmse)
+    assert math.isfinite(picky.lopo_rmse)
+    assert picky.note == "without a length: no reading at 234 mm"
+
+
+def test_the_table_is_plain_json(table) -> None:
+    document = json.loads(json.dumps(table[0].as_dict(), allow_nan=False))
+    first, *_, last = document["models"]
+    assert list(first)[:3] == ["name", "label", "n_parameters"]
+    assert set(first) >= {
+        "rmse_N",
+        "mae_N",
+        "max_error_N",
+        "lopo_rmse_N",
+        "lolo_interior_rmse_N",
+        "lolo_rmse_N",
+        "at_bound",
+        "note",
+    }
+    assert first["rmse_N"] < last["rmse_N"]
+    assert next(row for row in document["models"] if row["name"] == "picky")["lolo_rmse_N"] is None
+    assert document["n_loaded"] == 40
+
+
+def test_the_picture_has_a_line_for_every_model(table) -> None:
+    axes = plot_comparison(table[0]).axes[0]
+    assert len(axes.get_yticklabels()) == len(table[0].rows)
+    best = axes.lines[len(table[0].rows)].get_xdata()
+    assert best[0] == pytest.approx(table[0].rows[0].rmse)
+
+
+def test_bad_requests_are_refused(dmsp10: ForceData, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(
+        InputError, match="unknown model 'sarosi'; known for this map are famjax_cubic"
+    ):
+        compare(dmsp10, ["sarosi"])
+    with pytest.raises(InputError, match="unknown peer 'hocking_wereley'"):
+        fit_peer("hocking_wereley", dmsp10)
+    with pytest.raises(InputError, match="at least one start is needed, got 0"):
+        fit_peer("polynomial_3", dmsp10, starts=0)
+    inches = dataclasses.replace(dmsp10, length=dmsp10.length * 2.54)
+    with pytest.raises(InputError, match="has the length 635 mm, too long for a braid"):
+        fit_peer("polynomial_3", inches)
+    at_rest = subset(dmsp10, dmsp10.length == 0.25)
+    with pytest.raises(InputError, match="away from the rest length, 250 mm: there are none"):
+        fit_hocking_wereley(at_rest)
+    few = subset(dmsp10, dmsp10.pressure > 6.4e5)
+    with pytest.raises(InputError, match="has 10 parameters and the map 4 loaded readings"):
+        fit_peer("polynomial_3", few)
+    with pytest.raises(InputError, match="to leave out a pressure there must be"):
+        compare(few, ["polynomial_3"])
+    with pytest.raises(InputError, match="by pressure or length, got 'specimen'"):
+        cross_validate_peer(fit_peer("polynomial_3", dmsp10), dmsp10, "specimen")
+    with monkeypatch.context() as patched:
+        patched.setattr(jax.config, "read", lambda name: False)
+        with pytest.raises(RuntimeError, match="fits need float64"):
+            fit_peer("polynomial_3", dmsp10)
+
+
+def test_a_map_without_a_nominal_diameter_has_fewer_models(dmsp10: ForceData) -> None:
+    bare = dataclasses.replace(dmsp10, specimen=Specimen("bare", 0.25, 1.8e-3))
+    missing = set(comparable_models(dmsp10)) - set(comparable_models(bare))
+    assert missing == {
+        "martens",
+        "gaylord_nominal",
+        "sarosi_published_10_mm",
+        "martens_published",
+    }

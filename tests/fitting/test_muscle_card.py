@@ -1,0 +1,231 @@
+"""A muscle as plain data and back: every class of famjax that a muscle can be made of."""
+
+import copy
+import dataclasses
+import inspect
+import json
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+import famjax
+from fitting import InputError, muscle_as_dict, muscle_from_dict
+from fitting._card_parts import PARTS
+
+L0, P = 9.28125, 60.0
+BLADDER = famjax.Bladder(L0, 0.875, 0.0625)
+BRAID = famjax.Braid(9.89, 1.09, 0.011)
+KEVLAR = famjax.ElasticBraid(9.89, 1.09, 0.011, 144, famjax.LinearThread(11.6e6, 1.332e-4))
+TOE = famjax.ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)
+INELASTIC = famjax.EstimatedGeometry(BRAID, BLADDER)
+ELASTIC = famjax.EstimatedGeometry(KEVLAR, BLADDER)
+NARROW = famjax.EllipticToroidEnds(1.7, 0.9, 1.1, 1.0)
+PROFILES = (
+    famjax.Cylinder(1.0),
+    famjax.SteppedCylinder(1.2, 0.9, 1.1),
+    famjax.ConicFrustumEnds(1.4, 0.9, 1.1),
+    famjax.SemiEllipsoidEnds(1.5, 0.9, 1.1),
+    famjax.CircularArcEnds(1.6, 0.9),
+    NARROW,
+    famjax.IsobaricProfile(famjax.AssumedShapeFamily(BRAID, NARROW), 50.0),
+    famjax.FourierProfile(1.27, [-0.83, 0.29, 0.18], [1.2, 0.75, 0.04], 4.347).symmetrised(),
+)
+FAMILY = famjax.MeasuredFamily(
+    L0 * np.linspace(1.0, 0.73, len(PROFILES)), PROFILES, 100.0, KEVLAR, margin=0.01
+)
+TWO = famjax.MeasuredFamily(
+    [L0, 0.73 * L0], [NARROW, PROFILES[-1]], 100.0, KEVLAR
+)  # quick to compile
+LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
+GEOMETRIES = {
+    "inelastic": INELASTIC,
+    "elastic": ELASTIC,
+    "toe": famjax.EstimatedGeometry(dataclasses.replace(KEVLAR, thread=TOE), BLADDER),
+    "embedded": famjax.EstimatedGeometry(BRAID, dataclasses.replace(BLADDER, embedded=True)),
+    "measured": famjax.MeasuredGeometry(TWO, BLADDER, 8),
+    "average": famjax.AverageDiameterGeometry(FAMILY, BLADDER),
+    "compliant": famjax.EstimatedGeometry(
+        famjax.CompliantBraid(9.89, 1.09, 0.011, 4.5e-6), BLADDER
+    ),
+    "end effect": famjax.EndEffectGeometry(INELASTIC, 1.1),
+    "virtual work": famjax.VirtualWorkGeometry(INELASTIC),
+    "virtual work, elastic": famjax.VirtualWorkGeometry(ELASTIC, KEVLAR),
+}
+MATERIALS = {
+    "polynomial": LATEX,
+    "pressure": famjax.PressurePolynomialMaterial([10.0, 100.0], [[200.0, -50.0], [100.0, 1 / 3]]),
+    "neo-Hookean": famjax.NeoHookeanMaterial(100 / 3),
+    "Mooney-Rivlin": famjax.MooneyRivlinMaterial(30.1, 7.7),
+    "Yeoh": famjax.YeohMaterial([30.0, -1.1, 0.3]),
+    "Ogden": famjax.OgdenMaterial([91.4, 0.174, -1.45], [1.3, 5.0, -2.0]),
+    "saturating": famjax.SaturatingMaterial(80.0, 40.0, 0.2),
+    "monotone": famjax.MonotoneMaterial((0.0, 0.1, 1.3), [400.0, 200.0, 100 / 3]),
+}
+MUSCLES = {
+    **{name: famjax.Muscle(geometry, LATEX, 0.1) for name, geometry in GEOMETRIES.items()},
+    **{name: famjax.Muscle(INELASTIC, law, 1 / 3) for name, law in MATERIALS.items()},
+}
+BASES = (
+    famjax.AbstractGeometry,
+    famjax.AbstractMaterial,
+    famjax.AbstractBraid,
+    famjax.AbstractThread,
+    famjax.AbstractProfile,
+    famjax.AbstractProfileFamily,
+)
+
+
+@eqx.filter_jit
+def force(muscle: famjax.Muscle) -> jax.Array:
+    return muscle.force(L0 * np.array([0.99, 0.8]), P)
+
+
+def through_text(card: dict) -> dict:
+    return json.loads(json.dumps(card, allow_nan=False))
+
+
+@pytest.mark.parametrize("name", MUSCLES)
+def test_a_muscle_comes_back_to_the_last_bit(name: str) -> None:
+    muscle = MUSCLES[name]
+    again = muscle_from_dict(through_text(muscle_as_dict(muscle)))
+    assert jax.tree.structure(again) == jax.tree.structure(muscle)
+    for mine, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(muscle), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+        assert mine.dtype == theirs.dtype
+    pull = force(muscle)
+    assert np.isfinite(pull).all()
+    np.testing.assert_array_equal(force(again), pull)
+
+
+def test_every_part_of_a_muscle_has_a_card_and_is_tried_above() -> None:
+    public = {value for value in vars(famjax).values() if inspect.isclass(value)}
+    concrete = {c for c in public if issubclass(c, BASES) and not inspect.isabstract(c)}
+    assert concrete <= PARTS.keys()
+    tried: set[str] = set()
+
+    def walk(card: object) -> None:
+        if isinstance(card, dict):
+            tried.add(card["type"])
+        for value in card.values() if isinstance(card, dict) else card:
+            if isinstance(value, dict | list):
+                walk(value)
+
+    for muscle in MUSCLES.values():
+        walk(muscle_as_dict(muscle))
+    assert tried == {cls.__name__ for cls in PARTS}
+
+
+@pytest.mark.parametrize("cls", PARTS)
+def test_a_card_holds_what_the_constructor_takes(cls: type) -> None:
+    """A field that is forgotten would come back as its default."""
+    taken = inspect.signature(cls.__init__).parameters.keys() - {"self"}
+    assert PARTS[cls].keys() == taken
+
+
+def test_units_are_in_the_keys() -> None:
+    assert muscle_as_dict(MUSCLES["measured"])["geometry"]["order"] == 8
+    card = muscle_as_dict(MUSCLES["average"])
+    family = card["geometry"]["family"]
+    assert family["braid"]["thread"] == {
+        "type": "LinearThread",
+        "modulus_Pa": 11.6e6,
+        "area_m2": 1.332e-4,
+    }
+    assert family["margin"] == 0.01
+    assert family["lengths_m"] == np.asarray(FAMILY.lengths).tolist()
+    assert family["profiles"][5]["arc_angle_rad"] == 1.0
+    assert muscle_as_dict(MUSCLES["Ogden"])["material"]["exponents"] == [1.3, 5.0, -2.0]
+    assert muscle_as_dict(MUSCLES["virtual work"])["geometry"]["braid"] is None
+
+
+# As famjax-fit/1 first wrote it: no type of muscle, braid and bladder.
+EARLIER = {
+    "geometry": {
+        "type": "EstimatedGeometry",
+        "braid": {"rest_thread_length_m": 0.3, "turns": 1.1, "thickness_m": 0.0},
+        "bladder": {
+            "rest_length_m": 0.28,
+            "rest_diameter_m": 0.02,
+            "rest_thickness_m": 0.001,
+            "embedded": True,
+        },
+    },
+    "material": {"type": "PolynomialMaterial", "coefficients_Pa": [1e5, -2e5]},
+    "deadband_pressure_Pa": 4e4,
+}
+
+
+def test_an_earlier_card_is_still_read() -> None:
+    muscle = muscle_from_dict(through_text(EARLIER))
+    braid, bladder = famjax.Braid(0.3, 1.1), famjax.Bladder(0.28, 0.02, 0.001, embedded=True)
+    law = famjax.PolynomialMaterial([1e5, -2e5])
+    expected = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 4e4)
+    assert eqx.tree_equal(muscle, expected)
+    card = muscle_as_dict(muscle)
+    assert {key: card[key] for key in EARLIER} != EARLIER  # it says its types now
+    assert muscle_as_dict(muscle_from_dict(card)) == card
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (
+            ("geometry", "type"),
+            "Balloon",
+            "muscle.geometry .* unknown type 'Balloon'; known are Est",
+        ),
+        (("geometry", "type"), "Braid", "unknown type 'Braid'"),
+        (("material", "type"), None, "unknown type None; known are PolynomialMaterial"),
+        (("geometry", "braid", "type"), "LinearThread", "known are Braid, Compl"),
+        (("geometry", "braid", "turns"), ..., "no entry 'turns' in muscle.geometry.braid"),
+        (("material", "type"), ..., "no entry 'type' in muscle.material"),
+        (("material", "coefficients_psi"), [1.0], "unknown entry 'coefficients_psi'"),
+        (
+            ("material", "coefficients_Pa"),
+            1.0,
+            r"must be numbers of shape \(order\), got shape \(\)",
+        ),
+        (("material", "coefficients_Pa"), [1.0, "x"], "muscle.material.coefficients .* finite num"),
+        (("material", "coefficients_Pa"), [[1.0], [1.0, 2.0]], "must hold finite numbers"),
+        (("material", "coefficients_Pa"), [1.0, None], "must hold finite numbers"),
+        (("deadband_pressure_Pa",), float("nan"), "must hold finite numbers, got nan"),
+        (("deadband_pressure_Pa",), True, "must hold finite numbers, got True"),
+        (("geometry", "bladder", "embedded"), 1, "embedded .* must be of type bool, got 1"),
+        (("geometry", "bladder"), [], "must be an object in braces"),
+    ],
+)
+def test_a_card_that_was_edited_is_explained(path: tuple, value: object, message: str) -> None:
+    card = copy.deepcopy(EARLIER)
+    *places, key = path
+    at = card
+    for place in places:
+        at = at[place]
+    if value is ...:
+        del at[key]
+    else:
+        at[key] = value
+    with pytest.raises(InputError, match=message):
+        muscle_from_dict(card)
+
+
+def test_what_a_class_refuses_is_explained() -> None:
+    card = muscle_as_dict(MUSCLES["average"])
+    card["geometry"]["family"]["profiles"][-1]["a0_m"] = -1.0
+    with pytest.raises(InputError, match=r"profiles\[7\] of the muscle card is no FourierProfile"):
+        muscle_from_dict(card)
+    card["geometry"]["family"]["profiles"] = {}
+    with pytest.raises(InputError, match=r"family\.profiles of the muscle card must be a list"):
+        muscle_from_dict(card)
+
+
+def test_what_has_no_card_is_refused() -> None:
+    class Hooke(famjax.AbstractMaterial):
+        def stresses(self, axial_strain, hoop_strain, pressure):
+            return axial_strain, hoop_strain
+
+    with pytest.raises(InputError, match=r"no card format for muscle\.material, a Hooke"):
+        muscle_as_dict(famjax.Muscle(INELASTIC, Hooke()))
+    with pytest.raises(InputError, match=r"muscle\.deadband_pressure must be finite"):
+        muscle_as_dict(famjax.Muscle(INELASTIC, LATEX, float("nan")))
