@@ -1,8 +1,9 @@
 """The figures that the identification is measured by, each from measured data by the shipped code.
 
 Run `python benchmarks/goals.py` in a clone: it prints one row for each goal, in and out of sample,
-and writes them as JSON with `--json PATH`. Nothing here is tuned to a test: the models are those of
-`famjax compare`, with what is known of the specimen besides its force map said in each row.
+and writes them as JSON with `--json PATH`. What is known of a specimen besides its force map, and
+every choice of model that was made by looking at these maps, is said in the row. A goal counts as
+met by a converged fit of a law that is stable on its path.
 """
 
 import argparse
@@ -25,7 +26,7 @@ ENDS, BRAID, RIG = (
 )
 # Lengths are printed in whole millimetres, so the rest length is good to half of one.
 ROUNDED = {"rest_length": Parameter(min=295.5, max=296.5, unit="mm")}
-# The rubber of A1, identified by itself: the same make and compound.
+# The rubber of A1, identified there as -6.47 +- 0.56: the same make and compound.
 SAME_RUBBER = {"ogden_exponent": Parameter(prior=(-6.5, 0.6))}
 NO_DEADBAND = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="kPa")}
 
@@ -92,7 +93,9 @@ def reach(goal: Goal, data: fitting.ForceData) -> dict[str, Any]:
         "n_parameters": result.n_parameters,
         **{f"{key}_N": _number(value) for key, value in got.items()},
         **{f"{key}_goal_N": _number(value) for key, value in asked.items()},
-        "met": all(not got[key] > asked[key] for key in asked if math.isfinite(asked[key])),
+        "met": result.converged
+        and result.certificate.stability_margin >= -1e-9 * float(abs(result.coefficients).max())
+        and all(got[key] <= asked[key] for key in asked if math.isfinite(asked[key])),
         "stability_margin_Pa": result.certificate.stability_margin,
         "converged": result.converged,
         "at_bound": [e.name for e in result.estimates if e.at_bound],

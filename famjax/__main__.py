@@ -371,8 +371,9 @@ def predict(
 
     from fitting._quantities import parse_quantities  # noqa: PLC0415
 
+    saved = fitting.load_fit(fit_json)
     rows = fitting.predict(
-        fitting.load_fit(fit_json),
+        saved,
         np.array(parse_quantities(length, "length")),
         np.array(parse_quantities(pressure, "pressure")),
         onset=onset,
@@ -386,6 +387,8 @@ def predict(
             _print_rows(title, chosen)
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures")
+    if saved.document.get("series_compliance_m_per_N"):
+        print("note: the forces are those of the muscle itself; the rig of the fit gave way")
     return 0
 
 

@@ -12,7 +12,8 @@ class EndEffectGeometry(AbstractGeometry):
     """Another geometry, taken at the length L0 (1 - k eps): the ends shorten but do not pull.
 
     The same as a dead length l = L0 (1 - 1/k) at the ends, which does not take part in the
-    contraction: the strains of what is left are k times as large.
+    contraction: the strains of what is left are k times as large. `volume` is that of a cylinder
+    of the shortened length, ends not counted: 1/k of its change is the muscle's own.
 
     Attributes:
         cylinder: geometry of the part that pulls, with the muscle's own rest length.

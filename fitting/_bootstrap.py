@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ._errors import InputError
 from ._refit import Readings, refit
 from ._result import Identification
+from ._validation import check_nothing_own
 
 RESAMPLES = ("residual", "length", "specimen")
 
@@ -62,7 +63,8 @@ def bootstrap(
         result: from `identify`.
         replicates: number of them.
         resample: "residual": residuals, scaled for the parameters spent, drawn anew and added to
-            the model; "length": whole lengths of the map drawn with replacement; "specimen": whole
+            the model, priors kept as they are (so that a parameter known from its prior alone
+            hardly moves); "length": whole lengths of the map drawn with replacement; "specimen": whole
             specimens of `identify_together`. The last two need no belief in independent noise.
         seed: of the draws.
         progress: called with (replicates done, replicates).
@@ -78,6 +80,8 @@ def bootstrap(
         raise InputError(f"resample is one of {', '.join(RESAMPLES)}, got {resample!r}")
     if replicates < 2:
         raise InputError(f"a bootstrap needs two replicates or more, got {replicates}")
+    if resample == "specimen":
+        check_nothing_own(result)
     search = result.search
     readings = Readings.of(search).repeated(replicates)
     rng = np.random.default_rng(seed)
@@ -93,6 +97,11 @@ def bootstrap(
     laws = found.x.reshape(replicates, -1)
     samples = np.concatenate([found.parameters[:, moving], laws], axis=1)
     good = found.converged & np.isfinite(samples).all(axis=1)
+    if good.sum() < 2:
+        raise InputError(
+            f"{good.sum()} of {replicates} replicates converged: the readings drawn do not determine "
+            "the parameters; use resample='residual', or fix parameters"
+        )
     return Bootstrap(
         names=tuple(search.names[k] for k in moving) + _coefficient_names(result, laws.shape[1]),
         samples=samples[good],
@@ -125,7 +134,7 @@ def _drawn_forces(
     scale = np.concatenate([1 / np.asarray(part.weights).max(axis=0) for part in parts])
     residual = _residuals(result)
     standard = residual / scale
-    freedom = max(residual.size - result.n_parameters, 1)
+    freedom = max(result.degrees_of_freedom, 1)
     standard = (standard - standard.mean()) * np.sqrt(residual.size / freedom)
     drawn = rng.choice(standard, (replicates, residual.size))
     return force + residual + drawn * scale

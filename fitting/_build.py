@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._data import ForceData
-from ._geometry_source import AbstractGeometrySource
+from ._geometry_source import AbstractGeometrySource, EstimatedSource
 from ._laws import AbstractLaw
 from ._parameters import Entry, base_name, names_of
 from ._part import Part
@@ -107,8 +107,11 @@ def _part(
         node, nodes = own
         weights = weights[None]
         basis = np.eye(nodes)[np.full(pressure.size, node)]
-        path_pressure, path_end = levels[None, -1:], np.array([[data.length.min()]])
-        path_basis = np.eye(nodes)[None, None, node]
+        # Where threads stretch the strains depend on pressure too, and that monotonically.
+        at = [0, -1] if _stretches(source, names) else [-1]
+        path_pressure = levels[None, at]
+        path_end = np.full(path_pressure.shape, data.length.min())
+        path_basis = np.tile(np.eye(nodes)[node], (*path_pressure.shape, 1))
     elif dependence == "linear":
         weights = weights[None]
         basis = _linear_basis(pressure, levels)
@@ -138,6 +141,12 @@ def _part(
         where=tuple((base_name(n), names.index(n)) for n in mine if n not in offsets),
         offsets=tuple(names.index(n) for n in offsets),
     )
+
+
+def _stretches(source: AbstractGeometrySource, names: Sequence[str]) -> bool:
+    """Whether dimensions depend on pressure."""
+    inextensible = isinstance(source, EstimatedSource) and source.thread is None
+    return not inextensible or any(base_name(n) == "braid_compliance" for n in names)
 
 
 def own_names(names: Sequence[str], specimen: str) -> tuple[str, ...]:

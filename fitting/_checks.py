@@ -14,7 +14,7 @@ from ._laws import AbstractLaw, MooneyRivlinLaw, OgdenLaw, PolynomialLaw
 from ._parameters import Entry
 from ._problem import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
 from ._qp import Status
-from ._search import Search, offsets, solve
+from ._search import Search, offsets, rows_known, solve
 
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
@@ -80,7 +80,7 @@ def check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
     """Every length must be within what a braid in the box can reach."""
     rest, steepest = data.specimen.rest_length, table["braid_angle"].max
     if "rest_length" in table:
-        rest = table["rest_length"].max
+        rest = table["rest_length"].min
     longest = rest / math.sin(steepest)
     longest_reading = int(np.argmax(data.length))
     if data.length[longest_reading] >= longest:
@@ -189,6 +189,12 @@ def check_solvable(search: Search) -> None:
             f"the geometry has no dimensions at the loaded reading {lost[0] + 1} (length "
             f"{lengths[lost[0]] * 1e3:.5g} mm): the bladder does not fit in the braid there, or "
             "the length is outside what was measured or can be reached"
+        )
+    if not bool(rows_known(search.problem, middle)):
+        raise InputError(
+            "the constraint cannot be posed: the actuation path, which runs to the shortest length "
+            "in the map, slack readings included, leaves what the geometry is known for. Leave out "
+            "readings that are shorter than the last measured shape, or use --constraint none"
         )
     worst = max(Status(int(code)) for code in np.unique(solve(search.problem, middle).status))
     if worst in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:

@@ -10,6 +10,7 @@ from ._uncertainty import CONDITION_LIMIT, Covariance
 
 _RIDGE = 0.98
 _PULLED = 2.0  # standard deviations of a prior
+_UNEQUAL = 2.0  # between standard errors with and without the belief in equal noise
 
 
 def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -> tuple[str, ...]:
@@ -38,12 +39,22 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
             "fix one of them by --bounds, or add lengths and pressures."
         )
     found += _pulled(result)
+    unequal = [
+        e.name for e in result.estimates
+        if e.stderr > 0 and not 1 / _UNEQUAL < e.sandwich_stderr / e.stderr < _UNEQUAL
+    ]  # fmt: skip
+    if unequal:
+        found.append(
+            f"The residuals are not equal noise: the sandwich's standard errors of "
+            f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g}."
+        )
     found += _ridges(spread, names)
     if result.active_constraints:
         found.append(
-            f"The {result.constraint} constraint is active: standard errors hold along it only."
+            "A constraint or a bound on the coefficients is active: standard errors hold along it "
+            "only."
         )
-    if result.certificate.stability_margin < -FEASIBLE * np.abs(result.coefficients).max():
+    if not result.certificate.stability_margin >= -FEASIBLE * np.abs(result.coefficients).max():
         found.append(
             f"The law is NOT Drucker-stable on the actuation path (margin "
             f"{result.certificate.stability_margin / 1e6:.4g} MPa): do not extrapolate or simulate "

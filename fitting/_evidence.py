@@ -10,7 +10,7 @@ import numpy as np
 from ._bootstrap import Bootstrap, bootstrap
 from ._likelihood import LEVELS, Profile, profile
 from ._result import Identification
-from ._units import SYSTEMS, from_si
+from ._units import SYSTEMS, UNITS, from_si
 from ._validation import Validation, validate
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
@@ -52,8 +52,7 @@ def gather(
     """The evidence that was asked for, with `progress(what, done, total)` as it comes."""
     validations = []
     if validation:
-        kinds = ("length",) if result.search.problem.blocks > 1 else ("pressure", "length")
-        for kind in kinds:
+        for kind in _kinds(result):
             validations.append(
                 validate(
                     result,
@@ -64,7 +63,7 @@ def gather(
                 )
             )
     found = ()
-    if profiles and result.node_pressures is None:
+    if profiles:
         found = profile(result, progress=lambda d, t: progress("profile likelihood", d, t))
     drawn = None
     if replicates:
@@ -72,6 +71,17 @@ def gather(
             result, replicates, seed=seed, progress=lambda d, t: progress("bootstrap", d, t)
         )
     return Evidence(tuple(validations), tuple(found), drawn)
+
+
+def _kinds(result: Identification) -> tuple[str, ...]:
+    """What can be left out: coefficients free in pressure say nothing of another pressure."""
+    data, loaded = result.data, result.data.loaded
+    several = {
+        "pressure": np.unique(data.pressure[loaded]).size > 1,
+        "length": np.unique(data.length[loaded]).size > 1,
+    }
+    several["pressure"] &= result.search.problem.blocks == 1
+    return tuple(kind for kind, possible in several.items() if possible)
 
 
 def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
@@ -83,15 +93,16 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
     document: dict[str, Any] = {}
     for one in evidence.validations:
         document[f"leave_one_{one.groups}_out"] = {
-            "rmse_N": one.rmse,
+            "rmse_N": number(one.rmse),
             "interior_rmse_N": number(one.interior_rmse),
             "left_out": one.values.tolist(),
-            "group_rmse_N": one.group_rmse.tolist(),
+            "group_rmse_N": [number(value) for value in one.group_rmse],
         }
     if evidence.profiles:
         document["profiles"] = {
             one.name: {
                 "verdict": one.verdict,
+                "unit": UNITS[one.kind][0],
                 "values": one.values.tolist(),
                 "excess": [number(v) for v in one.excess],
                 **{
@@ -106,6 +117,7 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
         document["bootstrap"] = {
             "replicates": len(drawn.samples),
             "failed": drawn.failed,
+            "units": "SI",
             "stderr": {name: number(value) for name, value in drawn.stderr.items()},
             "interval_95": {name: drawn.interval(name) for name in drawn.names},
             "band_95_N": drawn.band().tolist(),

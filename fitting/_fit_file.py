@@ -57,6 +57,7 @@ def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
         "value": scaled(estimate.value),
         "unit": unit,
         "stderr": scaled(estimate.stderr),
+        "sandwich_stderr": scaled(estimate.sandwich_stderr),
         "at_bound": estimate.at_bound,
         "min": scaled(estimate.min),
         "max": scaled(estimate.max),
@@ -72,26 +73,26 @@ def summary_as_dict(
     errors, certificate = result.errors, result.certificate
     fixed = result.node_pressures is None
     return {
-        "rmse_N": errors.rmse,
-        "mae_N": errors.mae,
-        "max_error_N": errors.max,
+        "rmse_N": finite_or_none(errors.rmse),
+        "mae_N": finite_or_none(errors.mae),
+        "max_error_N": finite_or_none(errors.max),
         "max_force_N": errors.max_force,
-        "rmse_percent": errors.rmse_percent,
+        "rmse_percent": finite_or_none(errors.rmse_percent),
         "n_points": errors.n_points,
         "n_slack": errors.n_slack,
         "slack_violations": errors.slack_violations,
-        "max_slack_force_N": errors.max_slack_force,
+        "max_slack_force_N": finite_or_none(errors.max_slack_force),
         "parameters": {e.name: estimate_as_dict(e, system) for e in all_estimates(result)},
         "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
         "coefficients_Pa": (result.coefficients[0] if fixed else result.coefficients).tolist(),
         "node_pressures_Pa": None if fixed else np.asarray(result.node_pressures).tolist(),
         "strain_range": result.strain_range,
-        "stability_margin_Pa": certificate.stability_margin,
+        "stability_margin_Pa": finite_or_none(certificate.stability_margin),
         "slope_margin_Pa": finite_or_none(certificate.slope_margin),
         "constraint_margin_Pa": finite_or_none(certificate.constraint_margin),
-        "kkt_residual": certificate.kkt_residual,
-        "duality_gap": certificate.duality_gap,
-        "gradient_residual": certificate.gradient_residual,
+        "kkt_residual": finite_or_none(certificate.kkt_residual),
+        "duality_gap": finite_or_none(certificate.duality_gap),
+        "gradient_residual": finite_or_none(certificate.gradient_residual),
         "condition": finite_or_none(certificate.condition),
         "n_starts": certificate.n_starts,
         "n_starts_agreeing": certificate.n_agreeing,
@@ -135,7 +136,11 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
         "seed": result.seed,
         **summary_as_dict(result, evidence=evidence),
         "residuals_N": result.residuals.tolist(),
-        "start_objectives": result.starts.tolist(),
+        "start_objectives": [finite_or_none(cost) for cost in result.starts],
+        "start_parameters": {
+            name: [finite_or_none(value) for value in result.start_parameters[:, k]]
+            for k, name in enumerate(result.search.names)
+        },
         "muscle": muscle_as_dict(result.muscle),
     }
 

@@ -143,6 +143,8 @@ def identify_together(
     chosen = law_named(law, order)
     rows = {**chosen.shape, **chosen.coefficients}
     tables = [complete_table(d.specimen, box, rows, {}, parameters or {}) for d in data]
+    if "length_offset" in own:
+        raise InputError("length_offset is always each specimen's own: leave it out of own")
     unknown = sorted(set(own) - set(tables[0]))
     if unknown:
         raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
@@ -195,6 +197,12 @@ class Request:
                 'jax.config.update("jax_enable_x64", True)'
             )
         constraint, dependence = check_options(self.law, self.constraint, self.dependence, starts)
+        weighted = [data.force_std is not None for data in self.data]
+        if any(weighted) and not all(weighted):
+            raise InputError(
+                "some specimens have standard deviations of their forces (force_std) and some have "
+                "not: readings identified together are weighed alike, so give them to all or none"
+            )
         table = self._with_offsets()
         for data, source in zip(self.data, self.sources, strict=True):
             own = {
@@ -233,5 +241,5 @@ class Request:
         for data in self.data:
             tag = f"[{data.specimen.name}]" if len(self.data) > 1 else ""
             for length in np.unique(data.length[data.loaded]):
-                table[f"length_offset_at_{length * 1e3:.6g}mm{tag}"] = one
+                table[f"length_offset_at_{length * 1e3:.12g}mm{tag}"] = one
         return table | linear

@@ -97,6 +97,8 @@ def parse_priors(entries: Iterable[str]) -> dict[str, Parameter]:
                 f"prior {entry!r} must read name_unit=mean+-std, as in rest_length_mm=296+-0.5"
             )
         name, unit, _ = _name_and_unit(key.strip(), entry, "prior")
+        if name in found:
+            raise InputError(f"the prior of {name} is given twice")
         try:
             found[name] = Parameter(prior=(float(mean), float(std)), unit=unit)
         except ValueError:

@@ -23,6 +23,18 @@ KINDS = {
 }
 """Kind of unit of the parameters that do not belong to the law."""
 
+_LOWEST = {
+    "braid_diameter": "> 0",
+    "braid_angle": "> 0",
+    "rest_length": "> 0",
+    "end_factor": "> 0",
+    "strain_scale": "> 0",
+    "deadband_pressure": ">= 0 (gauge pressure)",
+    "braid_compliance": ">= 0: nothing pushes back harder than it is pulled",
+    "series_compliance": ">= 0: nothing pushes back harder than it is pulled",
+}
+"""What the lower bound of a parameter must be."""
+
 _WALL_ALLOWANCE = 3.6e-3
 """The braid lies between the bore and the outside of two 1.8 mm walls [m]."""
 
@@ -138,6 +150,8 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
     if not given.vary:
         if given.value is None:
             raise InputError(f"{name} with vary=False must have the value at which it is held")
+        if (given.min, given.max, given.prior) != (None, None, None):
+            raise InputError(f"{name} is held at its value: it has no bounds and no prior")
         return Entry(si(given.value), si(given.value), standard.kind)
     if given.value is not None:
         raise InputError(
@@ -194,18 +208,19 @@ def complete_table(
     """
     table = standard_table(specimen, box)
     known = {**table, **optional_table(specimen), **law}
-    both = sorted(set(bounds) & set(parameters))
-    if both:
-        raise InputError(f"{', '.join(both)}: give either bounds or a parameter, not both")
     changed = {}
     for name in (*bounds, *parameters):
         if name not in known:
             raise InputError(f"unknown parameter {name!r}; this fit has {', '.join(known)}")
-        changed[name] = (
-            bounded(name, *bounds[name], known[name])
-            if name in bounds
-            else entry_in_si(name, parameters[name], known[name])
-        )
+        entry = known[name]
+        if name in parameters:
+            entry = entry_in_si(name, parameters[name], entry)
+        if name in bounds:
+            given = parameters.get(name, Parameter())
+            if (given.value, given.min, given.max) != (None, None, None):
+                raise InputError(f"{name}: give its bounds once, as bounds or in parameters")
+            entry = bounded(name, *bounds[name], entry)
+        changed[name] = entry
     extras = {name: changed[name] for name in optional_table(specimen) if name in changed}
     table = {**table, **extras, **law}
     table |= changed
@@ -228,18 +243,17 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
             raise InputError(
                 f"{name} needs finite bounds, got {entry.min:.6g} to {entry.max:.6g} (SI)"
             )
-    if table["braid_diameter"].min <= 0:
-        raise InputError("the lower bound of braid_diameter must be > 0")
-    if table["braid_angle"].min <= 0 or table["braid_angle"].max >= math.pi / 2:
+    for name, must in _LOWEST.items():
+        if name not in table:
+            continue
+        low, strict = table[name].min, must == "> 0"
+        if low < 0 or (strict and low == 0):
+            raise InputError(f"the lower bound of {name} must be {must}")
+    if table["braid_angle"].max >= math.pi / 2:
         raise InputError("braid_angle lies between 0 and 90 deg, measured from the circumference")
-    if table["deadband_pressure"].min < 0:
-        raise InputError("the lower bound of deadband_pressure must be >= 0 (gauge pressure)")
-    for name in ("rest_length", "end_factor"):
-        if name in table and table[name].min <= 0:
-            raise InputError(f"the lower bound of {name} must be > 0")
-    for name in ("braid_compliance", "series_compliance"):
-        if name in table and table[name].min < 0:
-            raise InputError(f"the lower bound of {name} must be >= 0: nothing pushes back harder")
+    exponent = table.get("ogden_exponent")
+    if exponent is not None and exponent.min <= 0 <= exponent.max:
+        raise InputError("the bounds of ogden_exponent must not include 0, where there is no law")
 
 
 def names_of(table: Iterable[str], *, like: str) -> tuple[str, ...]:

@@ -28,8 +28,10 @@ def predict(
         onset: also say at which pressure the force leaves zero at each length.
 
     Returns:
-        Rows with `length_m, pressure_Pa, force_N, slack, inside`: the force is not clipped, slack
-        says that it is not positive, inside that length and pressure lie within the fitted data.
+        Rows with `length_m, pressure_Pa, force_N, slack, inside`: the force is that of the muscle
+        itself, without the rig that may have given way in the fit, and not clipped; slack says
+        that it is not positive, null where there is no force; inside that length and pressure
+        lie within the fitted data.
         With `onset` rows `length_m, onset_pressure_Pa, inside` follow; null where there is none.
 
     Raises:
@@ -60,7 +62,7 @@ def predict(
                     "length_m": float(at),
                     "pressure_Pa": float(gauge),
                     "force_N": finite_or_none(float(pull)),
-                    "slack": bool(pull <= 0),
+                    "slack": bool(pull <= 0) if np.isfinite(pull) else None,
                     "inside": bool(inside),
                 }
             )

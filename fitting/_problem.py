@@ -224,8 +224,8 @@ class Problem(eqx.Module):
         def refit(_: Array, reaches: tuple[Reach, ...]) -> tuple[Reach, ...]:
             x = self._solve(fixed, reaches).x
             return tuple(
-                part.reach(fixed, self.material(fixed, coefficients))
-                for part, coefficients in zip(self.parts, self._own(x[0]), strict=True)
+                part.reach(fixed, material)
+                for part, material in zip(self.parts, self.materials(fixed, x), strict=True)
             )
 
         return jax.lax.stop_gradient(jax.lax.fori_loop(0, _REACHES, refit, start))
@@ -254,11 +254,14 @@ class Problem(eqx.Module):
     ) -> Float[Array, " k"]:
         """Weighted residual with these parameters and coefficients, priors included."""
         A, b, _, _ = self.programmes(parameters, reaches)
-        data = jnp.sum(jnp.einsum("bkn,bn->bk", A, x) - b, axis=0)
-        if not self.priors:
-            return data
-        priors = [(parameters[prior.place] - prior.mean) / prior.std for prior in self.priors]
-        return jnp.concatenate([data, self.prior_weight * jnp.stack(priors)])
+        residual = jnp.einsum("bkn,bn->bk", A, x) - b
+        # A reading is in one block and weighs nothing in the others; a prior is in every block.
+        points = sum(part.force.shape[0] for part in self.parts)
+        rows = [jnp.sum(residual[:, :points], axis=0), residual[:, points:].ravel()]
+        if self.priors:
+            priors = [(parameters[prior.place] - prior.mean) / prior.std for prior in self.priors]
+            rows.append(self.prior_weight * jnp.stack(priors))
+        return jnp.concatenate(rows)
 
     def force_error(
         self,

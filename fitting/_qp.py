@@ -98,6 +98,9 @@ def solve_qp(
         active = active.at[nearest.rows].max(nearest.used)
     x = (J @ nearest.y) / scale
     status = jnp.where(deficient, int(Status.RANK_DEFICIENT), nearest.status)
+    # Comparisons with nan are all false: a constraint that has no number would bind nowhere.
+    known = jnp.isfinite(jnp.sum(G) + jnp.sum(h))
+    status = jnp.where(known, status, int(Status.STALLED))
     certificate = _certificate(
         *(jax.lax.stop_gradient(v) for v in (A, b, G, h, x, multipliers / size, J, scale, size))
     )

@@ -1,6 +1,7 @@
 """What an identification returns: numbers with their units, errors, certificate and doubts."""
 
 import dataclasses
+import math
 from typing import Any
 
 import equinox as eqx
@@ -30,6 +31,7 @@ class Estimate:
         fixed: held at a given value.
         kind: kind of unit.
         prior: (mean, standard deviation) in SI of what was said to be known, or None.
+        sandwich_stderr: standard error in SI without the belief in equal noise, nan as `stderr`.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Estimate:
     fixed: bool
     kind: str
     prior: tuple[float, float] | None = None
+    sandwich_stderr: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,10 +128,13 @@ class Identification:
         certificate: optimality and stability.
         active_constraints: one sentence each.
         starts: objective of every start [N^2 or weighted], ascending.
+        start_parameters: nonlinear parameters [SI] at the end of each, in the same order.
         law: family of the law.
         constraint, dependence, box, seed: what was asked for.
         converged: the best start is stationary, certified and feasible.
         warnings: what a reader must know before using the numbers.
+        degrees_of_freedom: readings and priors less the directions that stayed free, of all
+            specimens together.
         search: the problem as it was posed, for validation and uncertainty.
         unit_optimum: the free nonlinear parameters at the optimum, in parts of their bounds.
     """
@@ -148,6 +154,7 @@ class Identification:
     certificate: Certificate
     active_constraints: tuple[str, ...]
     starts: Float[np.ndarray, " starts"]
+    start_parameters: Float[np.ndarray, "starts q"]
     law: AbstractLaw
     constraint: Constraint
     dependence: PressureDependence
@@ -155,6 +162,7 @@ class Identification:
     seed: int
     converged: bool
     warnings: tuple[str, ...]
+    degrees_of_freedom: int
     search: Search = dataclasses.field(repr=False)
     unit_optimum: Float[np.ndarray, " p"] = dataclasses.field(repr=False)
 
@@ -181,9 +189,10 @@ class Identification:
     def model_force(self) -> Float[np.ndarray, " n"]:
         """The model's force [N] at every reading, slack ones included, lengths corrected."""
         length = np.array(self.data.length)
-        known = np.unique(self.data.length[self.data.loaded])
-        for at, offset in zip(known, self.length_offsets, strict=False):
-            length[self.data.length == at] += offset
+        if self.length_offsets.size:
+            known = np.unique(self.data.length[self.data.loaded])
+            for at, offset in zip(known, self.length_offsets, strict=True):
+                length[self.data.length == at] += offset
         return self.predict(length, self.data.pressure)
 
     def estimate(self, name: str) -> Estimate:

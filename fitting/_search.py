@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._box import BoxOptimum, minimise_in_box
+from ._errors import InputError
 from ._margin import path_margin, slope_margin
 from ._part import Part
 from ._problem import Problem
@@ -71,6 +72,13 @@ def offsets(problem: Problem, parameters: Float[Array, " q"]) -> Float[Array, " 
     return jnp.sum(problem.programmes(parameters)[1], axis=0)
 
 
+@quick_jit
+def rows_known(problem: Problem, parameters: Float[Array, " q"]) -> Array:
+    """Whether every constraint row is a number."""
+    _, _, G, h = problem.programmes(parameters)
+    return jnp.isfinite(jnp.sum(G) + jnp.sum(h))
+
+
 def latin_hypercube(n_free: int, count: int, seed: int) -> Float[np.ndarray, "k p"]:
     """Latin hypercube in the unit box, away from its faces."""
     rng = np.random.default_rng(seed)
@@ -96,6 +104,11 @@ def descend(
 
 def best_of(ends: BoxOptimum) -> BoxOptimum:
     """The end of the lowest cost; one whose cost is nan never is."""
+    if not np.isfinite(ends.cost).any():
+        raise InputError(
+            "no start ended at a force for every reading: somewhere in the box the bladder does "
+            "not fit in the braid or a length cannot be reached; narrow the bounds"
+        )
     return jax.tree.map(lambda leaf: jnp.asarray(leaf[np.nanargmin(ends.cost)]), ends)
 
 

@@ -90,7 +90,9 @@ def optimal(search: Search, best: BoxOptimum) -> Optimal:
         np.asarray, joint_derivatives(search.problem, parameters, optimum.x)
     )
     active = np.asarray(optimum.active).ravel()
-    spread = covariance(jacobian, residual, rows[active], held)
+    n_priors = residual.size - sum(part.force.shape[0] for part in search.problem.parts)
+    noise = float(search.problem.prior_weight)
+    spread = covariance(jacobian, residual, rows[active], held, n_priors=n_priors, noise=noise)
     return Optimal(search, parameters, optimum, spread, at_bound)
 
 
@@ -109,9 +111,12 @@ def summarise(
     found = optimal(search, best)
     problem, optimum = search.problem, found.optimum
     certificate = _certificate(found, best, ends, np.concatenate([d.force for d in data]))
-    feasible = not certificate.constraint_margin < -FEASIBLE * np.abs(found.coefficients).max()
+    allowed = -FEASIBLE * np.abs(found.coefficients).max()
+    feasible = problem.constraint == "none" or certificate.constraint_margin >= allowed
     certified = bool(np.all(np.asarray(optimum.status) == int(Status.OPTIMAL)))
+    certified &= math.isfinite(certificate.kkt_residual)
     muscles = problem.muscles(found.parameters, optimum.x)
+    order = np.argsort(ends.cost)
     estimates = _estimates(found, table)
     results = []
     for k, (one, part, muscle) in enumerate(zip(data, problem.parts, muscles, strict=True)):
@@ -137,7 +142,8 @@ def summarise(
             errors=_errors(one, one.force),
             certificate=certificate,
             active_constraints=_active_sentences(problem, found),
-            starts=np.sort(ends.cost),
+            starts=np.asarray(ends.cost)[order],
+            start_parameters=np.asarray(jax.vmap(search.parameters)(jnp.asarray(ends.u)[order])),
             law=problem.law,
             constraint=problem.constraint,
             dependence=dependence,
@@ -145,6 +151,7 @@ def summarise(
             seed=seed,
             converged=certified and feasible and certificate.gradient_residual <= _STATIONARY,
             warnings=(),
+            degrees_of_freedom=found.spread.degrees_of_freedom,
             search=search,
             unit_optimum=np.asarray(best.u),
         )
@@ -190,7 +197,9 @@ def _certificate(
             "drucker": stability,
         }[problem.constraint],
         n_starts=len(ends.cost),
-        n_agreeing=int(np.sum(ends.cost <= best.cost * (1 + 1e-6) + _PERFECT * force @ force)),
+        n_agreeing=int(
+            np.sum(ends.cost <= np.nanmin(ends.cost) * (1 + 1e-6) + _PERFECT * force @ force)
+        ),
     )
 
 
@@ -200,27 +209,33 @@ def _coefficient_stderr(found: Optimal) -> Float[np.ndarray, "nodes order"]:
 
 def _estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...]:
     """Every nonlinear parameter, then the coefficients of every node."""
-    estimates = [
-        _estimate(name, float(value), float(error), table[name], bool(stopped))
-        for name, value, error, stopped in zip(
-            found.search.names, found.parameters, found.spread.stderr, found.at_bound, strict=False
+    linear = tuple(found.problem.law.coefficients)
+    names = found.search.names + linear * len(found.coefficients)
+    values = np.concatenate([found.parameters, found.coefficients.ravel()])
+    ends = np.array([(table[name].min, table[name].max) for name in names])
+    rounding = 1e-9 * np.abs(found.coefficients).max()
+    stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= rounding
+    stopped[: len(found.at_bound)] = found.at_bound
+    return tuple(
+        _estimate(name, float(value), errors, table[name], bool(at_bound))
+        for name, value, errors, at_bound in zip(
+            names,
+            values,
+            zip(found.spread.stderr, found.spread.sandwich_stderr, strict=True),
+            stopped,
+            strict=True,
         )
-    ]
-    names = tuple(found.problem.law.coefficients)
-    scale = np.abs(found.coefficients).max()
-    for values, errors in zip(found.coefficients, _coefficient_stderr(found), strict=True):
-        for name, value, error in zip(names, values, errors, strict=True):
-            bound = table[name]
-            near = min(abs(value - bound.min), abs(value - bound.max)) <= 1e-9 * scale
-            estimates.append(_estimate(name, float(value), float(error), bound, bool(near)))
-    return tuple(estimates)
+    )
 
 
-def _estimate(name: str, value: float, error: float, entry: Entry, stopped: bool) -> Estimate:
+def _estimate(
+    name: str, value: float, errors: tuple[float, float], entry: Entry, stopped: bool
+) -> Estimate:
     return Estimate(
         name=name,
         value=value,
-        stderr=error,
+        stderr=float(errors[0]),
+        sandwich_stderr=float(errors[1]),
         min=entry.min,
         max=entry.max,
         at_bound=stopped and not entry.fixed,

@@ -15,11 +15,13 @@ class Covariance:
 
     Attributes:
         matrix: shape (p, p); rows of parameters that cannot move are nan.
+        sandwich: the same without the belief that all readings are equally noisy (Huber-White).
         condition: condition number of the scaled Jacobian on the free directions.
         degrees_of_freedom: readings and priors minus free directions.
     """
 
     matrix: Float[np.ndarray, "p p"]
+    sandwich: Float[np.ndarray, "p p"]
     condition: float
     degrees_of_freedom: int
 
@@ -27,6 +29,11 @@ class Covariance:
     def stderr(self) -> Float[np.ndarray, " p"]:
         """Standard errors; nan for a parameter that is held, at a bound, or not identifiable."""
         return np.sqrt(np.diag(self.matrix))
+
+    @property
+    def sandwich_stderr(self) -> Float[np.ndarray, " p"]:
+        """Standard errors of the sandwich; nan where the others are."""
+        return np.sqrt(np.diag(self.sandwich))
 
     @property
     def correlation(self) -> Float[np.ndarray, "p p"]:
@@ -39,6 +46,9 @@ def covariance(
     residual: Float[np.ndarray, " k"],
     active: Float[np.ndarray, "a p"],
     held: Bool[np.ndarray, " p"],
+    *,
+    n_priors: int = 0,
+    noise: float = 1.0,
 ) -> Covariance:
     """Gauss-Newton covariance s^2 Z (Z^T J^T J Z)^-1 Z^T of a constrained least-squares optimum.
 
@@ -50,9 +60,12 @@ def covariance(
         residual: weighted residual at the optimum.
         active: gradients of the active constraints.
         held: True for parameters at a bound or fixed.
+        n_priors: rows at the end of the residual that are priors.
+        noise: standard deviation of a reading against which these were weighed. With priors the
+            noise is at least this, or they would count for more than was said of them.
 
     Returns:
-        The covariance. Not valid where the model is wrong or a constraint is active only by
+        The covariances. Not valid where the model is wrong or a constraint is active only by
         chance; profile likelihood and bootstrap are the remedies.
     """
     p = jacobian.shape[1]
@@ -65,16 +78,25 @@ def covariance(
     freedom = residual.size - Z.shape[1]
     nothing = np.full((p, p), np.nan)
     if Z.shape[1] == 0 or freedom <= 0:
-        return Covariance(nothing, np.nan, freedom)
+        return Covariance(nothing, nothing, np.nan, freedom)
     _, s, Vt = np.linalg.svd(jacobian / scale @ Z, full_matrices=False)
     condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
     if condition > CONDITION_LIMIT:
-        return Covariance(nothing, condition, freedom)
+        return Covariance(nothing, nothing, condition, freedom)
     root = Z @ (Vt.T / s) / scale[:, None]
-    matrix = root @ root.T * (residual @ residual / freedom)
-    stuck = np.sqrt(np.diag(matrix)) * scale <= 1e-9 * np.sqrt(residual @ residual / freedom)
-    matrix[stuck] = matrix[:, stuck] = np.nan
-    return Covariance(matrix, condition, freedom)
+    variance = residual @ residual / freedom
+    if n_priors:
+        variance = max(variance, noise**2)
+        # A prior that is met exactly is no proof that it is exact.
+        residual = np.concatenate([residual[:-n_priors], np.full(n_priors, noise)])
+    matrix = root @ root.T * variance
+    # Each reading's own residual in place of one noise, with MacKinnon & White's small-sample factor.
+    influence = root @ (root.T @ jacobian.T) * residual
+    sandwich = influence @ influence.T * (residual.size / freedom)
+    stuck = np.sqrt(np.diag(matrix)) * scale <= 1e-9 * np.sqrt(variance)
+    for spread in (matrix, sandwich):
+        spread[stuck] = spread[:, stuck] = np.nan
+    return Covariance(matrix, sandwich, condition, freedom)
 
 
 def _unit(rows: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ class Validation:
         rmse: over all readings, each predicted while it was left out [N].
         interior_rmse: the same over all groups but the lowest and the highest, which are
             extrapolations [N]; nan with fewer than three groups.
-        refits: the refits, one for each group.
+        refits: the refits, one for each group; `converged` says of each whether it did.
     """
 
     groups: str
@@ -66,6 +66,10 @@ def validate(
         raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
     if groups == "pressure" and search.problem.blocks > 1:
         raise InputError("coefficients free in pressure say nothing of a pressure that is left out")
+    if starts < 1:
+        raise InputError(f"at least one start is needed for each group, got {starts}")
+    if groups == "specimen":
+        check_nothing_own(result)
     parts = search.problem.parts
     if groups == "specimen":
         label = np.concatenate([np.full(p.force.shape[0], float(k)) for k, p in enumerate(parts)])
@@ -97,6 +101,20 @@ def validate(
         ),
         refits=found,
     )
+
+
+def check_nothing_own(result: Identification) -> None:
+    """A muscle that is left out must be known from the others alone.
+
+    Raises:
+        InputError: parameters or coefficients are its own.
+    """
+    own = [result.search.names[k] for k in result.search.free if "[" in result.search.names[k]]
+    if own or result.search.problem.nodes > 1:
+        raise InputError(
+            f"{own[0] if own else 'the law'} is a specimen's own, so nothing is known of it without "
+            "its readings: identify the specimens with own=() and own_law=False"
+        )
 
 
 def _without(readings: Readings, out: np.ndarray) -> Readings:

@@ -211,8 +211,11 @@ def test_length_errors_are_found_where_a_prior_allows_them() -> None:
         ({"parameters": {"length_offset": Parameter()}}, "length_offset needs a prior"),
         ({"parameters": {"series_compliance": Parameter(min=-1.0, unit="mm/N")}}, "must be >= 0"),
         (
-            {"parameters": {"end_factor": Parameter()}, "bounds": {"end_factor": (1.0, 1.2)}},
-            "either bounds or a parameter",
+            {
+                "parameters": {"end_factor": Parameter(max=1.3)},
+                "bounds": {"end_factor": (1.0, 1.2)},
+            },
+            "give its bounds once",
         ),
         ({"noise": -1.0}, "noise of a reading must be > 0"),
         (
