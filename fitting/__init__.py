@@ -82,6 +82,7 @@ from ._static_map import (
     StaticMap as StaticMap,
     static_map as static_map,
 )
+from ._sweep import Sweep as Sweep, SweepRow as SweepRow, sweep as sweep
 from ._tensile import (
     Characterisation as Characterisation,
     TensileFit as TensileFit,

@@ -1,0 +1,142 @@
+"""The dual active set against other solvers, on easy, degenerate and impossible problems."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import optimize
+
+from fitting._active_set import nearest_point, nearest_points
+from fitting._small_dense import cholesky, inverse_lower
+from fitting._status import Status
+
+EXACT = 1e-12  # a few roundings of a problem of unit size
+DIFFERENCE = 1e-6  # central differences with step 1e-6
+MEMBERS, UNKNOWNS, ROWS = 700, 4, 17  # more than one chunk
+
+one = jax.jit(nearest_point)
+many = jax.jit(nearest_points)
+each = jax.jit(jax.vmap(nearest_point, in_axes=(None, None, 0, 0)))
+
+
+def rising_cubics(seed: int) -> tuple[np.ndarray, ...]:
+    """Polynomials asked to rise at 17 points, in metrics and with optima that scatter."""
+    rng = np.random.default_rng(seed)
+    powers = np.arange(1, UNKNOWNS + 1)
+    Q, R = np.linalg.qr(np.linspace(0, 1, 60)[:, None] ** powers)
+    G = powers * np.linspace(0, 1, ROWS)[:, None] ** (powers - 1) @ np.linalg.inv(R)
+    G /= np.linalg.norm(G, axis=1)[:, None]
+    hessians = np.einsum("ki,mk,kj->mij", Q, rng.exponential(size=(MEMBERS, 60)), Q)
+    J = np.linalg.inv(np.linalg.cholesky(hessians)).transpose(0, 2, 1)
+    centre = np.array([1.0, -3.0, 2.0, 0.3]) @ R.T + rng.normal(size=(MEMBERS, UNKNOWNS))
+    return G, np.zeros(ROWS), centre, J
+
+
+def optimality(
+    G: np.ndarray, h: np.ndarray, centre: np.ndarray, J: np.ndarray, found: object, k: int
+) -> float:
+    """Largest violation of the Kuhn-Tucker conditions of one member."""
+    y, multipliers = found.y[k], np.zeros(len(h))
+    np.add.at(multipliers, np.asarray(found.rows[k]), np.asarray(found.multipliers[k]))
+    slack = G @ J[k] @ y - h
+    stationarity = y - centre[k] - (G @ J[k]).T @ multipliers
+    worst = [np.abs(stationarity).max(), -slack.min(), -multipliers.min()]
+    return max(*worst, np.abs(multipliers * slack).max())
+
+
+def test_chunks_agree_with_one_batch_and_are_optimal() -> None:
+    problem = rising_cubics(0)
+    found, same = many(*problem), each(*problem)
+    assert (np.asarray(found.status) == int(Status.OPTIMAL)).all()
+    assert np.asarray(found.used).sum(axis=1).max() >= 2
+    np.testing.assert_allclose(found.y, same.y, atol=EXACT)
+    worst = max(optimality(*problem, found, k) for k in range(0, MEMBERS, 7))
+    assert worst < EXACT
+
+
+def test_own_active_set_is_a_guess_without_steps() -> None:
+    G, h, centre, J = rising_cubics(1)
+    cold = one(G, h, centre[0], J[0])
+    warm = one(G, h, centre[0], J[0], (cold.rows, cold.used))
+    assert int(cold.steps) > 0
+    assert int(warm.steps) == 0
+    np.testing.assert_allclose(warm.y, cold.y, atol=EXACT)
+    elsewhere = one(G, h, -centre[0], J[0], (cold.rows, cold.used))
+    np.testing.assert_allclose(elsewhere.y, one(G, h, -centre[0], J[0]).y, atol=EXACT)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_feasibility_agrees_with_linear_programming(seed: int) -> None:
+    """Random half-spaces, half of which leave nothing."""
+    rng = np.random.default_rng(seed)
+    verdicts = []
+    for _ in range(30):
+        G, h = rng.normal(size=(ROWS, UNKNOWNS)), 1.2 * rng.normal(size=ROWS) - 1.5
+        G, h = G / np.linalg.norm(G, axis=1)[:, None], h / np.linalg.norm(G, axis=1)
+        linear = optimize.linprog(np.zeros(UNKNOWNS), -G, -h, bounds=(None, None))
+        found = one(G, h, rng.normal(size=UNKNOWNS), np.eye(UNKNOWNS))
+        expected = Status.OPTIMAL if linear.status == 0 else Status.INFEASIBLE
+        assert Status(int(found.status)) is expected
+        verdicts.append(expected)
+    assert len(set(verdicts)) == 2
+
+
+def test_duplicated_and_opposite_rows() -> None:
+    """Equalities as pairs of rows, each twice, and a row that is off."""
+    G = np.array([[1.0, 0, 0, 0], [-1, 0, 0, 0], [1, 0, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 0]])
+    G = np.concatenate([G, np.tile(np.eye(4)[1], (ROWS - 5, 1))])
+    h = np.concatenate([[2.0, -2, 2, -2, -1], np.full(ROWS - 5, 3.0)])
+    found = one(G, h, np.array([0.0, 0, 5, 6]), np.eye(4))
+    assert Status(int(found.status)) is Status.OPTIMAL
+    np.testing.assert_allclose(found.y, [2, 3, 5, 6], atol=EXACT)
+
+
+def test_second_derivative_at_an_active_constraint() -> None:
+    """The circle's nearest point on a line through the origin that turns: a closed form."""
+
+    def distance(angle: jax.Array) -> jax.Array:
+        G = jnp.zeros((ROWS, UNKNOWNS)).at[0, 0].set(jnp.sin(angle)).at[0, 1].set(-jnp.cos(angle))
+        h = jnp.full(ROWS, -1.0).at[0].set(0.0)
+        y = nearest_point(G, h, jnp.array([1.0, 2.0, 0.0, 0.0]), jnp.eye(UNKNOWNS)).y
+        return y @ y  # = (cos + 2 sin)^2, where 2 cos > sin, so that the row is violated
+
+    angle = 0.4
+    assert float(jax.jit(distance)(angle)) == pytest.approx(
+        (np.cos(angle) + 2 * np.sin(angle)) ** 2
+    )
+    first = 2 * (np.cos(angle) + 2 * np.sin(angle)) * (2 * np.cos(angle) - np.sin(angle))
+    second = 2 * (2 * np.cos(angle) - np.sin(angle)) ** 2
+    second -= 2 * (np.cos(angle) + 2 * np.sin(angle)) ** 2
+    assert float(jax.jit(jax.grad(distance))(angle)) == pytest.approx(first, rel=1e-12)
+    assert float(jax.jit(jax.grad(jax.grad(distance)))(angle)) == pytest.approx(second, rel=1e-10)
+
+
+def test_a_batch_is_differentiated_through_its_chunks() -> None:
+    G, h, centre, J = (jnp.asarray(part) for part in rising_cubics(2))
+
+    def total(shift: jax.Array) -> jax.Array:
+        return jnp.sum(nearest_points(G, h, centre + shift, J).y ** 2)
+
+    slope = jax.jit(jax.grad(total))(0.0)
+    value = jax.jit(total)
+    central = (value(1e-6) - value(-1e-6)) / 2e-6
+    assert float(slope) == pytest.approx(float(central), rel=DIFFERENCE)
+
+
+def test_a_member_without_solution_leaves_the_others_alone() -> None:
+    G, h, centre, J = rising_cubics(3)
+    spoilt = centre.copy()
+    spoilt[5] = np.nan
+    found, whole = many(G, h, spoilt, J), many(G, h, centre, J)
+    kept = np.arange(MEMBERS) != 5
+    assert np.isnan(found.y[5]).all()
+    np.testing.assert_array_equal(np.asarray(found.y)[kept], np.asarray(whole.y)[kept])
+
+
+@pytest.mark.parametrize("n", [1, 4, 8, 9])
+def test_triangles(n: int) -> None:
+    root = np.random.default_rng(n).normal(size=(2 * n, n))
+    L = cholesky(jnp.asarray(root.T @ root))
+    np.testing.assert_allclose(L, np.linalg.cholesky(root.T @ root), atol=1e-12 * n)
+    np.testing.assert_allclose(inverse_lower(L) @ L, np.eye(n), atol=1e-11)
+    assert np.isnan(cholesky(-jnp.eye(n))).any()

@@ -1,0 +1,297 @@
+"""The sweep against Clarabel on a fine grid, its file, and its derivatives in the geometry."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import famjax
+from fitting import ForceData, InputError, Specimen, Status
+from fitting._convex_fit import minimise
+from fitting._sweep import FEASIBLE, Sweep, SweepRow, sweep
+from fitting._sweep_fits import free_lane
+from fitting._sweep_lane import huber_threshold, objective_of
+from fitting._sweep_problem import arrange, design
+
+OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
+DIFFERENCE = 1e-5  # central differences with relative step 1e-6
+EXACT = 1e-9  # noise-free data, condition numbers up to 1e4
+SPREAD = 0.25  # of a standard deviation from 250 replicates, and of a first-order covariance
+REST, PRESSURES, STATIONS = 0.2, np.array([1e5, 2e5, 3e5]), 4000
+SOFTENING = np.array([2.5e6, -4.5e6, 2.4e6])  # its tangent falls below zero and rises again
+
+
+def geometry(diameter: float = 0.022) -> famjax.EstimatedGeometry:
+    braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=1.2, length=REST, thickness=2e-4)
+    return famjax.EstimatedGeometry(braid, famjax.Bladder(REST, 0.02, 1.5e-3))
+
+
+def measured(noise: float, seed: int = 0) -> ForceData:
+    """Readings of a muscle whose bladder softens more than is stable."""
+    length, pressure = (
+        grid.ravel() for grid in np.meshgrid(REST * np.linspace(1, 0.8, 21), PRESSURES)
+    )
+    muscle = famjax.Muscle(geometry(), famjax.PolynomialMaterial(SOFTENING), 1e4)
+    force = np.asarray(muscle.force(length, pressure))
+    force = force + noise * np.random.default_rng(seed).normal(size=force.size)
+    return ForceData(force, pressure, length, Specimen("softening", REST, 1.5e-3))
+
+
+DATA = measured(noise=2.0)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("sweep") / "sweep.jsonl"
+
+
+@pytest.fixture(scope="module")
+def swept(file: Path) -> Sweep:
+    return sweep(DATA, geometry(), deadband=1e4, orders=(2, 3), bootstrap=250, resume=file)
+
+
+def row(of: Sweep, dependence: str, order: int, constraint: str) -> SweepRow:
+    key = (dependence, order, constraint)
+    (found,) = (r for r in of.rows if (r.dependence, r.order, r.constraint) == key)
+    return found
+
+
+def unit_forces(length: np.ndarray, pressure: np.ndarray, order: int) -> np.ndarray:
+    columns = [
+        famjax.Muscle(geometry(), famjax.PolynomialMaterial(E)).bladder_force(length, pressure)
+        for E in np.eye(order)
+    ]
+    return np.stack([np.asarray(column) for column in columns], axis=-1)
+
+
+def constraint_rows(constraint: str, order: int, pressure: float, end: float) -> np.ndarray:
+    """Rows on E_n at one pressure, on a grid that has nothing to do with the sweep's."""
+    s = np.linspace(0, 1, STATIONS)
+    length = REST + s * (end - REST)
+    if constraint == "none":
+        return np.zeros((1, order))
+    if constraint == "positive":
+        return np.eye(order)
+    if constraint == "slope":
+        at = geometry().dimensions(np.array([REST, end]), pressure)
+        largest = max(np.abs(at.hoop_strain).max(), np.abs(at.axial_strain).max())
+        return np.arange(1, order + 1) * (s * largest)[:, None] ** np.arange(order)
+    columns = [
+        famjax.path_modulus(famjax.PolynomialMaterial(E), geometry(), length, pressure)
+        for E in np.eye(order)
+    ]
+    return np.stack([np.asarray(column) for column in columns], axis=-1)
+
+
+def path_end(pressure: float) -> float:
+    at = DATA.pressure == pressure
+    shortest = DATA.length[at & DATA.loaded].min()
+    slack = DATA.length[at & ~DATA.loaded & (DATA.length < shortest)]
+    return float(slack.max(initial=-np.inf)) if slack.size else float(shortest)
+
+
+@pytest.mark.parametrize("constraint", ["none", "positive", "slope", "drucker"])
+@pytest.mark.parametrize("dependence", ["fixed", "linear", "free"])
+def test_fits_agree_with_clarabel(
+    swept: Sweep, dependence: str, constraint: str, clarabel_objective: Callable[..., float]
+) -> None:
+    loaded = DATA.loaded
+    length, pressure = DATA.length[loaded], DATA.pressure[loaded]
+    braid = famjax.Muscle(geometry(), famjax.PolynomialMaterial([0.0]), 1e4)
+    target = DATA.force[loaded] - np.asarray(braid.braid_force(length, pressure))
+    share = (PRESSURES - PRESSURES[0]) / (PRESSURES[-1] - PRESSURES[0])
+    bases = {
+        "fixed": np.ones((3, 1)),
+        "linear": np.stack([1 - share, share], axis=1),
+        "free": np.eye(3),
+    }
+    basis = bases[dependence]
+    for order in (2, 3):
+        columns = unit_forces(length, pressure, order)
+        of = np.searchsorted(PRESSURES, pressure)
+        A = (basis[of][:, :, None] * columns[:, None, :]).reshape(length.size, -1)
+        rows = [
+            (basis[p][None, :, None] * G[:, None, :]).reshape(len(G), -1)
+            for p, P in enumerate(PRESSURES)
+            for G in [constraint_rows(constraint, order, P, path_end(P))]
+        ]
+        G = np.concatenate(rows)
+        best = clarabel_objective(A, target, G, np.zeros(len(G)))
+        found = row(swept, dependence, order, constraint)
+        assert found.status is Status.OPTIMAL
+        assert found.objective == pytest.approx(best, rel=OBJECTIVE)
+        assert found.kkt_residual < 1e-10
+        assert found.duality_gap < 1e-8
+
+
+def test_nothing_is_violated_between_the_stations(swept: Sweep) -> None:
+    stable = [r for r in swept.rows if r.constraint == "drucker"]
+    assert all(r.margin > -FEASIBLE * np.abs(r.coefficients).max() for r in stable)
+    assert {r.verdict for r in stable} == {"stable"}
+    assert row(swept, "fixed", 3, "none").verdict == "not stable"
+    assert sum(abs(r.margin) < FEASIBLE * np.abs(r.coefficients).max() for r in stable) >= 2
+    for r in swept.rows:
+        if r.constraint == "slope":
+            for E, P in zip(r.coefficients, PRESSURES, strict=True):
+                G = constraint_rows("slope", r.order, float(P), path_end(float(P)))
+                assert (G @ E).min() > -FEASIBLE * np.abs(E).max()
+
+
+def test_scores(swept: Sweep) -> None:
+    """Written out for one fit, and the relations between fits."""
+    found = row(swept, "linear", 3, "none")
+    forces = []
+    for E, P in zip(found.coefficients, PRESSURES, strict=True):
+        muscle = famjax.Muscle(geometry(), famjax.PolynomialMaterial(E), 1e4)
+        at = DATA.loaded & (DATA.pressure == P)
+        forces.append(np.asarray(muscle.force(DATA.length[at], P)) - DATA.force[at])
+        free, F = float(muscle.free_contraction(P)), DATA.force[at]
+        contraction = 1 - DATA.length[at] / REST
+        near = F / F.max() <= 0.1
+        near = near if near.sum() > 2 else contraction > 0.185
+        measured_free = np.polyfit(F[near], contraction[near], 1)[1]
+        error = found.free_contraction_error_by_pressure[len(forces) - 1]
+        assert error == pytest.approx(free - measured_free, abs=1e-4)  # 129 lengths, linear
+    residual = np.concatenate(forces)
+    np.testing.assert_allclose(found.rmse_by_pressure, [np.sqrt(np.mean(r**2)) for r in forces])
+    assert found.pooled_rmse == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert found.mae == pytest.approx(np.mean([np.abs(r).mean() for r in forces]))
+    n, k = residual.size, 7
+    deviance = n * np.log(np.mean(residual**2))
+    assert found.aicc == pytest.approx(deviance + 2 * k + 2 * k * (k + 1) / (n - k - 1))
+    assert found.bic == pytest.approx(deviance + k * np.log(n))
+    at_rest = (DATA.length == REST) & DATA.loaded
+    blocked = [r[DATA.length[DATA.loaded & (DATA.pressure == P)] == REST][0] for r, P in
+               zip(forces, PRESSURES, strict=True)]  # fmt: skip
+    assert at_rest.sum() == 3
+    np.testing.assert_allclose(found.blocked_error_by_pressure, blocked)
+    for r in swept.rows:
+        looser = row(swept, r.dependence, r.order, "none")
+        assert r.objective >= looser.objective * (1 - 1e-12)
+        assert np.isnan(r.cross_validated_rmse) == (r.dependence == "free")
+        if r.dependence == "fixed":
+            assert r.cross_validated_rmse > r.pooled_rmse
+
+
+def test_replicates_scatter_as_the_covariance_says(swept: Sweep) -> None:
+    found = row(swept, "fixed", 2, "none")
+    loaded = DATA.loaded
+    A = unit_forces(DATA.length[loaded], DATA.pressure[loaded], 2)
+    expected = found.pooled_rmse * np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
+    np.testing.assert_allclose(found.coefficients_std[0], expected, rtol=2 * SPREAD)
+    held = row(swept, "fixed", 3, "positive")
+    at_zero = held.coefficients[0] < 1e-6 * held.coefficients.max()
+    assert at_zero.any()
+    assert (held.coefficients_std[0][at_zero] < 1e-6 * held.coefficients.max()).all()
+
+
+def test_a_stopped_sweep_goes_on_to_the_same_bytes(
+    swept: Sweep, file: Path, tmp_path: Path
+) -> None:
+    lines = file.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 3
+    cut = tmp_path / "cut.jsonl"
+    cut.write_bytes(lines[0] + lines[1][:200])
+    options = {"deadband": 1e4, "orders": (2, 3), "bootstrap": 250}
+    parts: list[tuple[int, int]] = []
+    again = sweep(
+        DATA, geometry(), **options, resume=cut, progress=lambda *done: parts.append(done)
+    )
+    assert cut.read_bytes() == file.read_bytes()
+    assert parts == [(0, 2), (1, 2), (2, 2)]
+    assert [r.objective for r in again.rows] == [r.objective for r in swept.rows]
+    json.dumps([r.as_dict() for r in swept.rows])
+    with pytest.raises(InputError, match="a sweep of other data or with other settings"):
+        sweep(DATA, geometry(0.0221), **options, resume=cut)
+    cut.write_text("{]\n")
+    with pytest.raises(InputError, match="other data"):
+        sweep(DATA, geometry(), **options, resume=cut)
+
+
+def test_derivatives_in_geometry_and_deadband(swept: Sweep) -> None:
+    """Of coefficients held by the Drucker constraint between stations."""
+    readings = arrange(DATA, geometry(), 3)
+
+    def coefficients(step: jax.Array) -> jax.Array:
+        base = geometry()
+        longer = base.braid.rest_thread_length * (1 + step)
+        shape = eqx.tree_at(lambda g: g.braid.rest_thread_length, base, longer)
+        of = design(shape, 1e4 * (1 + 30 * step), readings)
+        at = free_lane(of, jnp.array(3), jnp.array(3), jnp.array(2))
+        aim = objective_of(
+            "sum_of_squares", of, at, jnp.array([2]), huber_threshold(of), jnp.ones(1)
+        )
+        found = minimise(aim, at.constraint, at.start)
+        return jnp.append(at.constraint.coefficients(found.y) * of.unit, found.active)
+
+    both = jax.jit(lambda step: jax.jvp(coefficients, (step,), (jnp.ones_like(step),)))
+    value, slope = both(jnp.array(0.0))
+    assert int(value[-1]) > 0
+    np.testing.assert_allclose(
+        value[:-1], row(swept, "free", 3, "drucker").coefficients[2], rtol=EXACT
+    )
+    central = (both(jnp.array(1e-6))[0] - both(jnp.array(-1e-6))[0]) / 2e-6
+    size = float(jnp.max(jnp.abs(central)))
+    np.testing.assert_allclose(slope[:-1], central[:-1], atol=DIFFERENCE * size, rtol=0)
+
+
+def test_bad_options_are_refused() -> None:
+    with pytest.raises(InputError, match="orders of the law lie between 1 and 4"):
+        sweep(DATA, geometry(), orders=(5,))
+    with pytest.raises(InputError, match="constraints: known are"):
+        sweep(DATA, geometry(), constraints=("convex",))
+    with pytest.raises(InputError, match="objective: known are"):
+        sweep(DATA, geometry(), objective="rmse")
+    with pytest.raises(InputError, match="replicates need the objective"):
+        sweep(DATA, geometry(), objective="huber", bootstrap=5)
+    with pytest.raises(InputError, match="one geometry for all"):
+        sweep(DATA, [geometry(), geometry()])
+    longer = dataclasses.replace(DATA, length=DATA.length + 0.1)
+    with pytest.raises(InputError, match="no reading is shorter than the rest length"):
+        sweep(longer, geometry())
+
+
+def test_pictures_and_table(swept: Sweep) -> None:
+    from fitting._sweep_command import table_row
+    from fitting._sweep_plot import plot_curves, plot_errors
+
+    errors = plot_errors(swept)
+    assert len(errors.axes) == 12
+    assert all(len(axes.lines) == 4 for axes in errors.axes)
+    curves = plot_curves(swept, list(swept.rows[:2]), "us")
+    assert len(curves.axes) == 2
+    assert len(curves.axes[0].lines) == 6
+    line = table_row(swept.rows[-1], "us")
+    assert line["left_out_rmse_lbf"] is None
+    assert line["rmse_lbf"] == pytest.approx(swept.rows[-1].rmse / 4.4482216152605)
+
+
+def test_the_command_writes_files_and_goes_on(
+    monkeypatch: pytest.MonkeyPatch, swept: Sweep, tmp_path: Path
+) -> None:
+    from fitting import _sweep_command
+
+    calls = []
+
+    def recorded(*given: object, **options: object) -> Sweep:
+        calls.append((given, options))
+        return swept
+
+    monkeypatch.setattr(_sweep_command, "sweep", recorded)
+    shape = {"braid_diameter": 0.022, "braid_angle": 1.2, "deadband_pressure": 1e4}
+    document, paths = _sweep_command.sweep_command([DATA], geometry=shape, output=tmp_path / "new")
+    assert [path.name for path in paths] == ["sweep.jsonl", "errors-1.png", "curves-1.png"]
+    assert paths[1].read_bytes().startswith(b"\x89PNG")
+    assert len(document["rows"]) == len(swept.rows)
+    (given, options), *_ = calls
+    assert options["resume"] == tmp_path / "new" / "sweep.jsonl"
+    assert options["deadband"] == 1e4
+    at = given[1][0].dimensions(REST, 0.0)
+    assert 2 * float(at.radius) == pytest.approx(0.022)
+    assert float(at.braid_angle) == pytest.approx(1.2)
