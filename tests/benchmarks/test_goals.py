@@ -10,6 +10,8 @@ import pytest
 
 from fitting import ForceData, load_bundled
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 

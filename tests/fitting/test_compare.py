@@ -20,6 +20,8 @@ from fitting._hocking import fit_hocking_wereley, hocking_orders
 from fitting._peer_families import peer_families
 from fitting._peer_fit import PeerFit, cross_validate_peer, fit_peer
 
+pytestmark = pytest.mark.slow
+
 STUDY = 6e-3  # figures known to two decimals
 OPTIMUM = 1e-7  # relative: two minimisers of one function
 AFFINE = 1e-9  # relative: sums in another order, columns of very different size

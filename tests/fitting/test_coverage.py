@@ -13,6 +13,8 @@ from fitting._refit import Readings, refit, with_readings
 from fitting._summary import joint_derivatives
 from fitting._uncertainty import covariance
 
+pytestmark = pytest.mark.slow
+
 REPLICATES, NOISE = 200, 2.0
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
 

@@ -21,6 +21,8 @@ from fitting import (
     validate,
 )
 
+pytestmark = pytest.mark.slow
+
 RECOVERED = 1e-6  # relative: noise-free readings, as the project promises
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
 OGDEN = famjax.OgdenMaterial([2 * 1.2e6 / -6.0], [-6.0])
