@@ -1,6 +1,7 @@
 """Set up before anything imports JAX: threads, float64, and run-time checks of every annotation."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 os.environ.setdefault("PJRT_NPROC", "16")  # see docs: batched LAPACK on few cores
@@ -8,6 +9,7 @@ os.environ.setdefault("PJRT_NPROC", "16")  # see docs: batched LAPACK on few cor
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
 
 import jax
+import pytest
 from jaxtyping import install_import_hook
 
 jax.config.update("jax_enable_x64", True)
@@ -21,3 +23,10 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 HOOK = install_import_hook(["famjax", "fitting"], "beartype.beartype")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_programs() -> Iterator[None]:
+    """Give back what a module has compiled: thousands of programs exhaust a process's mappings."""
+    yield
+    jax.clear_caches()
