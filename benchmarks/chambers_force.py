@@ -9,7 +9,7 @@ from chambers_reference import PRESSURES, Row, printed
 from famjax import tube_volume
 
 MOMENTS = 0.015
-"""Relative tolerance of strain moments."""
+"""Relative tolerance of strain moments, to which half a unit of the last printed digit is added."""
 
 THICKNESS = 0.0002
 """Tolerance [in] of the bladder's thickness."""
@@ -94,11 +94,18 @@ def _strains() -> list[Row]:
             if geometry.startswith("measured"):
                 places.append((LAST, "35.0 %, the last profile measured"))
             for column, place in places:
+                half_digit = 0.5 * 10.0 ** -_decimals(printed()[key][kind])
                 for n, published in enumerate(printed()[key][kind], 1):
                     computed = float(terms()[geometry].at_100_psi(f"{strain} strain {n}")[column])
                     entry = f"{label}, mean of |{strain} strain|^{n}, {place}"
-                    found.append(Row(table, entry, computed, "1", published, MOMENTS * published))
+                    tolerance = MOMENTS * published + half_digit
+                    found.append(Row(table, entry, computed, "1", published, tolerance))
     return found
+
+
+def _decimals(row: list[float]) -> int:
+    """Decimals to which a row is printed: the most that one of its figures shows."""
+    return max(len(str(value).partition(".")[2]) for value in row)
 
 
 def _thinnest() -> list[Row]:

@@ -1,24 +1,21 @@
 """Chapter 7's printed errors beside fits of the SYNTHETIC reconstruction.
 
-The work's isobars are not printed, so that nothing here can be expected to agree: the rows say how
-far fits of the reconstruction are from what the work found on its own data. Objective: mean over
-pressures of the RMSE, as in the work; measured geometry, no deadband; lbf and psi.
+The work's isobars are not printed, so that nothing here can be expected to agree, and nothing has a
+tolerance: the rows say how far fits of the reconstruction are from what the work found on its own
+data. Objective: mean over pressures of the RMSE, as in the work; measured geometry, no deadband;
+lbf and psi.
 """
 
 import functools
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from chambers_reference import Row, geometries, printed
-from identification_problem import GEOMETRY, ORDERS, shared
+from chambers_balance import balance
+from chambers_reference import Row, geometries, muscles, printed
+from identification_problem import GEOMETRY, force_map
 
-from fitting._sweep_fits import solve_all
-from fitting._sweep_lane import CONSTRAINTS, DEPENDENCES
-from fitting._sweep_problem import Design
-from fitting._sweep_scores import measured_ends, score
+from fitting import Sweep, SweepRow, sweep
 
 _MARK = "SYNTHETIC"
 
@@ -29,51 +26,54 @@ def rows() -> list[Row]:
 
 
 @functools.cache
-def _fits() -> dict[str, np.ndarray]:
-    """Coefficients [psi] and scores [lbf] of the 48 fits, (dependences, orders, constraints, ...)."""
-    data, readings, of = shared()
-    geometry, zero = geometries()[GEOMETRY], jnp.zeros(())
-    blocked, free = measured_ends(readings, data.specimen.rest_length)
-    ends = (jnp.asarray(blocked), jnp.asarray(free))
-
-    @eqx.filter_jit
-    def both(of: Design) -> dict[str, jax.Array]:
-        coefficients = solve_all(of, ORDERS, "mean_rmse")[0].coefficients
-        # The work's own latex, as one more fit that is fixed in pressure and of third order.
-        latex = jnp.asarray([*printed()["latex"]["E_psi"], 0.0])
-        given = jnp.broadcast_to(latex, coefficients[:1, :1, :1].shape)
-        own = score(of, geometry, zero, readings, coefficients, ORDERS, ends)
-        theirs = score(of, geometry, zero, readings, given, ORDERS[:1], ends)
-        names = ("rmse", "mae", "blocked_error", "free_contraction_error")
-        return {
-            "coefficients": coefficients,
-            **{name: getattr(own, name) for name in names},
-            **{f"latex_{name}": getattr(theirs, name)[0, 0, 0] for name in ("rmse", "mae")},
-        }
-
-    return {name: np.asarray(value) for name, value in both(of).items()}
+def _sweep() -> Sweep:
+    """The fits of orders 3 and 4, in inch, psi and lbf."""
+    return sweep(force_map(), geometries()[GEOMETRY], orders=(3, 4), objective="mean_rmse")
 
 
-def _of(name: str, dependence: str, order: int, constraint: str) -> Any:
-    at = DEPENDENCES.index(dependence), ORDERS.index(order), CONSTRAINTS.index(constraint)
-    return _fits()[name][at]
+def _fit(dependence: str, order: int, constraint: str) -> SweepRow:
+    wanted = (dependence, order, constraint)
+    (found,) = (
+        row for row in _sweep().rows if (row.dependence, row.order, row.constraint) == wanted
+    )
+    return found
+
+
+def _latex_errors() -> dict[str, float]:
+    """Mean MAE and RMSE [lbf] of the latex law of chapter 6, which is not fitted."""
+    data = force_map()
+    rest = data.specimen.rest_length
+    terms = balance(
+        muscles()[GEOMETRY], jnp.asarray(1 - data.length / rest), jnp.asarray(data.pressure)
+    )
+    residual = np.asarray(terms["total force"]) - data.force
+    at = [residual[data.pressure == P] for P in np.unique(data.pressure)]
+    return {
+        "mae": float(np.mean([np.abs(e).mean() for e in at])),
+        "rmse": float(np.mean([np.sqrt(np.mean(e**2)) for e in at])),
+    }
 
 
 def _averages(
     table: str, label: str, of: tuple[str, int, str], published: dict[str, Any]
 ) -> list[Row]:
     """Mean absolute errors over pressures, where the work prints them."""
+    fit = _fit(*of)
     figures = (
-        ("blocked_error_lbf", "mean |blocked force error|", "blocked_error", "lbf"),
-        ("free_contraction_error", "mean |free contraction error|", "free_contraction_error", "1"),
-        ("mae_lbf", "mean MAE", "mae", "lbf"),
-        ("rmse_lbf", "mean RMSE", "rmse", "lbf"),
+        ("blocked_error_lbf", "mean |blocked force error|", fit.blocked_error, "lbf"),
+        (
+            "free_contraction_error",
+            "mean |free contraction error|",
+            fit.free_contraction_error,
+            "1",
+        ),
+        ("mae_lbf", "mean MAE", fit.mae, "lbf"),
+        ("rmse_lbf", "mean RMSE", fit.rmse, "lbf"),
     )
     return [
-        Row(table, f"{_MARK}, {label}, {name}", float(np.abs(_of(ours, *of)).mean()), unit,
-            published[key])
+        Row(table, f"{_MARK}, {label}, {name}", ours, unit, published[key])
         for key, name, ours, unit in figures
-    ]  # fmt: skip
+    ]
 
 
 def _constraints() -> list[Row]:
@@ -94,46 +94,41 @@ def _hocking() -> list[Row]:
 
 def _third_order() -> list[Row]:
     """Tables 7.3 and 7.4: third order, fixed in pressure, beside the latex of chapter 6."""
-    of, fit = printed()["fixed_third_order"], ("fixed", 3, "none")
+    of, fit = printed()["fixed_third_order"], _fit("fixed", 3, "none")
     found = [
-        Row("7.3", f"{_MARK}, order 3, fixed, E_{n + 1}", float(value), "psi", theirs)
-        for n, (value, theirs) in enumerate(
-            zip(_of("coefficients", *fit)[0], of["E_optimised_psi"], strict=False)
+        Row("7.3", f"{_MARK}, order 3, fixed, E_{n}", float(ours), "psi", theirs)
+        for n, (ours, theirs) in enumerate(
+            zip(fit.coefficients[0], of["E_optimised_psi"], strict=True), 1
         )
     ]
-    for name in ("mae", "rmse"):
-        printed_of = of[f"{name}_lbf"]
-        latex = float(_fits()[f"latex_{name}"].mean())
-        ours = float(_of(name, *fit).mean())
-        label = f"mean {name.upper()}"
-        found.append(
-            Row("7.4", f"{_MARK}, latex of chapter 6, {label}", latex, "lbf",
-                printed_of["experimental"])
-        )  # fmt: skip
-        found.append(
-            Row("7.4", f"{_MARK}, order 3, fixed, {label}", ours, "lbf", printed_of["optimised"])
-        )
+    latex = _latex_errors()
+    for name, fitted in (("mae", fit.mae), ("rmse", fit.rmse)):
+        theirs, label = of[f"{name}_lbf"], f"mean {name.upper()}"
+        for which, ours, key in (
+            ("latex of chapter 6", latex[name], "experimental"),
+            ("order 3, fixed", fitted, "optimised"),
+        ):
+            found.append(Row("7.4", f"{_MARK}, {which}, {label}", ours, "lbf", theirs[key]))
     return found
 
 
 def _best_fit() -> list[Row]:
     """Table 7.6: third order, linear in pressure, Drucker's constraint."""
-    of, fit = printed()["best_fit"], ("linear", 3, "drucker")
-    _, readings, _ = shared()
-    found = []
+    of, fit = printed()["best_fit"], _fit("linear", 3, "drucker")
+    label = f"{_MARK}, order 3, linear, drucker"
     figures = (
-        ("blocked_error_lbf", "blocked force error", "blocked_error", "lbf"),
-        ("free_contraction_error", "free contraction error", "free_contraction_error", "1"),
-        ("rmse_lbf", "RMSE", "rmse", "lbf"),
-        ("mae_lbf", "MAE", "mae", "lbf"),
-    )
+        ("blocked_error_lbf", "blocked force error", fit.blocked_error_by_pressure, "lbf"),
+        ("free_contraction_error", "free contraction error",
+         fit.free_contraction_error_by_pressure, "1"),
+        ("rmse_lbf", "RMSE", fit.rmse_by_pressure, "lbf"),
+        ("mae_lbf", "MAE", fit.mae_by_pressure, "lbf"),
+    )  # fmt: skip
+    found = []
     for key, name, ours, unit in figures:
-        values = dict(zip(readings.pressure.round(6), _of(ours, *fit), strict=True))
+        at = dict(zip(_sweep().pressures[0].round(6), ours, strict=True))
         for P, theirs in zip(of["pressure_psi"], of[key], strict=True):
-            entry = f"{_MARK}, order 3, linear, drucker, {P} psi, {name}"
-            found.append(Row("7.6", entry, float(values[P]), unit, theirs))
-    for name in ("mae", "rmse"):
-        mean = float(_of(name, *fit).mean())
-        entry = f"{_MARK}, order 3, linear, drucker, mean {name.upper()}"
-        found.append(Row("7.6", entry, mean, "lbf", of[f"total_{name}_lbf"]))
+            found.append(Row("7.6", f"{label}, {P} psi, {name}", float(at[P]), unit, theirs))
+    for name, ours in (("mae", fit.mae), ("rmse", fit.rmse)):
+        entry = f"{label}, mean {name.upper()}"
+        found.append(Row("7.6", entry, ours, "lbf", of[f"total_{name}_lbf"]))
     return found

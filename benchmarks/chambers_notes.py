@@ -40,12 +40,11 @@ NOTES: tuple[tuple[str, str], ...] = (
     ("5.2", "Read as the braid over pressure at rest, with and without stretch."),
     (
         "6.1",
-        "Out of tolerance: the measured strain at 35.3 % lies 0.3 % beyond the last profile and is "
-        "1.7 % off. At 35.0 % it is 0.9 % off, which its third and fourth power triple and "
-        "quadruple. The rounding of the coefficients moves the strain by 0.0003 at most and does not "
-        "explain it; ends narrower than those of the printed three terms would. The cylindrical "
-        "fourth power is 0.353^4 = 0.0155, printed as 0.016: the print's rounding alone exceeds "
-        "1.5 %.",
+        "Tolerance: 1.5 %, and half a unit of the last printed digit: 0.353^4 = 0.0155 is printed as "
+        "0.016. Out of tolerance: powers of the measured strain at 35.3 %, which lies 0.3 % beyond "
+        "the last profile; the strain is 1.7 % off there, 0.9 % at 35.0 %, and a power multiplies "
+        "that. The rounding of the coefficients moves the strain by 0.0003 at most and does not "
+        "explain it; ends narrower than those of the printed three terms would.",
     ),
     (
         "6.2",
@@ -101,6 +100,10 @@ NOT_COMPUTED: tuple[tuple[str, str], ...] = (
     ("6.10", "contents not known to us; errors along the isobars need the tested force curves"),
     ("6.11, tested", "blocked force of the muscle itself: measured, an input here"),
     ("6.12, tested", "free contraction of the muscle itself: measured, an input here"),
-    ("7.1 to 7.6", "fits and their errors: need the tested force curves, which are not printed"),
+    (
+        "7.1 to 7.6",
+        "fits and their errors: need the tested force curves, which are not printed. Fits of a "
+        "SYNTHETIC reconstruction stand at the end of the page, without verdicts",
+    ),
 )
 """(figures, why they are not computed)."""

@@ -23,17 +23,26 @@ nav a{white-space:nowrap}
 """
 
 
-def write(folder: Path, rows: list[Row]) -> list[Path]:
-    """The page `reproduce.html` in the folder, which is made if need be; written whole or not."""
+def write(folder: Path, rows: list[Row], synthetic: list[Row] | None = None) -> list[Path]:
+    """The page `reproduce.html` in the folder, which is made if need be; written whole or not.
+
+    Args:
+        folder: of the page.
+        rows: published beside computed.
+        synthetic: fits of the SYNTHETIC reconstruction beside the printed errors, without verdicts.
+
+    Returns:
+        The files written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "reproduce.html"
     draft = path.with_suffix(".html.part")
-    draft.write_text(_page(rows), encoding="utf-8")
+    draft.write_text(_page(rows, synthetic or []), encoding="utf-8")
     os.replace(draft, path)
     return [path]
 
 
-def _page(rows: list[Row]) -> str:
+def _page(rows: list[Row], synthetic: list[Row]) -> str:
     tables = {
         table: list(group)
         for table, group in itertools.groupby(
@@ -62,6 +71,7 @@ def _page(rows: list[Row]) -> str:
             "<h2>Figures</h2>",
             *(_figure(caption, figure) for caption, figure in figures().items()),
             *(_section(table, group) for table, group in tables.items()),
+            _synthetic(synthetic) if synthetic else "",
         ]
     )
 
@@ -86,6 +96,17 @@ def _section(table: str, rows: list[Row]) -> str:
     return heading + remarks + _table(rows, with_table=False)
 
 
+def _synthetic(rows: list[Row]) -> str:
+    return (
+        '<h2 id="synthetic">Chapter 7, on a SYNTHETIC reconstruction</h2><p class="note">The tested '
+        "isobars are not printed. These are fits of isobars that were made up from the printed blocked "
+        "forces, free contractions and coefficients; their hysteresis, noise and the width of their "
+        "steep start are assumed. That the errors resemble those that the work found on its own data "
+        "says that the reconstruction is consistent with them, and nothing more.</p>"
+        + _table(rows, with_table=True)
+    )
+
+
 def _table(rows: list[Row], *, with_table: bool) -> str:
     names = ("published", "computed", "difference", "tolerance", "unit", "verdict")
     head = "".join(f"<th>{name}</th>" for name in ("entry", *names))
@@ -96,7 +117,7 @@ def _line(row: Row, with_table: bool) -> str:
     verdict, kind = {
         True: ("within", "in"),
         False: ("out", "bad"),
-        None: ("not published", "none"),
+        None: ("not published" if row.published is None else "no verdict", "none"),
     }[row.within]
     cells = (
         _number(row.published),

@@ -43,9 +43,15 @@ class Programme:
 
 
 def force_map(n_pressures: int = 10, thin: int = 1) -> ForceData:
-    """The SYNTHETIC isobars in inch, psi and lbf, every `thin`-th reading of some pressures."""
+    """The mean of the branches of the SYNTHETIC isobars in inch, psi and lbf.
+
+    Args:
+        n_pressures: how many of the ten isobars.
+        thin: every `thin`-th reading of them.
+    """
     isobars, of = reconstruct(), printed()["specimen"]
-    P = isobars.pressure / units.PSI
+    P, length, force = isobars.branch_means()
+    P = P / units.PSI
     levels = np.unique(P)[:: -(-10 // n_pressures)]
     keep = np.isin(P, levels) & (np.arange(P.size) % thin == 0)
     specimen = Specimen(
@@ -57,9 +63,9 @@ def force_map(n_pressures: int = 10, thin: int = 1) -> ForceData:
         braid_thickness=of["braid_thickness_in"],
     )
     return ForceData(
-        force=isobars.force[keep] / units.LBF,
+        force=force[keep] / units.LBF,
         pressure=P[keep],
-        length=isobars.length[keep] / units.INCH,
+        length=length[keep] / units.INCH,
         specimen=specimen,
         source="SYNTHETIC",
     )

@@ -12,6 +12,7 @@ from typing import Any
 import chambers_braid
 import chambers_design
 import chambers_force
+import chambers_identification
 import chambers_shape
 import chambers_virtual_work
 import jax
@@ -59,19 +60,27 @@ def rows(progress: Progress | None = None) -> list[dict[str, Any]]:
     return [row.as_dict() for row in _rows(progress)]
 
 
-def write_page(folder: Path, found: list[Row] | None = None) -> list[Path]:
+def synthetic_fits() -> list[Row]:
+    """Chapter 7's printed errors beside fits of the SYNTHETIC reconstruction: no verdicts."""
+    return chambers_identification.rows()
+
+
+def write_page(
+    folder: Path, found: list[Row] | None = None, synthetic: list[Row] | None = None
+) -> list[Path]:
     """The page for people, one self-contained file.
 
     Args:
         folder: made if need be.
         found: rows of `reproduce`; None computes them.
+        synthetic: rows of `synthetic_fits`; None leaves them out.
 
     Returns:
         The files written.
     """
     from chambers_page import write  # noqa: PLC0415 -- matplotlib, only where a page is wanted
 
-    return write(folder, list(_rows(None)) if found is None else found)
+    return write(folder, list(_rows(None)) if found is None else found, synthetic)
 
 
 def notes() -> list[dict[str, str]]:

@@ -141,10 +141,11 @@ def pressure_terms(
 ) -> PressureTerms:
     """Both pressure terms over contraction: what virtual work changes.
 
-    On the reference specimen at 100 psi, with the printed profiles: 898 lbf in place of Gaylord's
-    1068 at rest, 434 for 536 at half the stroke, 127 for 107 at 35 % (905, 440 and 131 at constant
-    thread length). The two decimals of the printed coefficients leave 24, 8 and 35 lbf (one
-    standard deviation). Over the stroke the volume takes up 15 % less work than Gaylord's force at
+    On the reference specimen at 100 psi, with the profiles as transcribed: 898 lbf in place of
+    Gaylord's 1068 at rest, 434 for 536 at half the stroke, 127 for 107 at 35 % (905, 440 and 131 at
+    constant thread length); with w from the coefficients themselves, as `famjax reproduce` takes
+    it, 893 and 123 at the ends. The two decimals of the printed coefficients leave 24, 8 and 35 lbf
+    (one standard deviation). Over the stroke the volume takes up 15 % less work than Gaylord's force at
     the average diameter would deliver. The tested blocked force, 1058 lbf, is nearer to Gaylord's.
 
     Args:

@@ -30,12 +30,7 @@ OUT = {
     ("4, angle", "initial angle from the slope of blocked force, D0 = 1.025 in"),
     ("5, thread", "in-situ modulus, line through all points of table 5.1"),
     ("5, thread", "in-situ modulus, points of table 5.1 from 60 psi"),
-    *(("6.1", f"measured, mean of |axial strain|^{n}, 35.3 %") for n in (1, 2, 3, 4)),
-    *(
-        ("6.1", f"measured, mean of |axial strain|^{n}, 35.0 %, the last profile measured")
-        for n in (3, 4)
-    ),
-    ("6.1", "cylindrical, mean of |axial strain|^4, 35.3 %"),
+    *(("6.1", f"measured, mean of |axial strain|^{n}, 35.3 %") for n in (2, 3)),
     (
         "6.2",
         "measured average diameter, mean of |hoop strain|^4, 35.0 %, the last profile measured",
@@ -260,7 +255,11 @@ def test_reconstruction_is_seeded_marked_and_readable(
     one, same, other = (reconstruction.reconstruct(seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(one.force, same.force)
     clean = reconstruction.reconstruct(noise_lbf=0)
-    assert float(np.std(one.force - clean.force)) == pytest.approx(LBF, rel=0.06)
+    assert float(np.std(one.force - clean.force)) == pytest.approx(2 * LBF, rel=0.06)
+    _, length, mean = clean.branch_means()
+    shortening = ~clean.lengthening
+    np.testing.assert_allclose(mean, clean.mean_force[shortening], atol=1e-6 * mean.max())
+    np.testing.assert_allclose(length, clean.length[shortening], rtol=EXACT)
     assert np.any(one.force != other.force)
     path = reconstruction.write_csv(tmp_path / "isobars.csv", one)
     assert path.read_text().startswith("# SYNTHETIC reconstruction")
@@ -270,6 +269,21 @@ def test_reconstruction_is_seeded_marked_and_readable(
     np.testing.assert_allclose(data.force, one.force, atol=1e-5 * one.force.max())
     np.testing.assert_allclose(data.length, one.length, rtol=1e-6)
     np.testing.assert_allclose(data.pressure, one.pressure, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_fits_of_the_reconstruction_leave_errors_as_printed(
+    loaded: ModuleType, found: list, tmp_path: Path
+) -> None:
+    """Not on the work's data, so within a factor; and without a verdict on the page."""
+    rows = loaded.synthetic_fits()
+    assert all("SYNTHETIC" in row.entry and row.within is None for row in rows)
+    means = [row for row in rows if row.entry.endswith(("mean RMSE", "mean MAE"))]
+    assert len(means) == 16
+    for row in means:
+        assert 0.5 < row.computed / row.published < 1.5
+    (page,) = loaded.write_page(tmp_path, found, rows)
+    assert page.read_text(encoding="utf-8").count("no verdict") == len(rows)
 
 
 def test_reference_is_the_one_shared() -> None:
