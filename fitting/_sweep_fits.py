@@ -67,38 +67,57 @@ def solve_all(
         for. A linear law says nothing about a third pressure when there are only two: nan.
     """
     every, degrees = jnp.arange(of.target.shape[0]), jnp.asarray(orders)
-    kinds, n_pressures = jnp.arange(len(CONSTRAINTS)), of.target.shape[0]
+    n_pressures = of.target.shape[0]
     threshold = huber_threshold(of)
     keeps = jnp.ones((1, n_pressures))
     if leave_out:
         keeps = jnp.concatenate([keeps, 1 - jnp.eye(n_pressures)])
 
-    def solved(at: Lane, paths: Int[Array, " paths"], keep: Float[Array, " paths"]) -> tuple:
+    def solved(
+        at: Lane, paths: Int[Array, " paths"], keep: Float[Array, " paths"], along_path: bool
+    ) -> tuple:
         aim = objective_of(objective, of, at, paths, threshold, keep)
-        fit = minimise(aim, at.constraint, at.start, exchange=exchange)
+        fit = minimise(aim, at.constraint, at.start, exchange=exchange and along_path)
         status = jnp.where(at.deficient, int(Status.RANK_DEFICIENT), fit.status)
         coefficients = at.constraint.coefficients(fit.y) * of.unit
         coefficients = jnp.where(status == int(Status.OPTIMAL), coefficients, jnp.nan)
         return eqx.tree_at(lambda f: f.status, fit, status), coefficients, at.condition
 
-    def together(
-        form: Int[Array, ""], order: Int[Array, ""], kind: Int[Array, ""], left: Int[Array, ""]
-    ) -> tuple:
-        return solved(coupled_lane(of, form, order, kind), every, keeps[left])
+    def of_kinds(kinds: Int[Array, " kinds"], along_path: bool) -> tuple:
+        coupled_fits = over_all(
+            lambda kind, form, order, left: solved(
+                coupled_lane(of, form, order, kind), every, keeps[left], along_path
+            ),
+            *(kinds, jnp.arange(2), degrees, jnp.arange(keeps.shape[0])),
+        )
+        free_fits = over_all(
+            lambda kind, order, path: solved(
+                free_lane(of, order, kind, path), path[None], jnp.ones(1), along_path
+            ),
+            *(kinds, degrees, every),
+        )
+        return _without_places(coupled_fits), _without_places(free_fits)
 
-    def apart(order: Int[Array, ""], kind: Int[Array, ""], path: Int[Array, ""]) -> tuple:
-        return solved(free_lane(of, order, kind, path), path[None], jnp.ones(1))
-
+    # Only what has to hold along a path can be violated between stations.
+    parts = [of_kinds(jnp.arange(2), False), of_kinds(jnp.arange(2, len(CONSTRAINTS)), True)]
+    coupled_fits, free_fits = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *parts)
+    coupled_fits = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 2), coupled_fits)
+    free_fits = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1), free_fits)
     total = jnp.mean if objective == "mean_rmse" else jnp.sum
-    coupled_fits = over_all(together, jnp.arange(2), degrees, kinds, jnp.arange(keeps.shape[0]))
     whole = jax.tree.map(lambda leaf: leaf[:, :, :, 0], coupled_fits)
-    free = _as_fits(*over_all(apart, degrees, kinds, every), axis=-1, total=total)
+    free = _as_fits(*free_fits, axis=-1, total=total)
     fits = jax.tree.map(
         lambda some, last: jnp.concatenate([some, last[None]]),
         _as_fits(*whole, axis=None, total=total),
         free,
     )
     return fits, _left_out(of, coupled_fits[1][:, :, :, 1:])
+
+
+def _without_places(fits: tuple) -> tuple:
+    """The fits without the rows that held them, of which kinds have different numbers."""
+    fit, *rest = fits
+    return eqx.tree_at(lambda f: (f.rows, f.dips), fit, (None, None)), *rest
 
 
 def _left_out(
