@@ -34,6 +34,7 @@ from ._braid import (
     turns_from_angle as turns_from_angle,
 )
 from ._compliant_braid import CompliantBraid as CompliantBraid
+from ._cut_to_length import cut_to_length as cut_to_length
 from ._elastic_braid import (
     BraidState as BraidState,
     BraidStretch as BraidStretch,

@@ -3,8 +3,11 @@
 import math
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
+
+import famjax
 
 from ._errors import InputError
 from ._fit_file import SavedFit, finite_or_none
@@ -18,6 +21,7 @@ def predict(
     pressure: Float[np.ndarray, " pressures"],
     *,
     onset: bool = False,
+    rest_length: float | None = None,
 ) -> list[dict[str, Any]]:
     """What a saved muscle does at every pair of a length and a pressure.
 
@@ -26,12 +30,14 @@ def predict(
         length: active lengths of the muscle itself [m], > 0.
         pressure: gauge pressures [Pa], >= 0; none needed with `onset`.
         onset: also say at which pressure the force leaves zero at each length.
+        rest_length: L0 [m] of another muscle of the same series, for `famjax.cut_to_length`; None
+            for the fitted one.
 
     Returns:
         Rows with `length_m, pressure_Pa, force_N, slack, inside`: the force is that of the muscle
         itself, without the rig that may have given way in the fit, and not clipped; slack says
-        that it is not positive, null where there is no force; inside that length and pressure
-        lie within the fitted data.
+        that it is not positive, null where there is no force; inside that contraction and
+        pressure lie within the fitted data.
         With `onset` rows `length_m, onset_pressure_Pa, inside` follow; null where there is none.
 
     Raises:
@@ -47,8 +53,10 @@ def predict(
         raise InputError(f"gauge pressures must be >= 0, got {pressure.min():.6g} Pa")
     readings = fit.document["data"]["readings"]
     lengths, pressures = np.array(readings["length_m"]), np.array(readings["pressure_Pa"])
-    known = (lengths.min() <= length) & (length <= lengths.max())
-    muscle = fit.muscle
+    muscle, ratio = fit.muscle, 1.0
+    if rest_length is not None:
+        muscle, ratio = _cut(muscle, rest_length)
+    known = (lengths.min() * ratio <= length) & (length <= lengths.max() * ratio)
     rows: list[dict[str, Any]] = []
     if pressure.size:
         L, P = (grid.ravel() for grid in np.meshgrid(length, pressure, indexing="ij"))
@@ -77,3 +85,17 @@ def predict(
                 }
             )
     return rows
+
+
+def _cut(muscle: famjax.Muscle, rest_length: float) -> tuple[famjax.Muscle, float]:
+    """Another muscle of the series, and how many times as long it is."""
+    fitted = float(muscle.geometry.rest_length)
+    if not (math.isfinite(rest_length) and rest_length > 0):
+        raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
+    cannot = f"the fitted muscle of {fitted:.4g} m cannot be cut to {rest_length:.4g} m"
+    try:
+        return famjax.cut_to_length(muscle, rest_length), rest_length / fitted
+    except ValueError as error:
+        raise InputError(f"{cannot}: {error}") from None
+    except eqx.EquinoxRuntimeError:
+        raise InputError(f"{cannot}: that is shorter than its rounded ends") from None
