@@ -10,7 +10,7 @@ from chambers_reference import (
 
 from famjax import units
 from famjax._elastic_braid import BraidStretch
-from fitting._in_situ import InSitu, thread_in_situ
+from fitting._rubber.in_situ import InSitu, thread_in_situ
 
 FROM_PRINT = {"B": 0.001, "theta": 0.03}
 """Tolerance [in, deg] of what follows from the printed D: 0.0005 in of D, and the print's digit."""

@@ -28,13 +28,13 @@ from identification_problem import ORDERS, Programme, programmes, shared
 from jaxtyping import Array, Float, Int
 from scipy import sparse
 
-from fitting._active_set import nearest_points
-from fitting._convex_fit import minimise, posed
-from fitting._small_dense import cholesky, inverse_lower
-from fitting._sweep_bootstrap import draw
-from fitting._sweep_fits import Fits, free_lane, solve_all
-from fitting._sweep_lane import CONSTRAINTS, DEPENDENCES, objective_of
-from fitting._sweep_problem import Design, compressed
+from fitting._convex.active_set import nearest_points
+from fitting._convex.convex_fit import minimise, posed
+from fitting._convex.small_dense import cholesky, inverse_lower
+from fitting._sweep.bootstrap import draw
+from fitting._sweep.fits import Fits, free_lane, solve_all
+from fitting._sweep.lane import CONSTRAINTS, DEPENDENCES, objective_of
+from fitting._sweep.problem import Design, compressed
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse")
 PEERS: dict[str, peers.Solver] = {

@@ -16,8 +16,8 @@ from reconstruction import NAME, reconstruct
 
 from famjax import units
 from fitting import ForceData, Specimen
-from fitting._sweep_lane import CONSTRAINTS, DEPENDENCES
-from fitting._sweep_problem import Design, Readings, arrange, design
+from fitting._sweep.lane import CONSTRAINTS, DEPENDENCES
+from fitting._sweep.problem import Design, Readings, arrange, design
 
 ORDERS = (1, 2, 3, 4)
 GEOMETRY = "measured"

@@ -13,12 +13,12 @@ from scipy import optimize
 
 from famjax import peers
 from fitting import ForceData, InputError, Specimen
-from fitting._compare import comparable_models, compare
-from fitting._compare_plot import plot_comparison
-from fitting._cross_validation import cross_validate, subset
-from fitting._hocking import fit_hocking_wereley, hocking_orders
-from fitting._peer_families import peer_families
-from fitting._peer_fit import PeerFit, cross_validate_peer, fit_peer
+from fitting._peers.compare import comparable_models, compare
+from fitting._peers.cross_validation import cross_validate, subset
+from fitting._peers.families import peer_families
+from fitting._peers.fit import PeerFit, cross_validate_peer, fit_peer
+from fitting._peers.hocking import fit_hocking_wereley, hocking_orders
+from fitting._peers.plot import plot_comparison
 
 pytestmark = pytest.mark.slow
 

@@ -9,9 +9,9 @@ from scipy import stats
 
 import famjax
 from fitting import ForceData, Parameter, Specimen, identify
-from fitting._refit import Readings, refit, with_readings
-from fitting._summary import joint_derivatives
-from fitting._uncertainty import covariance
+from fitting._evidence.refit import Readings, refit, with_readings
+from fitting._search.summary import joint_derivatives
+from fitting._search.uncertainty import covariance
 
 pytestmark = pytest.mark.slow
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from fitting._cycles import (
+from fitting._errors import InputError
+from fitting._rubber.cycles import (
     Cycle,
     checked_columns,
     choose_cycles,
@@ -9,7 +10,6 @@ from fitting._cycles import (
     pair_cycles,
     split_branches,
 )
-from fitting._errors import InputError
 
 
 def _triangle(cycles: int, rows: int, hold: int = 0) -> np.ndarray:

@@ -19,9 +19,9 @@ from fitting import (
     Specimen,
     identify,
 )
-from fitting._build import build_search
-from fitting._parameters import complete_table
-from fitting._problem import CONSTRAINTS
+from fitting._model.parameters import complete_table
+from fitting._model.problem import CONSTRAINTS
+from fitting._search.build import build_search
 
 OBJECTIVE = 1e-6  # relative agreement with an independent convex solver that the project promises
 ROUNDING = 1e-9  # certificates in float64

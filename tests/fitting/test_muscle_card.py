@@ -12,7 +12,7 @@ import pytest
 
 import famjax
 from fitting import InputError, muscle_as_dict, muscle_from_dict
-from fitting._card_parts import PARTS
+from fitting._saved.card_parts import PARTS
 
 L0, P = 9.28125, 60.0
 BLADDER = famjax.Bladder(L0, 0.875, 0.0625)

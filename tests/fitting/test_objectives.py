@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fitting._convex_fit import Constraint, ConvexFit, minimise
-from fitting._objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
-from fitting._path_table import PathTable, nodes_for, slope_functions
-from fitting._status import Status
+from fitting._convex.convex_fit import Constraint, ConvexFit, minimise
+from fitting._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
+from fitting._convex.path_table import PathTable, nodes_for, slope_functions
+from fitting._convex.status import Status
 
 ORDER, GROUPS, READINGS = 4, 3, 25
 OBJECTIVE = 5e-7  # relative; Clarabel's accuracy, and 2000 points in place of the interval

@@ -13,11 +13,11 @@ import pytest
 
 import famjax
 from fitting import ForceData, InputError, Specimen, Status
-from fitting._convex_fit import minimise
-from fitting._sweep import FEASIBLE, Sweep, SweepRow, sweep
-from fitting._sweep_fits import free_lane
-from fitting._sweep_lane import huber_threshold, objective_of
-from fitting._sweep_problem import arrange, design
+from fitting._convex.convex_fit import minimise
+from fitting._sweep.fits import free_lane
+from fitting._sweep.lane import huber_threshold, objective_of
+from fitting._sweep.problem import arrange, design
+from fitting._sweep.sweep import FEASIBLE, Sweep, SweepRow, sweep
 
 OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
 DIFFERENCE = 1e-5  # central differences with relative step 1e-6
@@ -258,8 +258,8 @@ def test_bad_options_are_refused() -> None:
 
 
 def test_pictures_and_table(swept: Sweep) -> None:
-    from fitting._sweep_command import table_row
-    from fitting._sweep_plot import plot_curves, plot_errors
+    from fitting._sweep.command import table_row
+    from fitting._sweep.plot import plot_curves, plot_errors
 
     errors = plot_errors(swept)
     assert len(errors.axes) == 12
@@ -275,7 +275,7 @@ def test_pictures_and_table(swept: Sweep) -> None:
 def test_the_command_writes_files_and_goes_on(
     monkeypatch: pytest.MonkeyPatch, swept: Sweep, tmp_path: Path
 ) -> None:
-    from fitting import _sweep_command
+    from fitting._sweep import command as _sweep_command
 
     calls = []
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fitting._uncertainty import covariance
+from fitting._search.uncertainty import covariance
 
 EXACT = 1e-10
 

@@ -1,0 +1,407 @@
+"""One constrained fit: Newton steps on quadratic programmes, with constraints made exact.
+
+A constraint g(y, s) >= 0 for all s of a path is first posed at a grid. Each step minimises the
+objective's quadratic model under the rows known so far; where the result violates the constraint
+between them, the point becomes a row too. When this has come near, the last steps are Newton's on
+the optimality conditions in y, the multipliers and the touching points at once: with g' = 0 at a
+touching point, moving it adds l phi' phi'^T / g'' to the curvature. The derivative of a fit is that
+of the last such step.
+
+References:
+    Hettich & Kortanek 1993, SIAM Review 35, 380-429 (semi-infinite programming by reduction).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .active_set import NearestPoint, nearest_point
+from .objectives import AbstractObjective, Model
+from .path_table import PathFunctions, PathTable
+from .qp import unit_rows
+from .small_dense import cholesky, inverse_lower
+from .status import Status
+
+SPARE = 12
+"""Rows kept for points between the grid."""
+
+_PER_STEP = 2  # points that become rows at a time
+_STEPS = 40
+_NEWTON = 0.9  # share of the Newton curvature: a tenth of a step is then one with the majorant
+_LAST_STEPS = 12  # at most, to make a near solution exact
+_SHORTENED = (1.0, 0.5, 0.25, 0.1, 0.02)  # parts of a step that are tried
+_NEAR = 1e-6  # violation per largest coefficient, and relative change by a step, of a near solution
+_OUTSIDE = 1e-10  # violation of a unit row per |y|, far below what makes a point a row
+_CORNER = 1e-10  # relative change by a step of a near solution at a corner of the objective
+_STILL = 1e-24  # squared relative change of an exact solution
+_CERTIFIED = 1e-10  # largest residual of the optimality conditions of an exact one
+
+
+class Points(eqx.Module):
+    """Positions s in [0, 1] of paths; a negative path is none."""
+
+    path: Int[Array, " k"]
+    s: Float[Array, " k"]
+
+
+class Constraint(eqx.Module):
+    """A constraint on the coefficients at some paths, as rows on the unknowns y.
+
+    The coefficients at the path p are E = basis_p x, with x = to_x y.
+
+    Attributes:
+        table: of the functions that must not be negative along each path.
+        exact: the functions themselves, for the rows of the last steps.
+        grid: indices of the nodes at which the constraint is posed from the start, (stations,).
+        positive: True for E_n >= 0, which the table does not express.
+        on: False for no constraint at all.
+        basis: of the coefficients over pressure at the paths, shape (paths, basis).
+        to_x: from y to the coefficients of the basis, shape (order, basis, n).
+        used: coefficients that the law has, shape (order,).
+    """
+
+    table: PathTable
+    exact: PathFunctions = eqx.field(static=True)
+    grid: Int[Array, " stations"]
+    positive: Bool[Array, ""]
+    on: Bool[Array, ""]
+    basis: Float[Array, "paths basis"]
+    to_x: Float[Array, "order basis n"]
+    used: Bool[Array, " order"]
+
+    def coefficients(self, y: Float[Array, " n"]) -> Float[Array, "paths order"]:
+        """E_n [Pa] at the paths."""
+        return jnp.einsum("pb,ebn,n->pe", self.basis, self.to_x, y)
+
+    def on_y(self, phi: Float[Array, "k order"], path: Int[Array, " k"]) -> Float[Array, "k n"]:
+        """Rows on y of rows on the coefficients of paths; zero where there is no constraint."""
+        phi = jnp.where(self.used & self.on & (path >= 0)[:, None], phi, 0.0)
+        return jnp.einsum("ke,kb,ebn->kn", phi, self.basis[path], self.to_x)
+
+    def grid_rows(self) -> tuple[Float[Array, "m n"], Float[Array, " m"]]:
+        """The rows posed from the start."""
+        paths, order, stations = self.basis.shape[0], self.used.shape[0], self.grid.shape[0]
+        units = jnp.eye(stations, order)
+        phi = jnp.where(self.positive, units, self.table.value[:, self.grid])
+        return posed(self.on_y(phi.reshape(-1, order), jnp.repeat(jnp.arange(paths), stations)))
+
+    def cubic_rows(self, at: Points) -> Float[Array, "k n"]:
+        """Rows at points, of the cubics, not scaled."""
+        return self.on_y(self.table.rows(at.path, at.s)[0], at.path)
+
+    def exact_rows(self, at: Points) -> Float[Array, "k n"]:
+        """Rows at points, of the functions themselves, not scaled."""
+        return self.on_y(self.exact(jnp.maximum(at.path, 0), at.s), at.path)
+
+    def violated(self, y: Float[Array, " n"]) -> tuple[Points, Float[Array, " k"]]:
+        """The weakest points of the weakest paths, and by how much they violate the constraint.
+
+        Returns:
+            The points, and violations per largest coefficient, negative where there is none.
+        """
+        coefficients = self.coefficients(y)
+        least, s = self.table.minima(coefficients)
+        cell = jnp.argmin(least, axis=1)
+        paths = jnp.arange(cell.shape[0])
+        worst = least[paths, cell]
+        path = jnp.argsort(worst)[:_PER_STEP]
+        largest = jnp.max(jnp.abs(coefficients))
+        poses = self.on & ~self.positive & (largest > 0)
+        violation = jnp.where(poses, -worst[path] / jnp.where(largest > 0, largest, 1.0), -1.0)
+        return Points(path, s[path, cell[path]]), violation
+
+    def dips(self, y: Float[Array, " n"]) -> Points:
+        """The two weakest local minima of each path."""
+        least, s = self.table.minima(self.coefficients(y))
+        beside = jnp.pad(least, ((0, 0), (1, 1)), constant_values=jnp.inf)
+        local = (least < beside[:, :-2]) & (least <= beside[:, 2:])
+        depth = jnp.where(local, least, jnp.inf)
+        paths = jnp.arange(depth.shape[0])
+        first = jnp.argmin(depth, axis=1)
+        others = depth.at[paths, first].set(jnp.inf)
+        second = jnp.argmin(others, axis=1)
+        there = jnp.concatenate([depth[paths, first], others[paths, second]]) < jnp.inf
+        poses = self.on & ~self.positive & there
+        both = jnp.concatenate([s[paths, first], s[paths, second]])
+        return Points(jnp.where(poses, jnp.tile(paths, 2), -1), both)
+
+    def touching(
+        self, y: Float[Array, " n"], at: Points, multipliers: Float[Array, " k"]
+    ) -> tuple[Points, Float[Array, "n n"]]:
+        """Dips after a Newton step towards g' = 0, and the curvature that moving them adds."""
+        _, first, second = (self.on_y(rows, at.path) for rows in self.table.rows(at.path, at.s))
+        bend = jax.lax.stop_gradient(second @ y)
+        free = (at.s > 0) & (at.s < 1) & (bend > 0)
+        bend = jnp.where(free, bend, 1.0)
+        s = jnp.clip(at.s - jnp.where(free, first @ y / bend, 0.0), 0.0, 1.0)
+        weight = jnp.where(free, multipliers / bend, 0.0)
+        return Points(at.path, s), jnp.einsum("k,kn,km->nm", weight, first, first)
+
+
+def posed(rows: Float[Array, "m n"]) -> tuple[Float[Array, "m n"], Float[Array, " m"]]:
+    """Unit rows with their offsets; empty ones are off."""
+    G, h, _ = unit_rows(rows, jnp.zeros(rows.shape[0]))
+    return G, jnp.where(jnp.any(G != 0, axis=1), h, -1.0)
+
+
+class ConvexFit(eqx.Module):
+    """The minimiser with its certificate.
+
+    Attributes:
+        y: minimiser, shape (n,); differentiable.
+        objective: its value.
+        active: number of rows with a multiplier.
+        kkt_residual: largest violation of the optimality conditions, relative.
+        duality_gap: by how much a point within |y| of y may be better, per objective.
+        steps: Newton steps before the last ones.
+        status: a `Status`.
+        rows: `rows` and `used` of the last programme, for a neighbouring fit to start from.
+        dips: points of its last rows.
+    """
+
+    y: Float[Array, " n"]
+    objective: Float[Array, ""]
+    active: Int[Array, ""]
+    kkt_residual: Float[Array, ""]
+    duality_gap: Float[Array, ""]
+    steps: Int[Array, ""]
+    status: Int[Array, ""]
+    rows: tuple[Int[Array, " n"], Bool[Array, " n"]]
+    dips: Points
+
+
+def minimise(
+    objective: AbstractObjective,
+    constraint: Constraint,
+    start: Float[Array, " n"],
+    *,
+    exchange: bool = True,
+) -> ConvexFit:
+    """The certified minimiser of a convex objective under a constraint along paths.
+
+    Args:
+        objective: in unknowns y in which its curvature is of order one.
+        constraint: on the same unknowns.
+        start: where to start, such as the minimiser of the sum of squares.
+        exchange: False poses the constraint at the grid only.
+
+    Returns:
+        The fit. `y` may be differentiated once, through objective and constraint.
+    """
+    fixed = jax.lax.stop_gradient((objective, constraint))
+    near = _start(jax.lax.stop_gradient(start))
+    if exchange or not objective.quadratic:
+        near = _search(*fixed, near, exchange)
+    if exchange:
+        last = jax.lax.stop_gradient(_refined(*fixed, near))
+        last, G, h, point = _last_step(objective, constraint, last, exact=True)
+        y, dips, turned = last.y, last.dips, last.turned
+    else:
+        G, h = constraint.grid_rows()
+        model = objective.model(near.y, jnp.asarray(float(_STEPS)))
+        point, y = _solved(model, model.hessian, near.y, G, h, near.rows)
+        dips, turned = Points(jnp.full(1, -1), jnp.zeros(1)), jnp.zeros_like(y)
+    return _certified(objective, y, turned, G, h, point, near, dips)
+
+
+def _solved(
+    model: Model,
+    curvature: Float[Array, "n n"],
+    y: Float[Array, " n"],
+    G: Float[Array, "m n"],
+    h: Float[Array, " m"],
+    guess: tuple[Int[Array, " n"], Bool[Array, " n"]],
+) -> tuple[NearestPoint, Float[Array, " n"]]:
+    """The minimiser of the model at y with that curvature, under the rows."""
+    # An unknown that the data and the rows do not depend on stays where it is.
+    absent = jnp.all(curvature == 0, axis=0)
+    H = curvature + jnp.diag(jnp.where(absent, 1.0, 0.0).astype(y.dtype))
+    J = inverse_lower(cholesky(H)).T
+    # With H = (J J^T)^-1 the centre J^-1 y - J^T g is J^T (H y - g).
+    point = nearest_point(G, h, J.T @ (H @ y - model.gradient), J, guess)
+    return point, J @ point.y
+
+
+class _State(eqx.Module):
+    """Where the search is: the point, its active rows, and the points that became rows."""
+
+    y: Float[Array, " n"]
+    rows: tuple[Int[Array, " n"], Bool[Array, " n"]]
+    found: Points
+    filled: Int[Array, ""]
+    steps: Int[Array, ""]
+    status: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+def _none(n: int) -> tuple[Int[Array, " n"], Bool[Array, " n"]]:
+    return jnp.zeros(n, int), jnp.zeros(n, bool)
+
+
+def _start(y: Float[Array, " n"]) -> _State:
+    return _State(
+        y=y,
+        rows=_none(y.size),
+        found=Points(jnp.full(SPARE, -1), jnp.zeros(SPARE, y.dtype)),
+        filled=jnp.array(0),
+        steps=jnp.array(0),
+        status=jnp.array(int(Status.OPTIMAL)),
+        done=jnp.array(False),
+    )
+
+
+def _search(
+    objective: AbstractObjective, constraint: Constraint, state: _State, exchange: bool
+) -> _State:
+    """Steps until little changes and little is violated."""
+    grid_G, grid_h = constraint.grid_rows()
+
+    def step(at: _State) -> _State:
+        iteration = at.steps.astype(at.y.dtype)
+        found_G, found_h = posed(constraint.cubic_rows(at.found))
+        G, h = jnp.concatenate([grid_G, found_G]), jnp.concatenate([grid_h, found_h])
+        model = objective.model(at.y, iteration)
+        # From outside, a step with the majorant leads to a point that is no worse than any inside.
+        outside = jnp.any(G @ at.y - h < -_OUTSIDE * jnp.linalg.norm(at.y))
+        share = jnp.where(outside, 0.0, _NEWTON)
+        curvature = model.majorant + share * (model.hessian - model.majorant)
+        point, y = _solved(model, curvature, at.y, G, h, at.rows)
+        still = jnp.array(True)
+        if not objective.quadratic:
+            near = jnp.where(objective.at_corner(y), _CORNER, _NEAR)
+            still = jnp.sum((y - at.y) ** 2) <= near**2 * jnp.sum(y**2)
+            tried = at.y + jnp.asarray(_SHORTENED)[:, None] * (y - at.y)
+            values = jax.vmap(lambda v: objective.value(v, iteration))(tried)
+            y = tried[jnp.where(outside, 0, jnp.argmin(values))]
+        found, filled, exact = at.found, at.filled, jnp.array(True)
+        if exchange:
+            found, filled, exact = _exchanged(constraint, y, at)
+        return _State(
+            y=y,
+            rows=(point.rows, point.used),
+            found=found,
+            filled=filled,
+            steps=at.steps + 1,
+            status=point.status,
+            done=(still & exact) | (point.status != int(Status.OPTIMAL)),
+        )
+
+    return jax.lax.while_loop(lambda at: ~at.done & (at.steps < _STEPS), step, state)
+
+
+def _exchanged(
+    constraint: Constraint, y: Float[Array, " n"], at: _State
+) -> tuple[Points, Int[Array, ""], Bool[Array, ""]]:
+    """The points with those that y violates, their number, and whether it violates none."""
+    worst, violation = constraint.violated(y)
+    enters = violation > _NEAR
+    slots = (at.filled + jnp.cumsum(enters) - enters) % SPARE
+    slots = jnp.where(enters, slots, SPARE)
+    found = jax.tree.map(lambda old, new: old.at[slots].set(new, mode="drop"), at.found, worst)
+    return found, at.filled + jnp.sum(enters), ~jnp.any(enters)
+
+
+class _Last(eqx.Module):
+    """A solution with its dips and their multipliers, of rows that are not scaled.
+
+    `turned` is what its rows lose, times their multipliers, as the dips move with the last step.
+    """
+
+    y: Float[Array, " n"]
+    turned: Float[Array, " n"]
+    multipliers: Float[Array, " k"]
+    dips: Points
+    rows: tuple[Int[Array, " n"], Bool[Array, " n"]]
+    steps: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+def _refined(objective: AbstractObjective, constraint: Constraint, near: _State) -> _Last:
+    """The exact solution near another, for the cubics in place of the functions."""
+    rows, used = near.rows
+    n_grid = constraint.basis.shape[0] * constraint.grid.shape[0]
+    last = _Last(
+        y=near.y,
+        turned=jnp.zeros_like(near.y),
+        multipliers=jnp.zeros(2 * constraint.basis.shape[0], near.y.dtype),
+        dips=constraint.dips(near.y),
+        rows=(rows, used & (rows < n_grid)),
+        steps=jnp.array(0),
+        done=jnp.array(False),
+    )
+    return jax.lax.while_loop(
+        lambda at: ~at.done & (at.steps < _LAST_STEPS),
+        lambda at: _last_step(objective, constraint, at, exact=False)[0],
+        last,
+    )
+
+
+def _last_step(
+    objective: AbstractObjective, constraint: Constraint, at: _Last, *, exact: bool
+) -> tuple[_Last, Float[Array, "m n"], Float[Array, " m"], NearestPoint]:
+    """A Newton step on the optimality conditions in y, multipliers and dips."""
+    dips, moving = constraint.touching(at.y, at.dips, at.multipliers)
+    rows = constraint.exact_rows(dips) if exact else constraint.cubic_rows(dips)
+    G, h = posed(rows)
+    grid_G, grid_h = constraint.grid_rows()
+    G, h = jnp.concatenate([grid_G, G]), jnp.concatenate([grid_h, h])
+    model = objective.model(at.y, jnp.asarray(float(_STEPS)))
+    point, y = _solved(model, model.hessian + moving, at.y, G, h, at.rows)
+    multipliers = jnp.zeros(G.shape[0]).at[point.rows].add(point.multipliers)
+    multipliers = multipliers[grid_h.size :]
+    size = jnp.linalg.norm(jax.lax.stop_gradient(rows), axis=1)
+    last = _Last(
+        y=y,
+        turned=moving @ (y - at.y),
+        multipliers=multipliers / jnp.where(size > 0, size, 1.0),
+        dips=dips,
+        rows=(point.rows, point.used),
+        steps=at.steps + 1,
+        done=jnp.sum((y - at.y) ** 2) <= _STILL * jnp.sum(y**2),
+    )
+    return last, G, h, point
+
+
+def _certified(
+    objective: AbstractObjective,
+    y: Float[Array, " n"],
+    turned: Float[Array, " n"],
+    G: Float[Array, "m n"],
+    h: Float[Array, " m"],
+    point: NearestPoint,
+    near: _State,
+    dips: Points,
+) -> ConvexFit:
+    """The fit, its optimality measured at the point itself and not in the last model."""
+    at, turned, rows, offsets = jax.lax.stop_gradient((y, turned, G, h))
+    last, tiny = jnp.asarray(float(_STEPS)), jnp.finfo(y.dtype).tiny
+    model = objective.model(at, last)
+    normals = jnp.where(point.used[:, None], rows[point.rows], 0.0)
+    stationarity = model.gradient + turned - point.multipliers @ normals
+    slack = rows @ at - offsets
+    size = jnp.linalg.norm(at)
+    gradient_size = jnp.trace(model.majorant) * size
+    violations = [
+        jnp.max(jnp.abs(stationarity)) / jnp.maximum(gradient_size, tiny),
+        jnp.max(-slack, initial=0.0) / jnp.maximum(size, tiny),
+        jnp.max(-point.multipliers) / jnp.maximum(gradient_size, tiny),
+    ]
+    kkt_residual = jax.lax.stop_gradient(jnp.max(jnp.stack(violations)))
+    value = objective.value(y, last)
+    gap = jnp.abs(point.multipliers @ (normals @ at)) + jnp.linalg.norm(stationarity) * size
+    gap += objective.rounded(at)
+    scale = jnp.finfo(y.dtype).eps * objective.value(jnp.zeros_like(y), last) + tiny
+    exact = jnp.where(kkt_residual < _CERTIFIED, int(Status.OPTIMAL), int(Status.STALLED))
+    status = jnp.where(point.status != int(Status.OPTIMAL), point.status, exact)
+    return ConvexFit(
+        y=y,
+        objective=value,
+        active=jnp.sum(point.used),
+        kkt_residual=kkt_residual,
+        duality_gap=jax.lax.stop_gradient(gap / jnp.maximum(value, scale)),
+        steps=near.steps,
+        status=status,
+        rows=(point.rows, point.used),
+        dips=dips,
+    )

@@ -1,0 +1,1 @@
+"""Force maps: readings, specimen, units, files."""

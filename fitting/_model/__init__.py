@@ -1,0 +1,1 @@
+"""What is identified: parameters, laws, geometry, and the problem they pose."""

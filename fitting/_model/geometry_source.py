@@ -1,0 +1,91 @@
+"""From identified parameters to a geometry: which of the four a fit is made with."""
+
+import abc
+from collections.abc import Mapping
+
+import equinox as eqx
+
+import famjax
+
+from .._data.force_data import Specimen
+
+Values = Mapping[str, famjax.Real]
+"""Parameters of one specimen by name, SI."""
+
+
+class AbstractGeometrySource(eqx.Module):
+    """Makes a geometry of a specimen's parameters."""
+
+    @abc.abstractmethod
+    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+        """The geometry of these parameters [SI]; those it does not know are ignored."""
+
+
+class EstimatedSource(AbstractGeometrySource):
+    """A cylinder in a braid that follows from D0 and theta0: both estimated geometries.
+
+    It reads `braid_diameter` and `braid_angle`, both of the unloaded threads, and where they are
+    given `rest_length`, `end_factor` and `braid_compliance`.
+
+    Attributes:
+        specimen: rest length, wall and place of the bladder.
+        n_threads: n [-] of an elastic braid; None for an inextensible one.
+        thread: law of one thread; None for inextensible ones.
+    """
+
+    specimen: Specimen = eqx.field(static=True)
+    n_threads: float | None = None
+    thread: famjax.AbstractThread | None = None
+
+    def __check_init__(self) -> None:
+        if (self.n_threads is None) != (self.thread is None):
+            raise ValueError(
+                "an elastic braid needs both the number of threads and the law of one thread; "
+                "give neither for inextensible threads"
+            )
+
+    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+        """The cylinder with that braid, behind its end effect if there is one."""
+        specimen, diameter = self.specimen, values["braid_diameter"]
+        rest_length = values.get("rest_length", specimen.rest_length)
+        inset = 0.0 if specimen.embedded else 2 * specimen.braid_thickness
+        bladder = famjax.Bladder(
+            rest_length=rest_length,
+            rest_diameter=specimen.bladder_diameter or diameter - inset,
+            rest_thickness=specimen.wall_thickness,
+            embedded=specimen.embedded,
+        )
+        cylinder = famjax.EstimatedGeometry(self._braid(values, rest_length), bladder)
+        if "end_factor" in values:
+            return famjax.EndEffectGeometry(cylinder, values["end_factor"])
+        return cylinder
+
+    def _braid(self, values: Values, rest_length: famjax.Real) -> famjax.AbstractBraid:
+        braid = famjax.Braid.from_rest(
+            diameter=values["braid_diameter"],
+            braid_angle=values["braid_angle"],
+            length=rest_length,
+            thickness=self.specimen.braid_thickness,
+        )
+        if self.thread is not None and self.n_threads is not None:
+            return famjax.ElasticBraid(
+                braid.rest_thread_length, braid.turns, braid.thickness, self.n_threads, self.thread
+            )
+        if "braid_compliance" in values:
+            return famjax.CompliantBraid.of(braid, values["braid_compliance"])
+        return braid
+
+
+class KnownSource(AbstractGeometrySource):
+    """A geometry that is known, such as a measured one: nothing of it is identified.
+
+    Attributes:
+        known: what every parameter gives.
+    """
+
+    known: famjax.AbstractGeometry
+
+    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+        """The known geometry."""
+        del values
+        return self.known

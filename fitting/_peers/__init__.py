@@ -1,0 +1,1 @@
+"""Published models fitted, cross-validated and compared."""

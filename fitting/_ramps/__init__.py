@@ -1,0 +1,1 @@
+"""Raw pressure ramps to static force maps."""

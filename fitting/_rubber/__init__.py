@@ -1,0 +1,1 @@
+"""Tests of bladder, thread and whole muscle in a testing machine."""

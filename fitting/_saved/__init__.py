@@ -1,0 +1,1 @@
+"""Results as files, pages, plots, and as muscles again."""

@@ -1,0 +1,182 @@
+"""`fit.json`: everything about a fit in one self-describing file, and the muscle back from it."""
+
+import dataclasses
+import importlib.metadata
+import json
+import math
+import platform
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import famjax
+
+from .._data.csv import specimen_as_dict
+from .._data.units import SYSTEMS, UNITS, from_si
+from .._errors import InputError
+from .._evidence.evidence import Evidence, evidence_as_dict, evidence_warnings
+from .._search.result import Estimate, Identification
+from .muscle_card import muscle_as_dict, muscle_from_dict
+
+SCHEMA = "famjax-fit/1"
+_PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
+
+
+def finite_or_none(value: float) -> float | None:
+    """The value, or None (JSON null) where it is nan or infinite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def all_estimates(result: Identification) -> tuple[Estimate, ...]:
+    """Every identified parameter; coefficients that depend on pressure carry it in their name."""
+    if result.node_pressures is None:
+        return result.estimates
+    nodes = []
+    for pressure, values, errors in zip(
+        result.node_pressures, result.coefficients, result.coefficients_stderr, strict=True
+    ):
+        for name, value, error in zip(result.law.coefficients, values, errors, strict=True):
+            at = f"{name}_at_{pressure / 1e3:.6g}kPa"
+            nodes.append(
+                Estimate(
+                    at, float(value), float(error), -math.inf, math.inf, False, False, "stress"
+                )
+            )
+    return result.estimates + tuple(nodes)
+
+
+def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
+    """One estimate in a unit system, ready for JSON."""
+    unit = SYSTEMS[system][estimate.kind]
+
+    def scaled(value: float) -> float | None:
+        return finite_or_none(from_si(value, unit, estimate.kind))
+
+    return {
+        "value": scaled(estimate.value),
+        "unit": unit,
+        "stderr": scaled(estimate.stderr),
+        "sandwich_stderr": scaled(estimate.sandwich_stderr),
+        "at_bound": estimate.at_bound,
+        "min": scaled(estimate.min),
+        "max": scaled(estimate.max),
+        "fixed": estimate.fixed,
+        "prior": None if estimate.prior is None else [scaled(v) for v in estimate.prior],
+    }
+
+
+def summary_as_dict(
+    result: Identification, system: str = "si", evidence: Evidence | None = None
+) -> dict[str, Any]:
+    """The figures of a fit as one flat JSON object; parameters in the unit system, the rest SI."""
+    errors, certificate = result.errors, result.certificate
+    fixed = result.node_pressures is None
+    return {
+        "rmse_N": finite_or_none(errors.rmse),
+        "mae_N": finite_or_none(errors.mae),
+        "max_error_N": finite_or_none(errors.max),
+        "max_force_N": errors.max_force,
+        "rmse_percent": finite_or_none(errors.rmse_percent),
+        "n_points": errors.n_points,
+        "n_slack": errors.n_slack,
+        "slack_violations": errors.slack_violations,
+        "max_slack_force_N": finite_or_none(errors.max_slack_force),
+        "parameters": {e.name: estimate_as_dict(e, system) for e in all_estimates(result)},
+        "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
+        "coefficients_Pa": (result.coefficients[0] if fixed else result.coefficients).tolist(),
+        "node_pressures_Pa": None if fixed else np.asarray(result.node_pressures).tolist(),
+        "strain_range": result.strain_range,
+        "stability_margin_Pa": finite_or_none(certificate.stability_margin),
+        "slope_margin_Pa": finite_or_none(certificate.slope_margin),
+        "constraint_margin_Pa": finite_or_none(certificate.constraint_margin),
+        "kkt_residual": finite_or_none(certificate.kkt_residual),
+        "duality_gap": finite_or_none(certificate.duality_gap),
+        "gradient_residual": finite_or_none(certificate.gradient_residual),
+        "condition": finite_or_none(certificate.condition),
+        "n_starts": certificate.n_starts,
+        "n_starts_agreeing": certificate.n_agreeing,
+        "law": type(result.law).__name__,
+        "order": result.order,
+        "n_parameters": result.n_parameters,
+        "series_compliance_m_per_N": result.series_compliance,
+        "length_offsets_m": result.length_offsets.tolist(),
+        "constraint": result.constraint,
+        "dependence": result.dependence,
+        "box": result.box,
+        "active_constraints": list(result.active_constraints),
+        "converged": result.converged,
+        "warnings": [*result.warnings, *evidence_warnings(evidence or Evidence(), result)],
+        **evidence_as_dict(evidence or Evidence()),
+    }
+
+
+def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dict[str, Any]:
+    """The whole content of `fit.json`, in SI."""
+    data = result.data
+    readings = {
+        f"{name}_{UNITS[name.removesuffix('_std')][0]}": values.tolist()
+        for name in ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
+        if (values := getattr(data, name)) is not None
+    }
+    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {
+        "schema": SCHEMA,
+        "versions": {
+            "famjax": famjax.__version__,
+            "python": platform.python_version(),
+            **versions,
+        },
+        "data": {
+            "source": data.source,
+            "sha256": data.sha256,
+            "specimen": specimen_as_dict(data.specimen),
+            "readings": readings,
+        },
+        "seed": result.seed,
+        **summary_as_dict(result, evidence=evidence),
+        "residuals_N": result.residuals.tolist(),
+        "start_objectives": [finite_or_none(cost) for cost in result.starts],
+        "start_parameters": {
+            name: [finite_or_none(value) for value in result.start_parameters[:, k]]
+            for k, name in enumerate(result.search.names)
+        },
+        "muscle": muscle_as_dict(result.muscle),
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class SavedFit:
+    """A fit read back from `fit.json`.
+
+    Attributes:
+        muscle: the identified muscle, bit for bit.
+        document: the whole file as plain data, SI.
+    """
+
+    muscle: famjax.Muscle
+    document: dict[str, Any]
+
+
+def load_fit(path: str | Path) -> SavedFit:
+    """The muscle and the figures of a saved fit.
+
+    Args:
+        path: a `fit.json`.
+
+    Returns:
+        The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
+
+    Raises:
+        InputError: no such file, not a fit of this program, or of a schema it does not know.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{path} is not a JSON file: {error}") from None
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}")
+    return SavedFit(muscle_from_dict(document["muscle"]), document)

@@ -1,0 +1,146 @@
+"""The muscle card: a muscle as plain data with the unit in every key, and back."""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+import famjax
+
+from .._errors import InputError
+from .card_parts import PARTS, Part
+
+
+def muscle_as_dict(muscle: famjax.Muscle) -> dict[str, Any]:
+    """The muscle as JSON-ready data in SI, exact to the last digit.
+
+    Raises:
+        InputError: a part of the muscle has no card format, or a number in it is not finite.
+    """
+    return _written(muscle, "muscle")
+
+
+def muscle_from_dict(card: dict[str, Any]) -> famjax.Muscle:
+    """The muscle of a card. Numbers come in JAX's precision: enable float64 to have every digit.
+
+    Raises:
+        InputError: the card lacks an entry or has one too many, names a type that is not known, or
+            holds what is no muscle.
+    """
+    return _read(card, Part(famjax.Muscle, untyped=famjax.Muscle), "muscle")
+
+
+def _written(part: Any, where: str) -> dict[str, Any]:
+    """A part as an object: its type and its fields."""
+    if type(part) not in PARTS:
+        known = ", ".join(cls.__name__ for cls in PARTS)
+        raise InputError(
+            f"no card format for {where}, a {type(part).__name__}; there is one for {known}"
+        )
+    card: dict[str, Any] = {"type": type(part).__name__}
+    for name, form in PARTS[type(part)].items():
+        value, at = getattr(part, name), f"{where}.{name}"
+        if isinstance(form, str):
+            card[_key(name, form)] = _number_written(value, at)
+        elif form.many:
+            card[name] = [_written(one, f"{at}[{k}]") for k, one in enumerate(value)]
+        else:
+            card[name] = None if value is None and form.optional else _written(value, at)
+    return card
+
+
+def _number_written(value: Any, where: str) -> Any:
+    """A number, a list of them, or a truth value."""
+    numbers = np.asarray(value)
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{where} must be finite to be written into a muscle card, got {value}")
+    return numbers.tolist()
+
+
+def _read(card: Any, form: Part, where: str) -> Any:
+    """The part of an object."""
+    if not isinstance(card, dict):
+        raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
+    cls = _class(card, form, where)
+    forms = {_key(name, form): (name, form) for name, form in PARTS[cls].items()}
+    missing = [key for key in forms if key not in card]
+    if missing:
+        raise InputError(
+            f"the muscle card has no entry {missing[0]!r} in {where}; was the file edited?"
+        )
+    unknown = [key for key in card if key not in forms and key != "type"]
+    if unknown:
+        raise InputError(
+            f"the muscle card has the unknown entry {unknown[0]!r} in {where}; known are "
+            f"{', '.join(forms)}"
+        )
+    annotations = {field.name: field.type for field in dataclasses.fields(cls)}
+    values = {
+        name: _value(card[key], form, annotations[name], f"{where}.{name}")
+        for key, (name, form) in forms.items()
+    }
+    try:
+        return cls(**values)
+    except (ValueError, RuntimeError) as error:  # RuntimeError: of a check on traced values
+        raise InputError(f"{where} of the muscle card is no {cls.__name__}: {error}") from None
+
+
+def _class(card: dict[str, Any], form: Part, where: str) -> type:
+    """The class that an object says it is, among those that may stand there."""
+    if "type" not in card and form.untyped is not None:
+        return form.untyped
+    known = {cls.__name__: cls for cls in PARTS if issubclass(cls, form.base)}
+    if "type" not in card:
+        raise InputError(
+            f"the muscle card has no entry 'type' in {where}; one of {', '.join(known)}"
+        )
+    cls = known.get(str(card["type"]))
+    if cls is None:
+        raise InputError(
+            f"{where} of the muscle card is of the unknown type {card['type']!r}; known are "
+            f"{', '.join(known)}"
+        )
+    return cls
+
+
+def _value(value: Any, form: str | Part, annotation: Any, where: str) -> Any:
+    """The value of one field, as its class takes it."""
+    if isinstance(form, str):
+        return _number(value, annotation, where)
+    if not form.many:
+        return None if value is None and form.optional else _read(value, form, where)
+    if not isinstance(value, list):
+        raise InputError(f"{where} of the muscle card must be a list, got {value!r}")
+    return [_read(one, form, f"{where}[{k}]") for k, one in enumerate(value)]
+
+
+def _number(value: Any, annotation: Any, where: str) -> Any:
+    """A truth value, whole number or array of numbers, as the field is annotated."""
+    if annotation in (bool, int):
+        if type(value) is not annotation:
+            raise InputError(
+                f"{where} of the muscle card must be of type {annotation.__name__}, got {value!r}"
+            )
+        return value
+    try:
+        numbers = np.asarray(value)
+    except ValueError:  # lists of unequal lengths
+        numbers = np.asarray(None)
+    if numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
+        raise InputError(f"{where} of the muscle card must hold finite numbers, got {value!r}")
+    if annotation is float or annotation == tuple[float, ...]:
+        plain = numbers.astype(float).tolist()
+        return tuple(plain) if isinstance(plain, list) else plain
+    array = jnp.asarray(numbers, float)
+    if not isinstance(array, annotation):
+        raise InputError(
+            f"{where} of the muscle card must be numbers of shape ({annotation.dim_str.strip()}), "
+            f"got shape {array.shape}"
+        )
+    return array
+
+
+def _key(name: str, form: str | Part) -> str:
+    """The key of a field: its name, with its unit if it has one."""
+    return f"{name}_{form}" if isinstance(form, str) and form else name

@@ -1,0 +1,147 @@
+"""The picture of a fit: isobars with the measured points, residuals, and the stress-strain law."""
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+import famjax
+
+from .._data.units import SYSTEMS, factor
+from .._search.result import Identification
+
+_COLOURS = mpl.colormaps["viridis"]
+_BEYOND = 1.25  # the law is drawn to this multiple of the strain range
+
+
+def plot_fit(result: Identification, system: str = "metric") -> Figure:
+    """The figure of an identification: isobars, residuals and material law.
+
+    Args:
+        result: what `identify` returned.
+        system: "si", "metric" or "us".
+
+    Returns:
+        A figure, not shown; save it with `savefig`.
+    """
+    figure = Figure(figsize=(11, 6.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplot_mosaic(
+        [["isobars", "residuals"], ["isobars", "law"]], width_ratios=[3, 2]
+    )
+    units = SYSTEMS[system]
+    pressure_unit = factor(units["pressure"], "pressure")
+    levels = np.unique(result.data.pressure)
+    shade = Normalize(levels[0] / pressure_unit, levels[-1] / pressure_unit)
+    _draw_isobars(axes["isobars"], result, system, shade)
+    _draw_residuals(axes["residuals"], result, system, shade)
+    _draw_law(axes["law"], result, system)
+    figure.colorbar(
+        ScalarMappable(shade, _COLOURS),
+        ax=axes["isobars"],
+        label=f"gauge pressure, {units['pressure']}",
+        aspect=40,
+        pad=0.01,
+    )
+    errors = result.errors
+    figure.suptitle(
+        f"{result.data.specimen.name}: RMSE {errors.rmse:.3g} N ({errors.rmse_percent:.2g} % of "
+        f"{errors.max_force:.5g} N), {result.order} coefficients, constraint: {result.constraint}",
+        fontsize=11,
+    )
+    return figure
+
+
+def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normalize) -> None:
+    data, force_unit = result.data, factor(SYSTEMS[system]["force"], "force")
+    pressure_unit = factor(SYSTEMS[system]["pressure"], "pressure")
+    rest = data.specimen.rest_length
+    lengths = np.linspace(data.length.min(), data.length.max(), 200)
+    loaded = data.loaded
+    for level in np.unique(data.pressure[loaded]):
+        force = result.predict(lengths, np.full_like(lengths, level))
+        axes.plot(
+            1 - lengths / rest,
+            np.where(force < 0, np.nan, force) / force_unit,
+            color=_COLOURS(shade(level / pressure_unit)),
+            lw=1,
+        )
+    axes.scatter(
+        1 - data.length[loaded] / rest,
+        data.force[loaded] / force_unit,
+        c=data.pressure[loaded] / pressure_unit,
+        norm=shade,
+        cmap=_COLOURS,
+        s=20,
+        edgecolors="black",
+        linewidths=0.4,
+        zorder=3,
+    )
+    axes.plot([], [], "o", mfc="white", mec="black", ms=4.5, label="measured")
+    axes.plot([], [], color="0.4", lw=1, label="model")
+    if (~loaded).any():
+        axes.plot(
+            1 - data.length[~loaded] / rest,
+            np.zeros((~loaded).sum()),
+            "x",
+            color="0.6",
+            ms=4,
+            clip_on=False,
+            label="slack (not data)",
+        )
+    axes.set(xlabel="contraction", ylabel=f"force, {SYSTEMS[system]['force']}", ylim=(0, None))
+    axes.legend(frameon=False)
+
+
+def _draw_residuals(axes: Axes, result: Identification, system: str, shade: Normalize) -> None:
+    data, force_unit = result.data, factor(SYSTEMS[system]["force"], "force")
+    loaded, unit = data.loaded, SYSTEMS[system]["force"]
+    axes.axhline(0, color="0.7", lw=0.8)
+    for sign in (-1, 1):
+        axes.axhline(sign * result.errors.rmse / force_unit, color="0.7", lw=0.8, ls=":")
+    axes.scatter(
+        1 - data.length[loaded] / data.specimen.rest_length,
+        result.residuals / force_unit,
+        c=data.pressure[loaded] / factor(SYSTEMS[system]["pressure"], "pressure"),
+        norm=shade,
+        cmap=_COLOURS,
+        s=14,
+    )
+    axes.set(xlabel="contraction", ylabel=f"model - measured, {unit}")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.set_title("residuals; dotted: +- RMSE", fontsize=9)
+
+
+def _draw_law(axes: Axes, result: Identification, system: str) -> None:
+    unit = SYSTEMS[system]["stress"]
+    strain = np.linspace(0, _BEYOND * result.strain_range, 400)
+    for label, true_stress in _laws(result, strain):
+        stress = true_stress / factor(unit, "stress")
+        unstable = np.gradient(stress, strain) < 0
+        (line,) = axes.plot(strain, np.where(unstable, np.nan, stress), label=label)
+        axes.plot(strain, np.where(unstable, stress, np.nan), color=line.get_color(), ls="--")
+    axes.axvspan(0, result.strain_range, color="0.92", zorder=0, label="strain range used")
+    axes.set(xlabel="engineering strain", ylabel=f"true stress, {unit}", xlim=(0, strain[-1]))
+    axes.set_title("bladder law; dashed where falling", fontsize=9)
+    axes.legend(frameon=False, fontsize=8)
+
+
+def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, np.ndarray]]:
+    """Labels and stresses [Pa] of the curves that show the law: of one direction by itself."""
+    material, nodes = result.muscle.material, result.node_pressures
+    if nodes is not None:
+        return [
+            (
+                f"at {nodes[row] / 1e3:.4g} kPa",
+                np.asarray(famjax.PolynomialMaterial(result.coefficients[row]).stress(strain)),
+            )
+            for row in sorted({0, len(nodes) // 2, len(nodes) - 1})
+        ]
+    if isinstance(material, famjax.AbstractHyperelastic):
+        return [("tensile test", np.asarray(material.uniaxial_stress(strain)))]
+    assert isinstance(material, famjax.PolynomialMaterial | famjax.AbstractUniaxialLaw)
+    return [(None, np.asarray(material.stress(strain)))]

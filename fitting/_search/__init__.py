@@ -1,0 +1,1 @@
+"""The identification itself: starts, descents, the certified result."""

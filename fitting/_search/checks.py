@@ -1,0 +1,201 @@
+"""What a force map must hold for an identification to make sense, asked before any work is done."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+import famjax
+
+from .._convex.qp import Status
+from .._data.force_data import ForceData
+from .._errors import InputError
+from .._model.geometry_source import AbstractGeometrySource
+from .._model.laws import AbstractLaw, MooneyRivlinLaw, OgdenLaw, PolynomialLaw
+from .._model.parameters import Entry
+from .._model.problem import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
+from .search import Search, offsets, rows_known, solve
+
+_SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
+
+
+def check_options(
+    law: AbstractLaw, constraint: str, dependence: str, starts: int
+) -> tuple[Constraint, PressureDependence]:
+    """The named choices, if they are among those there are and go together."""
+    if constraint not in CONSTRAINTS:
+        raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
+    if dependence not in DEPENDENCES:
+        raise InputError(
+            f"the pressure dependence is one of {', '.join(DEPENDENCES)}, got {dependence!r}"
+        )
+    if dependence != "fixed" and not isinstance(law, PolynomialLaw):
+        raise InputError(
+            f"only the polynomial law may depend on pressure, got a law that is {dependence} in "
+            f"pressure with {type(law).__name__}"
+        )
+    if constraint == "slope" and isinstance(law, OgdenLaw | MooneyRivlinLaw):
+        raise InputError(
+            "the slope constraint is for laws whose two directions do not interact (polynomial, "
+            "saturating, monotone); use drucker, which is the same question asked of both together"
+        )
+    if starts < 1:
+        raise InputError(f"at least one start is needed, got {starts}")
+    return constraint, dependence
+
+
+def known_bounds(
+    data: ForceData, geometry: famjax.AbstractGeometry
+) -> dict[str, tuple[float, float]]:
+    """Diameter and angle of a known geometry at rest and without pressure, as held parameters."""
+    rest = float(geometry.rest_length)
+    if abs(rest / data.specimen.rest_length - 1) > _SAME_LENGTH:
+        raise InputError(
+            f"the geometry's rest length, {rest * 1e3:.6g} mm, must be the specimen's, "
+            f"{data.specimen.rest_length * 1e3:.6g} mm: set rest_length of the specimen"
+        )
+    at = geometry.dimensions(rest, 0.0)
+    diameter, angle = 2 * float(at.radius), float(at.braid_angle)
+    return {"braid_diameter": (diameter, diameter), "braid_angle": (angle, angle)}
+
+
+def check_source(source: AbstractGeometrySource, table: Mapping[str, Entry]) -> None:
+    """A parameter of the geometry must be one that the geometry has."""
+    cylinder = {"rest_length", "end_factor", "braid_compliance", "series_compliance",
+                "length_offset"}  # fmt: skip
+    named = sorted(cylinder & set(table))
+    if named and getattr(source, "known", None) is not None:
+        raise InputError(
+            f"{', '.join(named)}: a known geometry has no such parameter; leave geometry out to "
+            "identify a cylinder"
+        )
+    if "braid_compliance" in named and getattr(source, "thread", None) is not None:
+        raise InputError(
+            "braid_compliance is for threads that are not known; this geometry has the law of its "
+            "thread already"
+        )
+
+
+def check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
+    """Every length must be within what a braid in the box can reach."""
+    rest, steepest = data.specimen.rest_length, table["braid_angle"].max
+    if "rest_length" in table:
+        rest = table["rest_length"].min
+    longest = rest / math.sin(steepest)
+    longest_reading = int(np.argmax(data.length))
+    if data.length[longest_reading] >= longest:
+        raise InputError(
+            f"reading {longest_reading + 1} has the length {data.length[longest_reading] * 1e3:.5g} "
+            f"mm, longer than its thread: with a rest length of {rest * 1e3:.5g} mm and a braid "
+            f"angle of at most {math.degrees(steepest):.4g} deg one thread has {longest * 1e3:.5g} "
+            "mm. Check the unit of the length column and the rest length"
+        )
+    if "braid_compliance" in table or "series_compliance" in table:
+        return  # how short it may become depends on what gives way
+    shortest = longest * math.sin(famjax.NEUTRAL_ANGLE)
+    pulling = np.where(data.loaded, data.length, np.inf)
+    reading = int(np.argmin(pulling))
+    if pulling[reading] <= shortest:
+        raise InputError(
+            f"reading {reading + 1} pulls at the length {pulling[reading] * 1e3:.5g} mm, a "
+            f"contraction of {1 - pulling[reading] / rest:.3f}, but no braid of at most "
+            f"{math.degrees(steepest):.4g} deg pulls when shorter than {shortest * 1e3:.5g} mm "
+            f"(rest length {rest * 1e3:.5g} mm). Check the lengths and the rest length"
+        )
+
+
+def check_priors(data: ForceData, table: Mapping[str, Entry], noise: float | None) -> None:
+    """A prior is weighed against the noise of the force, which must be known then."""
+    named = [name for name, entry in table.items() if entry.prior is not None]
+    if noise is not None and not (math.isfinite(noise) and noise > 0):
+        raise InputError(f"the noise of a reading must be > 0, got {noise} N")
+    if noise is not None and data.force_std is not None:
+        raise InputError(
+            "the readings have standard deviations of their own (force_std): leave noise out"
+        )
+    if named and noise is None and data.force_std is None:
+        raise InputError(
+            f"the prior of {', '.join(named)} is weighed against the noise of the force, which is "
+            "not known: give noise (the standard deviation of one reading in N), or a column "
+            "force_std in the data"
+        )
+
+
+def check_count(
+    data: ForceData,
+    law: AbstractLaw,
+    dependence: PressureDependence,
+    table: Mapping[str, Entry],
+) -> None:
+    """There must be more readings than parameters, and pressures for a law that depends on them."""
+    pressures = data.pressure[data.loaded]
+    levels = np.unique(pressures)
+    if dependence != "fixed" and levels.size < 2:
+        raise InputError(
+            f"a law that is {dependence} in pressure needs readings at two pressures or more; all "
+            f"{pressures.size} loaded readings are at {levels[0] / 1e3:.5g} kPa. Use a law that "
+            "does not depend on pressure (--dependence fixed)"
+        )
+    linear = law.coefficients
+    free = [n for n, entry in table.items() if not entry.fixed]
+    free_geometry = sum(n not in linear and not n.startswith("length_offset") for n in free)
+    free_coefficients = sum(n in linear for n in free)
+    nodes = {"fixed": 1, "linear": 2, "free": levels.size}[dependence]
+    unknowns = free_geometry + nodes * free_coefficients
+    if pressures.size < unknowns:
+        raise InputError(
+            f"{pressures.size} loaded readings cannot determine {unknowns} parameters "
+            f"({free_geometry} of the geometry, {nodes * free_coefficients} coefficients): give "
+            "more readings, a lower order, or fix parameters by bounds"
+        )
+    if unknowns == 0:
+        raise InputError("every parameter is fixed by its bounds: there is nothing to identify")
+    _check_strained(data, law.order, dependence, levels)
+
+
+def _check_strained(
+    data: ForceData, order: int, dependence: PressureDependence, levels: np.ndarray
+) -> None:
+    """As many strained lengths as the law has coefficients."""
+    rest = data.specimen.rest_length
+    strained = data.loaded & (data.length != rest)
+    lengths = np.unique(data.length[strained])
+    if lengths.size < order:
+        raise InputError(
+            f"a law of order {order} needs loaded readings at {order} or more lengths away from the "
+            f"rest length, {rest * 1e3:.5g} mm, where the bladder is not strained; there are "
+            f"{lengths.size}. Use a lower order, or measure at more lengths"
+        )
+    if dependence == "free":
+        known = np.array(
+            [np.unique(data.length[strained & (data.pressure == P)]).size for P in levels]
+        )
+        poor = levels[known < order] / 1e3
+        if poor.size:
+            raise InputError(
+                f"free coefficients need loaded readings at {order} or more lengths away from the "
+                f"rest length at every pressure; too few at {', '.join(f'{P:.4g}' for P in poor)} "
+                "kPa. Use --dependence linear, a lower order, or leave those pressures out"
+            )
+
+
+def check_solvable(search: Search) -> None:
+    """The convex fit must have a solution in the middle of the box."""
+    middle = search.low + (search.high - search.low) / 2
+    lost = np.flatnonzero(~np.isfinite(np.asarray(offsets(search.problem, middle))))
+    if lost.size:
+        lengths = np.concatenate([np.asarray(part.length) for part in search.problem.parts])
+        raise InputError(
+            f"the geometry has no dimensions at the loaded reading {lost[0] + 1} (length "
+            f"{lengths[lost[0]] * 1e3:.5g} mm): the bladder does not fit in the braid there, or "
+            "the length is outside what was measured or can be reached"
+        )
+    if not bool(rows_known(search.problem, middle)):
+        raise InputError(
+            "the constraint cannot be posed: the actuation path, which runs to the shortest length "
+            "in the map, slack readings included, leaves what the geometry is known for. Leave out "
+            "readings that are shorter than the last measured shape, or use --constraint none"
+        )
+    worst = max(Status(int(code)) for code in np.unique(solve(search.problem, middle).status))
+    if worst in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
+        raise InputError(worst.message)

@@ -1,0 +1,245 @@
+"""Identification of muscles from force maps: geometry outside, a certified convex fit inside."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import jax
+import numpy as np
+
+import famjax
+
+from .._data.force_data import ForceData
+from .._errors import InputError
+from .._model.geometry_source import AbstractGeometrySource, EstimatedSource, KnownSource
+from .._model.laws import AbstractLaw, law_named
+from .._model.parameters import Entry, Parameter, complete_table
+from .build import EXCHANGES, build_search
+from .checks import (
+    check_count,
+    check_lengths,
+    check_options,
+    check_priors,
+    check_solvable,
+    check_source,
+    known_bounds,
+)
+from .result import Identification
+from .search import best_of, descend, latin_hypercube, refine
+from .summary import summarise
+
+
+def identify(
+    data: ForceData,
+    *,
+    law: str | AbstractLaw = "polynomial",
+    order: int | None = None,
+    constraint: str = "drucker",
+    dependence: str = "fixed",
+    box: str = "physical",
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    parameters: Mapping[str, Parameter] | None = None,
+    noise: float | None = None,
+    geometry: AbstractGeometrySource | famjax.AbstractGeometry | None = None,
+    starts: int = 16,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Identification:
+    """The muscle that fits a force map best, among those that satisfy the constraint.
+
+    The force is linear in the coefficients of the law: for every geometry they are the certified
+    optimum of a convex programme. The nonlinear parameters (braid diameter, braid angle, deadband,
+    and those that `parameters` names) are sought from many starts by Gauss-Newton with derivatives
+    through that programme (variable projection).
+
+    Args:
+        data: the force map; slack readings are censored.
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", or a law.
+        order: of the polynomial law, 1 to 8; 3 unless given.
+        constraint: "none", "positive" (every coefficient >= 0), "slope" (rising stress on the
+            strain range) or "drucker" (positive second-order work along the actuation path). It
+            holds between the stations as well.
+        dependence: of the polynomial's coefficients on pressure: "fixed" (none), "linear" or
+            "free".
+        box: "physical" or "open", see `standard_table`.
+        bounds: intervals (min, max) in SI by parameter name, which replace those of the box; an
+            interval of one value holds the parameter there.
+        parameters: the same with units, held values and priors. Naming one of these makes it take
+            part: `rest_length`, `end_factor` (k of Tondu & Lopez), `braid_compliance` (of all
+            threads), `series_compliance` (of the rig), `length_offset` (one for each length, with
+            a prior).
+        noise: standard deviation of one reading [N], against which priors are weighed; needed
+            with priors where the data have no `force_std`.
+        geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
+            braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
+            such as a `famjax.MeasuredGeometry`: as it is, and only the deadband is identified.
+        starts: number of starts, Latin hypercube over the box.
+        seed: of the starts.
+        progress: called with (starts done, starts) as the descents end.
+
+    Returns:
+        The identified muscle with errors, certificate and warnings.
+
+    Raises:
+        InputError: the data cannot support the fit, with the reason.
+        RuntimeError: float64 is off.
+
+    References:
+        Golub & Pereyra 1973 (variable projection); Chambers 2021, chapter 7.
+    """
+    given = dict(bounds or {})
+    if isinstance(geometry, famjax.AbstractGeometry):
+        given |= known_bounds(data, geometry)
+        geometry = KnownSource(geometry)
+    chosen = law_named(law, order)
+    rows = {**chosen.shape, **chosen.coefficients}
+    table = complete_table(data.specimen, box, rows, given, parameters or {})
+    source = EstimatedSource(data.specimen) if geometry is None else geometry
+    request = Request((data,), (source,), table, chosen, constraint, dependence, box, noise)
+    return request.run(starts, seed, progress)[0]
+
+
+def identify_together(
+    data: Sequence[ForceData],
+    *,
+    own: Sequence[str] = ("deadband_pressure",),
+    own_law: bool = False,
+    law: str | AbstractLaw = "polynomial",
+    order: int | None = None,
+    constraint: str = "drucker",
+    box: str = "physical",
+    parameters: Mapping[str, Parameter] | None = None,
+    noise: float | None = None,
+    starts: int = 16,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Identification, ...]:
+    """Several specimens identified at once, with shared and own parameters.
+
+    Args:
+        data: one force map for each specimen, with different names.
+        own: parameters that each specimen has for itself; all others are shared.
+        own_law: whether each specimen has its own coefficients of the law.
+        law: as in `identify`, and all that follows.
+        order: of the polynomial law.
+        constraint: on the coefficients.
+        box: of the standard bounds; those of a shared parameter are the first specimen's.
+        parameters: bounds, held values and priors, the same for every specimen.
+        noise: standard deviation of one reading [N].
+        starts: number of starts.
+        seed: of the starts.
+        progress: called with (starts done, starts).
+
+    Returns:
+        One identification for each specimen. Shared parameters, certificate and starts are the
+        same in all; an own parameter is called `name[specimen]`.
+
+    Raises:
+        InputError: the data cannot support the fit, with the reason.
+        RuntimeError: float64 is off.
+    """
+    names = [one.specimen.name for one in data]
+    if len(set(names)) < len(names) or not names:
+        raise InputError(f"specimens identified together need different names, got {names}")
+    chosen = law_named(law, order)
+    rows = {**chosen.shape, **chosen.coefficients}
+    tables = [complete_table(d.specimen, box, rows, {}, parameters or {}) for d in data]
+    if "length_offset" in own:
+        raise InputError("length_offset is always each specimen's own: leave it out of own")
+    unknown = sorted(set(own) - set(tables[0]))
+    if unknown:
+        raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
+    mixed = [n for n in own if n in rows]
+    if mixed:
+        raise InputError(f"{mixed[0]} belongs to the law: use own_law=True")
+    table: dict[str, Entry] = {}
+    for name, entry in tables[0].items():
+        if name in own:
+            table |= {f"{name}[{who}]": of[name] for who, of in zip(names, tables, strict=True)}
+        else:
+            table[name] = entry
+    sources = tuple(EstimatedSource(one.specimen) for one in data)
+    request = Request(tuple(data), sources, table, chosen, constraint, "fixed", box, noise, own_law)
+    return request.run(starts, seed, progress)
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What is to be identified, complete and checked; `run` does it.
+
+    Attributes:
+        data: force maps.
+        sources: what their geometries follow from.
+        table: all parameters in SI, the coefficients last.
+        law: family of the law.
+        constraint, dependence, box: as given.
+        noise: of a reading [N], or None.
+        own_law: whether each specimen has its own coefficients.
+    """
+
+    data: tuple[ForceData, ...]
+    sources: tuple[AbstractGeometrySource, ...]
+    table: dict[str, Entry]
+    law: AbstractLaw
+    constraint: str
+    dependence: str
+    box: str
+    noise: float | None
+    own_law: bool = False
+
+    def run(
+        self, starts: int, seed: int, progress: Callable[[int, int], None] | None
+    ) -> tuple[Identification, ...]:
+        """The identifications, one for each force map."""
+        if not jax.config.read("jax_enable_x64"):
+            raise RuntimeError(
+                "identification needs float64, and JAX computes in float32 by default. Put this "
+                "line before any other use of JAX: "
+                'jax.config.update("jax_enable_x64", True)'
+            )
+        constraint, dependence = check_options(self.law, self.constraint, self.dependence, starts)
+        weighted = [data.force_std is not None for data in self.data]
+        if any(weighted) and not all(weighted):
+            raise InputError(
+                "some specimens have standard deviations of their forces (force_std) and some have "
+                "not: readings identified together are weighed alike, so give them to all or none"
+            )
+        table = self._with_offsets()
+        for data, source in zip(self.data, self.sources, strict=True):
+            own = {
+                name.removesuffix(f"[{data.specimen.name}]"): entry
+                for name, entry in table.items()
+                if "[" not in name or name.endswith(f"[{data.specimen.name}]")
+            }
+            check_source(source, self.table)
+            check_lengths(data, own)
+            check_priors(data, own, self.noise)
+            check_count(data, self.law, dependence, own)
+        search = build_search(
+            self.data,
+            self.sources,
+            table,
+            self.law,
+            constraint=constraint,
+            dependence=dependence,
+            own_law=self.own_law,
+            noise=self.noise or 1.0,
+        )
+        check_solvable(search)
+        ends = descend(search, latin_hypercube(len(search.free), starts, seed), progress)
+        best, search = refine(search, best_of(ends), EXCHANGES)
+        return summarise(
+            self.data, search, best, ends, table, dependence=dependence, box=self.box, seed=seed
+        )
+
+    def _with_offsets(self) -> dict[str, Entry]:
+        """The table with one offset for each distinct length in place of `length_offset`."""
+        if "length_offset" not in self.table:
+            return self.table
+        one = self.table["length_offset"]
+        table = {n: entry for n, entry in self.table.items() if n != "length_offset"}
+        linear = {n: table.pop(n) for n in self.law.coefficients}
+        for data in self.data:
+            tag = f"[{data.specimen.name}]" if len(self.data) > 1 else ""
+            for length in np.unique(data.length[data.loaded]):
+                table[f"length_offset_at_{length * 1e3:.12g}mm{tag}"] = one
+        return table | linear

@@ -1,0 +1,106 @@
+"""What a person types for parameters and specimen, as numbers in SI."""
+
+from collections.abc import Iterable
+
+from .._data.csv import parse_specimen as parse_specimen
+from .._data.units import UNITS, to_si
+from .._errors import InputError
+from .._model.laws import LAWS
+from .._model.parameters import KINDS, Parameter
+
+
+def _kinds() -> dict[str, str]:
+    """Kind of unit of every parameter that any fit may have, the polynomial's aside."""
+    kinds = dict(KINDS)
+    for law in LAWS.values():
+        made = law()
+        kinds |= {name: entry.kind for name, entry in {**made.shape, **made.coefficients}.items()}
+    return kinds
+
+
+def _name_and_unit(key: str, entry: str, what: str) -> tuple[str, str, str]:
+    """Name, unit and kind of a key such as `braid_diameter_mm`, or `end_factor` without a unit."""
+    kinds = _kinds()
+    if kinds.get(key) == "number":
+        return key, "", "number"
+    name, _, unit = key.rpartition("_")
+    kind = kinds.get(name, "stress" if name.startswith("E_") else None)
+    if key in kinds:
+        known = ", ".join(UNITS[kinds[key]])
+        raise InputError(f"{what} {entry!r}: {key} needs a unit, one of {known}, as in "
+                         f"{key}_{UNITS[kinds[key]][-1]}=...")  # fmt: skip
+    if kind is None:
+        known = ", ".join(f"{n}_{UNITS[k][0]}".rstrip("_") for n, k in kinds.items())
+        raise InputError(f"{what} {entry!r}: unknown parameter; known, with any unit: {known}")
+    return name, unit, kind
+
+
+def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Bounds by parameter name in SI, from entries such as `braid_diameter_mm=20:23.6`.
+
+    A single value holds the parameter: `deadband_pressure_kPa=40`.
+
+    Raises:
+        InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
+
+    >>> parse_bounds(["E_1_MPa=0:10", "braid_diameter_mm=21"])
+    {'E_1': (0.0, 10000000.0), 'braid_diameter': (0.021, 0.021)}
+    """
+    bounds: dict[str, tuple[float, float]] = {}
+    for entry in entries:
+        key, equals, interval = entry.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"bounds {entry!r} must read name_unit=min:max, as in E_1_MPa=0:10")
+        name, unit, kind = _name_and_unit(key.strip(), entry, "bounds")
+        if name in bounds:
+            raise InputError(f"bounds of {name} are given twice")
+        ends = interval.split(":")
+        try:
+            low, high = float(ends[0]), float(ends[-1])
+        except ValueError:
+            raise InputError(f"bounds {entry!r}: {interval!r} is not min:max") from None
+        if len(ends) > 2:
+            raise InputError(f"bounds {entry!r}: {interval!r} is not min:max")
+        bounds[name] = (to_si(low, unit, kind), to_si(high, unit, kind))
+    return bounds
+
+
+def parse_free(names: Iterable[str]) -> dict[str, Parameter]:
+    """Parameters that take part with their standard bounds, from their names.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    found = {}
+    for name in names:
+        if name not in KINDS:
+            raise InputError(f"--free {name}: unknown parameter; known are {', '.join(KINDS)}")
+        found[name] = Parameter()
+    return found
+
+
+def parse_priors(entries: Iterable[str]) -> dict[str, Parameter]:
+    """Parameters with a prior, from entries such as `rest_length_mm=296+-0.5`.
+
+    Raises:
+        InputError: an entry that is not of this form, or an unknown name or unit.
+
+    >>> parse_priors(["rest_length_mm=296+-0.5"])["rest_length"].prior
+    (296.0, 0.5)
+    """
+    found = {}
+    for entry in entries:
+        key, equals, value = entry.partition("=")
+        mean, plus_minus, std = value.partition("+-")
+        if not (equals and plus_minus):
+            raise InputError(
+                f"prior {entry!r} must read name_unit=mean+-std, as in rest_length_mm=296+-0.5"
+            )
+        name, unit, _ = _name_and_unit(key.strip(), entry, "prior")
+        if name in found:
+            raise InputError(f"the prior of {name} is given twice")
+        try:
+            found[name] = Parameter(prior=(float(mean), float(std)), unit=unit)
+        except ValueError:
+            raise InputError(f"prior {entry!r}: {value!r} is not mean+-std") from None
+    return found

@@ -1,0 +1,1 @@
+"""All permutations of the law at fixed geometry."""

@@ -1,0 +1,120 @@
+"""Bootstrap replicates of every fit of a sweep: readings drawn anew enter as weights.
+
+The weights of a replicate change the Gram matrix of each pressure's compressed readings, [Q r] with
+Q orthonormal, and nothing else. So a replicate is a few small matrices, and its fit one quadratic
+programme that shares its rows with all others of the same form.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._convex.active_set import nearest_points
+from .._convex.convex_fit import minimise, posed
+from .._convex.small_dense import cholesky, inverse_lower
+from .._convex.status import Status
+from .fits import coupled_lane, free_lane, over_all
+from .lane import CONSTRAINTS, Lane, huber_threshold, objective_of
+from .problem import Design, Readings
+
+
+def draw(
+    readings: Readings, count: int, seed: tuple[int, ...]
+) -> Float[np.ndarray, "replicates pressures readings"]:
+    """How often each reading is drawn: with replacement, at each pressure as many as there are.
+
+    Args:
+        readings: of the force map.
+        count: number of replicates.
+        seed: the same seed gives the same draws.
+    """
+    rng, there = np.random.default_rng(seed), readings.there
+    drawn = np.zeros((count, *there.shape))
+    for p, here in enumerate(there):
+        n = int(here.sum())
+        drawn[:, p, here] = rng.multinomial(n, np.full(n, 1 / n), size=count)
+    return drawn
+
+
+def replicate_all(
+    of: Design, orders: tuple[int, ...], weights: Float[Array, "replicates pressures readings"]
+) -> Float[Array, "dependences orders constraints replicates pressures order"]:
+    """Coefficients [Pa] of replicates minus those of the fit, of every fit by sum of squares.
+
+    Constraints hold at the stations, and at the points where the fit to all readings touches them.
+
+    Args:
+        of: the linear problem.
+        orders: of the law.
+        weights: of the readings.
+
+    Returns:
+        Differences at each pressure; nan where a programme has no certified optimum.
+    """
+    grams = _grams(of, weights)
+    every, kinds = jnp.arange(of.target.shape[0]), jnp.arange(len(CONSTRAINTS))
+    degrees = jnp.asarray(orders)
+
+    def together(
+        form: Int[Array, ""], order: Int[Array, ""], kind: Int[Array, ""]
+    ) -> Float[Array, "replicates pressures order"]:
+        return _replicates(of, coupled_lane(of, form, order, kind), every, grams)
+
+    def apart(
+        order: Int[Array, ""], kind: Int[Array, ""], path: Int[Array, ""]
+    ) -> Float[Array, "replicates 1 order"]:
+        at = free_lane(of, order, kind, path)
+        return _replicates(of, at, path[None], grams[:, path[None]])
+
+    coupled = over_all(together, jnp.arange(2), degrees, kinds, one_by_one=True)
+    free = over_all(apart, degrees, kinds, every, one_by_one=True)
+    return jnp.concatenate([coupled, jnp.moveaxis(free[..., 0, :], 2, 3)[None]])
+
+
+def _grams(
+    of: Design, weights: Float[Array, "replicates pressures readings"]
+) -> Float[Array, "replicates pressures rows rows"]:
+    """Weighted Gram matrices of the orthonormal columns that [A y] is compressed to."""
+
+    def one(
+        A: Float[Array, "k n"], y: Float[Array, " k"], weights: Float[Array, "replicates k"]
+    ) -> Float[Array, "replicates rows rows"]:
+        Q, _ = jnp.linalg.qr(A)
+        rest = y - Q @ (Q.T @ y)
+        size = jnp.linalg.norm(rest)
+        columns = jnp.concatenate([Q, (rest / jnp.where(size > 0, size, 1.0))[:, None]], axis=1)
+        products = columns[:, :, None] * columns[:, None, :]
+        gram = weights @ products.reshape(y.shape[0], -1)
+        return gram.reshape(-1, *products.shape[1:])
+
+    A, y = of.A * of.weight[..., None], of.target * of.weight
+    return jax.vmap(one, in_axes=(0, 0, 1), out_axes=1)(A, y, weights)
+
+
+def _replicates(
+    of: Design,
+    at: Lane,
+    paths: Int[Array, " paths"],
+    grams: Float[Array, "replicates paths rows rows"],
+) -> Float[Array, "replicates paths order"]:
+    """Coefficients of the replicates of one lane, minus those of the fit to all readings."""
+    W, c = at.blocks
+    n, constraint = W.shape[-1], at.constraint
+    aim = objective_of(
+        "sum_of_squares", of, at, paths, huber_threshold(of), jnp.ones(paths.shape[0])
+    )
+    whole = minimise(aim, constraint, at.start)
+    rows = constraint.grid_rows(), posed(constraint.exact_rows(whole.dips))
+    G, h = (jnp.concatenate(both) for both in zip(*rows, strict=True))
+    flat = grams.reshape(grams.shape[0], -1)
+    hessians = flat @ jnp.einsum("pkn,plm->pklnm", W, W).reshape(-1, n * n)
+    right = flat @ jnp.einsum("pkn,pl->pkln", W, c).reshape(-1, n)
+    unit = jnp.diag(jnp.where(jnp.any(W != 0, axis=(0, 1)), 0.0, 1.0))
+    J = jax.vmap(lambda H: inverse_lower(cholesky(H.reshape(n, n) + unit)).T)(hessians)
+    centre = jnp.einsum("rnm,rn->rm", J, right)
+    points = nearest_points(G, h, centre, J, whole.rows)
+    y = jnp.einsum("rnm,rm->rn", J, points.y)
+    known = (points.status == int(Status.OPTIMAL)) & ~at.deficient
+    difference = jax.vmap(constraint.coefficients)(y - whole.y) * of.unit
+    return jnp.where(known[:, None, None], difference, jnp.nan)

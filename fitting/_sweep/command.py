@@ -1,0 +1,108 @@
+"""What `famjax sweep` does besides parsing: geometry, sweep, files and the rows to print."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .._data.force_data import ForceData
+from .._data.units import SYSTEMS, from_si
+from .._errors import InputError
+from .._model.geometry_source import EstimatedSource
+from .._saved.report import as_png, check_output, write_all
+from .plot import plot_curves, plot_errors, rows_of
+from .sweep import SweepRow, sweep
+
+SWEEP_FILE = "sweep.jsonl"
+"""Where the finished parts are kept, in the output folder."""
+
+_CURVES = 3
+
+
+def sweep_command(
+    data: Sequence[ForceData],
+    *,
+    geometry: Mapping[str, float],
+    orders: Sequence[int] = (1, 2, 3, 4),
+    objective: str = "sum_of_squares",
+    bootstrap: int = 0,
+    seed: int = 0,
+    output: Path = Path("famjax-sweep"),
+    units: str = "metric",
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[dict[str, Any], list[Path]]:
+    """All permutations of the law for some force maps, with their files.
+
+    Writes `sweep.jsonl`, from which a stopped sweep goes on, and for each force map pictures of
+    errors and force curves.
+
+    Args:
+        data: the force maps.
+        geometry: braid_diameter [m], braid_angle [rad] and deadband_pressure [Pa], of all of them.
+        orders: of the law.
+        objective: see `sweep`.
+        bootstrap: number of replicates.
+        seed: of the replicates.
+        output: folder, made if need be.
+        units: "si", "metric" or "us", of pictures and rows.
+        progress: called with (parts done, parts).
+
+    Returns:
+        A document for JSON with the rows, and the files.
+
+    Raises:
+        InputError: the data, the options or the folder cannot be used.
+    """
+    check_output(output)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the output folder {output} cannot be made: {error}") from None
+    found = sweep(
+        data,
+        [EstimatedSource(one.specimen).geometry(geometry) for one in data],
+        deadband=geometry["deadband_pressure"],
+        orders=orders,
+        objective=objective,
+        bootstrap=bootstrap,
+        seed=seed,
+        resume=output / SWEEP_FILE,
+        progress=progress,
+    )
+    pictures: dict[str, bytes] = {}
+    for index in range(len(found.data)):
+        best = sorted(rows_of(found, index), key=lambda row: row.bic)[:_CURVES]
+        for name, figure in (
+            ("errors", plot_errors(found, units, index)),
+            ("curves", plot_curves(found, best, units, index)),
+        ):
+            pictures[f"{name}-{index + 1}.png"] = as_png(figure)
+    document = {"rows": [table_row(row, units) for row in found.rows]}
+    json.dumps(document, allow_nan=False)
+    return document, [output / SWEEP_FILE, *write_all(output, pictures)]
+
+
+def table_row(row: SweepRow, system: str) -> dict[str, Any]:
+    """One line of the table, the unit in each name; what is not known is null."""
+    force, stress = SYSTEMS[system]["force"], SYSTEMS[system]["stress"]
+    numbers = {
+        f"rmse_{force}": from_si(row.rmse, force, "force"),
+        f"mae_{force}": from_si(row.mae, force, "force"),
+        f"blocked_force_error_{force}": from_si(row.blocked_error, force, "force"),
+        "free_contraction_error": row.free_contraction_error,
+        "aicc": row.aicc,
+        "bic": row.bic,
+        f"left_out_rmse_{force}": from_si(row.cross_validated_rmse, force, "force"),
+        f"stability_margin_{stress}": from_si(row.margin, stress, "stress"),
+        "condition": row.condition,
+    }
+    return {
+        "data": row.data,
+        "pressure": row.dependence,
+        "order": row.order,
+        "constraint": row.constraint,
+        "n_coefficients": row.n_coefficients,
+        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        "verdict": row.verdict,
+    }

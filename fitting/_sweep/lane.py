@@ -1,0 +1,171 @@
+"""One fit of a sweep as masks of a padded problem, whitened.
+
+A fit that is free in pressure is one small problem per pressure; one that is fixed or linear in
+pressure couples them, with the coefficients at the lowest and the highest pressure as unknowns. A
+lower order, a fixed law and each constraint are masks.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._convex.convex_fit import Constraint
+from .._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
+from .._convex.qp import inverse_upper
+from .problem import Design, compressed
+
+CONSTRAINTS = ("none", "positive", "slope", "drucker")
+DEPENDENCES = ("fixed", "linear", "free")
+OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
+
+_HUBER = 1.345  # threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)
+_NORMAL_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
+
+
+class Lane(eqx.Module):
+    """One fit of the padded problem: masks, and where its unknowns come from.
+
+    Attributes:
+        factor: of its pressures, shape (paths, order + 1, order + 1).
+        basis: shape (paths, basis).
+        to_x: from whitened unknowns to scaled coefficients, shape (order, basis, n).
+        constraint: what it has to satisfy.
+        start: the unconstrained optimum of the sum of squares, shape (n,).
+        condition: of the columns.
+        deficient: whether the data cannot tell its coefficients apart.
+    """
+
+    factor: Float[Array, "paths rows rows"]
+    basis: Float[Array, "paths basis"]
+    to_x: Float[Array, "order basis n"]
+    constraint: Constraint
+    start: Float[Array, " n"]
+    condition: Float[Array, ""]
+    deficient: Bool[Array, ""]
+
+    @property
+    def blocks(self) -> tuple[Float[Array, "paths rows n"], Float[Array, "paths rows"]]:
+        """W and c of the compressed readings: residuals W y - c."""
+        columns = self.factor[:, :, :-1]
+        W = jnp.einsum("pke,pb,ebn->pkn", columns, self.basis, self.to_x)
+        return W, self.factor[:, :, -1]
+
+
+def coupled(of: Design, dependence: int) -> tuple[Array, Array, Array]:
+    """Basis, triangle and right-hand side of a law that is the same, or linear, in pressure.
+
+    Args:
+        of: the shared problem.
+        dependence: index into `DEPENDENCES`, 0 or 1.
+
+    Returns:
+        Basis of shape (pressures, 2), R of shape (2 order, 2 order) and c of shape (2 order,), of
+        the unknowns order by order. A fixed law has the first of each two unknowns only.
+    """
+    rows, right = of.factor[:, :, :-1], of.factor[:, :, -1].ravel()
+    order = of.unit.shape[0]
+    if dependence == DEPENDENCES.index("linear"):
+        columns = jnp.einsum("pke,pb->pkeb", rows, of.basis).reshape(right.size, 2 * order)
+        triangle = compressed(columns, right)
+        return of.basis, triangle[:-1, :-1], triangle[:-1, -1]
+    triangle = compressed(rows.reshape(right.size, order), right)
+    basis = jnp.zeros_like(of.basis).at[:, 0].set(1.0)
+    R = jnp.eye(2 * order).at[::2, ::2].set(triangle[:-1, :-1])
+    return basis, R, jnp.zeros(2 * order).at[::2].set(triangle[:-1, -1])
+
+
+def lane(
+    of: Design,
+    paths: Int[Array, " paths"],
+    basis: Float[Array, "paths basis"],
+    R: Float[Array, "n n"],
+    c: Float[Array, " n"],
+    order: Int[Array, ""],
+    kind: Int[Array, ""],
+) -> Lane:
+    """One fit over some of the pressures.
+
+    Args:
+        of: the shared problem.
+        paths: indices of the pressures.
+        basis: of the coefficients there; a column of zeros switches an unknown off.
+        R: triangle of the highest order; a lower one is its leading block.
+        c: right-hand side.
+        order: of the law.
+        kind: index into `CONSTRAINTS`.
+    """
+    highest, n_basis = of.unit.shape[0], basis.shape[1]
+    used = jnp.arange(highest) < order
+    mask = (used[:, None] & jnp.any(basis != 0, axis=0)).ravel()
+    size = jnp.sqrt(jnp.sum(R**2, axis=0))
+    scale = jax.lax.stop_gradient(jnp.where(mask & (size > 0), size, 1.0))
+    # An unknown that is off has a unit diagonal.
+    R = jnp.where(mask[:, None] & mask, R / scale, jnp.eye(mask.size))
+    J, condition, deficient = inverse_upper(R, of.target.size)
+    own = jnp.linalg.norm(jnp.where(mask[:, None], J, 0.0))
+    condition = jnp.where(deficient, condition, jnp.sqrt(jnp.sum(mask)) * own)
+    to_x = jnp.where(mask[:, None], J / scale[:, None], 0.0).reshape(highest, n_basis, -1)
+    pick = jnp.where(kind == CONSTRAINTS.index("slope"), 0, 1)
+    table = jax.tree.map(lambda s, d: jnp.stack([s, d])[pick][paths], of.slope, of.drucker)
+
+    def exact(path: Int[Array, " k"], s: Float[Array, " k"]) -> Float[Array, "k order"]:
+        slope, drucker = (phi(paths[path], s) for phi in of.functions)
+        return jnp.where(pick == 0, slope, drucker)
+
+    constraint = Constraint(
+        table=table,
+        exact=exact,
+        grid=of.grid,
+        positive=kind == CONSTRAINTS.index("positive"),
+        on=kind != CONSTRAINTS.index("none"),
+        basis=basis,
+        to_x=to_x,
+        used=used,
+    )
+    start = jnp.where(mask, c, 0.0)
+    return Lane(of.factor[paths], basis, to_x, constraint, start, condition, deficient)
+
+
+def objective_of(
+    name: str,
+    of: Design,
+    at: Lane,
+    paths: Int[Array, " paths"],
+    threshold: Float[Array, ""],
+    keep: Float[Array, " paths"],
+) -> AbstractObjective:
+    """The objective of a lane in its unknowns.
+
+    Args:
+        name: one of `OBJECTIVES`.
+        of: the shared problem.
+        at: the lane.
+        paths: indices of its pressures.
+        threshold: see `huber_threshold`.
+        keep: weights of the pressures; 0 leaves one out.
+    """
+    if name == "huber":
+        weight = of.weight[paths]
+        W = jnp.einsum("pke,pb,ebn->pkn", of.A[paths] * weight[..., None], at.basis, at.to_x)
+        there = jnp.where(weight > 0, keep[:, None], 0.0)
+        return Huber(W, of.target[paths] * weight, there, threshold)
+    W, c = at.blocks
+    M = keep[:, None, None] * jnp.eye(c.shape[1])
+    if name == "mean_rmse":
+        return MeanRmse(W, c, M, jnp.sum(of.weight[paths] > 0, axis=1) * 1.0)
+    return SumOfSquares(W, c, M)
+
+
+def huber_threshold(of: Design) -> Float[Array, ""]:
+    """1.345 standard deviations of the noise, from the most flexible law without a constraint."""
+
+    def residuals(A: Float[Array, "k n"], y: Float[Array, " k"]) -> Float[Array, " k"]:
+        Q, _ = jnp.linalg.qr(A)
+        return y - Q @ (Q.T @ y)
+
+    there, y = of.weight > 0, of.target * of.weight
+    left = jax.vmap(residuals)(of.A * of.weight[..., None], y)
+    spread = _NORMAL_MAD * jnp.nanmedian(jnp.where(there, jnp.abs(left), jnp.nan))
+    size = jnp.sqrt(jnp.sum(y**2) / jnp.sum(there))
+    return jax.lax.stop_gradient(_HUBER * jnp.maximum(spread, 1e-9 * size))
