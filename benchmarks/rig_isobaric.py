@@ -1,0 +1,229 @@
+"""The reference work's pressure control in simulation: published gains, both fluids, and speed.
+
+    python benchmarks/rig_isobaric.py [--pressures N] [--cycles N] [--rate IN_PER_S] [--no-speed]
+                                      [--native] [--json FILE] [--plot FILE]
+
+Each fluid's test runs through device, serial line, recorder, machine log and analysis, so that the
+figures are those of the files. Circuits, noise and friction are ASSUMED where the work prints
+nothing. The transducer's noise of 0.25 psi is part of every standard deviation, as it was of the
+published ones, and most of the air circuit's. The bare regulator runs in the same machine with no
+controller.
+
+`speed` is the full test at chapter 4's rate, 10 pressures x 3 cycles at 0.04 in/s; the tests for
+tables 3.3 to 3.5 run at chapter 3's 0.02 in/s.
+"""
+
+import argparse
+import dataclasses
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig import (
+    Characterisation,
+    Control,
+    Isobaric,
+    IsobaricRecord,
+    NativeDevice,
+    PlanFile,
+    build_native,
+    characterise,
+    force_rmse,
+)
+from rig.simulation import Plant, Regulator, machine_for, mckibben, simulate
+
+PSI, INCH, POUND = 6894.757293168361, 0.0254, 4.4482216152605
+GAINS = {"air": (4.0, 2.0), "water": (0.0, 5.0)}
+"""Table 3.2, 7/8 in: Kp [counts/psi], Ki [counts/(psi s)]."""
+
+PUBLISHED = {
+    "mean_air_psi": {20: 20.08, 40: 40.00, 60: 59.89, 80: 80.04, 100: 100.19},
+    "mean_water_psi": {20: 19.64, 40: 39.96, 60: 59.96, 80: 80.03, 100: 100.11},
+    "std_air_psi": {20: 0.28, 40: 0.34, 60: 0.31, 80: 0.27, 100: 0.29},
+    "std_water_psi": {20: 0.39, 40: 0.43, 60: 0.40, 80: 0.42, 100: 0.37},
+    "rmse_lbf": {20: 2.29, 40: 2.39, 60: 1.41, 80: 4.85, 100: 7.65},
+    "rmse_regulator_lbf": {20: 19.35, 40: 12.18, 60: 8.97, 80: 8.19, 100: 8.41},
+}
+"""Tables 3.3 to 3.5, 7/8 in."""
+
+STROKE = 3.4 * INCH
+"""Longest stroke; the machine turns where the muscle has no force left."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One test and what it took.
+
+    Attributes:
+        found: its characterisation.
+        simulated_s: its duration.
+        wall_s: what it took.
+        cpu_s: of the processor.
+        alignment_error_s: of the machine's clock, against the truth, in the middle of the test.
+    """
+
+    found: Characterisation
+    simulated_s: float
+    wall_s: float
+    cpu_s: float
+    alignment_error_s: float
+
+
+def carry_out(
+    fluid: str,
+    pressures: tuple[float, ...],
+    cycles: int,
+    rate: float,
+    folder: Path,
+    core: Path | None = None,
+) -> Run:
+    """A whole test with the published gains, files included; with the compiled core where given."""
+    plan = Isobaric(pressures, cycles=cycles, stroke=STROKE, rate=rate, settle=10.0)
+    file = PlanFile(plan, fluid, 115 * PSI, Control.per_psi(*GAINS[fluid]))
+    wall, cpu = time.perf_counter(), time.process_time()
+    done = simulate(file, folder, device=None if core is None else NativeDevice(core))
+    alignment = done.analysis.alignment
+    true = (alignment.reference - 12.345) / (1 + 50e-6)  # the clock that `simulate` states
+    return Run(
+        done.analysis.characterisation,
+        done.seconds,
+        time.perf_counter() - wall,
+        time.process_time() - cpu,
+        float(alignment.journal_time(np.array(alignment.reference))) - true,
+    )
+
+
+def bare_regulator(pressures: tuple[float, ...], rate: float) -> Characterisation:
+    """One stroke at each pressure under a bare regulator, from the plant itself."""
+    muscle, rows, clock = mckibben(), [], 0.0
+    dt = 2e-3
+    for pressure in pressures:
+        machine = machine_for(muscle)
+        plant = Plant(Regulator(pressure).start(), muscle, machine)
+        t, started = 0.0, False
+        while t < 10.0 or not started or machine.busy:
+            if t >= 10.0 and not started:
+                machine.start(1, rate)
+                started = True
+            t += dt
+            plant.step(t, dt, 0, False)
+            if round(t / dt) % 10 == 0:
+                rows.append(
+                    (clock + t, machine.length, plant.force, plant.circuit.pressure, pressure)
+                )
+        clock += t + 1.0
+    columns = np.array(rows).T
+    return characterise(IsobaricRecord(*columns, rest_length=muscle.rest_length))
+
+
+def figures(runs: dict[str, Run], regulator: Characterisation, speed: Run | None) -> dict[str, Any]:
+    """The figures beside the printed ones, units in the keys."""
+    rows = []
+    between = force_rmse(runs["air"].found, runs["water"].found)
+    without = force_rmse(regulator, runs["water"].found)
+    for k, bar in enumerate(runs["air"].found.isobars):
+        psi = round(bar.set_pressure / PSI)
+        row: dict[str, float | int | None] = {"set_psi": psi}
+        for fluid, run in runs.items():
+            one = run.found.isobars[k]
+            row |= {
+                f"mean_{fluid}_psi": one.pressure / PSI,
+                f"std_{fluid}_psi": one.pressure_std / PSI,
+                f"largest_error_{fluid}_psi": one.largest_pressure_error / PSI,
+            }
+        bare = regulator.isobars[k]
+        row |= {
+            "std_regulator_psi": bare.pressure_std / PSI,
+            "largest_error_regulator_psi": bare.largest_pressure_error / PSI,
+            "rmse_lbf": between[bar.set_pressure] / POUND,
+            "rmse_regulator_lbf": without[bar.set_pressure] / POUND,
+        }
+        row |= {f"published_{name}": table.get(psi) for name, table in PUBLISHED.items()}
+        rows.append(row)
+    timed = {fluid: run for fluid, run in (*runs.items(), ("speed", speed)) if run is not None}
+    return {
+        "rows": rows,
+        "runs": {
+            name: {
+                "simulated_s": run.simulated_s,
+                "wall_s": run.wall_s,
+                "cpu_s": run.cpu_s,
+                "alignment_error_s": run.alignment_error_s,
+            }
+            for name, run in timed.items()
+        },
+    }
+
+
+def plot(path: Path, runs: dict[str, Run], regulator: Characterisation) -> None:
+    """Standard deviation of the pressure and force curves of both fluids."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for name, found in [*((k, r.found) for k, r in runs.items()), ("bare regulator", regulator)]:
+        at = [bar.set_pressure / PSI for bar in found.isobars]
+        left.plot(at, [bar.pressure_std / PSI for bar in found.isobars], "o-", label=name)
+        for bar in found.isobars if name in runs else ():
+            style = "-" if name == "air" else "--"
+            right.plot(
+                1 - bar.length / found.rest_length, bar.force / POUND, style, color="k", lw=0.8
+            )
+    for fluid, marker in (("air", "^"), ("water", "v")):
+        table = PUBLISHED[f"std_{fluid}_psi"]
+        left.plot(list(table), list(table.values()), marker, ls="", label=f"{fluid}, published")
+    left.set(xlabel="set pressure [psi]", ylabel="standard deviation [psi]", yscale="log")
+    left.legend(fontsize=8)
+    right.set(xlabel="contraction", ylabel="force [lbf]", title="air solid, water dashed")
+    figure.savefig(path)
+
+
+def main() -> None:
+    """Run the tests and print what they came to."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pressures", type=int, default=10)
+    parser.add_argument("--cycles", type=int, default=3)
+    parser.add_argument("--rate", type=float, default=0.02, help="in/s, of the tables' tests")
+    parser.add_argument("--no-speed", action="store_true", help="leave the test of speed out")
+    parser.add_argument(
+        "--native", action="store_true", help="take the firmware's C core: needs cc"
+    )
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--plot", type=Path)
+    given = parser.parse_args()
+    n = given.pressures
+    pressures = tuple(100 * PSI * (k + 1) / n for k in range(n))
+    runs: dict[str, Run] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        core = build_native(folder) if given.native else None
+        for fluid in GAINS:
+            runs[fluid] = carry_out(
+                fluid, pressures, given.cycles, given.rate * INCH, folder / fluid, core
+            )
+            print(
+                f"{fluid}: {runs[fluid].wall_s:.1f} s for {runs[fluid].simulated_s:.0f} s",
+                flush=True,
+            )
+        regulator = bare_regulator(pressures, given.rate * INCH)
+        speed = None
+        if not given.no_speed:
+            ten = tuple(10.0 * PSI * (k + 1) for k in range(10))
+            speed = carry_out("air", ten, 3, 0.04 * INCH, folder / "speed", core)
+    content = figures(runs, regulator, speed)
+    for row in content["rows"]:
+        print("  ".join(f"{k} {v:.3g}" for k, v in row.items() if v is not None))
+    for name, run in content["runs"].items():
+        print(name, "  ".join(f"{k} {v:.4g}" for k, v in run.items()))
+    if given.json:
+        given.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    if given.plot:
+        plot(given.plot, runs, regulator)
+
+
+if __name__ == "__main__":
+    main()

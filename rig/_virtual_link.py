@@ -1,0 +1,65 @@
+"""A link to a simulated rig: no thread, and time passes only in `sleep`."""
+
+from typing import Protocol
+
+from ._abstract_link import AbstractLink
+
+SLICE = 0.004
+"""Virtual time [s] between two looks at the bytes."""
+
+
+class Simulated(Protocol):
+    """Anything that plays the device's side of the cable."""
+
+    @property
+    def now(self) -> float:
+        """Virtual time [s]."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Bytes to the device."""
+        ...
+
+    def read(self) -> bytes:
+        """Bytes that have come from it."""
+        ...
+
+    def advance(self, seconds: float) -> None:
+        """Let virtual time pass."""
+        ...
+
+
+class VirtualLink(AbstractLink):
+    """A link whose `sleep` advances a simulated rig.
+
+    Args:
+        rig: the simulated rig.
+        first_id: number of the first command.
+    """
+
+    def __init__(self, rig: Simulated, first_id: int = 0) -> None:
+        super().__init__(first_id)
+        self.rig = rig
+
+    @property
+    def now(self) -> float:
+        """Virtual time [s]."""
+        return self.rig.now
+
+    @property
+    def running(self) -> bool:
+        """Always: `sleep` moves the bytes."""
+        return True
+
+    def sleep(self, seconds: float) -> None:
+        """Advance the rig in slices of `SLICE`, exchanging bytes after each."""
+        rig = self.rig
+        end = rig.now + seconds
+        while (left := end - rig.now) > 1e-9:
+            rig.advance(min(SLICE, left))
+            out = self._pump(rig.read())
+            if out:
+                rig.write(out)
+
+    def close(self) -> None:
+        """Nothing to let go."""

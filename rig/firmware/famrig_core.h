@@ -1,0 +1,119 @@
+/* The device without its hardware: portable C99, integers only, no register and no clock.
+ *
+ * A port calls famrig_step once per 2 ms tick with the counts of its converter, sets its output and
+ * its pins at once, then calls famrig_serve and famrig_release. README.md describes the protocol;
+ * rig/_device.py is the same program in Python and must send the same bytes. */
+#ifndef FAMRIG_CORE_H
+#define FAMRIG_CORE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifndef FR_RING
+#define FR_RING 64 /* records that can be repeated, 1 to 1024; 14 bytes each */
+#endif
+#ifndef FR_BYTES_PER_TICK
+#define FR_BYTES_PER_TICK 21 /* sent in 2 ms: the line carries 23 at 115200 baud */
+#endif
+
+#define FR_PROTOCOL 1
+#define FR_FIRMWARE 1
+#define FR_TICK_HZ 500
+#define FR_LINE_LIMIT 63
+#define FR_RECEIVE_SIZE 128 /* a power of two; one byte stays free */
+#define FR_SEND_LIMIT 200   /* bytes waiting for their tick */
+#if FR_BYTES_PER_TICK <= 28
+#define FR_SEND_SIZE 256 /* those, and what two ticks have released */
+typedef uint8_t fr_index;
+#elif FR_BYTES_PER_TICK <= 156
+#define FR_SEND_SIZE 512
+typedef uint16_t fr_index;
+#else
+#define FR_SEND_SIZE 1024
+typedef uint16_t fr_index;
+#endif
+#define FR_JUMP_TICKS 5
+
+enum fr_state { FR_SAFE, FR_RUN, FR_MANUAL, FR_TRIP };
+enum fr_fault { FR_NO_FAULT, FR_SILENCE, FR_OVER_PRESSURE, FR_JUMP, FR_STALL, FR_WATCHDOG };
+enum fr_cause { FR_POWER_ON = 1, FR_RESET_PIN = 2, FR_BROWN_OUT = 4, FR_WATCHDOG_RESET = 8 };
+
+/* What the controller controls with; units as in rig/_control_law.py. */
+typedef struct {
+    int32_t set_point;             /* 1/128 psi */
+    uint16_t feed_forward;         /* 1/256 PWM count */
+    uint16_t proportional;         /* 1/256 PWM count / psi */
+    uint16_t integral;             /* 1/256 PWM count / (psi s) */
+    int16_t low, high;             /* PWM counts */
+    uint16_t zero;                 /* 1/16 count */
+    uint16_t span;                 /* 1/64 psi per 1024 counts */
+} fr_law;
+
+typedef struct {
+    int32_t integral;              /* 1/32768 PWM count */
+    uint16_t tick;                 /* low half */
+    uint16_t pressure_sum, pressure_count, force_sum;
+    uint8_t output, flags;
+} fr_record;
+
+typedef struct {
+    /* control */
+    uint32_t tick, seq, since;
+    fr_law law, next_law;
+    int32_t integral;
+    uint16_t trip, jump, stall, silent;
+    uint16_t count, pressure_sum, force_sum;
+    uint16_t history[FR_JUMP_TICKS];
+    uint16_t silence, stall_ticks, stall_from, sync_left, next_sync;
+    uint8_t state, next_state, fault, output;
+    uint8_t div, next_div, phase, oldest;
+    uint8_t over, jumped, manual, next_manual;
+    bool sync, changed, fresh;
+    /* what is to be told */
+    bool tell_hello, tell_state, tell_settings, tell_comment;
+    bool strict, human, told_limits;
+    /* lines */
+    uint16_t boot, bad, good, overrun, dropped, late;
+    uint16_t last_id, last_check;
+    uint32_t last_seq, base, mask_low, mask_high;
+    uint8_t last_reason, cause, line_length;
+    char line[FR_LINE_LIMIT + 1];
+    uint16_t check, kept;
+    volatile uint8_t received_head, received_mark, received_tail;
+    fr_index sending_head, sending_start;
+    volatile fr_index sent, released;
+    uint8_t received[FR_RECEIVE_SIZE];
+    uint8_t sending[FR_SEND_SIZE];
+    fr_record ring[FR_RING];
+} famrig;
+
+/* Start, output off. `boot` is the counter as stored: the new one, to be stored, is in `boot`. */
+void famrig_reset(famrig *d, uint8_t cause, uint16_t boot);
+
+/* A byte has arrived. May interrupt everything but itself and famrig_mark. */
+void famrig_receive(famrig *d, uint8_t byte);
+
+/* A tick begins: what arrives from now on belongs to the next one. */
+void famrig_mark(famrig *d);
+
+/* Ticks that no step was made for. */
+void famrig_late(famrig *d, uint8_t ticks);
+
+/* Guards and controller. Sets output, state, sync. */
+void famrig_step(famrig *d, uint16_t pressure, uint16_t force);
+
+/* Read at most one line, write at most one line and a record. */
+void famrig_serve(famrig *d);
+
+/* Let the bytes of this tick go, fewer where the line lags behind. famrig_next may not interrupt. */
+void famrig_release(famrig *d);
+
+/* The next byte to send, or -1. */
+int16_t famrig_next(famrig *d);
+
+static inline bool famrig_dump_open(const famrig *d)
+{
+    return d->state != FR_RUN && d->state != FR_MANUAL;
+}
+
+#endif

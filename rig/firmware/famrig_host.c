@@ -1,0 +1,38 @@
+/* The core for a computer: one call per tick, for rig/_native_device.py. */
+#include "famrig_core.h"
+
+#include <stddef.h>
+
+size_t famrig_host_size(void) { return sizeof(famrig); }
+
+/* Ring, bytes per tick: what this library was built with. */
+int famrig_host_ring(void) { return FR_RING; }
+int famrig_host_bytes_per_tick(void) { return FR_BYTES_PER_TICK; }
+
+void famrig_host_feed(famrig *d, const uint8_t *bytes, size_t number)
+{
+    while (number-- > 0)
+        famrig_receive(d, *bytes++);
+}
+
+/* A tick; writes what it sent, at most FR_BYTES_PER_TICK bytes, and says how many. */
+size_t famrig_host_tick(famrig *d, uint16_t pressure, uint16_t force, uint8_t *sent)
+{
+    size_t number = 0;
+    famrig_mark(d);
+    famrig_step(d, pressure, force);
+    famrig_serve(d);
+    famrig_release(d);
+    for (int16_t byte = famrig_next(d); byte >= 0; byte = famrig_next(d))
+        sent[number++] = (uint8_t)byte;
+    return number;
+}
+
+/* Output, state, sync and the boot counter. */
+void famrig_host_look(const famrig *d, int *values)
+{
+    values[0] = d->output;
+    values[1] = d->state;
+    values[2] = d->sync;
+    values[3] = d->boot;
+}

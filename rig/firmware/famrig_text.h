@@ -1,0 +1,63 @@
+/* The lines of the core: words and numbers in, fields and a CRC out. */
+#ifndef FAMRIG_TEXT_H
+#define FAMRIG_TEXT_H
+
+#include "famrig_core.h"
+
+#ifdef __FLASH /* avr-gcc: constants stay in program memory */
+#define FR_FLASH __flash
+#else
+#define FR_FLASH
+#endif
+
+#define FR_MAX_NUMBERS 2
+
+enum fr_verb {
+    FR_VERB_HELLO, FR_VERB_STATUS, FR_VERB_HB, FR_VERB_RP, FR_VERB_STRICT, FR_VERB_HUMAN,
+    FR_VERB_SET, FR_VERB_GAIN, FR_VERB_ILIM, FR_VERB_CAL, FR_VERB_RUN, FR_VERB_MAN, FR_VERB_STOP,
+    FR_VERB_CLEAR, FR_VERB_SYNC, FR_VERB_TELE, FR_VERB_TRIP, FR_VERB_JUMP, FR_VERB_STALL,
+    FR_VERB_HBMS, FR_VERB_UNKNOWN
+};
+
+/* Why a command was refused. */
+enum fr_reason {
+    FR_OK, FR_UNKNOWN, FR_NUMBER, FR_TRIPPED, FR_NO_LIMIT, FR_PRESSURE, FR_RUNNING, FR_BAUD
+};
+
+enum fr_label {
+    FR_LABEL_P, FR_LABEL_SET, FR_LABEL_U, FR_LABEL_I, FR_LABEL_FAULT, FR_LABEL_STATE
+};
+
+typedef const FR_FLASH char *fr_text;
+
+extern const FR_FLASH char fr_name[], fr_error[];
+
+/* ---- out: a line begins with its letter, is written at once, ends with its CRC ---- */
+void fr_begin(famrig *d, char letter);
+void fr_end(famrig *d);
+void fr_number(famrig *d, uint32_t value);
+void fr_signed(famrig *d, int32_t value);
+void fr_field(famrig *d, uint32_t value);
+void fr_signed_field(famrig *d, int32_t value);
+void fr_text_field(famrig *d, fr_text text);
+void fr_label(famrig *d, uint8_t label);
+void fr_hundredths(famrig *d, int32_t pressure); /* 1/128 psi, as psi with two decimals */
+fr_text fr_reason(uint8_t reason);
+
+/* ---- in ---- */
+uint16_t fr_crc(const char *text);
+
+/* Whether d->line may be obeyed; cuts its CRC off. */
+bool fr_check(famrig *d, bool *checked);
+
+/* The id that a line begins with, 0 where there is none. */
+uint16_t fr_id(const char **words);
+uint8_t fr_verb(const char **words);
+
+/* How many numbers were read; -1 where one is missing, too many or out of range. */
+int8_t fr_numbers(uint8_t verb, const char *words, int32_t *values);
+
+/* A re-request, into d->base and d->mask. */
+bool fr_request(famrig *d, const char *words);
+
+#endif

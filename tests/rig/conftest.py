@@ -1,0 +1,36 @@
+"""The firmware's executions: Python always, C where there is a compiler, AVR where there is simavr."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from rig import build_native, firmware_folder
+
+sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
+
+from avr import Avr, build_harness
+
+
+@pytest.fixture(scope="session")
+def native_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The C core; it needs `cc` and nothing else."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler 'cc' on the path")
+    return build_native(tmp_path_factory.mktemp("core"))
+
+
+@pytest.fixture(scope="session")
+def harness(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The simulator with its lock step."""
+    library = build_harness(tmp_path_factory.mktemp("simavr"))
+    if library is None:
+        pytest.skip("no libsimavr (Debian: libsimavr-dev) or no C compiler")
+    return library
+
+
+@pytest.fixture
+def avr(harness: Path) -> Avr:
+    """An Uno with the firmware that ships, just switched on."""
+    return Avr(harness, firmware_folder() / "famrig.hex")

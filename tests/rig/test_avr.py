@@ -1,0 +1,180 @@
+"""The firmware that ships, on a simulated ATmega328P: the same bytes as the core, in time."""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import cast
+
+import pytest
+from avr import (
+    GOOD_PRESSURE,
+    Avr,
+    hang_delay,
+    over_pressure_delay,
+    silence_delay,
+    start_manual,
+)
+from lock_step import lock_step
+from session_fuzz import Fuzz
+
+from rig import (
+    RUN,
+    Control,
+    Device,
+    Hello,
+    Isobaric,
+    Journal,
+    Rig,
+    Splitter,
+    Status,
+    VirtualLink,
+    audit,
+    firmware_folder,
+    frame,
+    parse,
+    read_journal,
+    run,
+    table,
+)
+from rig.simulation import SimulatedRig
+
+FIRMWARE = firmware_folder()
+PREBUILT_WITH = "5.4.0"  # avr-gcc of the hex file that ships
+PHASES = 24  # between two ticks, at which an event may fall
+TICK = 2e-3  # s
+PSI = 6894.757293168361  # Pa
+HELD = 0.5 * PSI  # of the mean, in strokes at four times the reference work's rate
+STATIC_RAM_END = 0x0100 + 1507  # .data and .bss, as `avr-size` says
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_avr_sends_what_the_port_sends(seed: int, avr: Avr) -> None:
+    assert lock_step(Device(), avr, Fuzz(seed), 6000) > 1000
+
+
+def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr: Avr) -> None:
+    """Records at the highest rate, comments, a command in every line: late, overrun stay 0."""
+    fuzz = Fuzz(5, resets=False)
+    lines = Splitter()
+    last = None
+    for body in ("1 human 1", "2 tele 4", "3 trip 1023", "4 jump 1023", "5 gain 4 2", "6 run"):
+        avr.feed(frame(body))
+        avr.tick(GOOD_PRESSURE, 0)
+        avr.tick(GOOD_PRESSURE, 0)
+    for number, tick in enumerate(fuzz.ticks(3000)):
+        if number % 4 == 0:
+            avr.feed(frame(f"{number % 60000 + 10} set {number % 100}.1234 128.5")[:19])
+        elif number % 4 == 1:
+            avr.feed(frame(f"{(number - 1) % 60000 + 10} set {(number - 1) % 100}.1234 128.5")[19:])
+        avr.tick(GOOD_PRESSURE, tick.force)
+        for message in map(parse, lines.feed(avr.take())):
+            last = message if isinstance(message, Status) else last
+    assert last is not None
+    assert last.good > 700
+    assert (last.late, last.overrun, last.bad) == (0, 0, 0)
+    assert last.state == 1
+
+
+def test_stack_keeps_clear_of_the_variables(avr: Avr) -> None:
+    for tick in Fuzz(6, resets=False).ticks(300):
+        avr.feed(tick.bytes_in)
+        avr.run(TICK, tick.pressure)
+    assert avr.lowest_stack > STATIC_RAM_END + 200  # bytes never touched
+
+
+def test_over_pressure_takes_the_output_off_within_7_ms(avr: Avr) -> None:
+    delays = [over_pressure_delay(avr, TICK * k / PHASES) for k in range(PHASES)]
+    assert max(delays) <= 7e-3
+    assert min(delays) > 2 * TICK  # three conversions, not one
+
+
+def test_silence_takes_the_output_off_after_a_second(avr: Avr) -> None:
+    for k in range(4):
+        assert silence_delay(avr, TICK * k / 4) == pytest.approx(1.0, abs=5e-3)
+
+
+def test_hung_program_is_reset_by_the_watchdog(avr: Avr) -> None:
+    boots = []
+    for k in range(2):
+        assert hang_delay(avr, TICK * k / 2) <= 0.27
+        messages = [parse(line) for line in Splitter().feed(avr.take())]
+        hello = [m for m in messages if isinstance(m, Hello)][-1]
+        status = [m for m in messages if isinstance(m, Status)][-1]
+        assert (hello.cause, status.state, status.fault) == (8, 0, 5)
+        boots.append(hello.boot)
+    assert boots[1] == boots[0] + 2  # the reset of the test, and that of the watchdog
+
+
+def test_pins_follow_the_state(avr: Avr) -> None:
+    assert avr.dump_open
+    start_manual(avr, output=77)
+    assert not avr.dump_open
+    avr.feed(frame("9 sync 3"))
+    assert max(_sync_ticks(avr, 40)) == 15  # three records of five ticks
+    avr.feed(frame("10 stop"))
+    assert avr.run(0.01, GOOD_PRESSURE) == 0
+    assert avr.dump_open
+
+
+def _sync_ticks(avr: Avr, ticks: int) -> list[int]:
+    lengths, length = [], 0
+    for _ in range(ticks):
+        avr.tick(GOOD_PRESSURE, 0)
+        length = length + 1 if avr.sync else 0
+        lengths.append(length)
+    return lengths
+
+
+def test_firmware_holds_pressure_and_every_record_is_what_its_law_says(
+    avr: Avr, tmp_path: Path
+) -> None:
+    """The whole chain with the real program in it: plan, line, journal, valve and muscle."""
+    sim = SimulatedRig(device=cast("Device", avr), clock_rate=-2e-3)
+    plan = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
+    settings = {"pressure_limit": 110 * PSI, "control": Control.per_psi(4, 2)}
+    with (
+        Journal(tmp_path / "run.fam", lambda: sim.now, reserve_bytes=0) as journal,
+        Rig(VirtualLink(sim), sim.calibration(), journal=journal, **settings) as rig,
+    ):
+        run(rig, plan, machine=sim.machine)
+    assert (sim.device.output, sim.device.dump_open) == (0, True)
+    record = read_journal(tmp_path / "run.fam")
+    found = audit(record)
+    assert found.sound
+    assert found.checked == found.equal == found.records
+    columns = table(record)
+    for block, pressure in enumerate(plan.pressures):
+        held = (columns["block"] == block) & (columns["state"] == RUN)
+        settled = held & (columns["time_s"] > columns["time_s"][held][0] + plan.settle)
+        assert columns["pressure_Pa"][settled].mean() == pytest.approx(pressure, abs=HELD)
+
+
+def _avr_gcc_version() -> str:
+    if shutil.which("avr-gcc") is None or shutil.which("make") is None:
+        pytest.skip("no avr-gcc or make (Debian: gcc-avr avr-libc make)")
+    said = subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True)
+    found = re.search(r"\d+\.\d+\.\d+", said.stdout)
+    assert found, said.stdout
+    return found[0]
+
+
+def test_sources_build_without_a_warning_into_the_hex_that_ships(tmp_path: Path) -> None:
+    version = _avr_gcc_version()
+    environment = {**os.environ, "LC_ALL": "C"}
+    make = ["make", "-C", str(FIRMWARE), f"BUILD={tmp_path}", "hex"]
+    built = subprocess.run(make, capture_output=True, text=True, env=environment, check=False)
+    assert built.returncode == 0, built.stderr
+    assert "warning" not in built.stderr
+    if version != PREBUILT_WITH:
+        pytest.skip(f"the hex that ships is of avr-gcc {PREBUILT_WITH}, this is {version}")
+    assert (tmp_path / "famrig.hex").read_text() == (FIRMWARE / "famrig.hex").read_text()
+
+
+def test_sources_build_for_500000_baud(tmp_path: Path) -> None:
+    _avr_gcc_version()
+    options = ["BAUD=500000", "BYTES_PER_TICK=91", "RING=32", f"BUILD={tmp_path}"]
+    make = ["make", "-C", str(FIRMWARE), *options, "elf"]
+    built = subprocess.run(make, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr

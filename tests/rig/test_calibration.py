@@ -1,0 +1,161 @@
+"""Sensors and feed-forward: least squares against independent oracles, errors against repetition."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rig._calibration import (
+    Calibration,
+    calibration_from_dict,
+    read_calibration,
+    write_calibration,
+)
+from rig._errors import RigError
+from rig._feed_forward import FeedForward, fit_feed_forward
+from rig._sensor import Sensor, fit_sensor
+
+REFERENCES = np.linspace(0, 7e5, 8)
+ROUNDING = 1e-9
+"""Two ways of one sum in float64."""
+
+
+def noisy_counts(rng: np.random.Generator, scatter: float = 2.0) -> np.ndarray:
+    return 512 + REFERENCES / 330 + rng.normal(0, scatter, REFERENCES.size)
+
+
+def test_a_sensor_is_the_regression_of_counts_on_references() -> None:
+    counts = noisy_counts(np.random.default_rng(1))
+    sensor, oracle = fit_sensor(counts, REFERENCES), stats.linregress(REFERENCES, counts)
+    assert sensor.gain == pytest.approx(1 / oracle.slope, rel=ROUNDING)
+    assert sensor.zero == pytest.approx(oracle.intercept, rel=ROUNDING)
+    assert sensor.gain_std == pytest.approx(oracle.stderr / oracle.slope**2, rel=ROUNDING)
+    assert sensor.zero_std == pytest.approx(oracle.intercept_stderr, rel=ROUNDING)
+
+
+def test_the_errors_of_a_sensor_are_those_of_repeated_calibrations() -> None:
+    rng = np.random.default_rng(2)
+    many = [fit_sensor(noisy_counts(rng), REFERENCES) for _ in range(1500)]
+    at = 1700.0
+    spread = np.std([sensor.value(at) for sensor in many])
+    expected = np.sqrt(np.mean([sensor.error(at) ** 2 for sensor in many]))
+    assert expected == pytest.approx(spread, rel=0.08)  # 1500 draws: 2 % each
+    mean_gain_std = np.sqrt(np.mean([sensor.gain_std**2 for sensor in many]))
+    assert mean_gain_std == pytest.approx(np.std([s.gain for s in many]), rel=0.08)
+    assert np.corrcoef([s.gain for s in many], [s.zero for s in many])[0, 1] == pytest.approx(
+        np.mean([s.correlation for s in many]), abs=0.05
+    )
+
+
+def test_value_and_counts_invert_each_other() -> None:
+    sensor = Sensor.from_range((500.0, 0.0), (4500.0, 1e6))
+    assert sensor.counts(float(sensor.value(1234.0))) == pytest.approx(1234.0)
+    assert np.isinf(sensor.error(1000.0))
+
+
+@pytest.mark.parametrize(
+    ("counts", "references", "message"),
+    [
+        ([1, 2], [0, 1], "three references or more, got 2"),
+        ([1, 2, 3], [5, 5, 5], "all references are 5"),
+        ([1, 2, 5115], [0, 1, 2], "reading 3 is 5115 counts, the end of the converter"),
+        ([0, 2, 3], [0, 1, 2], "reading 1 is 0 counts"),
+        ([1, 2, np.nan], [0, 1, 2], "finite"),
+        ([1, 2, 3], [0, 1], "one shape"),
+        ([10, 12, 9, 11, 10], [0, 1, 2, 3, 4], "do not follow the references"),
+    ],
+)
+def test_a_table_that_is_no_calibration_is_refused(
+    counts: list, references: list, message: str
+) -> None:
+    with pytest.raises(RigError, match=message):
+        fit_sensor(counts, references)
+
+
+def test_a_cubic_comes_back_and_its_error_is_that_of_repetition() -> None:
+    P = np.linspace(2e4, 7e5, 12)
+
+    def true(p: np.ndarray) -> np.ndarray:
+        x = p / 7e5
+        return 30 + 120 * x - 60 * x**2 + 90 * x**3
+
+    exact = fit_feed_forward(P, true(P))
+    np.testing.assert_allclose([exact.output(p) for p in P], true(P), rtol=1e-9)
+    rng = np.random.default_rng(3)
+    many = [fit_feed_forward(P, true(P) + rng.normal(0, 0.8, P.size)) for _ in range(800)]
+    at = 4e5
+    spread = np.std([v.output(at) for v in many])
+    expected = np.sqrt(np.mean([v.error(at) ** 2 for v in many]))
+    assert expected == pytest.approx(spread, rel=0.1)  # 800 draws: 3 % each
+
+
+def test_a_feed_forward_is_used_only_where_it_is_known() -> None:
+    P = np.linspace(1e5, 7e5, 8)
+    v = fit_feed_forward(P, P / 7e5 * 200)
+    with pytest.raises(RigError, match=r"known from 100000 to 700000 Pa, not at 50000 Pa"):
+        v.output(5e4)
+    assert FeedForward.bias().output(3e5) == 127.5
+    with pytest.raises(RigError, match=r"must be 0..255"):
+        FeedForward.bias(300.0).output(0.0)
+
+
+@pytest.mark.parametrize(
+    ("pressures", "outputs", "message"),
+    [
+        ([1, 2, 3, 4], [10, 20, 30, 40], "five steps"),
+        ([1, 2, 3, 4, 5, 6], [10, 30, 60, 50, 30, 10], "must rise"),
+        ([1, 1, 1, 2, 2, 2], [10, 30, 60, 70, 80, 90], "five steps of four"),
+        ([1, 2, 3, 4, np.inf], [10, 20, 30, 40, 50], "finite"),
+    ],
+)
+def test_steps_that_fix_no_cubic_are_refused(pressures: list, outputs: list, message: str) -> None:
+    with pytest.raises(RigError, match=message):
+        fit_feed_forward(np.array(pressures) * 1e5, outputs)
+
+
+def calibration() -> Calibration:
+    rng = np.random.default_rng(5)
+    force = fit_sensor(2500 - REFERENCES / 400, REFERENCES / 300)
+    P = np.linspace(2e4, 7e5, 12)
+    v = fit_feed_forward(P, 30 + P / 4000 + rng.normal(0, 0.5, P.size))
+    return Calibration(fit_sensor(noisy_counts(rng), REFERENCES), force, v)
+
+
+def test_a_file_gives_back_the_same_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    for known in (
+        calibration(),
+        dataclasses.replace(calibration(), feed_forward=FeedForward.bias()),
+        Calibration(Sensor(300.0, 500.0), Sensor(-1.0, 2000.0)),
+    ):
+        write_calibration(path, known)
+        assert read_calibration(path) == known
+    assert "gain_Pa_per_count" in path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"pressure": {}}, "missing: \\['force'\\]"),
+        ({"pressure": {"gain_Pa_per_count": 1}, "force": {}}, "must have zero_counts"),
+        ({"pressure": {"gain_psi_per_count": 1}, "force": {}}, "unknown key 'gain_psi_per_count'"),
+        ({"pressure": {"gain_Pa_per_count": "x"}, "force": {}}, "must be a number"),
+        ({"pressure": {"gain_Pa_per_count": 0, "zero_counts": 0}, "force": {}}, "not zero"),
+        ({"pressure": 3, "force": {}}, "must be a table"),
+    ],
+)
+def test_a_file_that_is_no_calibration_is_refused(content: dict, message: str) -> None:
+    with pytest.raises(RigError, match=message):
+        calibration_from_dict(content)
+
+
+def test_a_transducer_that_falls_is_refused() -> None:
+    with pytest.raises(RigError, match=r"gain must be positive"):
+        Calibration(Sensor(-1.0, 0.0), Sensor(1.0, 0.0))
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(RigError, match=r"cannot read the calibration"):
+        read_calibration(tmp_path / "none.toml")

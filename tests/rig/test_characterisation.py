@@ -1,0 +1,236 @@
+"""Characterisation of loops whose ends, areas and differences are known in closed form."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting import read_csv
+from rig import (
+    Alignment,
+    Gap,
+    IsobaricRecord,
+    MachineLog,
+    RigError,
+    characterise,
+    combine,
+    dataset_text,
+    force_rmse,
+    write_dataset,
+)
+
+L0, STROKE, RATE, DT = 0.24, 0.06, 1e-3, 0.02
+HALF = 12.0  # N, half of the loop's width
+NOISE = 2.0  # N
+GRID_ERROR = 3 * NOISE / np.sqrt(30)  # about 60 rows stand behind each value of a branch's grid
+
+
+def pull(length: np.ndarray, pressure: float) -> np.ndarray:
+    """A force that falls linearly to zero at 5 cm: blocked P / 100 N, at every pressure."""
+    return pressure / 100 * (1 - (L0 - length) / 0.05)
+
+
+def record(
+    seed: int = 0,
+    *,
+    cycles: int = 3,
+    pressures: tuple[float, ...] = (1e5, 3e5),
+    offset: float = 0.0,
+    stroke: float = STROKE,
+    rest: float = 5.0,
+) -> IsobaricRecord:
+    """Strokes with rests of `rest` before each pressure; force = pull -+ HALF, pressure +-, noise."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for pressure in pressures:
+        ramp = np.arange(0, stroke / RATE, DT) * RATE
+        once = np.concatenate([ramp, stroke - ramp])
+        still = np.zeros(round(rest / DT))
+        shortened = np.concatenate([still, *[once] * cycles, still])
+        moving = np.gradient(shortened)
+        side = HALF * np.where(np.abs(moving) > 1e-9, np.sign(-moving), 0.0)
+        length = L0 - shortened
+        force = pull(length, pressure) + side + offset + rng.normal(0, NOISE, length.size)
+        held = pressure + 200.0 + rng.normal(0, 500.0, length.size)
+        parts.append(np.column_stack([length, force, held, np.full(length.size, pressure)]))
+    table = np.concatenate(parts)
+    return IsobaricRecord(DT * np.arange(len(table)), *table.T, rest_length=L0)
+
+
+def test_curves_ends_and_loop_are_those_of_the_closed_form() -> None:
+    found = characterise(record())
+    assert [bar.set_pressure for bar in found.isobars] == [1e5, 3e5]
+    for bar in found.isobars:
+        exact = pull(bar.length, bar.set_pressure)
+        inner = slice(2, -2)  # the loop's corners are sharper than the grid
+        assert np.abs(bar.shortening - (exact - HALF))[inner].max() < GRID_ERROR
+        assert np.abs(bar.lengthening - (exact + HALF))[inner].max() < GRID_ERROR
+        assert bar.cycles == 3
+        assert bar.blocked_force == pytest.approx(
+            bar.set_pressure / 100, abs=4 * NOISE / np.sqrt(100)
+        )
+        assert bar.moving_blocked_force == pytest.approx(bar.set_pressure / 100, abs=HALF / 2)
+        slope = bar.set_pressure / 100 / 0.05
+        assert bar.free_contraction == pytest.approx((0.05 - HALF / slope) / L0, abs=2 / slope / L0)
+        assert bar.mean_free_contraction == pytest.approx(0.05 / L0, abs=2 / slope / L0)
+        lost = 2 * HALF * STROKE
+        assert bar.hysteresis == pytest.approx(lost, rel=0.01)
+        under = bar.set_pressure / 100 * (STROKE - STROKE**2 / 0.1)
+        assert bar.hysteresis_ratio == pytest.approx(lost / under, rel=0.02)
+        assert 0 < np.median(bar.force_std) < NOISE
+
+
+def test_pressure_statistics_are_those_of_the_strokes() -> None:
+    found = characterise(record(pressures=(2e5,), rest=20.0))
+    (bar,) = found.isobars
+    n = 3 * 2 * STROKE / RATE / DT
+    assert bar.pressure == pytest.approx(2e5 + 200, abs=4 * 500 / np.sqrt(n))
+    assert bar.pressure_std == pytest.approx(500, rel=4 / np.sqrt(2 * n))
+    assert 3 * 500 < bar.largest_pressure_error < 6 * 500 + 200
+
+
+def test_rmse_between_fluids_is_their_constant_difference() -> None:
+    a, b = characterise(record(1)), characterise(record(2, offset=7.0))
+    for rmse in force_rmse(a, b).values():
+        assert rmse == pytest.approx(7.0, abs=GRID_ERROR / np.sqrt(10))
+    assert force_rmse(a, a) == {1e5: 0.0, 3e5: 0.0}
+    with pytest.raises(RigError, match="no set pressure is common"):
+        force_rmse(a, characterise(record(pressures=(9e5,))))
+
+
+def test_first_strokes_can_be_left_out() -> None:
+    assert characterise(record(), skip_cycles=2).isobars[0].cycles == 1
+    assert np.isnan(characterise(record(), skip_cycles=2).isobars[0].force_std).all()
+    with pytest.raises(RigError, match="no complete stroke"):
+        characterise(record(), skip_cycles=3)
+
+
+def test_an_incomplete_stroke_is_named_and_left_out() -> None:
+    whole = record(pressures=(2e5,))
+    stop = whole.time.size - round((5.0 + 30.0) / DT)
+    columns = (
+        getattr(whole, n)[:stop] for n in ("time", "length", "force", "pressure", "set_pressure")
+    )
+    found = characterise(IsobaricRecord(*columns, rest_length=L0))
+    assert found.isobars[0].cycles == 2
+    assert any("is no complete stroke" in note for note in found.notes)
+
+
+def test_a_stroke_that_turns_at_no_load_has_its_free_contraction() -> None:
+    """As a machine does that turns at zero: the last force of the branch is just above it."""
+    pressure, slope = 2e5, 2e5 / 100 / 0.05
+    stroke = 0.05 - HALF / slope
+    (bar,) = characterise(record(pressures=(pressure,), stroke=stroke)).isobars
+    assert bar.free_contraction == pytest.approx(stroke / L0, abs=2 / slope / L0)
+    assert np.isnan(bar.mean_free_contraction) or bar.mean_free_contraction > bar.free_contraction
+
+
+def test_a_stroke_that_turns_while_the_muscle_pulls_has_no_free_contraction() -> None:
+    (bar,) = characterise(record(pressures=(3e5,), stroke=0.03)).isobars
+    assert np.isnan(bar.free_contraction)
+    assert np.isnan(bar.mean_free_contraction)
+
+
+def test_no_rest_gives_no_held_force() -> None:
+    (bar,) = characterise(record(pressures=(3e5,), rest=0.0)).isobars
+    assert np.isnan(bar.blocked_force)
+    assert bar.moving_blocked_force == pytest.approx(3000, abs=HALF)
+
+
+def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
+    found = characterise(record())
+    path = write_dataset(
+        found,
+        tmp_path / "set.csv",
+        specimen={"wall_thickness_mm": 1.5, "embedded": False, "name": "F 1"},
+    )
+    data = read_csv(path)
+    assert data.specimen.rest_length == L0
+    assert data.specimen.wall_thickness == pytest.approx(1.5e-3)
+    assert data.specimen.name == "F 1"
+    assert data.force.size == 80
+    assert np.unique(data.pressure).tolist() == [bar.pressure for bar in found.isobars]
+    exact = pull(data.length, 1) * data.pressure
+    assert np.abs(data.force - exact).max() < HALF + 2 * GRID_ERROR  # 200 Pa of offset are 2 N
+    branch = dataset_text(found, branch="lengthening", points=5).splitlines()
+    assert len([line for line in branch if not line.startswith("#")]) == 11
+    with pytest.raises(RigError, match="give it once"):
+        dataset_text(found, specimen={"rest_length_mm": 240})
+    with pytest.raises(RigError, match="branch must be one of"):
+        dataset_text(found, branch="both")  # pyright: ignore[reportArgumentType]
+
+
+def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
+    fields = {
+        "time": found.time + 50.0, "displacement": found.length - L0, "force": found.force,
+        "others": {}, "interval": DT,
+    }  # fmt: skip
+    return MachineLog(**(fields | changes))  # pyright: ignore[reportArgumentType]
+
+
+AHEAD = Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6, 1.0, 100, "load")
+
+
+def test_combining_takes_the_nearest_pressure_and_the_set_point_in_force() -> None:
+    truth = record()
+    journal_time = np.arange(-1.0, truth.time[-1] + 1, 0.01)
+    pressure = 1e5 + 10 * journal_time
+    found = combine(
+        log_of(truth), AHEAD, journal_time, pressure, [(0.0, 1e5), (100.0, 3e5), (200.0, np.nan)],
+        rest_length=L0,
+    )  # fmt: skip
+    assert np.allclose(found.time, truth.time)
+    assert np.allclose(found.length, truth.length)
+    assert np.abs(found.pressure - (1e5 + 10 * truth.time)).max() <= 10 * 0.005 + 1e-6
+    assert np.isnan(found.set_pressure[found.time >= 200]).all()
+    assert set(found.set_pressure[found.time < 200]) == {1e5, 3e5}
+
+
+def test_signs_and_zero_of_the_machine_are_honoured() -> None:
+    truth = record()
+    log = log_of(truth, displacement=0.1 + L0 - truth.length, force=-truth.force)
+    t = np.arange(-1.0, truth.time[-1] + 1, 0.01)
+    found = combine(
+        log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=L0, shortening_positive=True,
+        zero_displacement=0.1, pushing_positive=True,
+    )  # fmt: skip
+    assert np.allclose(found.length, truth.length)
+    assert np.allclose(found.force, truth.force)
+    with pytest.raises(RigError, match="check rest_length and the sign"):
+        combine(
+            log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=0.05,
+            shortening_positive=True,
+        )  # fmt: skip
+
+
+def test_where_the_journal_is_silent_there_is_no_row() -> None:
+    truth = record()
+    t = np.arange(-1.0, truth.time[-1] + 1, 0.01)
+    t = t[(t < 60) | (t > 70)]
+    found = combine(
+        log_of(truth, gaps=(Gap(1.0, 3),)),
+        AHEAD,
+        t,
+        np.full(t.size, 1e5),
+        [(-1.0, 1e5)],
+        rest_length=L0,
+    )
+    missing = (truth.time > 60.06) & (truth.time < 69.94)
+    assert not np.isin(np.round(truth.time[missing], 6), np.round(found.time, 6)).any()
+    assert truth.time.size - found.time.size == pytest.approx(missing.sum(), abs=6)
+    assert any("have no pressure" in note for note in found.notes)
+    assert any("lacks 3 rows in 1 gaps" in note for note in found.notes)
+    with pytest.raises(RigError, match="no row of the machine's log has a pressure"):
+        combine(log_of(truth), AHEAD, t + 1e6, np.full(t.size, 1e5), [(0.0, 1e5)], rest_length=L0)
+    with pytest.raises(RigError, match="no set point"):
+        combine(log_of(truth), AHEAD, t, np.full(t.size, 1e5), [], rest_length=L0)
+
+
+def test_a_log_that_is_too_slow_for_the_grid_is_refused() -> None:
+    found = record(pressures=(2e5,))
+    thin = slice(None, None, 200)
+    columns = (
+        getattr(found, n)[thin] for n in ("time", "length", "force", "pressure", "set_pressure")
+    )
+    with pytest.raises(RigError, match="log faster, or take a coarser grid"):
+        characterise(IsobaricRecord(*columns, rest_length=L0))

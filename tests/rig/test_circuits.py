@@ -1,0 +1,276 @@
+"""Circuits against closed forms and an adaptive solver that shares no code with them."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rig import RigError
+from rig.simulation import (
+    HydraulicCircuit,
+    PneumaticCircuit,
+    Regulator,
+    iso_6358_flow,
+    mckibben,
+    tabulate,
+)
+
+PSI = 6894.757293168361
+ATMOSPHERE = 101325.0
+V = 90e-6  # m3, about the 7/8 in muscle
+
+EULER = 0.02 * PSI  # first order in 1 ms, during a fill of 100 psi in half a second
+AFTER_FILL = 0.003 * PSI  # the study's figure for motion at test rates, doubled
+
+
+def flow(p1: float, p2: float, C: float, b: float) -> float:
+    """ISO 6358-1, equations 1 and 2, with the linear end at 0.95."""
+    r = p2 / p1
+    if r <= b:
+        return C * p1
+    if r < 0.95:
+        return C * p1 * math.sqrt(1 - ((r - b) / (1 - b)) ** 2)
+    return C * p1 * math.sqrt(1 - ((0.95 - b) / (1 - b)) ** 2) * (1 - r) / 0.05
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.29, 0.31, 0.6, 0.94, 0.96, 0.999])
+def test_orifice_and_its_slopes(ratio: float) -> None:
+    p1, C, b, h = 6e5, 4e-9, 0.3, 1.0
+    Q, to_up, to_down = iso_6358_flow(p1, ratio * p1, C, b)
+    assert pytest.approx(flow(p1, ratio * p1, C, b), rel=1e-12) == Q
+    up = (flow(p1 + h, ratio * p1, C, b) - flow(p1 - h, ratio * p1, C, b)) / (2 * h)
+    down = (flow(p1, ratio * p1 + h, C, b) - flow(p1, ratio * p1 - h, C, b)) / (2 * h)
+    assert to_up == pytest.approx(up, rel=1e-5)
+    assert to_down == pytest.approx(down, rel=1e-5, abs=1e-15)
+
+
+def test_orifice_is_continuous_where_its_law_changes() -> None:
+    for r in (0.3, 0.95):
+        below, above = (iso_6358_flow(6e5, (r + e) * 6e5, 4e-9, 0.3)[0] for e in (-1e-9, 1e-9))
+        assert below == pytest.approx(above, rel=1e-7)
+
+
+def test_a_closed_air_volume_is_polytropic() -> None:
+    circuit = PneumaticCircuit(leak=0.0).start()
+    circuit.pressure = 3e5
+    rate, dt, n = 2e-6, 1e-4, 20_000
+    volume = V
+    for _ in range(n):
+        circuit.step(128, False, volume, rate, 0.0, dt)
+        volume += rate * dt
+    dead = circuit.circuit.dead_volume
+    exact = (3e5 + ATMOSPHERE) * ((V + dead) / (volume + dead)) ** 1.2 - ATMOSPHERE
+    assert circuit.pressure == pytest.approx(exact, abs=2.0)  # Pa, first order in 0.1 ms
+
+
+@pytest.mark.parametrize("output", [255, 180, 60, 0])
+def test_air_follows_an_adaptive_solver(output: int) -> None:
+    c = PneumaticCircuit()
+    start = 0.0 if output > 128 else 90 * PSI
+    rate = -1.5e-6
+
+    def slope(t: float, y: np.ndarray) -> list[float]:
+        P, s = y
+        p = P + ATMOSPHERE
+        above = output - 128
+        target = (above - 3) / 124 if above > 3 else (above + 3) / 125 if above < -3 else 0.0
+        fill = c.conductance * (c.leak + max(s, 0.0))
+        vent = c.conductance * (c.leak + max(-s, 0.0))
+        supply = c.supply + ATMOSPHERE
+        Q = flow(supply, p, fill, 0.3) if p < supply else -flow(p, supply, fill, 0.3)
+        Q -= flow(p, ATMOSPHERE, vent, 0.3) if P > 0 else -flow(ATMOSPHERE, p, vent, 0.3)
+        gas = V + rate * t + c.dead_volume
+        return [c.exponent / gas * (1e5 * Q - p * rate), (target - s) / c.lag]
+
+    exact = solve_ivp(slope, (0, 1), [start, 0.0], method="LSODA", rtol=1e-9, atol=1e-6,
+                      t_eval=np.arange(1, 11) / 10)  # fmt: skip
+    run = c.start()
+    run.pressure = start
+    volume, found = V, []
+    for k in range(1000):
+        run.step(output, False, volume, rate, 0.0, 1e-3)
+        volume += rate * 1e-3
+        if (k + 1) % 100 == 0:
+            found.append(run.pressure)
+    # The spool's lag is exact in the step and taken at its end: a shift of half a step.
+    shift = np.abs(np.gradient(exact.y[0], 0.1)).max() * 1e-3
+    assert np.abs(np.array(found) - exact.y[0]).max() < EULER + shift
+
+
+def test_steps_together_are_steps_apart() -> None:
+    for circuit in (PneumaticCircuit(), HydraulicCircuit(), Regulator(40 * PSI)):
+        one, two = circuit.start(), circuit.start()
+        for _ in range(50):
+            one.step(200, False, V, 1e-6, 0.0, 1e-3, 2)
+            two.step(200, False, V, 1e-6, 0.0, 1e-3)
+            two.step(200, False, V + 1e-9, 1e-6, 0.0, 1e-3)
+        assert one.pressure == pytest.approx(two.pressure, rel=1e-12)
+
+
+def test_water_follows_an_adaptive_solver() -> None:
+    c = HydraulicCircuit(relief=None)
+    give = 2e-13
+
+    def rate(t: float) -> float:
+        return 3.5e-6 if t < 1.0 else -3.5e-6
+
+    def slope(t: float, y: np.ndarray) -> list[float]:
+        P, w = y
+        inflow = c.displacement * w - c.needle * math.copysign(math.sqrt(abs(P)), P) - rate(t)
+        stiff = (V + c.dead_volume) / c.bulk_modulus + give
+        return [inflow / stiff, (c.full_speed * 150 / 255 - w) / c.lag]
+
+    exact = solve_ivp(slope, (0, 2), [0.0, 0.0], method="LSODA", rtol=1e-10, atol=1e-6,
+                      t_eval=[0.5, 0.9, 1.5, 1.9], max_step=0.01)  # fmt: skip
+    run, found = c.start(), []
+    for k in range(2000):
+        # volume itself changes by 3 % of the stiffness: kept constant in both
+        run.step(150, False, V, rate(k * 1e-3), give, 1e-3)
+        if (k + 1) in (500, 900, 1500, 1900):
+            found.append(run.pressure)
+    error = np.abs(np.array(found) - exact.y[0])
+    assert error[0] < EULER  # still filling
+    assert error[1:].max() < AFTER_FILL
+
+
+def test_pump_and_needle_settle_where_their_flows_meet() -> None:
+    c = HydraulicCircuit()
+    for psi in (10, 50, 100):
+        run = c.start()
+        output = c.steady_output(psi * PSI)
+        fraction = output / 255
+        for _ in range(3000):
+            run.step(output, False, V, 0.0, 0.0, 1e-3)  # pyright: ignore[reportArgumentType]
+        assert run.pressure == pytest.approx(psi * PSI, rel=1e-9)
+        passed = c.needle * math.sqrt(psi * PSI)
+        assert passed == pytest.approx(c.displacement * c.full_speed * fraction, rel=1e-12)
+
+
+def test_closed_water_is_as_stiff_as_its_bulk_modulus() -> None:
+    run = HydraulicCircuit(needle=0.0, relief=None).start()
+    run.pressure = 1e5
+    run.step(0, False, V, -1e-6, 0.0, 1e-3)
+    dead = run.circuit.dead_volume
+    assert run.pressure - 1e5 == pytest.approx(35e6 * 1e-9 / (V + dead), rel=1e-9)
+
+
+def peak(circuit: HydraulicCircuit, volume: float) -> float:
+    """Highest pressure [psi] after the needle blocks at 50 psi, under a trip at 115 psi."""
+    run = circuit.start()
+    run.pressure, run.speed = 50 * PSI, 0.8 * circuit.full_speed
+    highest, output = 0.0, 200
+    for _ in range(1000):
+        run.step(output, output == 0, volume, 0.0, 0.0, 1e-3)
+        output = 0 if run.pressure > 115 * PSI else output
+        highest = max(highest, run.pressure / PSI)
+    return highest
+
+
+def test_only_the_relief_valve_stops_a_blocked_needle() -> None:
+    bare = HydraulicCircuit(needle=0.0, relief=None, dump=0.0, bulk_modulus=200e6)
+    assert peak(bare, V) > 500  # the pump's run-down alone; the study found 709 psi
+    assert peak(HydraulicCircuit(needle=0.0, relief=None, bulk_modulus=200e6), V) > 125
+    assert peak(HydraulicCircuit(needle=0.0, bulk_modulus=200e6), V) < 120
+
+
+def test_dump_valves_vent() -> None:
+    air, water = PneumaticCircuit().start(), HydraulicCircuit().start()
+    for run, limit in ((air, 0.25), (water, 0.1)):
+        run.pressure = 100 * PSI
+        for _ in range(round(limit / 1e-3)):
+            run.step(0, True, V, 0.0, 0.0, 1e-3)
+        assert run.pressure < 5 * PSI
+
+
+def test_a_bare_regulator_droops_and_relieves_as_stated() -> None:
+    c = Regulator(60 * PSI)
+    for rate in (2e-6, -2e-6):
+        run = c.start()
+        run.pressure = 60 * PSI
+        for _ in range(20_000):
+            run.step(0, False, V, rate, 0.0, 1e-3)  # constant volume: its loss is flow alone
+        flow_anr = (run.pressure + ATMOSPHERE) * abs(rate) / 1e5
+        if rate > 0:
+            assert run.pressure == pytest.approx(60 * PSI - c.feed_droop * flow_anr, abs=1)
+        else:
+            assert run.pressure == pytest.approx(
+                63 * PSI + c.relief_droop * flow_anr, abs=1
+            )  # beyond the dead zone of 3 psi
+
+
+def test_the_same_muscle_on_a_regulator_swings_by_several_psi() -> None:
+    muscle = mckibben()
+    run = Regulator(60 * PSI).start()
+    length, P = muscle.rest_length, []
+    for k in range(150_000):
+        speed = -0.508e-3 if k < 75_000 else 0.508e-3  # 0.02 in/s
+        _, volume, area, give = muscle.at(length, run.pressure)
+        run.step(0, False, volume, area * speed, give, 2e-3, 1)
+        length += speed * 2e-3
+        if k > 5000:
+            P.append(run.pressure / PSI)
+    assert 4 < np.ptp(P) < 12  # figures 3.3 and 3.4: up to 8 psi
+
+
+def test_muscle_table_holds_what_it_was_given() -> None:
+    def force(L: float, P: float) -> float:
+        return P * (3 * L**2 - 0.1) + 40 * L
+
+    def volume(L: float, P: float) -> float:
+        return 1e-4 + 1e-5 * L + 1e-12 * P
+
+    muscle = tabulate(force, volume, shortest=0.15, rest_length=0.23, friction=0.0)
+    rng = np.random.default_rng(3)
+    for L, P in zip(rng.uniform(0.15, 0.23, 200), rng.uniform(-1e4, 2e6, 200), strict=True):
+        F, V_, dV_dL, dV_dP = muscle.at(float(L), float(P))
+        # Both laws are linear in P; the square in L is interpolated over 0.4 mm.
+        assert pytest.approx(force(L, P), abs=3 * abs(P) * (4e-4) ** 2 + 1e-9) == F
+        assert pytest.approx(volume(L, P), rel=1e-9) == V_
+        assert dV_dL == pytest.approx(1e-5, rel=1e-6)
+        assert dV_dP == pytest.approx(1e-12, rel=1e-6)
+    with pytest.raises(RigError, match="outside the muscle's table"):
+        muscle.at(0.1499, 0.0)
+
+
+def test_mckibben_does_virtual_work_and_meets_the_printed_muscle() -> None:
+    ideal = mckibben(stiffness=0.0, deadband_pressure=0.0)
+    for L in (0.16, 0.19, 0.2299):
+        F, _, dV_dL, _ = ideal.at(L, 3e5)
+        assert pytest.approx(-3e5 * dV_dL, rel=2e-3) == F  # dV/dL of a cell, F at a point of it
+    muscle = mckibben()
+    tested = {
+        20: (180, 0.237),
+        40: (403, 0.312),
+        60: (628, 0.336),
+        80: (850, 0.348),
+        100: (1058, 0.354),
+    }
+    for psi, (blocked, free) in tested.items():
+        assert muscle.force(muscle.rest_length, psi * PSI) / 4.448222 == pytest.approx(
+            blocked, rel=0.05
+        )
+        shares = np.linspace(0, 0.37, 2000)
+        F = [muscle.force(muscle.rest_length * (1 - e), psi * PSI) for e in shares]
+        if psi >= 40:
+            assert shares[np.argmax(np.array(F) < 0)] == pytest.approx(free, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: PneumaticCircuit(supply=-1.0), "supply must be positive"),
+        (lambda: PneumaticCircuit(critical_ratio=1.0), "critical_ratio"),
+        (lambda: HydraulicCircuit(needle=-1.0), "needle must be >= 0"),
+        (lambda: HydraulicCircuit(lag=math.nan), "lag must be positive"),
+        (lambda: Regulator(0.0), "set_pressure"),
+        (lambda: mckibben(rest_length=0.3), "rest_length must lie between"),
+        (
+            lambda: tabulate(lambda L, P: 1.0, lambda L, P: -1.0, shortest=0.1, rest_length=0.2),
+            "volume",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(make, match: str) -> None:
+    with pytest.raises(RigError, match=match):
+        make()

@@ -1,0 +1,242 @@
+"""The commands of `famjax rig` as a person types them: exit codes, output, files."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from famjax.__main__ import main
+from fitting import read_csv
+from rig import Monitor, RigError, Sample, quantity, read_journal, write_calibration
+from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
+
+PLAN = """
+[plan]
+pressures_psi = [{pressures}]
+cycles = 1
+stroke_in = {stroke}
+rate_in_per_s = 0.2
+settle_s = {settle}
+
+[rig]
+circuit = "{circuit}"
+{limit}
+proportional_counts_per_psi = 4
+integral_counts_per_psi_s = 2
+calibration = "calibration.toml"
+"""
+
+
+def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main(["rig", *map(str, arguments)])
+    captured = capsys.readouterr()
+    return int(stop.value.code or 0), captured.out, captured.err
+
+
+def write_plan(folder: Path, **changes: str) -> Path:
+    fields = {
+        "pressures": "40, 80", "circuit": "air", "limit": "pressure_limit_psi = 110", "settle": "3",
+        "stroke": "3.2",
+    }  # fmt: skip
+    path = folder / "plan.toml"
+    path.write_text(PLAN.format(**(fields | changes)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("simulated")
+    with pytest.raises(SystemExit) as stop:
+        main(
+            [
+                "rig",
+                "simulate",
+                str(write_plan(folder)),
+                "--output",
+                str(folder / "out"),
+                "--seed",
+                "4",
+            ]
+        )
+    assert not stop.value.code
+    return folder / "out"
+
+
+def test_simulate_writes_everything_that_a_fit_needs(simulated: Path) -> None:
+    names = {path.name for path in simulated.iterdir()}
+    assert names == {
+        "test.fam", "machine.csv", "dataset.csv", "characterisation.json", "characterisation.png",
+    }  # fmt: skip
+    data = read_csv(simulated / "dataset.csv")
+    assert data.specimen.rest_length == pytest.approx(9.28125 * 0.0254)
+    assert data.specimen.braid_thickness == pytest.approx(0.011 * 0.0254)
+    assert data.notes == ()
+    found = json.loads((simulated / "characterisation.json").read_text())
+    blocked = [row["blocked_force_N"] / 4.4482216 for row in found["isobars"]]
+    assert blocked == pytest.approx([400, 832], rel=0.05)  # table 6.11: 403 and 850 lbf tested
+
+
+def test_simulate_gives_the_same_files_by_the_same_seed(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, out, _ = run(
+        capsys, "simulate", write_plan(tmp_path), "--output", tmp_path / "o", "--seed", 4, "--json"
+    )
+    assert code == 0
+    assert len(json.loads(out)["isobars"]) == 2
+    for name in ("machine.csv", "dataset.csv"):
+        assert (tmp_path / "o" / name).read_bytes() == (simulated / name).read_bytes()
+    ours, theirs = (read_journal(path / "test.fam") for path in (tmp_path / "o", simulated))
+    assert np.array_equal(ours.rows, theirs.rows)  # the journal's first note has today's date
+
+
+def test_simulate_does_not_overwrite_a_journal(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, _, err = run(capsys, "simulate", write_plan(tmp_path), "--output", simulated)
+    assert code == 2
+    assert "test.fam exists" in err
+
+
+def test_characterise_repeats_what_simulate_found(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, out, _ = run(
+        capsys, "characterise", simulated / "test.fam", simulated / "machine.csv",
+        "--rest-length", "9.28125in", "--specimen", "wall_thickness_in=0.0625",
+        "--output", tmp_path, "--units", "metric",
+    )  # fmt: skip
+    assert code == 0
+    assert "set kPa" in out
+    ours, theirs = (
+        json.loads((folder / "characterisation.json").read_text())["isobars"]
+        for folder in (tmp_path, simulated)
+    )
+    assert ours == theirs
+    assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
+
+
+def test_check_recomputes_every_record(simulated: Path, capsys: pytest.CaptureFixture) -> None:
+    code, out, _ = run(capsys, "check", simulated / "test.fam", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert found["sound"]
+    assert found["checked"] == found["equal"] == found["records"] > 5000
+
+
+def test_check_finds_a_record_that_was_edited(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    lines = (simulated / "test.fam").read_bytes().split(b"\n")
+    lines[3000] = lines[3000].replace(b",", b";", 1)
+    (tmp_path / "edited.fam").write_bytes(b"\n".join(lines))
+    code, out, _ = run(capsys, "check", tmp_path / "edited.fam")
+    assert code == 1
+    assert "NOT sound" in out
+
+
+def test_convert_keeps_every_record(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, _, _ = run(capsys, "convert", simulated / "test.fam", tmp_path / "t.csv")
+    assert code == 0
+    with (tmp_path / "t.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(read_journal(simulated / "test.fam").rows)
+    assert {"time_s", "pressure_Pa", "force_N", "set_pressure_Pa"} <= rows[0].keys()
+    code, _, err = run(capsys, "convert", simulated / "test.fam", tmp_path / "t.xls")
+    assert code == 2
+    assert "must end in .parquet, .nc or .csv" in err
+
+
+def test_replay_shows_a_line_for_every_second(
+    simulated: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, out, _ = run(capsys, "replay", simulated / "test.fam", "--speed", 0)
+    lines = out.splitlines()
+    assert code == 0
+    assert len(lines) == pytest.approx(len(read_journal(simulated / "test.fam").rows) / 100, abs=2)
+    assert "psi" in lines[len(lines) // 2]
+    assert "RUN" in lines[len(lines) // 2]
+    assert lines[-1].endswith("SAFE")
+
+
+@pytest.mark.parametrize("circuit", ["air", "water"])
+def test_run_prints_what_no_software_can_see(
+    circuit: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, out, err = run(capsys, "run", write_plan(tmp_path, circuit=circuit))
+    assert code == 2
+    assert "dump valve" in out
+    assert ("relief valve" in out) == (circuit == "water")
+    assert "which port?" in err
+
+
+@pytest.mark.parametrize("command", ["run", "simulate"])
+def test_nothing_runs_without_a_pressure_limit(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, _, err = run(capsys, command, write_plan(tmp_path, limit=""), "--output", tmp_path / "o")
+    assert code == 2
+    assert "must have a pressure limit" in err
+    assert not (tmp_path / "o").exists()
+
+
+def test_ports_and_bad_input_end_in_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    assert run(capsys, "ports")[0] == 0
+    for arguments, words in (
+        (("check", tmp_path / "none.fam"), "cannot read"),
+        (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
+        (
+            ("characterise", tmp_path / "a", tmp_path / "b", "--rest-length", "9"),
+            "number with its unit",
+        ),
+    ):
+        code, _, err = run(capsys, *arguments)
+        assert code == 2
+        assert words in err
+
+
+@pytest.mark.slow  # real time
+def test_run_and_monitor_against_a_served_rig(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    sim = SimulatedRig(PneumaticCircuit())
+    write_calibration(tmp_path / "calibration.toml", sim.calibration())
+    plan = write_plan(tmp_path, pressures="30", settle="1", stroke="0.2")
+    with RigServer(sim, "tcp") as server:
+        code, out, _ = run(capsys, "monitor", server.address, "--seconds", 3)
+        assert code == 0
+        assert "SAFE" in out
+        code, out, _ = run(
+            capsys, "run", plan, "--port", server.address, "--output", tmp_path / "o"
+        )
+        assert code == 0
+        assert "written:" in out
+    assert sim.device.output == 0
+    record = read_journal(tmp_path / "o" / "test.fam")
+    assert record.notes_of("end")[-1]["reason"] == "complete"
+    assert len(record.rows) > 200
+
+
+def test_quantities_need_their_unit() -> None:
+    assert quantity("9.28125in", "length") == pytest.approx(0.23574375)
+    assert quantity("-3 ms", "time") == pytest.approx(-0.003)
+    for wrong in ("9", "in", "9 furlong", "9 psi"):
+        with pytest.raises(RigError):
+            quantity(wrong, "length")
+
+
+def test_monitor_draws_what_it_was_given() -> None:
+    view = Monitor(width=4, height=2, every=1)
+    assert view.line() == "no record yet"
+    assert view.plot() == ""
+    for pressure in (0, 50, 100, 200):
+        view.add(Sample(1, 1, 5, 5 * pressure, pressure, 10, 9, 0, 3 + 16 * 2))
+    assert view.plot().splitlines() == ["       200 │   █", "         0 │ ▄██"]
+    assert view.line().endswith("TRIP  fault: over-pressure")

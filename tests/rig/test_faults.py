@@ -1,0 +1,292 @@
+"""What goes wrong in a laboratory, row by row: the device vents, the recorder knows, nothing is made up."""
+
+# ruff: noqa: PT012 -- the way out of a with block is what is tested
+
+import errno
+import os
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bare_rig import BareRig, Recorder
+
+from rig import _journal
+from rig._audit import audit
+from rig._device import Device
+from rig._events import Lost, Silent
+from rig._fault import RigFault
+from rig._journal import Journal
+from rig._journal_reader import read_journal
+from rig._messages import FAULTS, RUN, SAFE, TRIP
+from rig._rig import Control, Rig
+from rig._tables import table
+from rig._virtual_link import VirtualLink
+from rig.simulation import ByteChannel, SimulatedRig
+
+PSI = 6894.757293168361
+LIMIT = 110 * PSI
+PRESSURE = 40 * PSI
+
+
+class Bench:
+    """A rig under pressure, recorded, in virtual time."""
+
+    def __init__(self, path: Path, sim: SimulatedRig | None = None, **options: object) -> None:
+        self.sim = sim or SimulatedRig()
+        self.path = path
+        self.journal = Journal(path, lambda: self.sim.now, reserve_bytes=0, **options)
+        self.rig = Rig(
+            VirtualLink(self.sim),
+            self.sim.calibration(),
+            pressure_limit=LIMIT,
+            control=Control.per_psi(4, 2),
+            journal=self.journal,
+        )
+
+    def __enter__(self) -> "Bench":
+        self.rig.__enter__()
+        self.rig.set_pressure(PRESSURE)
+        self.rig.wait(2.0)
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self.rig.__exit__(None, error, None)
+        finally:
+            self.journal.close()
+
+    def cut(self, seconds: float) -> None:
+        """The cable is out; the device runs on its own supply."""
+        self.set_cut(True)
+        self.rig.link.kick()
+        self.rig.link.sleep(seconds)
+        self.set_cut(False)
+
+    def set_cut(self, out: bool) -> None:
+        self.sim.to_host.cut = self.sim.to_device.cut = out
+
+    def time_to_vent(self, limit: float) -> float:
+        """Until the output is off, nobody driving the host."""
+        start = self.sim.now
+        while self.sim.device.output > 0 or self.sim.device.state == RUN:
+            self.sim.advance(0.0005)
+            assert self.sim.now - start < limit
+        return self.sim.now - start
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path / "run.fam")
+
+
+def test_cable_out_for_0_3_s_costs_nothing(bench: Bench) -> None:
+    with bench:
+        bench.cut(0.3)
+        bench.rig.wait(2.0)
+        assert bench.sim.device.state == RUN
+    found = read_journal(bench.path)
+    assert found.missing == ()
+    assert bench.rig.link.session.order.recovered >= 25
+    assert bench.rig.lost == 0
+    assert audit(found).sound
+
+
+def test_cable_out_for_3_s_vents_and_the_gap_is_a_gap(bench: Bench) -> None:
+    with bench:
+        with pytest.raises(RigFault, match=r"silent for 1.0 s"):
+            bench.set_cut(True)
+            bench.rig.wait(3.0)
+        bench.rig.link.sleep(2.0)
+        assert (bench.sim.device.state, bench.sim.device.output) == (SAFE, 0)
+        assert bench.sim.pressure < 5 * PSI
+        bench.set_cut(False)
+        bench.rig.link.sleep(1.0)
+        bench.rig.check()
+        bench.rig.set_pressure(PRESSURE)  # and it runs again
+        bench.rig.wait(2.0)
+    found = read_journal(bench.path)
+    lost = sum(gap.records for gap in found.missing)
+    assert all(gap.noted for gap in found.missing)
+    assert 300 - 64 - 5 < lost == bench.rig.lost < 300
+    times = table(found)["time_s"]
+    assert np.diff(times).max() == pytest.approx(0.01 * (lost + 1), abs=0.01)
+    assert audit(found).torn == 0
+
+
+def test_garbage_is_ignored(bench: Bench) -> None:
+    rng = np.random.default_rng(8)
+    with bench:
+        for _ in range(5):
+            bench.sim.to_host.send(rng.bytes(600), bench.sim.now)
+            bench.sim.to_device.send(rng.bytes(100), bench.sim.now)
+            bench.rig.wait(0.5)
+        assert bench.sim.device.state == RUN
+        assert bench.rig.link.session.bad_lines > 2
+    assert audit(read_journal(bench.path)).sound
+
+
+def test_damaged_dropped_and_doubled_bytes_cost_nothing(tmp_path: Path) -> None:
+    faults = {"damage": 0.004, "drop": 0.002, "duplicate": 0.002}
+    sim = SimulatedRig(
+        to_device=ByteChannel(baud=115200, seed=1, limit=4096, **faults),
+        to_host=ByteChannel(seed=2, **faults),
+    )
+    with Bench(tmp_path / "run.fam", sim) as bench:
+        bench.rig.wait(20.0)
+    found = audit(read_journal(bench.path))
+    assert found.sound
+    assert (found.lost, found.unchecked) == (0, 0)
+    assert found.checked == found.records > 2000
+
+
+def test_a_reset_of_the_device_stops_the_plan(bench: Bench) -> None:
+    with bench, pytest.raises(RigFault, match=r"was reset \(boot 0 to 1, cause 4\)"):
+        bench.sim.device.reset(4)
+        bench.rig.wait(2.0)
+    assert bench.sim.device.output == 0
+    assert read_journal(bench.path).notes_of("reset")[0]["new"] == 1
+
+
+def test_a_killed_host_vents_in_1_05_s(bench: Bench) -> None:
+    bench.__enter__()
+    assert bench.time_to_vent(3.0) <= 1.05
+    assert FAULTS[bench.sim.device._control.fault] == "silence"
+    bench.sim.advance(0.5)
+    assert bench.sim.pressure < 5 * PSI
+    bench.rig.link.attach(None)
+    bench.journal.close()
+
+
+def test_a_hung_plan_vents_after_its_heartbeats_end(bench: Bench) -> None:
+    with bench:
+        bench.rig.link.sleep(5.0 + 1.05)
+        assert bench.sim.device.state == SAFE
+        with pytest.raises(RigFault, match=r"silence"):
+            bench.rig.wait(0.1)
+
+
+def test_a_hung_plan_vents_on_a_damaged_line_too(tmp_path: Path) -> None:
+    """What the link asks for by itself must not keep the device alive."""
+    sim = SimulatedRig(
+        to_device=ByteChannel(baud=115200, seed=3, limit=4096),
+        to_host=ByteChannel(seed=4, damage=0.02),
+    )
+    with Bench(tmp_path / "run.fam", sim) as bench:
+        bench.rig.link.sleep(5.0 + 1.05)
+        assert bench.rig.link.session.order.recovered > 10
+        assert bench.sim.device.state == SAFE
+
+
+def test_a_suspended_host_finds_the_rig_vented_and_the_record_whole(bench: Bench) -> None:
+    """The kernel keeps what comes in meanwhile."""
+    with bench:
+        assert bench.time_to_vent(3.0) <= 1.05
+        bench.sim.advance(2.0)
+        with pytest.raises(RigFault, match=r"went to SAFE by itself: silence"):
+            bench.rig.wait(1.0)
+    assert read_journal(bench.path).missing == ()
+
+
+def test_a_full_disk_vents_and_keeps_what_was_written(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(file: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with bench:
+        while bench.journal.waiting:  # virtual time runs ahead of the disk
+            time.sleep(0.001)
+        monkeypatch.setattr(_journal, "os", SimpleNamespace(**{**vars(os), "write": full}))
+        with pytest.raises(RigFault, match=r"No space left on device"):
+            while True:
+                bench.rig.wait(0.1)
+        with pytest.raises(RigFault, match=r"No space left on device"):
+            bench.journal.close()
+    assert (bench.sim.device.state, bench.sim.device.output) == (SAFE, 0)
+    found = read_journal(bench.path)
+    assert len(found.rows) > 190
+    assert found.missing == ()
+
+
+def test_a_slow_disk_does_not_touch_the_heartbeats(tmp_path: Path) -> None:
+    go_on, slow = threading.Event(), threading.Event()
+
+    def sync(_: int) -> None:
+        slow.set()
+        assert go_on.wait(20)
+
+    with Bench(tmp_path / "run.fam", sync_period=0.001, sync=sync) as bench:
+        assert slow.wait(10)
+        bench.rig.wait(10.0)  # ten times the limit of silence
+        assert bench.sim.device.state == RUN
+        go_on.set()
+    assert audit(read_journal(bench.path)).sound
+
+
+@pytest.mark.parametrize(("counts", "fault"), [(1023, "over-pressure"), (0, "jump")])
+def test_an_unplugged_sensor_trips(bench: Bench, counts: int, fault: str) -> None:
+    with bench, pytest.raises(RigFault, match=f"went to TRIP by itself: {fault}"):
+        bench.sim.sensor_fault = counts
+        bench.rig.wait(1.0)
+    assert bench.sim.device.state in {SAFE, TRIP}
+    assert bench.sim.device.output == 0
+
+
+def test_over_pressure_trips_within_7_ms(tmp_path: Path) -> None:
+    bench = Bench(tmp_path / "run.fam")
+    with bench:
+        bench.sim.sensor_fault = bench.rig.link.session.settings.trip
+        assert bench.time_to_vent(0.1) <= 0.0071
+        with pytest.raises(RigFault, match=r"over-pressure|jump"):
+            bench.rig.wait(1.0)
+
+
+def test_a_latched_trip_keeps_the_next_test_from_starting(tmp_path: Path) -> None:
+    first = Bench(tmp_path / "one.fam")
+    with first, pytest.raises(RigFault, match=r"TRIP"):
+        first.sim.sensor_fault = 1023
+        first.rig.wait(1.0)
+    second = Bench(tmp_path / "two.fam", first.sim)
+    with pytest.raises(ValueError, match=r"refuses 'clear': pressure above trip"):
+        second.__enter__()
+    second.journal.close()
+
+
+def test_a_frozen_bridge_is_told_after_a_second() -> None:
+    recorder = Recorder(BareRig())
+    recorder.run(1.0)
+    recorder.rig.to_host.cut = True
+    start = recorder.link.now
+    while not recorder.link.alarms:
+        recorder.link.sleep(0.01)
+    assert recorder.link.alarms == type(recorder.link.alarms)(
+        [Silent(pytest.approx(1.0, abs=0.01))]
+    )
+    assert recorder.link.now - start < 1.02
+
+
+def test_a_clock_that_drifts_is_mapped_to_a_millisecond(tmp_path: Path) -> None:
+    quick = Device(bytes_per_tick=100)  # a line goes out within the tick in which it is made
+    sim = SimulatedRig(device=quick, clock_rate=0.003)
+    with Bench(tmp_path / "run.fam", sim) as bench:
+        bench.rig.wait(60.0)
+    columns = table(read_journal(bench.path))
+    late = columns["time_s"] - columns["device_time_s"] / 1.003
+    assert np.ptp(late) < 1e-3
+
+
+def test_what_is_lost_is_never_interpolated() -> None:
+    recorder = Recorder(BareRig(5, damage=0.03))
+    recorder.run(20.0)
+    lost = {
+        seq
+        for alarm in recorder.link.alarms
+        if isinstance(alarm, Lost)
+        for seq in range(alarm.first, alarm.first + alarm.records)
+    }
+    assert len(lost) > 30
+    assert lost.isdisjoint(sample.seq for sample in recorder.samples)
+    assert recorder.wrong() == 0

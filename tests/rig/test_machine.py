@@ -1,0 +1,221 @@
+"""The simulated machine, sensors and serial line against closed forms."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from rig import RigError
+from rig.simulation import (
+    ByteChannel,
+    MachineClock,
+    SimulatedSensor,
+    TestMachine,
+    load_cell,
+    pressure_transducer,
+)
+
+PSI = 6894.757293168361
+DT = 2e-3
+STEP = 1.016e-3 * DT * 1.01  # m, one step at 0.04 in/s: a turn comes that much late
+
+
+def machine(**options) -> TestMachine:
+    return TestMachine(0.23, shortest=0.14, load_noise=0.0, **options)
+
+
+def run(
+    m: TestMachine, seconds: float, load=lambda length: 1e4 * (length - 0.15), start: float = 0.0
+):
+    times = start + DT * np.arange(1, round(seconds / DT) + 1)
+    for now in times.tolist():
+        m.step(now, DT, load(m.length))
+    return times
+
+
+def test_strokes_are_triangles_between_rest_and_the_load_that_turns_them() -> None:
+    m = machine()
+    m.start(2, 1e-3, turn_load=0.0)
+    run(m, 400.0)
+    log = m.log()
+    # 80 mm at 1 mm/s: down in 80 s, back in 80 s, twice
+    phase = log["time_s"] % 160
+    wanted = np.where(log["time_s"] < 320, -np.minimum(phase, 160 - phase) * 1e-3, 0.0)
+    assert np.abs(log["displacement_m"] - wanted).max() < 4 * STEP  # four turns, a step late each
+    assert np.abs(log["force_N"] - 1e4 * (log["displacement_m"] + 0.08)).max() < 1e4 * 2 * STEP
+    assert not m.busy
+    assert m.length == 0.23
+    assert not m.stopped_by_limit
+
+
+def test_log_keeps_its_own_time() -> None:
+    m = machine(clock=MachineClock(offset=100.013, rate=2e-3))
+    m.start(1, 1e-3, stroke=0.03)
+    run(m, 20.0)
+    log = m.log()
+    assert np.diff(log["time_s"]) == pytest.approx(0.02)
+    true = (log["time_s"] - 100.013) / 1.002
+    # A row is interpolated to its own instant: no step of the simulation shows in it.
+    assert np.abs(log["displacement_m"] + 1e-3 * true).max() < 1e-9
+    assert log["time_s"][0] == pytest.approx(100.02)
+
+
+def test_a_given_stroke_turns_before_the_load_does() -> None:
+    m = machine()
+    m.start(1, 1e-3, stroke=0.01)
+    run(m, 25.0)
+    assert m.log()["displacement_m"].min() == pytest.approx(-0.01, abs=STEP)
+
+
+def test_the_limit_switch_turns_it_and_says_so() -> None:
+    m = machine()
+    m.start(1, 5e-3)
+    run(m, 40.0, load=lambda _: 100.0)
+    assert m.stopped_by_limit
+    assert m.log()["displacement_m"].min() == pytest.approx(-0.09, abs=5 * STEP)
+
+
+def test_equal_cycles_add_up_and_others_are_refused() -> None:
+    m = machine()
+    m.start(1, 1e-3, stroke=0.01)
+    m.start(2, 1e-3, stroke=0.01)
+    assert m.cycles_left == 3
+    with pytest.raises(RigError, match="busy with other strokes"):
+        m.start(1, 2e-3, stroke=0.01)
+    m.stop()
+    m.start(1, 2e-3, stroke=0.01)
+    for wrong in ({"cycles": 0}, {"cycles": 1, "rate": 0.0}, {"cycles": 1, "stroke": 0.1}):
+        with pytest.raises(RigError):
+            machine().start(**wrong)
+
+
+def test_load_noise_is_the_seed_s_alone() -> None:
+    logs = []
+    for seed in (1, 1, 2):
+        m = TestMachine(0.23, shortest=0.14, load_noise=2.0, seed=seed)
+        run(m, 40.0, load=lambda _: 50.0)
+        logs.append(m.log()["force_N"])
+    assert np.array_equal(logs[0], logs[1])
+    assert not np.array_equal(logs[0], logs[2])
+    n = logs[0].size
+    assert abs(logs[0].mean() - 50) < 4 * 2 / np.sqrt(n)
+    assert logs[0].std() == pytest.approx(2.0, rel=4 / np.sqrt(2 * n))
+
+
+@pytest.mark.parametrize(
+    "sensor", [pressure_transducer(), load_cell(), SimulatedSensor(-5.0, 5.0, 0.01)]
+)
+def test_a_sensor_s_calibration_undoes_it(sensor: SimulatedSensor) -> None:
+    rng = np.random.default_rng(5)
+    count = 1 / sensor.counts_per_unit
+    for share in (0.1, 0.37, 0.52, 0.9):
+        value = sensor.low + share * (sensor.high - sensor.low)
+        # Dither of many counts: quantisation averages out.
+        sums = [
+            sum(sensor.counts(value, error) for error in row)
+            for row in rng.normal(0, 3, size=(4000, 5)).tolist()
+        ]
+        found = float(sensor.calibration().value(np.mean(sums)))
+        assert found == pytest.approx(value, abs=5 * 3 * count / np.sqrt(20_000))
+
+
+def test_a_sensor_ends_where_the_converter_does() -> None:
+    sensor = pressure_transducer()
+    assert sensor.counts(0.0) == int(0.5 / 5 * 1024)
+    assert sensor.counts(200 * PSI) == int(4.5 / 5 * 1024)
+    assert sensor.counts(1e9) == 1023
+    assert sensor.counts(-1e9) == 0
+
+
+@pytest.mark.parametrize("time", [0.0, 0.02])
+def test_noise_has_its_deviation_and_its_memory(time: float) -> None:
+    sensor = SimulatedSensor(0.0, 1e6, noise=2e3, correlation_time=time)
+    draws = np.array(list(itertools.islice(sensor.errors(2e-3, 7), 200_000)))
+    keep = np.exp(-2e-3 / time) if time else 0.0
+    # Correlated draws count for fewer: (1 - keep)/(1 + keep) of them.
+    n = draws.size * (1 - keep) / (1 + keep)
+    assert draws.std() == pytest.approx(2e3 * sensor.counts_per_unit, rel=4 / np.sqrt(2 * n))
+    assert np.corrcoef(draws[:-1], draws[1:])[0, 1] == pytest.approx(keep, abs=4 / np.sqrt(n))
+    again = itertools.islice(sensor.errors(2e-3, 7), 100)
+    assert list(again) == draws[:100].tolist()
+
+
+def test_a_line_takes_its_time() -> None:
+    line = ByteChannel(baud=115200)
+    data = bytes(range(200))
+    line.send(data, 1.0)
+    byte = 10 / 115200
+    assert line.receive(1.0 + 0.99 * byte) == b""
+    assert line.receive(1.0 + 1.01 * byte) == data[:1]
+    assert line.receive(1.0 + 99.5 * byte) == data[1:99]
+    line.send(b"next", 1.001)  # waits for what is before it
+    assert line.receive(1.0 + 203.5 * byte) == data[99:] + b"nex"
+    assert line.receive(2.0) == b"t"
+    assert line.waiting == 0
+
+
+def test_without_faults_every_byte_arrives_once_in_order() -> None:
+    rng, line, got, sent = np.random.default_rng(0), ByteChannel(baud=9600), b"", b""
+    now = 0.0
+    for _ in range(500):
+        now += rng.exponential(0.01)
+        data = rng.bytes(int(rng.integers(0, 12)))
+        sent += data
+        line.send(data, now)
+        got += line.receive(now + rng.exponential(0.005))
+    assert got + line.receive(1e9) == sent
+
+
+@pytest.mark.parametrize("kind", ["damage", "drop", "duplicate"])
+def test_faults_come_as_often_as_asked_and_by_the_seed(kind: str) -> None:
+    n, chance = 200_000, 0.01
+    clean = bytes(n)
+    outs = []
+    for chunk in (1000, 77, 1000):
+        line = ByteChannel(**{kind: chance}, seed=4)
+        for k in range(0, n, chunk):
+            line.send(clean[k : k + chunk], 0.0)
+        outs.append(line.receive(0.0))
+        expected, spread = n * chance, np.sqrt(n * chance)
+        assert abs(line.spoilt - expected) < 4 * spread
+        change = {"damage": 0, "drop": -line.spoilt, "duplicate": line.spoilt}[kind]
+        assert len(outs[-1]) == n + change
+        if kind == "damage":
+            assert n - outs[-1].count(0) == line.spoilt
+    assert outs[0] == outs[1] == outs[2]  # the seed decides, not the chunks
+
+
+def test_a_cut_cable_loses_what_is_on_it() -> None:
+    line = ByteChannel(baud=1000)
+    line.send(b"lost", 0.0)
+    line.cut = True
+    line.send(b"lost too", 0.0)
+    line.cut = False
+    line.send(b"kept", 1.0)
+    assert line.receive(10.0) == b"kept"
+
+
+def test_a_full_line_loses_what_comes_on_top() -> None:
+    line = ByteChannel(baud=1000, limit=8)
+    line.send(b"12345678", 0.0)
+    line.send(b"9", 0.0)
+    assert line.receive(10.0) == b"12345678"
+
+
+@pytest.mark.parametrize(
+    "options", [{"damage": 1.0}, {"drop": -0.1}, {"baud": 0.0}, {"damage": 0.6, "drop": 0.6}]
+)
+def test_a_line_that_cannot_be_is_refused(options: dict) -> None:
+    with pytest.raises(RigError):
+        ByteChannel(**options)
+
+
+def test_sensors_and_machines_that_cannot_be_are_refused() -> None:
+    for make, match in (
+        (lambda: SimulatedSensor(1.0, 1.0, 0.0), "high must exceed low"),
+        (lambda: SimulatedSensor(0.0, 1.0, 0.0, high_volts=5.5), "high_volts"),
+        (lambda: SimulatedSensor(0.0, 1.0, -1.0), "noise"),
+        (lambda: TestMachine(0.2, shortest=0.3), "shortest < rest_length"),
+    ):
+        with pytest.raises(RigError, match=match):
+            make()

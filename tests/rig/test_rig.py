@@ -1,0 +1,348 @@
+"""A rig in virtual time: it holds pressures, records everything, and is vented on every way out."""
+
+# ruff: noqa: PT012 -- the way out of a with block is what is tested
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig._audit import audit
+from rig._calibration import Calibration
+from rig._control_law import PRESSURE_UNIT
+from rig._errors import RigError
+from rig._fault import RigFault
+from rig._feed_forward import FeedForward
+from rig._journal import Journal
+from rig._journal_reader import read_journal
+from rig._messages import MANUAL, RUN, SAFE
+from rig._plan import Isobaric, next_block
+from rig._protocol import frame
+from rig._rig import Control, Rig
+from rig._run import calibrate_feed_forward, run
+from rig._sensor import Sensor
+from rig._tables import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
+from rig._virtual_link import VirtualLink
+from rig.simulation import HydraulicCircuit, SimulatedRig
+
+PSI = 6894.757293168361
+LIMIT = 110 * PSI
+GAINS = Control.per_psi(4, 2)
+PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
+
+
+def opened(sim: SimulatedRig, journal: Journal | None = None, **changes: object) -> Rig:
+    settings = {"pressure_limit": LIMIT, "control": GAINS, "journal": journal, **changes}
+    return Rig(VirtualLink(sim), sim.calibration(), **settings)
+
+
+def journal_of(path: Path, sim: SimulatedRig, **options: bool) -> Journal:
+    return Journal(path, lambda: sim.now, reserve_bytes=0, **options)
+
+
+def vented(sim: SimulatedRig) -> bool:
+    return sim.device.state == SAFE and sim.device.output == 0 and sim.device.dump_open
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small isobaric test with its machine, its strokes much faster than those of a real one."""
+    path, sim = tmp_path_factory.mktemp("rig") / "run.fam", SimulatedRig(clock_rate=0.002)
+    with journal_of(path, sim) as journal, opened(sim, journal) as rig:
+        run(rig, PLAN, machine=sim.machine)
+    assert vented(sim)
+    return path
+
+
+def test_a_plan_holds_its_pressures(recorded: Path) -> None:
+    columns = table(read_journal(recorded))
+    for block, pressure in enumerate(PLAN.pressures):
+        held = (columns["block"] == block) & (columns["state"] == RUN)
+        settled = held & (columns["time_s"] > columns["time_s"][held][0] + PLAN.settle)
+        assert columns["pressure_Pa"][settled].mean() == pytest.approx(pressure, abs=0.5 * PSI)
+        unit = PSI / PRESSURE_UNIT  # the device's step
+        assert columns["set_pressure_Pa"][settled] == pytest.approx(pressure, abs=unit)
+        assert settled.sum() > 990
+
+
+def test_an_audit_recomputes_every_record(recorded: Path) -> None:
+    found = audit(read_journal(recorded))
+    assert found.sound
+    assert found.checked == found.equal == found.records
+    assert found.unchecked == found.lost == found.torn == 0
+    assert found.ended == "complete"
+    assert "sound" in str(found)
+
+
+@pytest.mark.parametrize(("column", "by"), [(4, 1), (5, 1), (7, 1), (8, 1)])
+def test_an_audit_sees_an_edited_figure(
+    recorded: Path, tmp_path: Path, column: int, by: int
+) -> None:
+    """The sum and the count of the pressure, output and integral, each with its CRC made right."""
+    lines = recorded.read_bytes().split(b"\n")
+    at = next(i for i, line in enumerate(lines) if b",900," in line and line.startswith(b"T"))
+    fields = lines[at][:-5].decode().split(",")
+    fields[column] = str(int(fields[column]) + by * (100 if column in (4, 5) else 1))
+    lines[at] = frame(",".join(fields))[:-1]
+    edited = tmp_path / "edited.fam"
+    edited.write_bytes(b"\n".join(lines))
+    found = audit(read_journal(edited))
+    assert not found.sound
+    assert found.checked - found.equal in {1, 2}  # the next one follows from the integral
+    assert found.first_wrong == (0, int(fields[2]))
+
+
+def test_an_audit_sees_other_gains_than_the_device_told(recorded: Path, tmp_path: Path) -> None:
+    lines = recorded.read_bytes().split(b"\n")
+    for i, line in enumerate(lines):
+        if line.startswith(b"P"):
+            fields = line[:-5].decode().split(",")
+            fields[5] = str(int(fields[5]) + 8)  # Kp, by 1/32 count per psi
+            lines[i] = frame(",".join(fields))[:-1]
+    edited = tmp_path / "gains.fam"
+    edited.write_bytes(b"\n".join(lines))
+    found = audit(read_journal(edited))
+    assert found.equal < found.checked
+
+
+def test_a_journal_that_was_cut_off_is_not_sound(recorded: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.fam"
+    cut.write_bytes(recorded.read_bytes()[:60_000])
+    found = audit(read_journal(cut))
+    assert found.ended is None
+    assert not found.sound
+    assert found.checked == found.equal
+
+
+def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow.parquet")
+    xarray = pytest.importorskip("xarray")
+    record = read_journal(recorded)
+    columns = table(record)
+    assert columns.keys() == UNIT_OF.keys()
+    assert {values.shape for values in columns.values()} == {(len(record.rows),)}
+    assert (np.diff(columns["time_s"]) > 0).all()
+    write_parquet(record, tmp_path / "run.parquet")
+    back = pyarrow.read_table(tmp_path / "run.parquet")
+    np.testing.assert_array_equal(back["force_N"].to_numpy(), columns["force_N"])
+    assert back.schema.field("pressure_Pa").metadata == {b"unit": b"Pa"}
+    write_netcdf(record, tmp_path / "run.nc")
+    with xarray.open_dataset(tmp_path / "run.nc", engine="scipy") as dataset:
+        np.testing.assert_array_equal(dataset["pressure_Pa"], columns["pressure_Pa"])
+        assert dataset["force_N"].attrs["units"] == "N"
+        assert dict(dataset.sizes) == {"time_s": len(record.rows)}
+    assert to_xarray(record)["output"].attrs["units"] == "1"
+
+
+def test_time_is_the_hosts(recorded: Path) -> None:
+    """The simulated clock gains 2000 ppm: after 26 s it is 52 ms ahead."""
+    columns = table(read_journal(recorded))
+    true = columns["device_time_s"] / 1.002
+    late = columns["time_s"] - true
+    # the simulated port sends at once what a tick of 2 ms carries, and the link looks every 4 ms
+    assert np.abs(late).max() < 4e-3
+
+
+def test_a_stopped_plan_goes_on_where_it_was(tmp_path: Path) -> None:
+    path, sim = tmp_path / "two.fam", SimulatedRig()
+    with (
+        journal_of(path, sim) as journal,
+        pytest.raises(KeyboardInterrupt),
+        opened(sim, journal) as rig,
+    ):
+        rig.link.watch = interrupt_at(sim, 16.0)
+        run(rig, PLAN)
+    assert vented(sim)
+    block = next_block(read_journal(path).notes)
+    assert block == 1
+    with journal_of(path, sim, append=True) as journal, opened(sim, journal) as rig:
+        run(rig, PLAN, first_block=block)
+    found = read_journal(path)
+    assert [n["block"] for n in found.notes_of("block")] == [0, 1, 1]
+    assert [n["block"] for n in found.notes_of("done")] == [0, 1]
+    assert [n["reason"] for n in found.notes_of("end")] == ["KeyboardInterrupt: ", "complete"]
+    assert audit(found).sound
+
+
+def test_parts_of_a_recording_may_have_other_clocks(tmp_path: Path) -> None:
+    """Resumed after the computer was started again: the second part's time begins anew."""
+    path, plan = tmp_path / "two.fam", Isobaric((20 * PSI, 40 * PSI), 1, 0.01, 0.01, settle=1.0)
+    first, second = SimulatedRig(), SimulatedRig()
+    first.advance(500.0)
+    first.read()  # nobody was listening
+    with (
+        journal_of(path, first) as journal,
+        pytest.raises(KeyboardInterrupt),
+        opened(first, journal) as rig,
+    ):
+        run(rig, Isobaric(plan.pressures[:1], 1, 0.01, 0.01, settle=1.0))
+        raise KeyboardInterrupt
+    with journal_of(path, second, append=True) as journal, opened(second, journal) as rig:
+        run(rig, plan, first_block=next_block(read_journal(path).notes))
+    found = read_journal(path)
+    columns = table(found)
+    assert found.epoch_parts == (0, 1)
+    assert [note["block"] for note in found.notes_of("done")] == [0, 1]
+    for block, start in ((0, 500.0), (1, 0.0)):
+        times = columns["time_s"][columns["block"] == block]
+        assert start < times.min() < times.max() < start + 6
+        assert np.ptp(times) == pytest.approx(3.0, abs=0.05)
+
+
+def interrupt_at(sim: SimulatedRig, time: float) -> Callable[[object], None]:
+    times = [time]
+
+    def watch(_: object) -> None:
+        if times and sim.now > times[0]:
+            times.clear()
+            raise KeyboardInterrupt
+
+    return watch
+
+
+def test_photographs_are_triggered_and_noted(tmp_path: Path) -> None:
+    taken: list[str] = []
+    path, sim = tmp_path / "photo.fam", SimulatedRig()
+    plan = Isobaric((20 * PSI,), 1, 0.005, 0.001, settle=1.0, photograph_every=2.5)
+    with journal_of(path, sim) as journal, opened(sim, journal, camera=taken.append) as rig:
+        run(rig, plan)
+    notes = read_journal(path).notes_of("trigger")
+    assert taken == [note["name"] for note in notes]
+    assert taken == [f"block00-{k:05d}" for k in range(5)]
+    np.testing.assert_allclose(np.diff([note["at"] for note in notes]), 2.5, atol=0.01)
+    ticks = np.diff([note["tick"] for note in notes]) / 500
+    np.testing.assert_allclose(ticks, 2.5, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pressure_limit": None}, "only under a pressure limit > 0, got None"),
+        ({"pressure_limit": 0.0}, "only under a pressure limit > 0, got 0"),
+        ({"pressure_limit": float("nan")}, "only under a pressure limit"),
+        ({"pressure_limit": 300 * PSI}, "could not be seen"),
+        ({"pressure_limit": 100.0 - 60 * PSI}, "only under"),
+    ],
+)
+def test_no_rig_without_a_pressure_limit_that_can_be_seen(changes: dict, message: str) -> None:
+    with pytest.raises(RigError, match=message):
+        opened(SimulatedRig(), **changes)
+
+
+def test_the_limit_is_rounded_down_to_counts() -> None:
+    sim = SimulatedRig()
+    with opened(sim) as rig:
+        counts = rig.link.session.settings.trip
+        sensor = sim.calibration().pressure
+        assert sensor.value(5 * counts) <= LIMIT < sensor.value(5 * (counts + 1))
+
+
+def test_a_sensor_that_the_device_cannot_take_is_refused() -> None:
+    force = Sensor(1.0, 0.0)
+    with pytest.raises(RigError, match=r"zero of 0 to 1023.9 counts"):
+        Rig(
+            VirtualLink(SimulatedRig()),
+            Calibration(Sensor(300.0, -50.0), force),
+            pressure_limit=2e5,
+            control=GAINS,
+        )
+
+
+def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
+    sim = SimulatedRig()
+    high = Isobaric((20 * PSI, LIMIT), 1, 0.01, 0.002)
+    with opened(sim) as rig:
+        with pytest.raises(RigError, match=r"the plan sets 758423 Pa, the limit is 758423 Pa"):
+            run(rig, high)
+        rig.calibration = Calibration(
+            rig.calibration.pressure,
+            rig.calibration.force,
+            FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI)),
+        )
+        with pytest.raises(RigError, match=r"feed-forward is known from"):
+            run(rig, PLAN)
+        with pytest.raises(RigError, match=r"below the limit"):
+            rig.set_pressure(LIMIT)
+        assert sim.pressure < PSI
+
+
+@pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(1)])
+def test_whatever_ends_a_test_vents(error: BaseException) -> None:
+    sim = SimulatedRig()
+    with pytest.raises(type(error)), opened(sim) as rig:
+        rig.set_pressure(40 * PSI)
+        rig.wait(3.0)
+        assert sim.pressure > 35 * PSI
+        raise error
+    assert vented(sim)
+    sim.advance(1.0)
+    assert sim.pressure < 5 * PSI
+
+
+def test_a_rig_that_cannot_be_set_up_is_vented_and_said() -> None:
+    sim = SimulatedRig()
+    with pytest.raises(RigError, match=r"the device refuses 'gain"):
+        opened(sim, control=Control.per_psi(1e5, 0)).__enter__()
+    assert vented(sim)
+
+
+def test_a_plan_that_hangs_vents_by_itself() -> None:
+    sim = SimulatedRig()
+    with opened(sim) as rig:
+        rig.set_pressure(40 * PSI)
+        rig.wait(3.0)
+        rig.link.sleep(5.0 + 1.0 + 0.25)  # nobody kicks: heartbeats end after 5 s
+        assert vented(sim)
+        with pytest.raises(RigFault, match=r"went to SAFE by itself: silence"):
+            rig.check()
+
+
+def test_a_test_is_stopped_on_request() -> None:
+    sim = SimulatedRig()
+    with pytest.raises(RigFault, match=r"stopped on request"), opened(sim) as rig:
+        rig.set_pressure(20 * PSI)
+        rig.cancel()
+        rig.wait(10.0)
+    assert vented(sim)
+    assert sim.now < 1.0
+
+
+def test_a_device_that_does_not_answer_is_said_and_never_left_with_heartbeats() -> None:
+    sim = SimulatedRig()
+    with (
+        pytest.raises(RigFault, match=r"did not confirm that it stopped.*look at the pressure"),
+        opened(sim) as rig,
+    ):
+        rig.set_pressure(40 * PSI)
+        rig.wait(2.0)
+        sim.to_host.cut = sim.to_device.cut = True
+    assert vented(sim)
+
+
+def test_means_are_those_of_the_records() -> None:
+    sim = SimulatedRig()
+    with opened(sim) as rig:
+        rig.set_pressure(30 * PSI)
+        rig.wait(3.0)
+        pressure, force = rig.average(2.0)
+        calibration = sim.calibration()
+        assert calibration.pressure.value(pressure) == pytest.approx(sim.pressure, abs=0.5 * PSI)
+        assert calibration.force.value(force) == pytest.approx(sim.force, abs=20)
+        rig.manual(100)
+        rig.wait(0.1)
+        assert rig.link.newest.state == MANUAL
+
+
+def test_the_feed_forward_of_a_pump_is_found_by_stepping_it() -> None:
+    circuit = HydraulicCircuit()
+    sim = SimulatedRig(circuit)
+    true = sim.calibration().feed_forward
+    outputs = [int(circuit.steady_output(p * PSI)) for p in (8, 20, 35, 50, 65, 80, 95)]
+    with opened(sim) as rig:
+        found = calibrate_feed_forward(rig, [*outputs, *outputs[::-1]], settle=2.5, average=1.0)
+    assert vented(sim)
+    for pressure in (10, 30, 60, 90):
+        # the pump moves in steps of one count, and the cubic is not its law
+        assert found.output(pressure * PSI) == pytest.approx(true.output(pressure * PSI), abs=3)
+    assert found.scatter < 3

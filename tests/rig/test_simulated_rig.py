@@ -1,0 +1,314 @@
+"""The simulated rig as its host sees it, and whole tests through files, against what is true."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting import read_csv
+from rig import (
+    Control,
+    Isobaric,
+    Journal,
+    PlanFile,
+    Rig,
+    RigError,
+    RigFault,
+    Sample,
+    Splitter,
+    VirtualLink,
+    analyse,
+    audit,
+    parse,
+    read_journal,
+    read_machine_log,
+)
+from rig.simulation import (
+    ByteChannel,
+    HydraulicCircuit,
+    MachineClock,
+    PneumaticCircuit,
+    SimulatedRig,
+    SimulatedTest,
+    load_cell,
+    machine_for,
+    mckibben,
+    pressure_transducer,
+    simulate,
+)
+
+PSI, INCH, POUND = 6894.757293168361, 0.0254, 4.4482216152605
+GAINS = {"air": Control.per_psi(4, 2), "water": Control.per_psi(0, 5)}  # table 3.2, 7/8 in
+LIMIT = 115 * PSI
+
+
+def talk(rig: SimulatedRig, *commands: str, seconds: float = 0.1) -> None:
+    for command in commands:
+        rig.write(command.encode() + b"\n")
+        rig.advance(seconds)
+
+
+def samples(data: bytes) -> list[Sample]:
+    return [m for m in map(parse, Splitter().feed(data)) if isinstance(m, Sample)]
+
+
+def test_the_bytes_do_not_depend_on_the_steps() -> None:
+    streams = []
+    for step in (0.001, 0.004, 0.1):
+        rig = SimulatedRig(to_host=ByteChannel(damage=0.01, seed=3), clock_rate=-2e-3, seed=5)
+        talk(rig, "trip 600", "gain 4 2", "set 20 128", "run")
+        for _ in range(round(0.6 / step)):
+            rig.advance(step)
+        rig.advance(0.6 + 0.4 - rig.now + 1e-9)
+        streams.append(rig.read())
+    assert streams[0] == streams[1] == streams[2]
+    assert len(streams[0]) > 4000
+
+
+def test_seeds_decide_the_noise() -> None:
+    heard = []
+    for seed in (1, 1, 2):
+        rig = SimulatedRig(seed=seed)
+        rig.advance(1.0)
+        heard.append(rig.read())
+    assert heard[0] == heard[1] != heard[2]
+
+
+@pytest.mark.parametrize("rate", [-2e-3, 0.0, 3e-3])
+def test_the_device_counts_by_its_own_clock(rate: float) -> None:
+    rig = SimulatedRig(clock_rate=rate)
+    rig.advance(20.0)
+    last = samples(rig.read())[-1]
+    assert last.tick * 2e-3 == pytest.approx(20.0 * (1 + rate), abs=0.02)  # a record and its line
+
+
+def test_the_calibration_reads_what_is_true() -> None:
+    rig = SimulatedRig(pressure_sensor=pressure_transducer(noise=0.5 * PSI, correlation_time=0.0))
+    rig.plant.circuit.pressure = 40 * PSI
+    rig.plant.circuit.circuit = PneumaticCircuit(leak=0.0, dump_conductance=0.0)  # keeps its air
+    talk(rig, "trip 900", "man 128", seconds=0.05)
+    rig.read()
+    rig.advance(0.5)
+    pressure, force = rig.pressure, rig.force
+    heard = samples(rig.read())
+    calibration = rig.calibration()
+    found = calibration.pressure.value(np.mean([s.pressure_sum for s in heard]))
+    assert float(found) == pytest.approx(pressure, abs=4 * 0.5 * PSI / math.sqrt(5 * len(heard)))
+    pull = calibration.force.value(np.mean([s.force_sum for s in heard]))
+    count = 1 / rig.force_sensor.counts_per_unit
+    assert float(pull) == pytest.approx(force, abs=count)  # hardly any noise: quantised
+
+
+def rig_under_control(sim: SimulatedRig, fluid: str) -> Rig:
+    return Rig(VirtualLink(sim), sim.calibration(), pressure_limit=LIMIT, control=GAINS[fluid])
+
+
+CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
+
+
+def held(sim: SimulatedRig, fluid: str, pressure: float, then: Callable[[], None]) -> None:
+    """Hold a pressure, let something happen, and look after the rig again."""
+    with rig_under_control(sim, fluid) as rig:
+        rig.set_pressure(pressure)
+        rig.wait(8.0)
+        assert sim.pressure == pytest.approx(pressure, abs=1.5 * PSI)
+        then()
+        rig.wait(1.0)
+
+
+def until_off(sim: SimulatedRig) -> float:
+    """Seconds until the output is off."""
+    before = sim.now
+    while sim.device.output:
+        sim.advance(1e-3)
+    return sim.now - before
+
+
+@pytest.mark.parametrize("fluid", ["air", "water"])
+def test_an_unplugged_sensor_trips_and_vents(fluid: str) -> None:
+    sim = SimulatedRig(CIRCUITS[fluid]())
+
+    def unplug() -> None:
+        sim.sensor_fault = 1023
+        assert until_off(sim) < 8e-3  # three conversions and the phase
+        sim.advance(0.3)
+        assert sim.pressure < 5 * PSI
+
+    with pytest.raises(RigFault, match="TRIP"):
+        held(sim, fluid, 60 * PSI, unplug)
+
+
+def test_a_device_without_its_host_vents_within_a_second_and_a_bit() -> None:
+    sim = SimulatedRig()
+
+    def cut() -> None:
+        sim.to_device.cut = True
+        assert 0.75 < until_off(sim) < 1.05  # the last heartbeat was up to 0.2 s before
+
+    with pytest.raises(RigFault, match="SAFE by itself: silence"):
+        held(sim, "air", 60 * PSI, cut)
+
+
+def test_a_blocked_needle_is_beyond_software() -> None:
+    """The study's warning in the whole loop: trip within milliseconds, pressure far above the limit."""
+    stiff = {"relief": None, "dump": 0.0, "bulk_modulus": 200e6}
+    sim = SimulatedRig(HydraulicCircuit(**stiff))
+
+    def block() -> None:
+        sim.plant.circuit.circuit = HydraulicCircuit(needle=0.0, **stiff)  # pyright: ignore
+        peak = 0.0
+        for _ in range(500):
+            sim.advance(2e-3)
+            peak = max(peak, sim.pressure)
+        assert peak > 2 * LIMIT
+
+    with pytest.raises(RigFault, match="TRIP"):
+        held(sim, "water", 50 * PSI, block)
+
+
+def whole_test(folder: Path, fluid: str, pressures: tuple[float, ...], **options) -> SimulatedTest:
+    plan = Isobaric(
+        tuple(p * PSI for p in pressures), cycles=1, stroke=options.pop("stroke", 3.4 * INCH),
+        rate=options.pop("rate", 0.04 * INCH), settle=5.0,
+    )  # fmt: skip
+    return simulate(PlanFile(plan, fluid, LIMIT, GAINS[fluid]), folder, **options)
+
+
+@pytest.fixture(scope="module")
+def air(tmp_path_factory: pytest.TempPathFactory) -> SimulatedTest:
+    return whole_test(tmp_path_factory.mktemp("air"), "air", (30, 70), rate=0.06 * INCH, seed=3)
+
+
+def test_a_whole_test_finds_the_muscle_that_was_simulated(air: SimulatedTest) -> None:
+    muscle = mckibben()
+    for bar in air.analysis.characterisation.isobars:
+        truth = np.array([muscle.force(L, bar.set_pressure) for L in bar.length.tolist()])
+        inner = slice(8, -3)  # beyond the pressure's dip at the turn
+        # Friction is 2 % to either side; 0.3 psi of pressure are 3 lbf.
+        assert np.abs(bar.force - truth)[inner].max() < 4 * POUND
+        half = (bar.lengthening - bar.shortening)[inner] / 2
+        assert np.abs(half - 0.02 * truth[inner]).max() < 4 * POUND
+        assert bar.blocked_force == pytest.approx(
+            muscle.force(muscle.rest_length, bar.set_pressure), rel=0.03
+        )
+        roots = np.linspace(0.9 * bar.length[-1], bar.length[0], 4000)
+        free = roots[np.argmax([muscle.force(L, bar.set_pressure) > 0 for L in roots.tolist()])]
+        assert bar.free_contraction == pytest.approx(1 - free / muscle.rest_length, abs=0.003)
+
+
+def test_its_clocks_are_laid_onto_each_other(air: SimulatedTest) -> None:
+    alignment = air.analysis.alignment
+    for true in (20.0, 100.0, 180.0):
+        shown = MachineClock(12.345, 50e-6).reading(true)
+        # The host's clock is the truth but for the line's latency, about 4 ms.
+        assert float(alignment.journal_time(np.array(shown))) == pytest.approx(true, abs=0.01)
+
+
+def test_its_journal_is_sound_and_its_dataset_is_read_by_a_fit(air: SimulatedTest) -> None:
+    found = audit(read_journal(air.paths[0]))
+    assert found.sound
+    assert found.checked == found.equal > 10_000
+    assert found.lost == 0
+    data = read_csv(air.paths[2])
+    assert data.specimen.rest_length == mckibben().rest_length
+    assert data.max_force == pytest.approx(720 * POUND, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fluid", ["air", "water"])
+def test_published_gains_hold_the_published_pressure(fluid: str, tmp_path: Path) -> None:
+    """Chapter 3: 0.02 in/s; 20 and 100 psi. Mean within 0.1 psi, deviation 0.15 to 0.45 psi."""
+    done = whole_test(tmp_path, fluid, (20, 100), rate=0.02 * INCH, seed=11)
+    for bar in done.analysis.characterisation.isobars:
+        assert abs(bar.pressure - bar.set_pressure) < 0.1 * PSI
+        assert 0.15 * PSI < bar.pressure_std < 0.45 * PSI
+
+
+def test_a_line_with_faults_loses_nothing(tmp_path: Path) -> None:
+    """1 % damaged bytes both ways."""
+    sim = SimulatedRig(
+        to_host=ByteChannel(damage=0.01, seed=1),
+        to_device=ByteChannel(baud=115200, damage=0.01, seed=2),
+    )
+    link = VirtualLink(sim)
+    journal = Journal(tmp_path / "j.fam", lambda: link.now)
+    with Rig(
+        link, sim.calibration(), pressure_limit=LIMIT, control=GAINS["air"], journal=journal
+    ) as rig:
+        rig.set_pressure(40 * PSI)
+        rig.wait(20.0)
+    journal.close()
+    record = read_journal(tmp_path / "j.fam")
+    found = audit(record)
+    assert found.checked == found.equal
+    seq = record.column("seq")
+    steady = seq[
+        seq < seq[-1] - 30
+    ]  # a recording may end while its last records are asked for again
+    assert steady.size > 1900
+    assert np.array_equal(np.diff(steady), np.ones(steady.size - 1))
+    assert sim.to_host.spoilt > 500
+
+
+def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:
+    muscle = mckibben()
+    machine = machine_for(muscle, MachineClock(-40.0, 2e-4))
+    sim = SimulatedRig(
+        muscle=muscle, machine=machine, force_sensor=load_cell(6000.0), clock_rate=-1e-3
+    )
+    link = VirtualLink(sim)
+    journal = Journal(tmp_path / "j.fam", lambda: link.now)
+    with Rig(
+        link, sim.calibration(), pressure_limit=LIMIT, control=GAINS["air"], journal=journal
+    ) as rig:
+        for pressure, settle in ((30, 3.0), (50, 4.0), (70, 5.5)):
+            rig.set_pressure(pressure * PSI)
+            rig.wait(settle)
+            link.command("sync", 20)
+            machine.start(1, 0.3 * INCH)
+            while machine.busy:
+                rig.wait(0.5)
+    journal.close()
+    machine.write_log(tmp_path / "m.csv")
+    found = analyse(
+        read_journal(tmp_path / "j.fam"),
+        read_machine_log(tmp_path / "m.csv"),
+        rest_length=muscle.rest_length,
+        sync_column="Digital input (-)",
+    )
+    assert found.alignment.method == "pulses"
+    assert found.alignment.n == 3
+    assert len(found.characterisation.isobars) == 3
+    for true in (10.0, 50.0):
+        shown = machine.clock.reading(true)
+        # Edges are known to half an interval of either record, and the line's latency comes on top.
+        assert float(found.alignment.journal_time(np.array(shown))) == pytest.approx(true, abs=0.03)
+    with pytest.raises(RigError, match="no column 'Sync'"):
+        analyse(
+            read_journal(tmp_path / "j.fam"),
+            read_machine_log(tmp_path / "m.csv"),
+            rest_length=muscle.rest_length,
+            sync_column="Sync",
+        )
+
+
+def test_what_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RigError, match="longer than the"):
+        whole_test(tmp_path, "air", (20,), stroke=5 * INCH)
+    with pytest.raises(RigError, match="the limit is"):
+        whole_test(tmp_path / "b", "air", (120,))
+    with pytest.raises(RigError, match="clock_rate"):
+        SimulatedRig(clock_rate=0.5)
+    with pytest.raises(RigError, match="time passes forwards"):
+        SimulatedRig().advance(-1.0)
+
+
+def test_a_load_cell_that_ends_too_low_shows_its_end() -> None:
+    sim = SimulatedRig(force_sensor=load_cell(100 * POUND))
+    with rig_under_control(sim, "air") as rig:
+        rig.set_pressure(60 * PSI)
+        rig.wait(5.0)
+        counts = rig.average(0.5)[1]
+    assert counts == 5 * 1023
