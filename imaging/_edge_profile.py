@@ -1,0 +1,102 @@
+"""Blur, light and place of an edge from the mean of all its rows."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import leastsq
+
+from ._edge_fit import height_and_rest
+from ._limb import ramp, step
+
+BROAD = (3.0, 15.0)  # px per px of blur: samples that say how the light falls towards the limb
+_NEAR = (-7.0, 1.25)  # the same: samples that say where the edge is
+_BLURS = (0.4, 8.0)  # px
+_FARTHEST = 4.0  # px that one pass may move an edge
+_KAPPAS = (0.0, 50.0)  # the weave can darken the body inward, which is not the limb's law
+
+
+@dataclasses.dataclass(frozen=True)
+class EdgeProfile:
+    """What the mean profiles of both sides say.
+
+    Attributes:
+        blur: Gaussian blur s, common to both [px].
+        kappas: strength of the limb's root against its step, left and right [px^-0.5].
+        shifts: of the edge against where the windows were aligned, inward [px].
+        misfit: root mean square between profiles and model, over the step.
+    """
+
+    blur: float
+    kappas: tuple[float, float]
+    shifts: tuple[float, float]
+    misfit: float
+
+
+def edge_profile(
+    profiles: list[NDArray[np.float64]],
+    t: NDArray[np.float64],
+    blur: float,
+    radius: float,
+    *,
+    estimate: bool,
+) -> EdgeProfile:
+    """Blur, light and place of the edges, from the mean profiles of both sides.
+
+    How the light falls towards the limb is read where threads average out, 3 to 15 blurs inside;
+    where the edge is, from the outer flank alone, so that the first thread's own shade, which may
+    be anything, moves it little.
+
+    Args:
+        profiles: mean brightness of the left and the right side along the normal, shape (n,) each.
+        t: distance inward of the samples [px], shape (n,).
+        blur: s, about [px].
+        radius: of the body [px].
+        estimate: find the blur; else it is taken as it is.
+    """
+    kappas = [_limb_strength(profile, t, blur, radius) for profile in profiles]
+    near = near_edge(t, blur)
+    parts = [(profile[near] / max(np.ptp(profile[near]), 1e-6)) for profile in profiles]
+
+    def blur_of(unknown: NDArray[np.float64]) -> float:
+        return float(np.clip(np.exp(unknown[2]), *_BLURS)) if estimate else blur
+
+    def left_over(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        s = blur_of(unknown)
+        return np.concatenate(
+            [
+                height_and_rest(part, limb(t[near] - shift, s, kappa, radius))[1]
+                for part, kappa, shift in zip(parts, kappas, unknown[:2], strict=True)
+            ]
+        )
+
+    first = np.array([0.0, 0.0, np.log(blur)] if estimate else [0.0, 0.0])
+    best, *_ = leastsq(left_over, first, xtol=1e-4, ftol=1e-7)
+    misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
+    left, right = (float(np.clip(x, -_FARTHEST, _FARTHEST)) for x in best[:2])
+    return EdgeProfile(blur_of(best), (kappas[0], kappas[1]), (left, right), misfit)
+
+
+def limb(t: NDArray[np.float64], s: float, kappa: float, radius: float) -> NDArray[np.float64]:
+    """Brightness across a limb, Phi(t/s) + kappa (root under blur), elementwise."""
+    return step(t, s) + kappa * ramp(t, s, radius) if kappa else step(t, s)
+
+
+def near_edge(t: NDArray[np.float64], s: float) -> NDArray[np.bool_]:
+    """The samples of the edge's outer flank and of little more."""
+    size = max(1.0, s)
+    return (t >= _NEAR[0] * size) & (t <= _NEAR[1] * size)
+
+
+def _limb_strength(
+    profile: NDArray[np.float64], t: NDArray[np.float64], s: float, radius: float
+) -> float:
+    """The kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur."""
+    inside = t >= BROAD[0] * max(1.0, s)
+    x = t[inside]
+    root = np.sqrt(x * (1 - x / (2 * radius)))
+    slope, _ = height_and_rest(profile[inside], root)
+    at_limb = float(profile[inside].mean() - slope * root.mean())
+    if at_limb <= 0:
+        return _KAPPAS[1] if slope > 0 else _KAPPAS[0]
+    return float(np.clip(slope / at_limb, *_KAPPAS))

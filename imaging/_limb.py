@@ -1,0 +1,67 @@
+"""The brightness across the limb of a lit body under blur: the model that edges are fitted with."""
+
+import functools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+_REACH = 40.0  # end of the table of blurred roots, in blurs
+_TABLE = 4001
+
+
+def step(t: ArrayLike, blur: float) -> NDArray[np.float64]:
+    """A step at t = 0 under Gaussian blur, Phi(t / s), 0 outside and 1 inside.
+
+    Args:
+        t: distance inward from the edge [px].
+        blur: s > 0 [px].
+    """
+    return ndtr(np.asarray(t, float) / blur)
+
+
+def ramp(t: ArrayLike, blur: float, radius: float) -> NDArray[np.float64]:
+    """The blurred root sqrt(t - t^2 / (2 R)) by which a lit cylinder brightens inward of its limb.
+
+    The cosine between normal and line of sight at t from the limb of a cylinder of radius R is
+    sqrt(2 t / R - t^2 / R^2); its second term is taken to first order.
+
+    Args:
+        t: distance inward from the edge [px].
+        blur: s > 0 [px].
+        radius: R [px].
+
+    Returns:
+        Values [px^0.5], of the shape of t.
+    """
+    x = np.asarray(t, float) / blur
+    first, second = _blurred_roots()
+    grid = first[0]
+    half, three = np.interp(x, grid, first[1]), np.interp(x, grid, second)
+    if np.any(x > _REACH):  # where blur is small against t, to second order
+        far = np.maximum(x, _REACH)
+        half = np.where(x > _REACH, np.sqrt(far) * (1 - 1 / (8 * far**2)), half)
+        three = np.where(x > _REACH, far**1.5 * (1 + 3 / (8 * far**2)), three)
+    return np.sqrt(blur) * half - blur**1.5 * three / (4 * radius)
+
+
+@functools.cache
+def _blurred_roots() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """E[(x + z)_+^p] for z normal: grid and values for p = 1/2, values for p = 3/2.
+
+    The substitution x + z = w^2 removes the root's corner; Simpson's rule on w then is exact to
+    1e-10.
+    """
+    x = np.linspace(-8, _REACH, _TABLE)
+    half, three = np.empty_like(x), np.empty_like(x)
+    for i, centre in enumerate(x):
+        low = np.sqrt(max(centre - 8, 0.0))
+        w = np.linspace(low, np.sqrt(centre + 8), 201) if centre > -8 else np.zeros(201)
+        density = np.exp(-((w**2 - centre) ** 2) / 2) / np.sqrt(2 * np.pi) * 2 * w
+        weight = np.full(201, 2.0)
+        weight[1::2] = 4
+        weight[[0, -1]] = 1
+        weight *= (w[-1] - w[0]) / 600
+        half[i] = np.sum(weight * density * w)
+        three[i] = np.sum(weight * density * w**3)
+    return np.vstack([x, half]), three

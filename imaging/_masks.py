@@ -1,0 +1,66 @@
+"""Operations on 8-bit masks, 255 inside and 0 outside."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.uint8]
+
+
+def above(image: NDArray[np.uint8], level: float) -> Mask:
+    """Where an 8-bit image is brighter than a level."""
+    return _mask(cv2.threshold(image, float(np.floor(level)), 255, cv2.THRESH_BINARY)[1])
+
+
+def opened(mask: Mask, size: int) -> Mask:
+    """Without what is narrower than `size` px."""
+    return _mask(cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((size, size), np.uint8)))
+
+
+def closed(mask: Mask, size: int) -> Mask:
+    """With gaps narrower than `size` px filled."""
+    return _mask(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8)))
+
+
+def eroded(mask: Mask, size: int) -> Mask:
+    """Without a border of half of `size` px."""
+    return _mask(cv2.erode(mask, np.ones((size, size), np.uint8)))
+
+
+def dilated(mask: Mask, size: int) -> Mask:
+    """With a border of half of `size` px."""
+    return _mask(cv2.dilate(mask, np.ones((size, size), np.uint8)))
+
+
+def both(a: Mask, b: Mask) -> Mask:
+    """Inside a and inside b."""
+    return _mask(cv2.bitwise_and(a, b))
+
+
+def either(a: Mask, b: Mask) -> Mask:
+    """Inside a or inside b."""
+    return _mask(cv2.bitwise_or(a, b))
+
+
+def outside(mask: Mask) -> Mask:
+    """What the mask leaves out."""
+    return _mask(cv2.bitwise_not(mask))
+
+
+def parts(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Numbers of the connected parts, 0 outside, and their areas, that of the outside 0."""
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(mask)
+    area = np.asarray(statistics[:, cv2.CC_STAT_AREA], np.int64).copy()
+    area[0] = 0
+    return np.asarray(labels, np.int32), area
+
+
+def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mask:
+    """The parts with these numbers."""
+    table = np.zeros(int(labels.max()) + 1, np.uint8)
+    table[numbers] = 255
+    return table[labels]
+
+
+def _mask(image: object) -> Mask:
+    return np.asarray(image, np.uint8)

@@ -1,0 +1,67 @@
+"""Otsu's threshold of a histogram, with the figure that says whether there are two classes at all."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclasses.dataclass(frozen=True)
+class Split:
+    """A histogram cut in two.
+
+    Attributes:
+        level: the last bin of the lower class.
+        eta: between-class over total variance, 0 to 1; 0.64 for one normal distribution.
+        low, high: means of the classes, in bins.
+        share: part of all counts in the upper class.
+    """
+
+    level: int
+    eta: float
+    low: float
+    high: float
+    share: float
+
+
+def otsu_split(counts: ArrayLike) -> Split:
+    """The cut of a histogram that maximises the variance between its two classes.
+
+    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2; the level equals OpenCV's.
+
+    Args:
+        counts: of the bins 0, 1, 2 ..., shape (n,).
+
+    Returns:
+        The cut; eta is zero where all counts stand in one bin.
+
+    References:
+        Otsu 1979, IEEE Trans. Syst. Man Cybern. 9, equations 14 to 16.
+
+    >>> split = otsu_split([5, 9, 1, 0, 2, 7, 3])
+    >>> print(split.level, round(split.eta, 4), round(split.low, 4), round(split.high, 4))
+    2 0.9276 0.7333 5.0833
+    """
+    p = np.asarray(counts, float).ravel()
+    p = p / p.sum()
+    bins = np.arange(p.size)
+    weight, first = np.cumsum(p), np.cumsum(p * bins)
+    mean = first[-1]
+    spread = float(p @ (bins - mean) ** 2)
+    inside = weight * (1 - weight) > 1e-12
+    if spread == 0 or not inside.any():
+        return Split(int(np.argmax(p)), 0.0, float(mean), float(mean), 0.0)
+    between = np.zeros_like(p)
+    w = weight[inside]
+    between[inside] = (mean * w - first[inside]) ** 2 / (w * (1 - w))
+    k = int(np.argmax(between))
+    w0 = weight[k]
+    low, high = first[k] / w0, (mean - first[k]) / (1 - w0)
+    return Split(k, float(between[k] / spread), float(low), float(high), float(1 - w0))
+
+
+def counts_of(values: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Counts of the values 0 to 255 of an 8-bit array, shape (256,)."""
+    import cv2  # noqa: PLC0415 - ten times as fast as numpy
+
+    return cv2.calcHist([values], [0], None, [256], [0, 256]).ravel().astype(np.float64)

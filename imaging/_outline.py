@@ -1,0 +1,206 @@
+"""The outline of the muscle to a fraction of a pixel: limb model, blur from the picture itself."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from ._edge_fit import best_shift, parabola_peak
+from ._edge_profile import BROAD, edge_profile, limb, near_edge
+from ._edge_windows import AVERAGED_ROWS, Samples, aligned_windows, first_curve
+from ._smoother import smooth_robustly, variance_of_smooth
+
+Method = Literal["limb", "gradient", "half-level"]
+"""How an edge is found in linear light: the limb model, the steepest point, half the local step."""
+
+_WIDEST_START = 3.0  # px: from too small a blur the flank of a defocused edge looks like an edge
+_PASSES = 4
+_SETTLED = 0.05  # px
+_LARGEST_PART = 0.35  # of the radius up to which the windows may reach
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """One side of the outline.
+
+    Attributes:
+        column: u of the edge in every row [px], shape (n,).
+        stderr: its random standard error [px], shape (n,).
+        residual: root mean square of the single fits about the curve [px].
+        outliers: part of the rows that were thrown out.
+        kappa: strength of the limb's root against its step [px^-0.5].
+        profile: mean of all rows along the normal, linear light, at `Outline.inward`.
+    """
+
+    column: NDArray[np.float64]
+    stderr: NDArray[np.float64]
+    residual: float
+    outliers: float
+    kappa: float
+    profile: NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Outline:
+    """Both sides of a muscle.
+
+    Attributes:
+        rows: v, shape (n,).
+        left, right: the sides.
+        blur: Gaussian blur s of the edge, pixel and weave included [px].
+        misfit: root mean square between the mean profiles and the model, over the step.
+        inward: distance from the edge of the samples of a profile [px].
+    """
+
+    rows: NDArray[np.int64]
+    left: Side
+    right: Side
+    blur: float
+    misfit: float
+    inward: NDArray[np.float64]
+
+
+def find_outline(
+    luma: NDArray[np.uint8],
+    amount: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    left: NDArray[np.float64],
+    right: NDArray[np.float64],
+    *,
+    resolution: float,
+    method: Method = "limb",
+    blur: float | None = None,
+) -> Outline:
+    """Both edges of an upright muscle in every row, from a coarse outline.
+
+    I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)] along the normal. Single rows give a first
+    curve; then windows aligned to it are averaged over 21 rows along the edge, the mean of all
+    gives blur s and kappa, and every averaged window a position, which is smoothed.
+
+    Args:
+        luma: picture, shape (h, w).
+        amount: linear amount of braid for each value of luma, shape (256,).
+        rows: v, consecutive, shape (n,).
+        left: columns of the left side to within 10 px, shape (n,).
+        right: the same of the right side.
+        resolution: wavelength that passes at half its height [px].
+        method: the estimator.
+        blur: s [px]; None estimates it.
+
+    Raises:
+        NoMuscle: no edge where the coarse outline has one.
+    """
+    radius = float(np.median(right - left)) / 2
+    curves = [
+        first_curve(luma, rows, coarse, inward, resolution, radius)
+        for coarse, inward in ((left, 1), (right, -1))
+    ]
+    start = _WIDEST_START if blur is None else blur
+    options = (radius, resolution, method)
+    outline = _improved(luma, amount, rows, curves, start, *options, estimate=blur is None)
+    for _ in range(_PASSES):
+        before = outline.blur
+        curves = [outline.left.column, outline.right.column]
+        outline = _improved(luma, amount, rows, curves, before, *options, estimate=blur is None)
+        found = [outline.left.column, outline.right.column]
+        moved = max(np.abs(new - old).max() for new, old in zip(found, curves, strict=True))
+        if moved < _SETTLED and abs(outline.blur / before - 1) < _SETTLED:
+            break
+    return outline
+
+
+def _improved(
+    luma: NDArray[np.uint8],
+    amount: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    curves: list[NDArray[np.float64]],
+    blur: float,
+    radius: float,
+    resolution: float,
+    method: Method,
+    *,
+    estimate: bool,
+) -> Outline:
+    """The outline from windows aligned to the curves, and their blur unless it is given."""
+    t = _window(blur, radius)
+    sides = [
+        aligned_windows(luma, amount, rows, curve, inward, t, radius)
+        for curve, inward in zip(curves, (1, -1), strict=True)
+    ]
+    fit = edge_profile([side.profile for side in sides], t, blur, radius, estimate=estimate)
+    made = []
+    for side, kappa, shift in zip(sides, fit.kappas, fit.shifts, strict=True):
+        estimator = _estimator(method, t, fit.blur, kappa, radius)
+        column, stderr, residual, outliers = _refined(
+            side, estimator, resolution, shift if method == "limb" else None
+        )
+        made.append(Side(column, stderr, residual, outliers, kappa, side.profile))
+    return Outline(rows, made[0], made[1], fit.blur, fit.misfit, t)
+
+
+def _window(blur: float, radius: float) -> NDArray[np.float64]:
+    outside = round(max(8.0, 5 * blur))
+    inside = round(min(BROAD[1] * max(1.0, blur), _LARGEST_PART * radius))
+    return np.arange(-outside, inside + 1.0)
+
+
+Estimator = Callable[[NDArray[np.float32]], NDArray[np.float64]]
+
+
+def _estimator(
+    method: Method, t: NDArray[np.float64], s: float, kappa: float, radius: float
+) -> Estimator:
+    """Shift inward [px] of averaged windows, by the method."""
+    if method == "limb":
+        near = near_edge(t, s)
+        return lambda windows: best_shift(
+            windows[:, near],
+            t[near],
+            lambda x: limb(x, s, kappa, radius),
+            max(2.0, 1.5 * s),
+            0.1,
+        )
+    near = np.abs(t) <= 5 * max(1.0, s)
+    if method == "gradient":
+        return lambda windows: _steepest(windows[:, near], t[near])
+    return lambda windows: _half_level(windows[:, near], t[near], s)
+
+
+def _steepest(windows: NDArray[np.float32], t: NDArray[np.float64]) -> NDArray[np.float64]:
+    slope = gaussian_filter1d(windows.astype(float), 1.0, axis=1, order=1)
+    inner = np.flatnonzero(np.abs(t) <= 0.6 * t[-1])
+    return t[inner[0]] + parabola_peak(slope[:, inner])
+
+
+def _half_level(
+    windows: NDArray[np.float32], t: NDArray[np.float64], s: float
+) -> NDArray[np.float64]:
+    outside = windows[:, t < -3 * s].mean(axis=1)
+    inside = windows[:, (t > 2 * s) & (t < 5 * s)].mean(axis=1)
+    above = windows > ((outside + inside) / 2)[:, None]
+    k = np.clip(np.argmax(above, axis=1), 1, t.size - 1)
+    row = np.arange(k.size)
+    low, high = windows[row, k - 1], windows[row, k]
+    rise = np.where(high > low, high - low, 1.0)
+    return t[k - 1] + ((outside + inside) / 2 - low) / rise
+
+
+def _refined(
+    side: Samples, estimator: Estimator, resolution: float, mean_shift: float | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """Smooth columns, their standard error, residual and part of stray rows."""
+    shift = estimator(side.mean)
+    if mean_shift is not None:
+        # The mean profile has no noise to bias its fit: it says where the edges are on average.
+        shift += mean_shift - np.average(shift, weights=side.weight)
+    position = side.curve + side.inward * side.stretch * shift
+    curve, keep = smooth_robustly(position, resolution, side.weight.astype(float))
+    off = np.where(keep, position - curve, 0.0)
+    residual = float(np.sqrt(np.mean(off[keep] ** 2)))
+    # Averaged rows are independent one window apart: white noise of this density before smoothing.
+    density = residual**2 * AVERAGED_ROWS
+    stderr = np.sqrt(density * variance_of_smooth(curve.size, resolution))
+    return curve, stderr, residual, 1 - float(keep.mean())

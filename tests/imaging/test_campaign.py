@@ -1,0 +1,374 @@
+"""Campaigns: stopped, killed, resumed, with pictures that fail and workers that die."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import imaging._measure
+from imaging import ImagingError, MixedSizes, NoMuscle, _shards, _workers
+from imaging._campaign import process
+from imaging._recipe import Recipe
+from imaging._scale import Scale
+from imaging._shards import CampaignChanged
+from imaging.synthetic import published_scene, render
+
+RECIPE = Recipe(Scale.manual(8922.0, 0.1))
+SMALL = (500, 220)
+REST = 9.28125 * 0.0254
+
+
+def fake_measurement(length):
+    """What a measurement of a straight muscle would be."""
+    z = np.linspace(0, length, 50)
+    return SimpleNamespace(
+        z=z, diameter=np.full(50, 0.03), diameter_stderr=np.full(50, 1e-5), length=length,
+        length_stderr=1e-5, mean_diameter=0.03, mean_diameter_stderr=1e-5, maximum_diameter=0.03,
+        volume=7e-4 * length, volume_stderr=1e-9, px_per_m=8922.0, roll=0.0, x0=0.0,
+        quality=Figures(),
+    )  # fmt: skip
+
+
+@dataclasses.dataclass
+class Figures:
+    """Quality figures of a fake measurement."""
+
+    blur_px: float = 1.0
+
+
+class Serial(Executor):
+    """Everything at once, in this process."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except BaseException as error:
+            future.set_exception(error)
+        return future
+
+
+@pytest.fixture
+def photos(tmp_path, monkeypatch):
+    """Twenty files that a fake `measure` reads: a length, or what is wrong. And what it has read."""
+    seen = []
+
+    def measure(path, recipe):
+        seen.append(path)
+        text = Path(path).read_text()
+        if "cloth" in text:
+            raise NoMuscle("nothing stands out", path=path, eta_value=0.2)
+        return fake_measurement(float(text))
+
+    monkeypatch.setattr(imaging._measure, "measure", measure)
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    paths = [folder / f"img{k:02d}.jpg" for k in range(20)]
+    for k, path in enumerate(paths):
+        path.write_text("cloth" if k == 5 else str(0.23 - 0.001 * k))
+    return SimpleNamespace(paths=paths, seen=seen, output=tmp_path / "out")
+
+
+def test_the_rows_stand_in_the_order_of_the_paths_and_a_failure_is_a_row(photos):
+    table = process([*photos.paths[::-1], photos.paths[3]], RECIPE, executor=Serial())
+    assert list(table.path) == [str(path) for path in photos.paths[::-1]]
+    good = [k for k in range(20) if k != 14]
+    np.testing.assert_allclose(table["length"][good], [0.23 - 0.001 * (19 - k) for k in good])
+    assert table.error[14] == "NoMuscle: nothing stands out [eta_value = 0.2]"
+    assert np.isnan(table["length"][14])
+    assert np.isnan(table.diameter[14]).all()
+    assert table.ok.sum() == 19
+    assert table["contraction"][0] == pytest.approx(0.019 / 0.23)
+
+
+@pytest.mark.parametrize("executor", [Serial, lambda: ThreadPoolExecutor(3)])
+@pytest.mark.parametrize("chunk", [1, 3, 64])
+def test_any_executor_and_chunk_gives_the_same_table(photos, executor, chunk):
+    with executor() as one:
+        table = process(photos.paths, RECIPE, executor=one, chunk=chunk)
+    reference = process(photos.paths, RECIPE, executor=Serial())
+    assert table.csv_text() == reference.csv_text()
+    np.testing.assert_array_equal(table.diameter, reference.diameter)
+
+
+def test_progress_counts_every_picture_once(photos):
+    told = []
+    process(photos.paths, RECIPE, executor=Serial(), progress=lambda *done: told.append(done))
+    assert told[0] == (0, 20)
+    assert told[-1] == (20, 20)
+    assert sorted(told) == told
+
+
+def test_a_stopped_campaign_goes_on_where_it_was(photos):
+    def stop(done, total):
+        if done >= 8:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        process(photos.paths, RECIPE, photos.output, Serial(), progress=stop)
+    photos.seen.clear()
+    table = process(photos.paths, RECIPE, photos.output, Serial())
+    assert photos.seen == [str(path) for path in photos.paths[8:]]
+    assert table.csv_text() == process(photos.paths, RECIPE, executor=Serial()).csv_text()
+
+
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, {tests!r})
+import test_campaign as t, imaging._measure, imaging._shards
+from imaging._campaign import process
+left = [{after}]
+def measure(path, recipe):
+    left[0] -= 1
+    if left[0] < 0 and {where!r} == "measure":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return t.fake_measurement(float(open(path).read()))
+def replace(draft, path, real=os.replace):
+    if left[0] <= 0 and {where!r} == "write":
+        os.truncate(draft, 100)
+        os.kill(os.getpid(), signal.SIGKILL)
+    real(draft, path)
+imaging._measure.measure = measure
+imaging._shards.os.replace = replace
+process(sys.argv[2:], t.RECIPE, sys.argv[1], t.Serial(), chunk=1)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kill -9 is POSIX")
+@pytest.mark.parametrize(("where", "kept"), [("measure", 7), ("write", 6)])
+def test_kill_minus_9_loses_no_picture_and_repeats_none_that_was_kept(photos, where, kept):
+    photos.paths[5].write_text("0.2")
+    script = KILLED.format(tests=str(Path(__file__).parent), after=7, where=where)
+    names = [str(path) for path in photos.paths]
+    path = str(Path(imaging.__file__).parents[1])
+    run = subprocess.run(
+        [sys.executable, "-c", script, str(photos.output), *names],
+        check=False,
+        capture_output=True,
+        env=os.environ | {"PYTHONPATH": path},
+    )
+    assert run.returncode == -signal.SIGKILL, run.stderr.decode()
+    assert len(list((photos.output / "parts").glob("part-*.npz"))) == kept
+    table = process(names, RECIPE, photos.output, Serial())
+    assert photos.seen == names[kept:]
+    assert list(table.path) == names
+    np.testing.assert_allclose(table["length"], [float(Path(n).read_text()) for n in names])
+
+
+def test_pictures_may_be_added_and_left_out_and_chunked_otherwise(photos):
+    process(photos.paths[:12], RECIPE, photos.output, Serial(), chunk=5)
+    photos.seen.clear()
+    table = process(photos.paths[6:], RECIPE, photos.output, Serial(), chunk=2)
+    assert photos.seen == [str(path) for path in photos.paths[12:]]
+    assert list(table.path) == [str(path) for path in photos.paths[6:]]
+
+
+def test_relative_and_absolute_names_are_one_picture(photos, monkeypatch):
+    process(photos.paths, RECIPE, photos.output, Serial())
+    photos.seen.clear()
+    monkeypatch.chdir(photos.paths[0].parent)
+    table = process([path.name for path in photos.paths], RECIPE, photos.output, Serial())
+    assert photos.seen == []
+    assert table.path[0] == "img00.jpg"
+
+
+def test_another_recipe_is_refused_by_the_name_of_what_differs(photos):
+    process(photos.paths, RECIPE, photos.output, Serial())
+    other = dataclasses.replace(RECIPE, distance=2.0)
+    with pytest.raises(CampaignChanged, match=r"recipe.distance_m was 1.524, now 2.0"):
+        process(photos.paths, other, photos.output, Serial())
+    photos.seen.clear()
+    process(photos.paths, other, photos.output, Serial(), resume=False)
+    assert len(photos.seen) == 20
+
+
+def test_a_picture_that_has_changed_since_is_refused_and_one_only_touched_is_not(photos):
+    process(photos.paths, RECIPE, photos.output, Serial())
+    os.utime(photos.paths[1], (1, 1))
+    photos.seen.clear()
+    process(photos.paths, RECIPE, photos.output, Serial())
+    assert photos.seen == []
+    photos.paths[2].write_text("0.111")
+    with pytest.raises(CampaignChanged, match=r"1 pictures have changed.*img02.jpg"):
+        process(photos.paths, RECIPE, photos.output, Serial())
+
+
+def test_a_failed_picture_whose_file_was_replaced_is_measured_again(photos):
+    process(photos.paths, RECIPE, photos.output, Serial())
+    photos.paths[5].write_text("0.225")
+    photos.seen.clear()
+    table = process(photos.paths, RECIPE, photos.output, Serial())
+    assert photos.seen == [str(photos.paths[5])]
+    assert table["length"][5] == 0.225
+    photos.seen.clear()
+    process(photos.paths, RECIPE, photos.output, Serial())
+    assert photos.seen == []
+
+
+def test_a_damaged_part_is_refused_with_its_path(photos):
+    process(photos.paths, RECIPE, photos.output, Serial())
+    part = sorted((photos.output / "parts").glob("part-*.npz"))[3]
+    content = bytearray(part.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    part.write_bytes(content)
+    with pytest.raises(ImagingError, match="damaged") as caught:
+        process(photos.paths, RECIPE, photos.output, Serial())
+    assert caught.value.path == str(part)
+
+
+def test_an_executor_that_breaks_reports_the_pictures_and_leaves_them_to_the_next_run(photos):
+    class Breaking(Serial):
+        def submit(self, fn, /, *args, **kwargs):
+            if any("img07" in path for path in args[0]):
+                future = Future()
+                future.set_exception(BrokenProcessPool("a worker ended"))
+                return future
+            return super().submit(fn, *args, **kwargs)
+
+    table = process(photos.paths, RECIPE, photos.output, Breaking())
+    assert table.error[7].startswith("WorkerDied: its executor broke")
+    assert table.ok.sum() == 18
+    assert process(photos.paths, RECIPE, photos.output, Serial()).ok.sum() == 19
+
+
+def test_mixed_sizes_are_refused_before_any_work(tmp_path, photos):
+    from PIL import Image
+
+    paths = []
+    for k, size in enumerate([(60, 40), (60, 40), (40, 60)]):
+        paths.append(tmp_path / f"{k}.png")
+        Image.new("RGB", size).save(paths[-1])
+    with pytest.raises(MixedSizes, match=r"2 have 60 x 40 px, but not .*2.png \(40 x 60\)"):
+        process(paths, RECIPE, executor=Serial())
+    assert photos.seen == []
+
+
+def test_a_crop_outside_of_its_frame_is_refused_before_any_work(tmp_path, photos):
+    from PIL import Image
+
+    Image.new("RGB", (60, 40)).save(tmp_path / "a.png")
+    recipe = dataclasses.replace(RECIPE, crop_offset=(50, 0), frame_size=(100, 100))
+    with pytest.raises(ImagingError, match="does not fit the pictures"):
+        process([tmp_path / "a.png"], recipe, executor=Serial())
+    assert photos.seen == []
+
+
+def test_what_cannot_be_a_campaign_is_refused(photos, tmp_path):
+    with pytest.raises(ImagingError, match="no pictures"):
+        process([], RECIPE)
+    with pytest.raises(ImagingError, match="at least one worker"):
+        process(photos.paths, RECIPE, workers=0)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ImagingError, match="cannot be used"):
+        process(photos.paths, RECIPE, tmp_path / "file", Serial())
+
+
+def test_rows_survive_the_disk_to_the_last_bit(photos, tmp_path):
+    fresh = process(photos.paths, RECIPE, photos.output, Serial())
+    back = process(photos.paths, RECIPE, photos.output, Serial())
+    assert fresh.error == back.error
+    for name in fresh.columns:
+        np.testing.assert_array_equal(fresh[name], back[name])
+    np.testing.assert_array_equal(fresh.diameter_stderr, back.diameter_stderr)
+    head = json.loads((photos.output / "parts" / "campaign.json").read_text())
+    assert head["recipe"]["distance_m"] == 1.524
+
+
+# Real pictures and real processes
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """Four small pictures of a stroke, and one of them cut short."""
+    folder = tmp_path_factory.mktemp("rendered")
+    truth, paths = [], []
+    for k, contraction in enumerate((0.0, 0.1, 0.2, 0.3)):
+        photo = render(published_scene(contraction, size=SMALL), seed=k)
+        paths.append(photo.save(folder / f"img{k}.jpg"))
+        truth.append(photo.truth)
+    paths.append(folder / "img4.jpg")
+    paths[-1].write_bytes(paths[0].read_bytes()[:20_000])
+    return SimpleNamespace(paths=paths, truth=truth)
+
+
+def small_recipe():
+    px_per_m = published_scene(0.1, size=SMALL).camera.px_per_m
+    return Recipe(Scale.manual(px_per_m, 1e-5 * px_per_m))
+
+
+DYING = """
+import os
+from imaging._read import read_image
+def reader(path):
+    if path.endswith("img1.jpg"):
+        os._exit(1)
+    return read_image(path)
+"""
+
+
+def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
+    rendered, tmp_path, monkeypatch
+):
+    (tmp_path / "dying_reader.py").write_text(DYING)
+    monkeypatch.syspath_prepend(tmp_path)
+    import dying_reader
+
+    from imaging._measure import measure
+
+    table = process(rendered.paths, small_recipe(), workers=2, reader=dying_reader.reader)
+    assert [bool(ok) for ok in table.ok] == [True, False, True, True, False]
+    assert table.error[1].startswith("WorkerDied: the process that measured it ended")
+    assert table.error[4].startswith("UnreadableImage")
+    for k in (0, 2, 3):
+        # 43 px/in here: a tenth of a pixel is 0.0023 in, for each of two tapes.
+        assert abs(table["length"][k] - rendered.truth[k].length) < 0.006 * 0.0254
+        found = measure(rendered.paths[k], small_recipe())
+        expected = np.interp(table.position * found.length, found.z, found.diameter)
+        np.testing.assert_allclose(table.diameter[k], expected, rtol=1e-12)
+        assert table["volume_stderr"][k] == found.volume_stderr
+
+
+def test_an_interrupt_keeps_what_the_workers_have_done(rendered, monkeypatch):
+    calls = []
+
+    def wait_once(running, **options):
+        calls.append(0)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(running, **options)
+
+    real = _workers.wait
+    monkeypatch.setattr(_workers, "wait", wait_once)
+    job = _workers.Job(small_recipe())
+    chunks = [[str(path)] for path in rendered.paths[:4]]
+    rows = []
+
+    def measure_all():
+        for done, _ in _workers.in_processes(1, chunks, job):
+            rows.extend(done)
+
+    with pytest.raises(KeyboardInterrupt):
+        measure_all()
+    assert rows
+    assert all(row.ok for row in rows)
+    assert len({row.path for row in rows}) == len(rows)
+
+
+def test_the_parts_are_flushed_before_they_appear(tmp_path, monkeypatch):
+    order = []
+    real_sync, real_replace = os.fsync, os.replace
+    monkeypatch.setattr(_shards.os, "fsync", lambda f: (order.append("sync"), real_sync(f)))
+    monkeypatch.setattr(
+        _shards.os, "replace", lambda a, b: (order.append("replace"), real_replace(a, b))
+    )
+    _shards._write(tmp_path / "part-0.npz", b"content")
+    assert order[:2] == ["sync", "replace"]

@@ -1,0 +1,163 @@
+"""Edges against closed forms, manufactured limbs and rendered muscles."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from imaging import Tone
+from imaging._amount import amount_of_luma
+from imaging._edge_fit import best_shift
+from imaging._limb import ramp, step
+from imaging._outline import find_outline
+from imaging._smoother import smooth, smooth_robustly, variance_of_smooth
+
+LIMB = 2e-4  # interpolation in a table of 4001 values
+SHIFT_PX = 2e-3  # parabola through a maximum sampled at 0.1 px
+CYLINDER_PX = 0.05  # limb law to second order, 8-bit values
+NOISY_PX = 0.05  # the same with the noise of ISO 3200, after smoothing
+HARSH_PX = (
+    0.12  # where the limb is as dark as a twelfth of the middle, its step is 4 levels of noise
+)
+
+
+def normal(x):
+    return np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi)
+
+
+@pytest.mark.parametrize("blur", [0.5, 1.0, 2.7])
+@pytest.mark.parametrize("t", [-3.0, -0.4, 0.0, 0.7, 4.0, 60.0])
+def test_the_ramp_is_a_blurred_root(t, blur):
+    R = 90.0
+
+    def integrand(x):
+        return np.sqrt(x) * (1 - x / (4 * R)) * normal((t - x) / blur) / blur
+
+    expected, _ = quad(integrand, 0, max(t, 0) + 9 * blur, limit=200, epsabs=1e-10)
+    assert ramp(t, blur, R) == pytest.approx(expected, abs=LIMB)
+
+
+def test_the_ramp_is_continuous_where_its_table_ends():
+    t = np.linspace(39.5, 40.5, 101)
+    assert np.abs(np.diff(ramp(t, 1.0, 200.0), 2)).max() < LIMB
+
+
+@pytest.mark.parametrize("blur", [0.6, 1.2, 2.5])
+def test_a_manufactured_shift_is_found(blur):
+    t = np.arange(-12.0, 13.0)
+    shifts = np.array([-1.37, -0.5, 0.0, 0.21, 1.4])
+
+    def edge(x):
+        return step(x, blur) + 0.3 * ramp(x, blur, 120.0)
+
+    windows = 7 + 3 * np.stack([edge(t - shift) for shift in shifts])
+    found = best_shift(windows, t, edge, 2.0, 0.1)
+    np.testing.assert_allclose(found, shifts, atol=SHIFT_PX)
+
+
+def test_a_shift_out_of_reach_stays_at_the_end():
+    t = np.arange(-12.0, 13.0)
+    windows = step(t - 6, 1.0)[None]
+    assert best_shift(windows, t, lambda x: step(x, 1.0), 2.0, 0.1) == pytest.approx(2.0)
+
+
+def test_the_smoother_keeps_parabolas_and_halves_its_wave():
+    x = np.arange(600.0)
+    parabola = 3 - 0.2 * x + 0.001 * x**2
+    np.testing.assert_allclose(smooth(parabola, 83.0), parabola, atol=1e-5)
+    wave = smooth(np.sin(2 * np.pi * x / 83), 83.0)
+    assert wave[200:400].max() == pytest.approx(0.5, abs=0.005)
+
+
+def test_the_smoothers_variance_is_that_of_repeats():
+    random = np.random.default_rng(0)
+    curves = np.array([smooth(y, 41.0) for y in random.normal(size=(1500, 300))])
+    ratio = curves.var(axis=0) / variance_of_smooth(300, 41.0)
+    assert ratio.mean() == pytest.approx(1, abs=0.03)
+    assert np.all(np.abs(ratio - 1) < 0.25)  # 1500 repeats: 4 % each, 300 of them
+
+
+def test_stray_rows_are_thrown_out():
+    random = np.random.default_rng(1)
+    x = np.arange(500.0)
+    true = 40 + 5 * np.sin(x / 90)
+    noisy = true + 0.1 * random.normal(size=x.size)
+    noisy[100:120] += 9
+    noisy[random.integers(0, 500, 20)] -= 6
+    curve, keep = smooth_robustly(noisy, 83.0)
+    assert not keep[100:120].any()
+    assert np.abs(curve - true).max() < 0.3
+    assert keep.mean() > 0.9
+
+
+def cylinder(limb, blur, noise, seed=0, radius=70.3, rows=300):
+    """A lit cylinder of known edges: brightness limb + (1 - limb) n_z, blurred, as 8-bit sRGB."""
+    random = np.random.default_rng(seed)
+    middle = 100.2 + 0.01 * np.arange(rows) + 1.5 * np.sin(np.arange(rows) / 80)
+    fine = 8
+    u = (np.arange(210 * fine) + 0.5) / fine - 0.5
+    q = (u - middle[:, None]) / radius
+    light = np.where(np.abs(q) < 1, limb + (1 - limb) * np.sqrt(np.clip(1 - q**2, 0, None)), 0)
+    kernel = normal(np.arange(-6 * fine, 6 * fine + 1) / fine / blur)
+    light = np.apply_along_axis(np.convolve, 1, light, kernel / kernel.sum(), "same")
+    light = 0.01 + 0.45 * light.reshape(rows, 210, fine).mean(axis=2)
+    if noise:
+        light = random.poisson(light * 1900) / 1900 + random.normal(0, 3 / 1900, light.shape)
+    values = np.interp(light, Tone.srgb().table, np.arange(256))
+    return np.clip(np.round(values), 0, 255).astype(np.uint8), middle - radius, middle + radius
+
+
+def table(limb):
+    tone = Tone.srgb()
+    levels = np.interp([0.01, 0.01 + 0.45], tone.table, np.arange(256))
+    return amount_of_luma(tone, np.full(3, levels[0]), np.full(3, levels[1]))
+
+
+@pytest.mark.parametrize("limb", [1.0, 0.5, 0.25, 0.08])
+@pytest.mark.parametrize("blur", [0.7, 2.0])
+def test_a_smooth_cylinder_in_any_light(limb, blur):
+    image, left, right = cylinder(limb, blur, noise=True)
+    rows = np.arange(300)
+    found = find_outline(image, table(limb), rows, left + 4, right - 5, resolution=83.0)
+    box = np.sqrt(blur**2 + 1 / 12)  # a pixel averages over its width
+    assert found.blur == pytest.approx(box, rel=0.12)
+    for side, true, inward in ((found.left, left, 1), (found.right, right, -1)):
+        off = inward * (side.column - true)
+        tolerance = (HARSH_PX if limb < 0.1 else NOISY_PX) * max(1, blur)
+        assert abs(off.mean()) < tolerance
+        assert off.std() < tolerance
+
+
+def test_half_levels_and_gradients_move_inward_on_a_dark_limb():
+    image, left, _ = cylinder(0.08, 1.1, noise=False)
+    rows = np.arange(300)
+    bias = {}
+    for method in ("limb", "gradient", "half-level"):
+        found = find_outline(
+            image, table(0.08), rows, left + 3, left + 137, resolution=83.0, method=method
+        )
+        bias[method] = float(np.mean(found.left.column - left))
+    assert abs(bias["limb"]) < CYLINDER_PX
+    assert bias["gradient"] > 5 * abs(bias["limb"])
+    assert bias["half-level"] > 5 * abs(bias["limb"])
+
+
+def test_black_threads_leave_no_dents():
+    image, left, right = cylinder(0.8, 1.0, noise=True)
+    image = image.copy()
+    for v in (60, 150, 151, 240):
+        image[v : v + 14, :60] = np.minimum(image[v : v + 14, :60], 40)
+    rows = np.arange(300)
+    found = find_outline(image, table(0.8), rows, left + 2, right - 2, resolution=83.0)
+    assert np.abs(found.left.column - left).max() < 0.5
+
+
+def test_amounts_are_linear_in_light():
+    tone = Tone.srgb()
+    cloth, braid = np.array([22.0, 24.0, 26.0]), np.array([190.0, 165.0, 120.0])
+    table = amount_of_luma(tone, cloth, braid)
+    light = [np.interp(colour, np.arange(256), tone.table) for colour in (cloth, braid)]
+    for q in (0.0, 0.2, 0.5, 1.0, 1.3):
+        mixed = np.interp(light[0] + q * (light[1] - light[0]), tone.table, np.arange(256))
+        luma = mixed @ [0.299, 0.587, 0.114]
+        assert np.interp(luma, np.arange(256), table) == pytest.approx(q, abs=0.002)
+    assert table.max() == pytest.approx(1.6)

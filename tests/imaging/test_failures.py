@@ -1,0 +1,193 @@
+"""Every way in which a photograph can fail, each with its own error, its figures and its path."""
+
+import dataclasses
+import functools
+import os
+import pickle
+
+import numpy as np
+import pytest
+
+from imaging import (
+    AmbiguousHue,
+    Clipped,
+    DamagedImage,
+    Defocused,
+    ExtraFitting,
+    ImagingError,
+    Limits,
+    MissingFitting,
+    MotionBlurred,
+    NoMuscle,
+    Overexposed,
+    Recipe,
+    Scale,
+    ScaleContradiction,
+    Underexposed,
+    UnreadableImage,
+    WrongOrientation,
+    measure,
+    read_image,
+)
+from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene, render
+
+SIZE = (1060, 440)
+
+
+@functools.cache
+def base():
+    return published_scene(0.175, size=SIZE)
+
+
+def muscle(**changes):
+    return dataclasses.replace(base(), muscle=dataclasses.replace(base().muscle, **changes))
+
+
+def recipe(**options):
+    camera = base().camera
+    return Recipe(Scale.manual(camera.px_per_m), camera.distance, centre=camera.centre, **options)
+
+
+TAN = Tape(hue=40.0, saturation=0.35, value=0.8)
+FAILURES = {
+    "dark": (lambda: dataclasses.replace(base(), sensor=Sensor(exposure=0.012)), Underexposed),
+    "bright": (lambda: dataclasses.replace(base(), sensor=Sensor(exposure=5.0)), Overexposed),
+    "tape like the braid": (lambda: muscle(upper=TAN, lower=TAN), AmbiguousHue),
+    "no tapes": (lambda: muscle(upper=None, lower=None), AmbiguousHue),
+    "no upper tape": (lambda: muscle(upper=None), MissingFitting),
+    "no lower tape": (lambda: muscle(lower=None), MissingFitting),
+    "third tape": (lambda: muscle(third=(Tape(), 0.5)), ExtraFitting),
+    "out at the right": (lambda: muscle(x0=2.0 * INCH), Clipped),
+    "out at the top": (lambda: muscle(y0=-3.0 * INCH), Clipped),
+    "tape at the top": (lambda: muscle(y0=-1.6 * INCH), Clipped),
+    "lying": (lambda: dataclasses.replace(base(), lying=True), WrongOrientation),
+    "defocused": (lambda: dataclasses.replace(base(), lens=Lens(blur_px=5.0)), Defocused),
+    "moved": (lambda: dataclasses.replace(base(), lens=Lens(motion_px=12.0)), MotionBlurred),
+}
+
+
+@pytest.mark.parametrize("case", FAILURES)
+def test_a_picture_that_cannot_be_measured(case, tmp_path):
+    made, error = FAILURES[case]
+    path = render(made(), 2).save(tmp_path / "picture.jpg")
+    with pytest.raises(error) as caught:
+        measure(path, recipe())
+    assert type(caught.value) is error
+    assert caught.value.path == str(path)
+    assert caught.value.figures
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert str(again) == str(caught.value)
+
+
+@pytest.mark.parametrize("level", [0, 30])
+def test_no_muscle_at_all(level):
+    random = np.random.default_rng(0)
+    noise = random.normal(level, 3, (*SIZE, 1)) + random.normal(0, 1, (*SIZE, 3))
+    with pytest.raises(NoMuscle):
+        measure(np.clip(noise, 0, 255).astype(np.uint8), recipe())
+
+
+def test_a_grey_picture_has_no_hue():
+    rgb = render(base(), 1).rgb
+    grey = np.repeat(rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    with pytest.raises(ImagingError) as caught:
+        measure(grey, recipe())
+    assert isinstance(caught.value, AmbiguousHue | MissingFitting | ExtraFitting)
+
+
+def test_the_wrong_tape_hue_is_refused():
+    rgb = render(base(), 1).rgb
+    with pytest.raises(AmbiguousHue, match="hue"):
+        measure(rgb, recipe(tape_hue=120.0))
+    measure(rgb, recipe(tape_hue=215.0))
+
+
+@pytest.mark.parametrize("factor", [0.98, 1.03])
+def test_a_scale_that_contradicts_the_tapes(factor):
+    tape = Tape(diameter=0.95 * INCH)
+    made = muscle(upper=tape, lower=tape)
+    rgb = render(made, 1).rgb
+    wrong = Scale.manual(factor * base().camera.px_per_m)
+    with pytest.raises(ScaleContradiction) as caught:
+        measure(rgb, dataclasses.replace(recipe(tape_diameter=0.95 * INCH), scale=wrong))
+    assert caught.value.figures["diameter"] == pytest.approx(0.95 * INCH / factor, rel=5e-3)
+
+
+def test_limits_are_the_users():
+    rgb = render(base(), 1).rgb
+    with pytest.raises(Defocused, match="blur_px"):
+        measure(rgb, recipe(limits=Limits(blur_px=0.5)))
+
+
+def test_missing_empty_and_foreign_files(tmp_path):
+    (tmp_path / "empty.jpg").touch()
+    (tmp_path / "text.jpg").write_text("no picture")
+    for name in ("absent.jpg", "empty.jpg", "text.jpg"):
+        with pytest.raises(UnreadableImage, match=name):
+            measure(tmp_path / name, recipe())
+    with pytest.raises(UnreadableImage):
+        read_image(tmp_path)
+
+
+def test_a_truncated_file(tmp_path):
+    path = tmp_path / "cut.jpg"
+    path.write_bytes(damaged(render(base(), 1).jpeg(), "truncated"))
+    with pytest.raises(UnreadableImage, match="FF D9"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("kind", ["scrambled", "blanked"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_damaged_file_gives_an_error_or_the_right_figures(tmp_path, kind, seed):
+    photo = render(dataclasses.replace(base(), jpeg=Jpeg(92)), 1)
+    path = tmp_path / "damaged.jpg"
+    path.write_bytes(damaged(photo.jpeg(), kind, seed))
+    outcome = measured_or_refused(path)
+    if isinstance(outcome, ImagingError):
+        assert outcome.path == str(path)
+    else:
+        assert abs(outcome.length - photo.truth.length) * photo.truth.px_per_m < 1
+        off = abs(outcome.mean_diameter - photo.truth.mean_diameter)
+        assert off * photo.truth.px_per_m < 1
+
+
+def measured_or_refused(path):
+    try:
+        return measure(path, recipe())
+    except ImagingError as error:
+        return error
+
+
+def test_the_decoders_complaint_is_an_error_and_not_printed(tmp_path, capfd):
+    data = render(base(), 1).jpeg()
+    path = tmp_path / "damaged.jpg"
+    path.write_bytes(damaged(data, "scrambled", 1))
+    with pytest.raises(DamagedImage, match="decoder"):
+        read_image(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_what_others_write_meanwhile_is_kept(tmp_path, capfd, monkeypatch):
+    import cv2
+
+    path = render(base(), 1).save(tmp_path / "good.jpg")
+    decode = cv2.imdecode
+
+    def noisy(*arguments):
+        os.write(2, b"from another thread\n")
+        return decode(*arguments)
+
+    monkeypatch.setattr(cv2, "imdecode", noisy)
+    assert read_image(path).shape == (*SIZE, 3)
+    assert capfd.readouterr().err == "from another thread\n"
+
+
+def test_the_exif_orientation_is_ignored(tmp_path):
+    from PIL import Image
+
+    rgb = render(base(), 1).rgb
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    path = tmp_path / "turned.jpg"
+    Image.fromarray(rgb).save(path, exif=exif, quality=95)
+    assert read_image(path).shape == rgb.shape

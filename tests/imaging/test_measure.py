@@ -1,0 +1,316 @@
+"""Measurements of rendered muscles against their truth: accuracy, errors, options."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+
+import imaging
+from imaging import Camera, Recipe, Scale, Tone, measure
+from imaging._measure import measure as measure_directly
+from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene, render
+
+HALF = (1325, 550)
+# At half the published resolution, in px of the picture; the full one is benchmarked. A thread is
+# as wide in px as at the full one and the smoothing half as long: more of its relief comes through.
+BIAS_PX = 0.25
+RMS_PX = 0.6
+LENGTH_PX = 0.35
+SIGMAS = 4.0  # of its own standard error that a single figure may be off
+
+
+@functools.cache
+def scene(contraction=0.2625, size=HALF, light="side", **muscle):
+    made = published_scene(contraction, size=size)
+    body = dataclasses.replace(made.muscle, **muscle)
+    return dataclasses.replace(made, muscle=body, light=getattr(Light, light)())
+
+
+@functools.cache
+def photo(made, seed=1):
+    return render(made, seed)
+
+
+def recipe_of(made, **options):
+    camera = made.camera
+    return Recipe(
+        Scale.manual(camera.px_per_m), distance=camera.distance, centre=camera.centre, **options
+    )
+
+
+def errors(found, truth):
+    true = np.interp(found.z / found.length, truth.z / truth.length, truth.diameter)
+    return (found.diameter - true) * truth.px_per_m
+
+
+def check(found, truth, factor=1.0):
+    off = errors(found, truth)
+    assert abs(off.mean()) < factor * BIAS_PX
+    assert off.std() < factor * RMS_PX
+    assert abs(found.length - truth.length) * truth.px_per_m < factor * LENGTH_PX
+    assert abs(found.length - truth.length) < SIGMAS * found.length_stderr
+    assert abs(found.mean_diameter - truth.mean_diameter) < SIGMAS * found.mean_diameter_stderr
+    assert abs(found.volume - truth.volume) < SIGMAS * found.volume_stderr
+
+
+CASES = {
+    "at rest": {"contraction": 0.0},
+    "rolled": {"roll": math.radians(3)},
+    "rolled the other way, aside": {"roll": math.radians(-2), "x0": 0.6 * INCH},
+    "frontal light": {"light": "frontal"},
+    "white braid": {"albedo": (0.75, 0.75, 0.73)},
+    "another weave": {"weave_seed": 4, "turns": 1.4, "strands": 24},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_muscle_is_measured(case):
+    made = scene(**CASES[case])
+    shown = photo(made)
+    found = measure(shown.rgb, recipe_of(made))
+    check(found, shown.truth)
+    assert found.roll == pytest.approx(shown.truth.roll, abs=1e-3)
+    assert found.x0 == pytest.approx(shown.truth.x0, abs=0.03 * INCH)
+    assert found.z[0] == 0
+    assert found.z[-1] == found.length
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("contraction", "light", "seed"),
+    [(0.0, "side", 11), (0.175, "side", 12), (0.35, "side", 13), (0.2625, "harsh", 14)],
+)
+def test_full_resolution_keeps_what_is_promised(contraction, light, seed):
+    made = published_scene(contraction)
+    made = dataclasses.replace(
+        made,
+        light=getattr(Light, light)(),
+        muscle=dataclasses.replace(made.muscle, weave_seed=seed),
+    )
+    shown = render(made, seed)
+    found = measure(shown.rgb, recipe_of(made))
+    off = errors(found, shown.truth) / shown.truth.px_per_m / INCH
+    assert abs(off.mean()) < (0.002 if light == "harsh" else 0.0008)
+    if light == "side":
+        assert off.std() < 0.0015
+        assert abs(found.length - shown.truth.length) < 0.0015 * INCH
+        assert found.volume == pytest.approx(shown.truth.volume, rel=1e-3)
+
+
+@pytest.mark.parametrize(("distance", "off_axis"), [(30.0, 0.0), (100.0, 3.0)])
+def test_other_cameras(distance, off_axis):
+    made = scene(x0=off_axis * INCH)
+    centre = (made.camera.centre[0] - off_axis * made.camera.px_per_m * INCH, 700.0)
+    camera = Camera(made.camera.px_per_m, distance * INCH, centre, k1=-0.05)
+    made = dataclasses.replace(made, camera=camera)
+    shown = photo(made)
+    found = measure(shown.rgb, dataclasses.replace(recipe_of(made), k1=-0.05))
+    check(found, shown.truth)
+
+
+def test_a_crop_measures_as_the_frame_it_was_cut_from():
+    made = scene()
+    shown = photo(made)
+    width, height = PUBLISHED_FRAME[1], PUBLISHED_FRAME[0]
+    offset = ((width - HALF[1]) / 2, (height - HALF[0]) / 2)
+    by_centre = measure(shown.rgb, recipe_of(made))
+    scale = Scale.manual(made.camera.px_per_m)
+    by_crop = measure(
+        shown.rgb,
+        Recipe(scale, made.camera.distance, crop_offset=offset, frame_size=(width, height)),
+    )
+    by_middle = measure(shown.rgb, Recipe(scale, made.camera.distance))
+    for found in (by_crop, by_middle):
+        np.testing.assert_allclose(found.diameter, by_centre.diameter, rtol=1e-9)
+    frame = np.empty((2000, 2400, 3), np.uint8)
+    frame[:] = np.median(shown.rgb[:30], axis=(0, 1)).astype(np.uint8)
+    frame[300 : 300 + HALF[0], 900 : 900 + HALF[1]] = shown.rgb
+    centre = (made.camera.centre[0] + 900, made.camera.centre[1] + 300)
+    whole = measure(frame, dataclasses.replace(recipe_of(made), centre=centre))
+    assert whole.length == pytest.approx(by_centre.length, abs=0.1 / made.camera.px_per_m)
+    assert whole.mean_diameter == pytest.approx(
+        by_centre.mean_diameter, abs=0.03 / made.camera.px_per_m
+    )
+
+
+def test_a_lying_muscle_is_turned_when_the_recipe_says_so():
+    made = scene()
+    shown = photo(made)
+    lying = np.ascontiguousarray(np.rot90(shown.rgb))
+    upright = measure(shown.rgb, recipe_of(made))
+    for orientation in ("horizontal", "auto"):
+        recipe = Recipe(
+            Scale.manual(made.camera.px_per_m), made.camera.distance, orientation=orientation
+        )
+        found = measure(lying, recipe)
+        assert found.length == pytest.approx(upright.length, rel=1e-9)
+        np.testing.assert_allclose(found.diameter, upright.diameter, rtol=1e-9)
+        assert found.trace.turned
+    assert not upright.trace.turned
+
+
+def test_the_scales_error_enters_every_figure():
+    made = scene()
+    shown = photo(made)
+    sure = measure(shown.rgb, recipe_of(made))
+    scale = Scale.manual(made.camera.px_per_m, 0.01 * made.camera.px_per_m)
+    found = measure(shown.rgb, dataclasses.replace(recipe_of(made), scale=scale))
+    for name, power in (("length", 1), ("mean_diameter", 1), ("volume", 3)):
+        value, stderr = getattr(found, name), getattr(found, f"{name}_stderr")
+        expected = math.hypot(getattr(sure, f"{name}_stderr"), 0.01 * power * value)
+        assert stderr == pytest.approx(expected, rel=1e-6)
+    assert np.all(found.diameter_stderr > 0.0099 * found.diameter)
+
+
+def test_contraction_and_its_error():
+    made, rest = scene(), scene(contraction=0.0)
+    short, long = (measure(photo(each).rgb, recipe_of(each)) for each in (made, rest))
+    value, stderr = short.contraction(long)
+    assert value == pytest.approx(0.2625, abs=4 * stderr)
+    assert stderr < 1e-3
+    exact, less = short.contraction(long.length)
+    assert exact == value
+    assert less < stderr
+    with pytest.raises(ValueError, match="rest length"):
+        short.contraction(0.0)
+
+
+def test_derived_figures_are_their_definitions():
+    made = scene()
+    found = measure(photo(made).rgb, recipe_of(made))
+    D, z = found.diameter, found.z
+    assert found.maximum_diameter == D.max()
+    assert found.volume == pytest.approx(np.trapezoid(np.pi / 4 * D**2, z))
+    slope = np.gradient(D / 2, z)
+    assert found.arc_length() == pytest.approx(np.trapezoid(np.hypot(1, slope), z), rel=1e-3)
+    assert found.arc_length() > found.length
+    fit = found.fourier(3)
+    true = photo(made).truth
+    x = np.linspace(0, 1, 200)
+    off = fit.diameter(x) - np.interp(x, true.z / true.length, true.diameter)
+    assert np.sqrt(np.mean(off**2)) * true.px_per_m < 2 * RMS_PX
+
+
+def test_the_time_and_the_path_are_kept(tmp_path):
+    made = scene()
+    shown = photo(made)
+    path = shown.save(tmp_path / "muscle.jpg")
+    found = measure(path, recipe_of(made), time=3.5)
+    assert (found.path, found.time, found.method) == (str(path), 3.5, "limb")
+    direct = measure(shown.rgb, recipe_of(made))
+    assert direct.path == ""
+    assert math.isnan(direct.time)
+    np.testing.assert_array_equal(direct.diameter, found.diameter)
+    read = []
+
+    def reader(place):
+        read.append(place)
+        return shown.rgb
+
+    assert measure("elsewhere", recipe_of(made), reader=reader).length == direct.length
+    assert read == ["elsewhere"]
+
+
+def test_colours_in_the_wrong_order_measure_the_same():
+    made = scene()
+    shown = photo(made)
+    right = measure(shown.rgb, recipe_of(made))
+    wrong = measure(np.ascontiguousarray(shown.rgb[..., ::-1]), recipe_of(made))
+    assert wrong.length == pytest.approx(right.length, abs=0.3 / made.camera.px_per_m)
+    assert wrong.mean_diameter == pytest.approx(right.mean_diameter, abs=0.1 / made.camera.px_per_m)
+
+
+@pytest.mark.parametrize("hue", [0.0, 352.0, 120.0])
+def test_tapes_of_any_hue(hue):
+    made = scene()
+    tape = dataclasses.replace(made.muscle.upper, hue=hue)
+    made = dataclasses.replace(
+        made, muscle=dataclasses.replace(made.muscle, upper=tape, lower=tape)
+    )
+    shown = photo(made)
+    found = measure(shown.rgb, recipe_of(made))
+    check(found, shown.truth)
+    assert abs((found.quality.tape_hue_deg - hue + 180) % 360 - 180) < 12
+    told = measure(shown.rgb, recipe_of(made, tape_hue=hue))
+    assert told.length == found.length
+
+
+def test_blur_is_estimated_or_given():
+    made = scene()
+    found = {}
+    for blur in (0.6, 1.6):
+        blurred = dataclasses.replace(made, lens=Lens(blur_px=blur))
+        shown = photo(blurred)
+        found[blur] = measure(shown.rgb, recipe_of(blurred))
+        # The pixel's box and the weave's relief come on top.
+        assert found[blur].quality.blur_px == pytest.approx(math.hypot(blur, 0.35), rel=0.15)
+        check(found[blur], shown.truth)
+    given = measure(photo(made).rgb, recipe_of(made, blur_px=1.1))
+    assert given.quality.blur_px == 1.1
+
+
+def test_the_right_tone_curve_undoes_the_cameras():
+    made = dataclasses.replace(scene(), sensor=Sensor(s_curve=0.8))
+    shown = photo(made)
+    truth = shown.truth
+    bias = {
+        name: abs(errors(measure(shown.rgb, recipe_of(made, tone=tone)), truth).mean())
+        for name, tone in {"srgb": Tone.srgb(), "its own": made.sensor.tone()}.items()
+    }
+    assert bias["its own"] < BIAS_PX
+    assert bias["its own"] < bias["srgb"]
+
+
+def test_an_edge_offset_moves_both_sides():
+    made = scene()
+    shown = photo(made)
+    plain = measure(shown.rgb, recipe_of(made))
+    moved = measure(shown.rgb, recipe_of(made, edge_offset_px=0.5))
+    grown = (moved.mean_diameter - plain.mean_diameter) * made.camera.px_per_m
+    assert grown == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_matching_tape_diameter_passes():
+    made = scene()
+    tape = dataclasses.replace(made.muscle.upper, diameter=0.95 * INCH)
+    made = dataclasses.replace(
+        made, muscle=dataclasses.replace(made.muscle, upper=tape, lower=tape)
+    )
+    shown = photo(made)
+    measure(shown.rgb, recipe_of(made, tape_diameter=0.95 * INCH))
+
+
+def test_the_package_offers_it_lazily():
+    assert imaging.measure is measure_directly
+    assert {"measure", "Recipe", "Scale", "calibrate_ruler"} <= set(dir(imaging))
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"method": "canny"}, "method"),
+        ({"orientation": "diagonal"}, "orientation"),
+        ({"distance": 0.0}, "distance"),
+        ({"tape_hue": 400.0}, "tape_hue"),
+        ({"blur_px": -1.0}, "blur_px"),
+        ({"resolution_px": 2.0}, "resolution_px"),
+        ({"crop_offset": (10.0, 10.0)}, "frame_size"),
+    ],
+)
+def test_a_recipe_that_cannot_be_followed_is_refused(options, match):
+    with pytest.raises(ValueError, match=match):
+        Recipe(Scale.manual(9000.0), **options)
+
+
+def test_a_crop_outside_its_frame_is_refused():
+    recipe = Recipe(Scale.manual(9000.0), crop_offset=(100.0, 0.0), frame_size=(600, 2000))
+    with pytest.raises(ValueError, match="crop_offset"):
+        measure(np.zeros((1000, 550, 3), np.uint8), recipe)
+
+
+@pytest.mark.parametrize("shape", [(100, 100), (100, 100, 4), (10, 100, 3)])
+def test_an_array_that_is_no_picture_is_refused(shape):
+    with pytest.raises(ValueError, match="picture is RGB"):
+        measure(np.zeros(shape, np.uint8), Recipe(Scale.manual(9000.0)))

@@ -1,0 +1,185 @@
+"""`famjax measure` from photographs, ruler and log to the files."""
+
+import csv
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from famjax.__main__ import main
+from imaging import ImagingError, read_recipe
+from imaging._measure_options import command_recipe, expand, parse_scale
+from imaging.synthetic import (
+    published_ruler,
+    published_scene,
+    render,
+    render_ruler,
+    render_sequence,
+    stroke_log,
+    triangle_stroke,
+)
+
+IN = 0.0254
+SIZE = (660, 280)
+STROKE = triangle_stroke(0.3, 60.0)
+TIMES = 3.0 + 6.0 * np.arange(9)
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """A folder with nine pictures of a stroke and the ruler's, and the machine's log beside it."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "photos").mkdir()
+    render_ruler(published_ruler(size=SIZE), 1).save(folder / "photos" / "ruler.jpg")
+    scene = published_scene(0.0, size=SIZE)
+    truth = []
+    for k, photo in enumerate(render_sequence(scene, STROKE, TIMES, clock_offset=20.0, seed=5)):
+        photo.save(folder / "photos" / f"img{k + 1}.jpg")
+        truth.append(photo.truth)
+    assert scene.muscle is not None
+    record = stroke_log(STROKE, np.arange(0, 60, 0.05), scene.muscle.length)
+    record.save(folder / "log.csv")
+    return SimpleNamespace(folder=folder, photos=folder / "photos", truth=truth, record=record)
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as left:
+        main(["measure", *map(str, arguments)])
+    return left.value.code
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_path, capsys):
+    out = tmp_path / "out"
+    ruler = lab.photos / "ruler.jpg"
+    code = run(lab.photos, "--ruler", ruler, "--log", lab.folder / "log.csv", "--workers", 1,
+               "--output", out, "--overlays", 3, "--json")  # fmt: skip
+    document = json.loads(capsys.readouterr().out)
+    assert code == 0, document
+    assert document["ok"] == document["pictures"] == 9
+    rows = table(out / "measurements.csv")
+    assert [row["path"].rsplit("img")[-1] for row in rows] == [f"{k}.jpg" for k in range(1, 10)]
+    length = np.array([float(row["length_in"]) for row in rows])
+    # 56 px/in here: two tape edges a tenth of a pixel off, and the scale of a coarse ruler.
+    np.testing.assert_allclose(length, [t.length / IN for t in lab.truth], atol=0.012)
+    force = np.array([float(row["force_lbf"]) for row in rows]) * 4.4482216152605
+    truth = np.interp(TIMES, lab.record.time, lab.record.force)
+    assert np.abs(force - truth).max() < 0.01 * np.ptp(lab.record.force)
+    recipe = read_recipe(out / "recipe.toml")
+    assert recipe.scale.source == "ruler"
+    assert recipe.scale.px_per_m == pytest.approx(lab.truth[0].px_per_m, rel=5e-4)
+    assert len(list((out / "overlays").glob("*.jpg"))) == 3
+    for name in ("measurements.nc", "contact_sheet.png", "profiles.png"):
+        assert (out / name).stat().st_size > 1000
+
+
+def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
+    recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
+    render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
+    from imaging import Recipe, Scale, write_recipe
+
+    write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
+    picture.write_bytes(b"\xff\xd8 no picture")
+    arguments = [tmp_path / "good.jpg", picture, "--recipe", recipe, "--workers", 1,
+                 "--overlays", 0, "--units", "metric"]  # fmt: skip
+    assert run(*arguments, "--output", tmp_path / "a") == 3
+    told = capsys.readouterr().out
+    assert "1 of 2 pictures measured" in told
+    assert "UnreadableImage" in told
+    good, bad = table(tmp_path / "a" / "measurements.csv")
+    assert float(good["length_mm"]) == pytest.approx(9.28125 * 0.9 * 25.4, abs=0.3)
+    assert (bad["ok"], bad["length_mm"]) == ("false", "")
+    again = tmp_path / "a" / "recipe.toml"
+    assert again.read_text() == recipe.read_text()
+    # Another scale into the same folder is refused; nothing is overwritten.
+    assert run(*arguments, "--output", tmp_path / "a", "--scale", "60+-0.1 px/in") == 2
+    assert "CampaignChanged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (["PHOTOS"], "the scale is needed"),
+        (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with its error and unit"),
+        (["PHOTOS", "--scale", "56 px/in", "--ruler", "RULER"], "given twice"),
+        (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "distance is a number|a length is"),
+        (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "1459"], "two numbers"),
+        (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5"], "needs the frame_size"),
+        (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "log cannot be read"),
+        (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
+        (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
+    ],
+)
+def test_input_that_cannot_be_used_is_code_2_before_any_work(
+    lab, tmp_path, capsys, arguments, match
+):
+    names = {"PHOTOS": lab.photos, "RULER": lab.photos / "ruler.jpg", "NO": tmp_path / "no.csv"}
+    code = run(*(names.get(one, one) for one in arguments), "--output", tmp_path / "out")
+    told = capsys.readouterr().err
+    assert code == 2
+    assert any(part in told for part in match.split("|")), told
+    assert not (tmp_path / "out").exists()
+
+
+def test_mixed_sizes_are_code_2(lab, tmp_path, capsys):
+    render(published_scene(0.1, size=(500, 220)), 3).save(tmp_path / "small.jpg")
+    code = run(lab.photos / "img1.jpg", lab.photos / "img2.jpg", tmp_path / "small.jpg",
+               "--scale", "56 px/in", "--output", tmp_path / "out")  # fmt: skip
+    assert code == 2
+    assert "MixedSizes" in capsys.readouterr().err
+
+
+def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
+    import imaging._campaign
+
+    def stopped(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(imaging._campaign, "in_processes", stopped)
+    code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
+    assert code == 130
+    assert "Run the same command again to go on" in capsys.readouterr().err
+
+
+def test_a_missing_extra_is_told_before_any_work(lab, tmp_path, capsys, monkeypatch):
+    import importlib.util
+
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
+    assert code == 2
+    assert "famjax[tables]" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_folders_and_patterns_name_pictures_in_natural_order(tmp_path):
+    for name in ("img10.JPG", "img9.jpg", "notes.txt", "ruler.png"):
+        (tmp_path / name).touch()
+    ruler = str(tmp_path / "ruler.png")
+    expected = [str(tmp_path / name) for name in ("img9.jpg", "img10.JPG")]
+    assert expand([str(tmp_path)], without=ruler) == expected
+    assert expand([str(tmp_path / "img*")]) == expected
+    assert expand([expected[1], expected[0]]) == expected[::-1]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ImagingError, match="no folder with pictures"):
+        expand([str(tmp_path / "empty")])
+
+
+def test_a_scale_by_hand_has_the_error_given_or_that_of_its_digits():
+    scale = parse_scale("226.63+-0.02 px/in")
+    assert scale.px_per_m == pytest.approx(226.63 / IN)
+    assert scale.stderr == pytest.approx(0.02 / IN)
+    assert parse_scale("9 px/mm").stderr == pytest.approx(1000 / np.sqrt(12))
+
+
+def test_options_override_the_recipe_file(tmp_path):
+    from imaging import Recipe, Scale, write_recipe
+
+    path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
+    found, provenance = command_recipe(recipe=path, distance="60in", method="pixel")
+    assert (found.distance, found.method, found.scale.px_per_m) == (1.524, "pixel", 9000.0)
+    assert provenance == {"recipe_file": str(path)}

@@ -1,0 +1,117 @@
+"""What a campaign draws for people to check."""
+
+import numpy as np
+import pytest
+
+from imaging import Recipe, Scale, Table, Tile, contact_sheet, draw_overlay, plot_table
+from imaging._check_pictures import choose, write_check_pictures
+from imaging._measurement import Trace
+from imaging._row import POSITION, Row
+
+RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)
+
+
+def trace(turned=False):
+    rows = np.arange(20.0, 181.0)
+    bulge = 10 * np.sin(np.pi * (rows - 20) / 160)
+    across = np.linspace(40, 80, 30)
+    ends = [np.stack([across, np.full(30, v)]) for v in (20.0, 180.0)]
+    return Trace(rows, 40 - bulge, 80 + bulge, *ends, turned)
+
+
+def marked(image, colour):
+    """v and u of the pixels of a colour, a third as bright or more: lines fade at their sides."""
+    pixels, wanted = image.astype(float), np.array(colour, float)
+    bright = np.linalg.norm(pixels, axis=2)
+    like = pixels @ wanted / np.maximum(bright, 1) / np.linalg.norm(wanted)
+    return np.nonzero((like > 0.998) & (bright > np.linalg.norm(wanted) / 3))
+
+
+def test_lines_lie_where_the_edges_were_found():
+    drawn = draw_overlay(np.zeros((200, 120, 3), np.uint8), trace(), crop=False)
+    v, u = marked(drawn, RED)
+    side = np.where(u < 60, 40 - 10 * np.sin(np.pi * (v - 20) / 160),
+                    80 + 10 * np.sin(np.pi * (v - 20) / 160))  # fmt: skip
+    assert len(v) > 150
+    assert np.abs(u - side).max() < 1.1
+    v, u = marked(drawn, YELLOW)
+    assert set(v) == {20, 180}
+    v, u = marked(drawn, CYAN)
+    assert set(u) == {60}
+
+
+def test_the_picture_itself_is_left_alone_and_cut_down_to_the_muscle():
+    image = np.zeros((400, 300, 3), np.uint8)
+    drawn = draw_overlay(image, trace())
+    assert not image.any()
+    assert drawn.shape[0] < 260
+    assert drawn.shape[1] < 140
+    assert len(marked(drawn, RED)[0]) > 150
+
+
+def test_a_picture_that_was_turned_is_drawn_turned():
+    lying = np.zeros((120, 200, 3), np.uint8)
+    assert draw_overlay(lying, trace(turned=True), crop=False).shape == (200, 120, 3)
+
+
+def test_a_contact_sheet_shows_every_picture_in_the_frame_of_its_fate():
+    grey = np.full((300, 100, 3), 128, np.uint8)
+    tiles = [Tile(grey, f"img{k}.jpg", "L 9.28 in", ok=k != 2) for k in range(5)]
+    tiles.append(Tile(None, "gone.jpg", "UnreadableImage: no such file \u00e9", ok=False))
+    sheet = contact_sheet(tiles, columns=3)
+    assert sheet.dtype == np.uint8
+    green, red = marked(sheet, (60, 160, 60)), marked(sheet, (210, 40, 40))
+    assert len(green[0]) > len(red[0]) > 1000
+    assert sheet.shape[1] > sheet.shape[0]
+    assert contact_sheet(tiles[:1]).shape[0] < sheet.shape[0]
+
+
+def table(n_good, n_failed):
+    good = [
+        Row(f"{k}.jpg", numbers={"length": 0.2 - 1e-3 * k, "length_stderr": 1e-5,
+                                 "mean_diameter": 0.03, "mean_diameter_stderr": 1e-5},
+            diameter=np.full(POSITION.shape, 0.03), seconds=float(k))
+        for k in range(n_good)
+    ]  # fmt: skip
+    failed = [Row(f"bad{k}.jpg", error="NoMuscle: none") for k in range(n_failed)]
+    return Table.from_rows([*good, *failed])
+
+
+@pytest.mark.parametrize(
+    ("n_good", "n_failed", "good", "failed"),
+    [
+        (100, 0, 12, 0),
+        (100, 50, 8, 4),
+        (100, 1, 11, 1),
+        (3, 50, 3, 9),
+        (0, 50, 0, 12),
+        (2, 1, 2, 1),
+    ],
+)
+def test_pictures_to_look_at_are_spread_over_the_stroke_and_over_those_that_failed(
+    n_good, n_failed, good, failed
+):
+    chosen = choose(table(n_good, n_failed), 12)
+    assert (chosen < n_good).sum() == good
+    assert (chosen >= n_good).sum() == failed
+    assert len(set(chosen)) == len(chosen)
+    if n_good == 100:
+        assert {0, 99} <= set(chosen)
+
+
+@pytest.mark.parametrize("parts", [(30, 3), (0, 3), (3, 0)])
+@pytest.mark.parametrize("system", ["us", "si"])
+def test_plots_say_their_units_and_stand_a_campaign_that_failed(parts, system):
+    figure = plot_table(table(*parts), system)
+    unit = {"us": "in", "si": "m"}[system]
+    labels = [axes.get_xlabel() for axes in figure.axes]
+    assert f"z, {unit}" in labels
+    profiles = figure.axes[0]
+    assert len(profiles.lines) == parts[0]
+
+
+def test_unreadable_pictures_get_a_tile_and_no_overlay(tmp_path):
+    recipe = Recipe(Scale.manual(1000.0, 0.1))
+    files = write_check_pictures(table(0, 2), recipe, tmp_path, number=4)
+    assert [path.name for path in files] == ["contact_sheet.png", "profiles.png", "overlays"]
+    assert list((tmp_path / "overlays").iterdir()) == []

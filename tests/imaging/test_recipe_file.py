@@ -1,0 +1,102 @@
+"""Recipes as files: every choice in them, back to the same bits, units in the keys."""
+
+import dataclasses
+import tomllib
+
+import numpy as np
+import pytest
+
+from imaging import ImagingError, Limits, Recipe, Scale, Tone, read_recipe, write_recipe
+from imaging._recipe_file import recipe_as_dict, recipe_text
+
+RULER = Scale(8922.4409, 0.0892, (1.1, 8922.4, -1.7e-9), 0.31, 0.021, 97, "ruler")
+PLAIN = Recipe(Scale.manual(8922.0, 0.1))
+FULL = Recipe(
+    RULER,
+    distance=61 * 0.0254,
+    centre=(501.25, 1330.0),
+    crop_offset=(1459, 531),
+    frame_size=(5568, 3712),
+    k1=-0.01,
+    tone=Tone(np.linspace(0, 1, 256) ** 2.1),
+    method="pixel",
+    orientation="auto",
+    tape_hue=222.0,
+    tape_diameter=0.875 * 0.0254,
+    blur_px=1.1,
+    edge_offset_px=0.05,
+    resolution_px=100.0,
+    limits=dataclasses.replace(Limits(), blur_px=4.0, saturated=0.1),
+)
+
+
+@pytest.mark.parametrize("recipe", [PLAIN, FULL], ids=["plain", "full"])
+def test_a_recipe_comes_back_to_the_same_bits(tmp_path, recipe):
+    path = write_recipe(recipe, tmp_path / "recipe.toml")
+    assert read_recipe(path) == recipe
+    assert write_recipe(read_recipe(path), tmp_path / "again.toml").read_text() == path.read_text()
+
+
+def test_every_choice_is_in_the_file():
+    for field in dataclasses.fields(Recipe):
+        value = getattr(FULL, field.name)
+        if field.name not in {"scale", "limits"}:
+            assert value != getattr(PLAIN, field.name), f"FULL must differ in {field.name}"
+    entries = tomllib.loads(recipe_text(FULL))
+    assert len(entries) == 1 + len(dataclasses.fields(Recipe))  # and the format
+    assert set(entries["limits"]) == {field.name for field in dataclasses.fields(Limits)}
+    assert len(entries["scale"]) == len(dataclasses.fields(Scale))
+
+
+def test_keys_name_their_units():
+    entries = recipe_as_dict(FULL)
+    assert entries["distance_m"] == 61 * 0.0254
+    assert entries["tape_diameter_m"] == 0.875 * 0.0254
+    assert entries["tape_hue_deg"] == 222.0
+    assert entries["scale"]["stderr_px_per_m"] == 0.0892
+
+
+def written(tmp_path, text, scale="[scale]\npx_per_m = 8922.0\nstderr_px_per_m = 0.1\n"):
+    path = tmp_path / "recipe.toml"
+    path.write_text(text + scale)
+    return path
+
+
+def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
+    path = written(tmp_path, "distance_in = 60\ntape_diameter_mm = 22\nblur_px = 1\n")
+    expected = dataclasses.replace(PLAIN, distance=1.524, tape_diameter=0.022, blur_px=1.0)
+    found = read_recipe(path)
+    assert found == dataclasses.replace(expected, distance=found.distance)
+    assert found.distance == pytest.approx(1.524, rel=1e-15)
+    assert isinstance(found.blur_px, float)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("distance_ft = 5\n", "'ft' is not a known unit of length"),
+        ("distance = 5\n", "unknown key distance; known are .*distance_m"),
+        ("distance_m = 1.5\ndistance_in = 60\n", "distance is given twice"),
+        ("colour = 5\n", "unknown key colour"),
+        ("method = 'guess'\n", "method is one of"),
+        ("distance_m = 'far'\n", "cannot be used"),
+        ("format = 'famjax recipe 9'\n", "has the format 'famjax recipe 1'"),
+        ("distance_m = \n", "not a TOML file"),
+        ("tone = [0.0, 1.0]\n", "256 finite values"),
+        ("limits = 3\n", "limits must be a table"),
+    ],
+)
+def test_what_cannot_be_a_recipe_is_refused_with_the_path(tmp_path, text, match):
+    path = written(tmp_path, text)
+    with pytest.raises(ImagingError, match=match) as caught:
+        read_recipe(path)
+    assert caught.value.path == str(path)
+
+
+def test_a_recipe_without_scale_or_file_is_refused(tmp_path):
+    with pytest.raises(ImagingError, match="lacks scale"):
+        read_recipe(written(tmp_path, "distance_m = 1.5\n", scale=""))
+    with pytest.raises(ImagingError, match="cannot be read"):
+        read_recipe(tmp_path / "missing.toml")
+    with pytest.raises(ImagingError, match="cannot be written"):
+        write_recipe(PLAIN, tmp_path / "no" / "folder.toml")

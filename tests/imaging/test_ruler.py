@@ -1,0 +1,164 @@
+"""Rulers of every kind against the scale they were rendered with."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from imaging import (
+    AmbiguousRuler,
+    RulerNotFound,
+    Scale,
+    UnreadableImage,
+    apparent_diameter,
+    calibrate_ruler,
+)
+from imaging._ruler_marks import marks_of, numbered
+from imaging.synthetic import INCH, published_ruler, render_ruler
+
+SCALE = 5e-5  # relative; the aim is 1e-5 at full resolution, and these pictures have half of it
+TILT_DEG = 0.1
+SIZE = (1325, 300)
+
+
+@pytest.fixture(scope="module")
+def base():
+    return published_ruler(size=SIZE)
+
+
+CASES = {
+    "as published": {},
+    "turned right": {"rotation_deg": 2.0},
+    "tilted away": {"tilt_deg": -5.0},
+    "marks on both edges": {"edge": "both"},
+    "wood": {"face": (0.62, 0.40, 0.17)},
+    "light marks": {"face": (0.04, 0.04, 0.04), "ink": (0.7, 0.7, 0.7)},
+    "wide marks, no numbers": {"mark_width": 0.03 * INCH, "numbers": False},
+    "short and aside": {"marks": 41, "x0": 0.4 * INCH, "y0": 0.3 * INCH},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_scale_of_any_ruler(base, case):
+    photo = render_ruler(dataclasses.replace(base, **CASES[case]), 3)
+    scale = calibrate_ruler(photo.rgb)
+    marks = CASES[case].get("marks", base.marks)
+    spread = SCALE * (base.marks / marks) ** 1.5
+    assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=spread)
+    assert scale.tilt_deg == pytest.approx(photo.truth.tilt_deg, abs=TILT_DEG)
+    assert scale.marks == marks
+    assert scale.source == "ruler"
+    assert abs(scale.px_per_m / photo.truth.px_per_m - 1) < 5 * scale.relative_stderr
+
+
+def test_it_may_lie(base):
+    photo = render_ruler(dataclasses.replace(base, tilt_deg=1.0), 3)
+    upright = calibrate_ruler(photo.rgb)
+    lying = calibrate_ruler(np.ascontiguousarray(np.rot90(photo.rgb)))
+    assert lying.px_per_m == pytest.approx(upright.px_per_m, rel=SCALE)
+    assert abs(lying.tilt_deg) == pytest.approx(1.0, abs=TILT_DEG)
+
+
+def test_printing_errors_show_in_the_residual_and_the_standard_error(base):
+    photo = render_ruler(dataclasses.replace(base, print_error=0.002 * INCH, print_seed=5), 1)
+    scale = calibrate_ruler(photo.rgb)
+    assert scale.residual_px == pytest.approx(0.002 * INCH * scale.px_per_m, rel=0.3)
+    assert abs(scale.px_per_m / photo.truth.px_per_m - 1) < 3 * scale.relative_stderr
+    assert scale.relative_stderr > 1e-5
+
+
+def test_a_misplaced_ruler_cannot_be_seen_but_can_be_declared(base):
+    photo = render_ruler(dataclasses.replace(base, offset=0.1 * INCH), 1)
+    blind = calibrate_ruler(photo.rgb)
+    assert blind.px_per_m / photo.truth.px_per_m - 1 == pytest.approx(-0.1 / 60, rel=0.05)
+    told = calibrate_ruler(photo.rgb, placement_stderr=0.1 * INCH)
+    assert told.relative_stderr == pytest.approx(0.1 / 60, rel=0.01)
+
+
+def test_the_local_scale_follows_the_tilt(base):
+    photo = render_ruler(dataclasses.replace(base, tilt_deg=3.0), 1)
+    scale = calibrate_ruler(photo.rgb)
+    near, far = scale.at([100.0, 1200.0])
+    # Z grows by sin(tilt) per metre: 1100 px are 9.7 in of 60.
+    assert far / near - 1 == pytest.approx(-2 * np.sin(np.radians(3)) * 1100 / 113.3 / 60, rel=0.05)
+    assert np.all(Scale.manual(9000.0).at([0.0, 5.0]) == 9000.0)
+
+
+@pytest.mark.parametrize("marks", [3, 6])
+def test_too_few_marks_are_no_ruler(base, marks):
+    photo = render_ruler(dataclasses.replace(base, marks=marks, numbers=False), 1)
+    with pytest.raises(RulerNotFound, match="8 or more"):
+        calibrate_ruler(photo.rgb)
+
+
+def test_cloth_is_no_ruler():
+    random = np.random.default_rng(0)
+    with pytest.raises(RulerNotFound):
+        calibrate_ruler(random.integers(10, 40, (600, 300, 3)).astype(np.uint8))
+
+
+def two_scales():
+    """Inches in eighths on the left edge, centimetres in halves on the right."""
+    picture = np.full((1200, 200, 3), 180, np.uint8)
+    for pitch, columns in ((13.0, slice(20, 60)), (20.6, slice(140, 180))):
+        for v in np.arange(15.0, 1190.0, pitch):
+            picture[round(v) : round(v) + 3, columns] = 20
+    return picture
+
+
+def test_two_scales_are_ambiguous_until_one_is_expected():
+    with pytest.raises(AmbiguousRuler, match="multiples") as caught:
+        calibrate_ruler(two_scales())
+    assert caught.value.figures["pitch_px"] == pytest.approx(13.0, rel=0.01)
+    scale = calibrate_ruler(two_scales(), pitch=0.005, expected_px_per_m=20.6 / 0.005)
+    assert scale.px_per_m == pytest.approx(20.6 / 0.005, rel=2e-3)  # its marks are whole pixels
+
+
+def test_marks_are_found_to_a_hundredth_of_a_pixel():
+    x = np.arange(700.0)
+    places = 20.3 + 24.17 * np.arange(27)
+    dark = 1 - 0.8 * np.exp(-(((x[:, None] - places) / 1.6) ** 2)).sum(axis=1)
+    for profile in (dark, 2 - dark):
+        np.testing.assert_allclose(marks_of(profile, 24.0), places, atol=0.01)
+
+
+def test_missing_and_false_marks_do_not_shift_the_numbers():
+    n = np.arange(60)
+    places = (30 + 25 * n) / (1 + 3e-4 * n)
+    random = np.random.default_rng(0)
+    seen = np.delete(places, [7, 8, 30, 41])
+    seen = np.sort(np.concatenate([seen, [401.0, 777.0]])) + 0.01 * random.normal(size=58)
+    fit = numbered(seen, 25.0)
+    assert fit is not None
+    assert fit.number.size == 56
+    a, b, c = fit.coefficients
+    first = fit.number[0]
+    np.testing.assert_allclose((a + b * (n + first)) / (1 + c * (n + first)), places, atol=0.05)
+
+
+def test_a_scale_from_a_known_cylinder():
+    width = 9000 * float(apparent_diameter(0.022, 1.5))
+    scale = Scale.from_diameter(
+        width, 0.022, distance=1.5, width_stderr_px=0.1, diameter_stderr=2e-5
+    )
+    assert scale.px_per_m == pytest.approx(9000)
+    assert scale.relative_stderr == pytest.approx(np.hypot(0.1 / width, 2e-5 / 0.022))
+    assert scale.source == "diameter"
+
+
+@pytest.mark.parametrize(("scale", "stderr"), [(0.0, 0.0), (-1.0, 0.0), (np.nan, 0.0), (1.0, -1.0)])
+def test_an_impossible_scale_is_refused(scale, stderr):
+    with pytest.raises(ValueError, match="scale"):
+        Scale.manual(scale, stderr)
+
+
+def test_the_error_names_the_file(tmp_path):
+    path = tmp_path / "ruler.jpg"
+    with pytest.raises(UnreadableImage, match=r"ruler\.jpg"):
+        calibrate_ruler(path)
+
+
+@pytest.mark.parametrize("wrong", [{"pitch": 0.0}, {"distance": -1.0}])
+def test_impossible_options_are_refused(wrong):
+    with pytest.raises(ValueError, match="> 0"):
+        calibrate_ruler(np.zeros((100, 100, 3), np.uint8), **wrong)

@@ -1,0 +1,73 @@
+"""Thresholds, boundaries, colours and the coarse outline, against other libraries and the truth."""
+
+import cv2
+import numpy as np
+import pytest
+from skimage.filters import threshold_otsu
+
+from imaging._otsu import counts_of, otsu_split
+from imaging._segmentation import segment
+from imaging._tape_colour import hue_of
+from imaging.synthetic import published_scene, render
+
+COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
+
+
+@pytest.fixture(scope="module")
+def photo():
+    return render(published_scene(0.2625, size=(1060, 440)), 3)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_otsu_is_opencvs_and_scikit_images(seed):
+    random = np.random.default_rng(seed)
+    n = random.integers(50, 4000, 2)
+    values = np.concatenate([random.normal(70, 20, n[0]), random.normal(160, 25, n[1])])
+    image = np.clip(values, 0, 255).astype(np.uint8)[None]
+    level, _ = cv2.threshold(image, 0, 255, cv2.THRESH_OTSU)
+    split = otsu_split(counts_of(image))
+    assert split.level == int(level)
+    # scikit-image gives the last bin of the lower class, or, on a plateau, another one of it.
+    assert np.array_equal(image > split.level, image > threshold_otsu(image))
+    upper = image > split.level
+    assert split.share == pytest.approx(upper.mean())
+    assert split.high == pytest.approx(image[upper].mean())
+    within = upper.mean() * image[upper].var() + (1 - upper.mean()) * image[~upper].var()
+    assert split.eta == pytest.approx(1 - within / image.var())
+
+
+def test_one_value_has_no_two_classes():
+    assert otsu_split(np.eye(256)[17]).eta == 0
+
+
+def test_the_coarse_outline_is_near_the_true_one(photo):
+    found = segment(photo.rgb)
+    truth = photo.truth
+    for mine, true in ((found.left, truth.left), (found.right, truth.right)):
+        off = mine - np.interp(found.rows, truth.rows, true)
+        assert np.abs(off).max() < COARSE_PX
+    upper, lower = truth.tape_rows
+    assert upper < found.rows[0] < upper + 4 * COARSE_PX
+    assert lower - 4 * COARSE_PX < found.rows[-1] < lower
+
+
+def test_the_colours_are_those_of_cloth_braid_and_tape(photo):
+    found = segment(photo.rgb)
+    assert hue_of(found.tape) == pytest.approx(222, abs=8)  # a lamp's shade turns it a little
+    assert 20 < hue_of(found.braid) < 60
+    assert found.cloth.max() < 40 < found.braid.min()
+    assert found.eta_value > 0.9
+    assert found.eta_hue > 0.9
+
+
+def test_a_large_picture_is_looked_at_twice_and_gives_the_same(photo):
+    canvas = np.zeros((3200, 4000, 3), np.uint8)
+    canvas[:] = np.median(photo.rgb[:40], axis=(0, 1))
+    v, u = 900, 2100
+    canvas[v : v + 1060, u : u + 440] = photo.rgb
+    small, large = segment(photo.rgb), segment(canvas)
+    columns = np.interp(small.rows, large.rows - v, large.left - u)
+    assert np.abs(columns - small.left)[20:-20].max() < COARSE_PX
+    assert large.upper.inner_limbs == pytest.approx(
+        [edge + v for edge in small.upper.inner_limbs], abs=COARSE_PX
+    )

@@ -1,0 +1,182 @@
+"""The table of a campaign and its files, read back by other programs."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from imaging import ImagingError, MachineLog, Table, synchronise
+from imaging._row import POSITION, Row
+from imaging.synthetic import stroke_log, triangle_stroke
+
+IN = 0.0254
+REST = 9.28125 * IN
+SCALE = 1e-4  # relative standard error common to all lengths
+START = 1614834367.0
+
+
+def row(k, length, seconds=START):
+    return Row(
+        f"img{k}.jpg",
+        numbers={
+            "length": length, "length_stderr": float(np.hypot(2e-5, SCALE * length)),
+            "mean_diameter": 1.4 * IN, "mean_diameter_stderr": 1e-5, "max_diameter": 1.9 * IN,
+            "volume": 14.0 * IN**3, "volume_stderr": 1e-8, "px_per_m": 226.63 / IN,
+            "roll_deg": 0.5, "x0": 1e-3, "blur_px": 1.2, "tape_blur_px": np.nan,
+        },
+        diameter=1.4 * IN + 0.5 * IN * np.sin(np.pi * POSITION) * (1 - length / REST),
+        diameter_stderr=np.full(POSITION.shape, 1e-5),
+        seconds=seconds,
+        resolution=1e-3,
+        sha256=f"{k:064d}",
+    )  # fmt: skip
+
+
+STROKE = triangle_stroke(0.3, 240.0)
+TIMES = 2.0 + 5.0 * np.arange(40)
+
+
+def table(**options):
+    rng = np.random.default_rng(0)
+    lengths = REST * (1 - STROKE(TIMES)) + 2e-5 * rng.standard_normal(40)
+    rows = [row(k, float(L), START + 5.0 * k) for k, L in enumerate(lengths)]
+    rows[7] = Row('bad, "odd".jpg', error="NoMuscle: nothing, at\nall", seconds=START + 35.0)
+    return Table.from_rows(rows, scale_relative_stderr=SCALE, **options)
+
+
+def cells(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+@pytest.mark.parametrize(
+    ("system", "length", "volume", "scale"),
+    [("us", ("length_in", IN), ("volume_in3", IN**3), ("px_per_in", 1 / IN)),
+     ("metric", ("length_mm", 1e-3), ("volume_mm3", 1e-9), ("px_per_mm", 1e3)),
+     ("si", ("length_m", 1.0), ("volume_m3", 1.0), ("px_per_m", 1.0))],
+)  # fmt: skip
+def test_the_csv_has_one_row_per_picture_in_the_units_of_its_columns(system, length, volume, scale):
+    found = table()
+    rows = cells(found.csv_text(system))
+    assert len(rows) == 40
+    name, unit = length
+    for wanted in ("path", "ok", "error", name, name.replace("_", "_stderr_"), f"mean_diameter_{name[7:]}",
+                   "contraction", "contraction_stderr", "roll_deg", "time_s", "blur_px"):  # fmt: skip
+        assert wanted in rows[0]
+    assert float(rows[3][name]) * unit == pytest.approx(found["length"][3], rel=1e-9)
+    assert float(rows[3][volume[0]]) * volume[1] == pytest.approx(14 * IN**3, rel=1e-9)
+    assert float(rows[3][scale[0]]) * scale[1] == pytest.approx(226.63 / IN, rel=1e-9)
+    assert rows[3]["ok"] == "true"
+    assert rows[7]["ok"] == "false"
+    assert rows[7]["path"] == 'bad, "odd".jpg'
+    assert rows[7]["error"].startswith("NoMuscle: nothing")
+    assert rows[7][name] == ""
+    assert rows[3]["tape_blur_px"] == ""
+
+
+def test_the_columns_are_there_when_every_picture_failed():
+    found = Table.from_rows([Row("a.jpg", error="NoMuscle: none")])
+    (only,) = cells(found.csv_text("us"))
+    for name in ("length_in", "length_stderr_in", "mean_diameter_in", "mean_diameter_stderr_in",
+                 "volume_in3", "contraction", "px_per_in", "roll_deg"):  # fmt: skip
+        assert only[name] == ""
+    assert "No picture was measured" in found.notes[0]
+
+
+def test_an_unknown_unit_system_is_refused():
+    with pytest.raises(ImagingError, match="us"):
+        table().csv_text("imperial")
+
+
+def test_contraction_against_a_picture_loses_the_error_of_the_scale():
+    found = table()
+    longest = int(np.nanargmax(found["length"]))
+    L, L0 = found["length"], found["length"][longest]
+    np.testing.assert_allclose(found["contraction"], 1 - L / L0, rtol=1e-12)
+    expected = L / L0 * np.hypot(2e-5 / L, 2e-5 / L0)
+    expected[longest] = 0
+    np.testing.assert_allclose(found["contraction_stderr"], expected, rtol=1e-6)
+    assert f"img{longest}.jpg" in found.notes[0]
+
+
+def test_contraction_against_a_given_length_keeps_it():
+    found = table(rest_length=REST)
+    np.testing.assert_allclose(found["contraction"], 1 - found["length"] / REST, rtol=1e-12)
+    np.testing.assert_allclose(
+        found["contraction_stderr"], found["length_stderr"] / REST, rtol=1e-12
+    )
+    assert "as given" in found.notes[0]
+
+
+def test_pictures_without_a_stamp_and_whole_seconds_are_told():
+    rows = [row(0, 0.2), row(1, 0.21)]
+    rows[1] = Row(**{**vars(rows[1]), "seconds": np.nan, "resolution": np.nan})
+    rows[0] = Row(**{**vars(rows[0]), "resolution": 1.0})
+    notes = " ".join(Table.from_rows(rows).notes)
+    assert "1 of 2 pictures have no time stamp" in notes
+    assert "whole seconds" in notes
+
+
+def test_the_log_gives_each_picture_its_force_with_the_error_of_interpolation():
+    found = table()
+    t = np.arange(0, 240, 0.1)
+    record = stroke_log(STROKE, t, REST)
+    log = MachineLog(record.time, record.displacement, record.force, record.pressure)
+    clock = synchronise(found["time"], found["length"], log)
+    merged = found.with_log(log, clock)
+    truth = np.interp(TIMES, t, record.force)
+    assert clock.offset == pytest.approx(2.0, abs=0.02)
+    away = np.abs(merged["force"] - truth)
+    assert np.all(away <= 4 * merged["force_stderr"])
+    assert merged["force_stderr"].max() < 0.001 * np.ptp(record.force)
+    assert merged["pressure"][3] == pytest.approx(record.pressure[0])
+    assert "force_lbf" in cells(merged.csv_text("us"))[0]
+    assert "pressure_kPa" in cells(merged.csv_text("metric"))[0]
+    assert any("clock" in note for note in merged.notes)
+
+
+def test_pictures_outside_the_log_have_no_force():
+    found = table()
+    t = np.arange(0, 150, 0.1)
+    log = MachineLog(t, STROKE(t) * REST, force=t)
+    merged = found.with_log(log, synchronise(found["time"], found["length"], log))
+    outside = TIMES > 150
+    assert np.isnan(merged["force"][outside]).all()
+    assert np.isfinite(merged["force"][~outside]).all()
+    assert any(f"{outside.sum()} pictures lie outside" in note for note in merged.notes)
+
+
+def test_xarray_reads_the_netcdf_with_units_profiles_and_provenance(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    found = table(provenance={"recipe": "method = 'limb'\n", "ruler_sha256": "ab" * 32})
+    path = found.write_netcdf(tmp_path / "table.nc")
+    with xarray.open_dataset(path, engine="scipy") as data:
+        np.testing.assert_array_equal(data["length_m"], found["length"])
+        assert data["length_m"].attrs["units"] == "m"
+        assert data["volume_m3"].attrs["units"] == "m3"
+        assert data["contraction"].attrs["units"] == "1"
+        np.testing.assert_array_equal(data["diameter_m"], found.diameter)
+        assert data["diameter_m"].dims == ("picture", "position")
+        assert [str(p) for p in data["path"].values] == list(found.path)
+        assert str(data["error"].values[7]).startswith("NoMuscle")
+        assert data["ok"].values.tolist() == found.ok.astype(int).tolist()
+        assert data.attrs["ruler_sha256"] == "ab" * 32
+        assert data.attrs["rest_length_m"] == found.rest_length
+        middle = data["diameter_m"].sel(picture=10).interp(position=0.5)
+        assert float(middle) == pytest.approx(found.diameter[10, 100])
+
+
+def test_scipy_alone_reads_the_netcdf(tmp_path):
+    pytest.importorskip("xarray")
+    from scipy.io import netcdf_file
+
+    found = table()
+    path = found.write_netcdf(tmp_path / "table.nc")
+    with netcdf_file(path, mmap=False) as data:
+        np.testing.assert_array_equal(data.variables["length_m"][:], found["length"])
+        assert data.variables["length_m"].units == b"m"
+
+
+def test_a_table_that_cannot_be_written_says_so(tmp_path):
+    with pytest.raises(ImagingError, match="cannot be written"):
+        table().write_csv(tmp_path / "no" / "table.csv")
