@@ -325,6 +325,23 @@ def _timed(function: Callable, *given: Any, repeats: int) -> tuple[Any, float, f
     return found, compiled - min(seconds), min(seconds)
 
 
+def joint_lines() -> list[Line]:
+    """Joint identification of the bundled maps beside lmfit, and sweeps with their bootstrap."""
+    import identification_joint as joint  # noqa: PLC0415 -- lmfit is a benchmark's dependency
+
+    rows = [row for name in joint.MAPS for row in joint.joint(name)]
+    rows += [joint.sweep_bootstrap(count) for count in (1000, 10000)]
+    return [
+        Line(
+            row["task"], row["solver"], row["seconds"], row.get("compile_seconds", np.nan),
+            row.get("ratio", 1.0), np.nan, row.get("missed", 0), row.get("starts", 48),
+            f"best RMSE {row['best_rmse_N']:.6g} N" if "best_rmse_N" in row
+            else f"{row['microseconds_per_fit']:.1f} microseconds per fit",
+        )
+        for row in rows
+    ]  # fmt: skip
+
+
 def peak_gflops() -> float:
     """Measured peak of double-precision arithmetic: a product of matrices of 1500."""
     A = np.random.default_rng(0).normal(size=(1500, 1500))
@@ -342,7 +359,7 @@ def main() -> None:
 
     jax.config.update("jax_enable_x64", True)
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "identification")
-    lines = run()
+    lines = [*run(), *joint_lines()]
     for line in lines:
         print(json.dumps({k: v for k, v in vars(line).items() if v == v}))  # noqa: PLR0124
     for path in write(folder, lines, peak_gflops()):

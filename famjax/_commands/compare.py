@@ -1,0 +1,79 @@
+"""`famjax compare`."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+
+from .app import app, load_fitting, load_map, print_rows
+
+
+@app.command
+def compare(
+    data: str = "DMSP-20-300",
+    *,
+    models: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    starts: int = 32,
+    seed: int = 0,
+    output: Path = Path("famjax-compare"),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Fit every published static force model, and famjax's own, to one force map.
+
+    Each is fitted to all loaded readings, and again without each pressure and each length, which it
+    then predicts. Writes `compare.json` and `compare.png`.
+
+    Parameters
+    ----------
+    data
+        CSV file or the name of a bundled map, as for `famjax fit`.
+    models
+        Names of the models, repeatable; all unless given. An unknown one prints those there are.
+    specimen
+        Describe the muscle, key_unit=value, repeatable.
+    starts
+        Of each nonlinear fit.
+    seed
+        Of the starts; the same seed gives the same table.
+    output
+        Folder for the files, made if need be.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    fitting = load_fitting()
+    from fitting._peers.plot import plot_comparison  # noqa: PLC0415
+    from fitting._saved.report import as_png, check_output, write_all  # noqa: PLC0415
+    from fitting._search.options import parse_specimen  # noqa: PLC0415
+
+    check_output(output)
+    measured = load_map(data, parse_specimen(specimen))
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("comparing", total=None)
+
+        def show(done: int, total: int, name: str) -> None:
+            progress.update(task, completed=done, total=total, description=name)
+
+        table = fitting.compare(measured, models or None, starts=starts, seed=seed, progress=show)
+    document = table.as_dict()
+    content = json.dumps(document, indent=1, allow_nan=False).encode()
+    paths = write_all(
+        output, {"compare.json": content, "compare.png": as_png(plot_comparison(table))}
+    )
+    if json_:
+        print(json.dumps(document, allow_nan=False))
+        return 0
+    columns = ("label", "n_parameters", "rmse_N", "lopo_rmse_N", "lolo_interior_rmse_N",
+               "lolo_rmse_N", "max_error_N")  # fmt: skip
+    rows = [{key: row[key] for key in columns} for row in document["models"]]
+    print_rows(f"{document['specimen']}, largest force {document['max_force_N']:.5g} N", rows)
+    for row in document["models"]:
+        remarks = [f"at a bound: {', '.join(row['at_bound'])}"] if row["at_bound"] else []
+        remarks += [row["note"]] if row["note"] else []
+        if remarks:
+            print(f"note: {row['label']}: {'; '.join(remarks)}")
+    print("written:", ", ".join(str(path) for path in paths))
+    return 0

@@ -1,0 +1,72 @@
+"""`famjax reproduce`."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+
+from .app import app, load_fitting, print_rows
+
+
+@app.command
+def reproduce(
+    *,
+    output: Path = Path("famjax-reproduce"),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Compute the reference work's tables and put them beside its printed figures.
+
+    Needs a clone of the repository, where the code of the benchmarks lies beside the packages.
+
+    Parameters
+    ----------
+    output
+        Folder for the page with tables and figures, made if need be.
+    json_
+        Print the rows as one JSON list to standard output and nothing else there; chapter 7's fits
+        of a synthetic reconstruction, which have no verdict, are on the page without this option.
+    """
+    load_fitting()
+    from fitting import InputError  # noqa: PLC0415
+    from fitting._saved.report import check_output  # noqa: PLC0415
+
+    folder = Path(__file__).resolve().parents[2] / "benchmarks"
+    if not (folder / "reproduce.py").exists():
+        raise InputError(
+            f"'famjax reproduce' runs in a clone of the repository; {folder} has no reproduce.py"
+        )
+    check_output(output)
+    sys.path.insert(0, str(folder))
+    from importlib import import_module  # noqa: PLC0415
+
+    benchmark = import_module("reproduce")
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("reproducing", total=None)
+
+        def show(done: int, total: int, name: str) -> None:
+            progress.update(task, completed=done, total=total, description=name)
+
+        found = benchmark.reproduce(progress=show)
+        synthetic = None
+        if not json_:
+            progress.update(task, description="chapter 7, on a synthetic reconstruction")
+            synthetic = benchmark.synthetic_fits()
+        paths = benchmark.write_page(output, found, synthetic)
+    rows = [row.as_dict() for row in found]
+    if json_:
+        print(json.dumps(rows, allow_nan=False))
+        return 0
+    compared = [row for row in rows if row["within"] is not None]
+    out = [row for row in compared if not row["within"]]
+    if out:
+        print_rows("Out of tolerance", out)
+    print(
+        f"{len(compared) - len(out)} of {len(compared)} printed figures within tolerance; "
+        f"{len(rows) - len(compared)} more computed that have no printed figure here"
+    )
+    print("written:", ", ".join(str(path) for path in paths))
+    return 0

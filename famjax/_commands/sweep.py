@@ -1,0 +1,116 @@
+"""`famjax sweep`."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+
+from .app import app, load_fitting, load_map, print_rows
+
+
+@app.command
+def sweep(
+    data: str = "DMSP-20-300",
+    *,
+    braid_diameter: str | None = None,
+    braid_angle: str | None = None,
+    deadband: str | None = None,
+    order: Annotated[tuple[int, ...], Parameter(negative=())] = (1, 2, 3, 4),
+    objective: Literal["sum_of_squares", "mean_rmse", "huber"] = "sum_of_squares",
+    bootstrap: int = 0,
+    seed: int = 0,
+    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    output: Path = Path("famjax-sweep"),
+    units: Literal["si", "metric", "us"] = "metric",
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Fit every permutation of order, pressure dependence and constraint at one geometry.
+
+    Writes `sweep.jsonl`, from which a stopped sweep goes on, and pictures of errors and force
+    curves. Without a geometry the one that `famjax fit` identifies with its standard law is taken.
+
+    Parameters
+    ----------
+    data
+        CSV file or the name of a bundled map, as for `famjax fit`.
+    braid_diameter
+        D0 at rest with its unit, `21.6mm`.
+    braid_angle
+        Braid angle at rest from the circumference with its unit, `63deg`.
+    deadband
+        Pressure before the muscle acts with its unit, `43kPa`.
+    order
+        Orders of the law, repeatable, 1 to 4.
+    objective
+        sum_of_squares; mean_rmse: mean over pressures of the RMSE, as the reference work; huber.
+    bootstrap
+        Number of replicates for standard deviations of the coefficients.
+    seed
+        Of the replicates; the same seed writes the same bytes.
+    specimen
+        Describe the muscle, key_unit=value, repeatable.
+    output
+        Folder for the files, made if need be.
+    units
+        Of tables and pictures: si, metric or us.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    fitting = load_fitting()
+    from fitting._data.quantities import parse_quantity  # noqa: PLC0415
+    from fitting._search.options import parse_specimen  # noqa: PLC0415
+    from fitting._sweep.command import sweep_command  # noqa: PLC0415
+
+    measured = load_map(data, parse_specimen(specimen))
+    given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
+    missing = [name for name, text in given.items() if text is None]
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("identifying the geometry", total=None)
+        if len(missing) == len(given):
+            found = fitting.identify(measured, seed=seed)
+            geometry = {name: found.estimate(name).value for name in
+                        ("braid_diameter", "braid_angle", "deadband_pressure")}  # fmt: skip
+        elif missing:
+            raise fitting.InputError(
+                f"the geometry needs {', '.join(given)} together, or none of them to identify it; "
+                f"missing: {', '.join(missing)}"
+            )
+        else:
+            geometry = {
+                "braid_diameter": parse_quantity(str(braid_diameter), "length"),
+                "braid_angle": parse_quantity(str(braid_angle), "angle"),
+                "deadband_pressure": parse_quantity(str(deadband), "pressure"),
+            }
+        document, paths = sweep_command(
+            [measured],
+            geometry=geometry,
+            orders=order,
+            objective=objective,
+            bootstrap=bootstrap,
+            seed=seed,
+            output=output,
+            units=units,
+            progress=lambda done, total: progress.update(
+                task, description="sweeping", completed=done, total=total
+            ),
+        )
+    if json_:
+        print(json.dumps(document, allow_nan=False))
+        return 0
+    # What cannot be said in a word is said once, below the table.
+    told = {"stable", "not stable"}
+    sentences = dict.fromkeys(r["verdict"] for r in document["rows"] if r["verdict"] not in told)
+    marks = {sentence: f"see ({k})" for k, sentence in enumerate(sentences, 1)}
+    rows = [
+        {**row, "verdict": marks.get(row["verdict"], row["verdict"])} for row in document["rows"]
+    ]
+    for row in rows:
+        del row["data"]
+    print_rows(f"{len(rows)} fits of {measured.specimen.name}", rows)
+    for k, sentence in enumerate(sentences, 1):
+        print(f"({k}) {sentence}")
+    print("written:", ", ".join(str(path) for path in paths))
+    return 0
