@@ -21,6 +21,9 @@ from ._units import parse_quantity
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Files of a folder that are taken for pictures."""
 
+REFERENCE_FRAME = (5568, 3712)
+"""Width and height [px] of the frames of the reference work's camera."""
+
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
@@ -50,6 +53,11 @@ def command_recipe(
     }
     base = None if recipe is None else read_recipe(recipe)
     provenance = {} if recipe is None else {"recipe_file": str(recipe)}
+    if "crop_offset" in choices and "frame_size" not in choices and base is None:
+        choices["frame_size"] = REFERENCE_FRAME
+        provenance["frame_size"] = (
+            "assumed: {} x {} px, the reference work's camera; say --frame-size for another"
+        ).format(*REFERENCE_FRAME)
     if ruler is not None and scale is not None:
         raise ImagingError("the scale is given twice, by ruler and by number; keep one")
     if scale is not None:

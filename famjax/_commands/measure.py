@@ -61,7 +61,8 @@ def measure(
     crop_offset
         Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
     frame_size
-        Width and height of the camera's frame, `5568,3712`; needed with a crop offset.
+        Width and height of the camera's frame, which a crop offset is counted in; `5568,3712`, the
+        reference work's camera, unless given.
     scale
         Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
     tape_diameter
@@ -143,6 +144,8 @@ def measure(
         )
         return 130
     document = as_document(outcome, units)
+    if "frame_size" in provenance:
+        document["notes"].append(f"The camera's frame is {provenance['frame_size']}.")
     if json_:
         print(json.dumps(document, allow_nan=False))
     else:

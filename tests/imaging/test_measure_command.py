@@ -109,7 +109,10 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
         (["PHOTOS", "--scale", "56 px/in", "--ruler", "RULER"], "given twice"),
         (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "distance is a number|a length is"),
         (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "1459"], "two numbers"),
-        (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5"], "needs the frame_size"),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5", "--frame-size", "20,20"],
+            "frame",
+        ),
         (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "log cannot be read"),
         (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
@@ -183,3 +186,15 @@ def test_options_override_the_recipe_file(tmp_path):
     found, provenance = command_recipe(recipe=path, distance="60in", method="pixel")
     assert (found.distance, found.method, found.scale.px_per_m) == (1.524, "pixel", 9000.0)
     assert provenance == {"recipe_file": str(path)}
+
+
+def test_a_crop_without_its_frame_is_of_the_reference_camera_and_says_so() -> None:
+    recipe, provenance = command_recipe(scale="226.63 px/in", crop_offset="2234,531")
+    assert recipe.frame_size == (5568, 3712)
+    assert "assumed" in provenance["frame_size"]
+    assert recipe.camera(1100, 2650).centre == pytest.approx((549.5, 1324.5), abs=1)
+    own, provenance = command_recipe(
+        scale="226.63 px/in", crop_offset="0,0", frame_size="1200,2700"
+    )
+    assert own.frame_size == (1200, 2700)
+    assert "frame_size" not in provenance
