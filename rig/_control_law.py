@@ -112,6 +112,8 @@ def drive(law: ControlLaw, integral: int, error: int) -> int:
     >>> drive(ControlLaw(feed_forward=128 * GAIN_UNIT, proportional=4 * GAIN_UNIT), 0, 256)
     136
     """
-    seen = min(max(error, -MAX_ERROR), MAX_ERROR)
-    sum_ = law.proportional * seen + integral + law.feed_forward * PRESSURE_UNIT
-    return min(max((sum_ + _HALF_COUNT) >> 15, 0), 255)
+    if not -MAX_ERROR <= error <= MAX_ERROR:
+        error = MAX_ERROR if error > 0 else -MAX_ERROR
+    sum_ = law.proportional * error + integral + law.feed_forward * PRESSURE_UNIT
+    output = (sum_ + _HALF_COUNT) >> 15
+    return 0 if output < 0 else output if output < 255 else 255

@@ -19,7 +19,7 @@ from ._device_control import (
     DeviceControl,
     Record,
 )
-from ._messages import MANUAL, PROTOCOL, RUN, STATES
+from ._messages import DRIVEN, PROTOCOL, STATES
 from ._protocol import crc16, frame
 
 FIRMWARE = 1
@@ -105,7 +105,7 @@ class Device:
     @property
     def dump_open(self) -> bool:
         """Whether the normally open dump valve is open: in every state but RUN and MAN."""
-        return self._control.state not in (RUN, MANUAL)
+        return self._control.state not in DRIVEN
 
     @property
     def sync(self) -> bool:
@@ -125,6 +125,8 @@ class Device:
 
     def take(self) -> bytes:
         """What has been sent since the last call."""
+        if not self._out:
+            return b""
         sent = bytes(self._out)
         self._out.clear()
         return sent
@@ -141,22 +143,23 @@ class Device:
         """
         if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
             raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
-        record = self._control.step(pressure_counts, force_counts)
+        control, sending = self._control, self._sending
+        record = control.step(pressure_counts, force_counts)
         if record is not None:
             self._ring.append(record)
             if len(self._ring) > self._size:
                 del self._ring[0]
-            self._send_record((self._control.seq - 1) & COUNTER, record)
-        if self._control.tick % TICK_HZ == 0:
-            self._control.report_state = self._control.report_settings = True
-        if self._human and self._control.tick % _COMMENT_TICKS == 0:
+            self._send_record((control.seq - 1) & COUNTER, record)
+        if control.tick % TICK_HZ == 0:
+            control.report_state = control.report_settings = True
+        if self._human and control.tick % _COMMENT_TICKS == 0:
             self._comment = True
-        answered = bool(self._received) and self._room() >= _ANSWER and self._read()
+        answered = self._received and self._room() >= _ANSWER and self._read()
         if not answered:
             self._report()
-        if self._sending:
-            self._out += self._sending[: self._budget]
-            del self._sending[: self._budget]
+        if sending:
+            self._out += sending[: self._budget]
+            del sending[: self._budget]
 
     def _room(self) -> int:
         return _LIMIT - len(self._sending)
@@ -172,11 +175,11 @@ class Device:
 
     def _report(self) -> None:
         """At most one line: what is to be told, or else a record of the re-request."""
-        control, room = self._control, self._room()
+        control = self._control
         if self._hello or control.report_state or control.report_settings or self._comment:
-            if room >= _REPORT:
+            if self._room() >= _REPORT:
                 self._tell()
-        elif self._mask and room >= _REPEAT:
+        elif self._mask and self._room() >= _REPEAT:
             self._repeat()
 
     def _tell(self) -> None:

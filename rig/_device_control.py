@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from ._control_law import INTEGRAL_UNIT, ControlLaw, drive, next_integral, pressure_error
-from ._messages import MANUAL, RUN, SAFE, TRIP
+from ._messages import DRIVEN, MANUAL, RUN, SAFE, TRIP
 
 SILENCE, OVER_PRESSURE, JUMP, STALL, WATCHDOG = range(1, 6)  # faults, indices into FAULTS
 IN_A_ROW = 3  # conversions beyond a limit that trip
@@ -76,10 +76,11 @@ class DeviceControl:
         self.tick = (self.tick + 1) & COUNTER
         if self.phase == 0:
             self._begin_record()
-        if self.state in (RUN, MANUAL):
+        if self.state in DRIVEN:
             self._guard(pressure)
-        self.count = self._history[self._oldest] = pressure
-        self._oldest = (self._oldest + 1) % JUMP_TICKS
+        oldest = self._oldest
+        self.count = self._history[oldest] = pressure
+        self._oldest = (oldest + 1) % JUMP_TICKS
         self._sum_p += pressure
         self._sum_f += force
         self.phase += 1
@@ -135,8 +136,8 @@ class DeviceControl:
             self._integral = next_integral(
                 law, self._integral, pressure_error(law, self._sum_p, self.div)
             )
-        self.output = drive(law, self._integral, error)
-        if self.output < 255 or error <= STALL_ERROR:
+        self.output = output = drive(law, self._integral, error)
+        if output < 255 or error <= STALL_ERROR:
             self._stall_ticks = 0
             return
         if self._stall_ticks == 0 or pressure >= self._stall_from + STALL_RISE:
@@ -177,7 +178,7 @@ class DeviceControl:
             case b"ilim", [low, high]:
                 self.next_law = law._replace(low=low, high=high)
             case b"cal", [zero, span]:
-                if self.state in (RUN, MANUAL):
+                if self.state in DRIVEN:
                     return RUNNING
                 self.next_law = law._replace(zero=zero, span=span)
             case b"tele", [ticks]:
@@ -210,10 +211,10 @@ class DeviceControl:
                     self._next_state = SAFE  # it runs already: nothing is staged
             case b"stop":
                 self._next_state = SAFE
-                if self.state in (RUN, MANUAL):
+                if self.state in DRIVEN:
                     self.leave(SAFE, 0)
             case b"clear":
-                if self.state in (RUN, MANUAL):
+                if self.state in DRIVEN:
                     return RUNNING
                 if self.state == TRIP and self.count >= self.trip:
                     return PRESSURE

@@ -148,7 +148,13 @@ class Journal:
             self._queue.put(data)
 
     def _write(self) -> None:
-        while (data := self._queue.get()) is not None:
+        """Hand over all that waits in one go: in virtual time too many lines come for one by one."""
+        waiting: list[bytes | None] = []
+        while not waiting or waiting[-1] is not None:  # nothing comes after None
+            waiting = [self._queue.get()]
+            while not self._queue.empty():
+                waiting.append(self._queue.get())
+            data = b"".join(filter(None, waiting))
             try:
                 view = memoryview(data)
                 while view:

@@ -147,9 +147,11 @@ def number(cell: str, decimal: str) -> float | None:
     >>> number("1.234,5", ","), number("00:01:02.5", "."), number("---", ".")
     (1234.5, 62.5, None)
     """
-    cell = cell.strip().replace("\u2212", "-").replace("\u00a0", "")
+    cell = cell.strip()
+    if not cell.isascii():
+        cell = cell.replace("\u2212", "-").replace("\u00a0", "")
     if _PATTERN[decimal].fullmatch(cell):
-        return float(cell.replace(",", "."))
+        return float(cell if decimal == "." else cell.replace(",", "."))
     if _GROUPED[decimal].fullmatch(cell):
         group = "," if decimal == "." else "."
         return float(cell.replace(group, "").replace(",", "."))
@@ -162,7 +164,7 @@ def number(cell: str, decimal: str) -> float | None:
 
 def _cells(line: str, delimiter: str) -> tuple[str, ...]:
     if delimiter != " " and '"' not in line:
-        return tuple(cell.strip() for cell in line.split(delimiter))
+        return tuple(map(str.strip, line.split(delimiter)))
     if delimiter != " ":
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=delimiter)))
     if any(character.isalpha() for character in line):

@@ -10,6 +10,9 @@ PROTOCOL = 1
 SAFE, RUN, MANUAL, TRIP = range(4)
 """States of the device."""
 
+DRIVEN = (RUN, MANUAL)
+"""States in which the output is not off and the dump valve is shut."""
+
 STATES = ("SAFE", "RUN", "MAN", "TRIP")
 
 FAULTS = ("none", "silence", "over-pressure", "jump", "stall", "watchdog")

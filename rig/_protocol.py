@@ -65,7 +65,7 @@ def parse(line: bytes) -> Message | None:
     True
     """
     body = line[:-5]
-    if line[-5:-4] != b"*" or b"%04X" % binascii.crc_hqx(body, 0xFFFF) != line[-4:]:
+    if b"*%04X" % binascii.crc_hqx(body, 0xFFFF) != line[-5:]:
         return None
     if body[:2] == b"T,":
         match = _SAMPLE(body)
@@ -162,8 +162,11 @@ class Splitter:
             self._skipping = True
             rest = b""
         self._rest = rest
-        kept = [line.removesuffix(b"\r") for line in lines]
-        long = [line for line in kept if len(line) > self._limit]
-        if long:
-            self.discarded += sum(map(len, long))
-        return [line for line in kept if line and len(line) <= self._limit]
+        kept = []
+        for line in lines:
+            line = line.removesuffix(b"\r")  # noqa: PLW2901 -- the line without its end
+            if len(line) > self._limit:
+                self.discarded += len(line)
+            elif line:
+                kept.append(line)
+        return kept

@@ -96,6 +96,17 @@ class Session:
         """Whether the device has told its settings since the last command that changed them."""
         return self.settings is not None and self._settings_due is None
 
+    def idle(self, now: float) -> bool:
+        """Whether `feed` and `poll` have nothing to do at host time `now` [s] until a line comes."""
+        return not (
+            self._beat_at + HEARTBEAT <= now
+            or self._heard_at is None
+            or now - self._heard_at >= SILENCE
+            or self._settings_due is not None
+            or self.commands
+            or self.order.gaps
+        )
+
     def command(self, verb: str, *values: float | str) -> Command:
         """Queue a command, which `poll` sends."""
         self.commands.withdraw(self._inquiry)

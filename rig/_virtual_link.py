@@ -40,6 +40,7 @@ class VirtualLink(AbstractLink):
     def __init__(self, rig: Simulated, first_id: int = 0) -> None:
         super().__init__(first_id)
         self.rig = rig
+        self._part = b""  # of a line that has not come whole
 
     @property
     def now(self) -> float:
@@ -52,12 +53,17 @@ class VirtualLink(AbstractLink):
         return True
 
     def sleep(self, seconds: float) -> None:
-        """Advance the rig in slices of `SLICE`, exchanging bytes after each."""
-        rig = self.rig
+        """Advance the rig in slices of `SLICE`, exchanging bytes where there is a line or need."""
+        rig, idle = self.rig, self.session.idle
         end = rig.now + seconds
         while (left := end - rig.now) > 1e-9:
-            rig.advance(min(SLICE, left))
-            out = self._pump(rig.read())
+            rig.advance(SLICE if left > SLICE else left)
+            data = self._part + rig.read()
+            if b"\n" not in data and idle(rig.now):
+                self._part = data
+                continue
+            self._part = b""
+            out = self._pump(data)
             if out:
                 rig.write(out)
 

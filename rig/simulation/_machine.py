@@ -131,17 +131,19 @@ class TestMachine:
 
     def step(self, now: float, dt: float, load: float) -> None:
         """Move by dt [s] up to the true time `now` [s], under the load [N] at its beginning."""
-        rate, turn_at, turn_load = self._program
-        length = self.length + self.velocity * dt
-        if self.velocity < 0 and (load <= turn_load or length <= turn_at):
-            if length <= self.shortest and load > turn_load:
-                self.stopped_by_limit = True
-            length = max(length, turn_at)
-            self.velocity = rate
-        elif self.velocity > 0 and length >= self.rest_length:
+        velocity = self.velocity
+        length = self.length + velocity * dt
+        if velocity < 0:
+            rate, turn_at, turn_load = self._program
+            if load <= turn_load or length <= turn_at:
+                if length <= self.shortest and load > turn_load:
+                    self.stopped_by_limit = True
+                length = max(length, turn_at)
+                self.velocity = rate
+        elif velocity > 0 and length >= self.rest_length:
             length = self.rest_length
             self.cycles_left -= 1
-            self.velocity = -rate if self.cycles_left else 0.0
+            self.velocity = -self._program[0] if self.cycles_left else 0.0
         if now >= self._next_at:
             self._log(now, dt, length, load)
         self.length, self._last_load = length, load

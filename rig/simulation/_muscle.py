@@ -11,6 +11,9 @@ from ._circuits import PSI
 INCH = 0.0254
 POUND = 4.4482216152605
 
+_Cell = tuple[int, int, float, float, float, float, float, float, float, float]
+"""i, j; of F and then of V, at the lower and the upper length: value, step to the next pressure."""
+
 
 class SimulatedMuscle:
     """Force and volume of a muscle on a grid of lengths and pressures, linear in between.
@@ -72,6 +75,7 @@ class SimulatedMuscle:
         self._rows: list[list[tuple[float, float]]] = [
             [(F, V) for F, V in row] for row in pairs.tolist()
         ]
+        self._cell = self._corners(0, 0)  # the one that was last asked for
 
     def at(self, length: float, pressure: float) -> tuple[float, float, float, float]:
         """Force and volume at an active length L [m] and gauge pressure P [Pa].
@@ -83,6 +87,22 @@ class SimulatedMuscle:
             RigError: the length lies outside the table.
         """
         x, y = (length - self._L0) * self._per_L, (pressure - self._P0) * self._per_P
+        cell = self._cell
+        if not (cell[0] <= x < cell[0] + 1 and cell[1] <= y < cell[1] + 1):
+            self._cell = cell = self._corners(*self._cell_of(length, x, y))
+        i, j, F, across, F_up, across_up, V, give, V_up, give_up = cell
+        x, y = x - i, y - j
+        low, high = F + across * y, F_up + across_up * y
+        below, over = V + give * y, V_up + give_up * y
+        return (
+            low + (high - low) * x,
+            below + (over - below) * x,
+            (over - below) * self._per_L,
+            (give + (give_up - give) * x) * self._per_P,
+        )
+
+    def _cell_of(self, length: float, x: float, y: float) -> tuple[int, int]:
+        """The cell of a point of the grid: beyond its pressures the outermost, beyond its lengths none."""
         i, j = int(x), int(y)
         last_i, last_j = self._last
         if i > last_i or x < 0.0:
@@ -92,22 +112,12 @@ class SimulatedMuscle:
                     f"to {self.lengths[-1]:.6g} m: shorten the stroke or widen the table"
                 )
             i = last_i if i > last_i else 0
-        j = 0 if j < 0 else j if j < last_j else last_j
-        x, y = x - i, y - j
-        row, above = self._rows[i], self._rows[i + 1]
-        F, V = row[j]
-        F_right, V_right = row[j + 1]
-        F_up, V_up = above[j]
-        F_far, V_far = above[j + 1]
-        low, high = F + (F_right - F) * y, F_up + (F_far - F_up) * y
-        give, give_up = V_right - V, V_far - V_up
-        below, over = V + give * y, V_up + give_up * y
-        return (
-            low + (high - low) * x,
-            below + (over - below) * x,
-            (over - below) * self._per_L,
-            (give + (give_up - give) * x) * self._per_P,
-        )
+        return i, 0 if j < 0 else j if j < last_j else last_j
+
+    def _corners(self, i: int, j: int) -> _Cell:
+        (F, V), (F_right, V_right) = self._rows[i][j : j + 2]
+        (F_up, V_up), (F_far, V_far) = self._rows[i + 1][j : j + 2]
+        return i, j, F, F_right - F, F_up, F_far - F_up, V, V_right - V, V_up, V_far - V_up
 
     def force(self, length: float, pressure: float) -> float:
         """F [N] of `at`."""

@@ -24,19 +24,27 @@ def iso_6358_flow(
     0.002
     """
     ratio = downstream / upstream
-    if ratio <= critical_ratio:
-        return conductance * upstream, conductance, 0.0
-    width = 1.0 - critical_ratio
-    if ratio < SLOW_FLOW:
-        x = (ratio - critical_ratio) / width
-        share = math.sqrt(1.0 - x * x)
-        slope = -x / (width * share)
-    else:
-        x = (SLOW_FLOW - critical_ratio) / width
-        slope = -math.sqrt(1.0 - x * x) / (1.0 - SLOW_FLOW)
-        share = slope * (ratio - 1.0)
+    share, slope = share_of_sonic(ratio, critical_ratio)
     return (
         conductance * upstream * share,
         conductance * (share - ratio * slope),
         conductance * slope,
     )
+
+
+def share_of_sonic(ratio: float, critical_ratio: float) -> tuple[float, float]:
+    """The flow over the sonic one, psi, at a pressure ratio r = p_2 / p_1 <= 1, and d psi / d r.
+
+    >>> share_of_sonic(0.4, 0.5)
+    (1.0, 0.0)
+    """
+    if ratio <= critical_ratio:
+        return 1.0, 0.0
+    width = 1.0 - critical_ratio
+    if ratio < SLOW_FLOW:
+        x = (ratio - critical_ratio) / width
+        share = math.sqrt(1.0 - x * x)
+        return share, -x / (width * share)
+    x = (SLOW_FLOW - critical_ratio) / width
+    slope = -math.sqrt(1.0 - x * x) / (1.0 - SLOW_FLOW)
+    return slope * (ratio - 1.0), slope

@@ -5,7 +5,7 @@ import math
 
 from .._errors import RigError
 from ._circuits import ANR_PRESSURE, ATMOSPHERE, FULL_OUTPUT, PSI, check_positive
-from ._orifice import SLOW_FLOW, iso_6358_flow
+from ._orifice import SLOW_FLOW, iso_6358_flow, share_of_sonic
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,26 +107,31 @@ class RunningPneumatic:
         _, keep, keep_dump = self._keep
         wanted, dump = float(dump_open), self.dump
         opening, gauge, gas = self.opening, self.pressure, volume + c.dead_volume
-        supply, leak, b = c.supply + ATMOSPHERE, c.leak * c.conductance, c.critical_ratio
+        conductance, dump_conductance, exponent = c.conductance, c.dump_conductance, c.exponent
+        supply, leak, b = c.supply + ATMOSPHERE, c.leak * conductance, c.critical_ratio
         for _ in range(n):
             opening = target + (opening - target) * keep
-            fill = leak + opening * c.conductance if opening > 0.0 else leak
             dump = wanted + (dump - wanted) * keep_dump
-            vent = leak + dump * c.dump_conductance
-            if opening < 0.0:
-                vent -= opening * c.conductance
+            fill, vent = leak, leak + dump * dump_conductance
+            if opening > 0.0:
+                fill += opening * conductance
+            else:
+                vent -= opening * conductance
             absolute = gauge + ATMOSPHERE
             if absolute < supply:
-                flow, _, slope = iso_6358_flow(supply, absolute, fill, b)
+                share, bend = share_of_sonic(absolute / supply, b)
+                flow, slope = fill * supply * share, fill * bend
             else:
                 back, slope, _ = iso_6358_flow(absolute, supply, fill, b)
                 flow, slope = -back, -slope
             if gauge > 0.0:
-                out, out_slope, _ = iso_6358_flow(absolute, ATMOSPHERE, vent, b)
+                ratio = ATMOSPHERE / absolute
+                share, bend = share_of_sonic(ratio, b) if ratio > b else (1.0, 0.0)
+                out, out_slope = vent * absolute * share, vent * (share - ratio * bend)
             else:
                 back, _, out_slope = iso_6358_flow(ATMOSPHERE, absolute, vent, b)
                 out, out_slope = -back, -out_slope
-            scale = c.exponent / (gas + c.exponent * absolute * give)
+            scale = exponent / (gas + exponent * absolute * give)
             change = scale * (ANR_PRESSURE * (flow - out) - absolute * rate)
             stiffness = scale * (ANR_PRESSURE * (slope - out_slope) - rate)
             gauge += dt * change / (1.0 - dt * stiffness)
