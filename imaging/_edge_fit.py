@@ -4,6 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import leastsq
+
+_DIFFERENCE = 1e-7  # of an unknown of order 1, for derivatives: root of the precision, and more
 
 Edge = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Brightness of an edge against the distance inward t [px], elementwise, in any unit."""
@@ -37,11 +40,11 @@ def best_shift(
     models = edge(t - shifts[:, None])
     models = models - models.mean(axis=1, keepdims=True)
     models /= np.maximum(np.linalg.norm(models, axis=1, keepdims=True), 1e-12)
-    energy = (windows @ models.T.astype(windows.dtype)).astype(np.float64)
+    energy = windows @ models.T.astype(windows.dtype)
     return parabola_peak(energy * np.abs(energy)) * spacing - count * spacing
 
 
-def parabola_peak(energy: NDArray[np.float64]) -> NDArray[np.float64]:
+def parabola_peak(energy: NDArray[np.floating]) -> NDArray[np.float64]:
     """Index of each row's maximum, with a fraction from the parabola through its neighbours.
 
     Args:
@@ -53,7 +56,7 @@ def parabola_peak(energy: NDArray[np.float64]) -> NDArray[np.float64]:
     best = np.argmax(energy, axis=1)
     row = np.arange(best.size)
     inner = np.clip(best, 1, energy.shape[1] - 2)
-    before, at, after = (energy[row, inner + d] for d in (-1, 0, 1))
+    before, at, after = (energy[row, inner + d].astype(float) for d in (-1, 0, 1))
     bend = before - 2 * at + after
     safe = np.where(bend < 0, bend, -1.0)
     offset = np.where(bend < 0, 0.5 * (before - after) / safe, 0.0)
@@ -62,10 +65,47 @@ def parabola_peak(energy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def height_and_rest(
     samples: NDArray[np.float64], model: NDArray[np.float64]
-) -> tuple[float, NDArray[np.float64]]:
-    """The height b of a + b model fitted to samples by least squares, and what it leaves over."""
-    centred = model - model.mean()
-    rest = samples - samples.mean()
-    power = float(centred @ centred)
-    height = float(centred @ rest) / power if power > 0 else 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The height b of a + b model fitted to samples by least squares, and what it leaves over.
+
+    Args:
+        samples: shape (..., n).
+        model: shape (..., n), broadcast with the samples.
+
+    Returns:
+        b, shape (..., 1), zero for a level model, and the rest, shape (..., n).
+    """
+    n = samples.shape[-1]
+    centred = model - model.sum(axis=-1, keepdims=True) / n
+    rest = samples - samples.sum(axis=-1, keepdims=True) / n
+    power = (centred * centred).sum(axis=-1, keepdims=True)
+    height = (centred * rest).sum(axis=-1, keepdims=True) / np.where(power > 0, power, 1.0)
     return height, rest - height * centred
+
+
+def least_squares(
+    left_over: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    start: NDArray[np.float64],
+    tolerance: float,
+) -> NDArray[np.float64]:
+    """The unknowns of least squared residuals, by Levenberg and Marquardt.
+
+    Args:
+        left_over: from unknowns of shape (..., p) to residuals of shape (..., n): it is asked for
+            all forward differences at once.
+        start: shape (p,), each unknown of order 1.
+        tolerance: relative, of the unknowns.
+
+    Returns:
+        Shape (p,).
+    """
+    steps = _DIFFERENCE * np.eye(start.size + 1, start.size, -1)
+
+    def slopes(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        values = left_over(unknown + steps)
+        return (values[1:] - values[0]) / _DIFFERENCE
+
+    best, *_ = leastsq(
+        left_over, start, Dfun=slopes, col_deriv=True, xtol=tolerance, ftol=tolerance
+    )
+    return np.asarray(best, float)

@@ -4,9 +4,8 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import leastsq
 
-from ._edge_fit import height_and_rest
+from ._edge_fit import height_and_rest, least_squares
 from ._limb import ramp, step
 
 BROAD = (3.0, 15.0)  # px per px of blur: samples that say how the light falls towards the limb
@@ -54,32 +53,37 @@ def edge_profile(
         radius: of the body [px].
         estimate: find the blur; else it is taken as it is.
     """
-    kappas = [_limb_strength(profile, t, blur, radius) for profile in profiles]
+    kappas = np.array([_limb_strength(profile, t, blur, radius) for profile in profiles])
     near = near_edge(t, blur)
-    parts = [(profile[near] / max(np.ptp(profile[near]), 1e-6)) for profile in profiles]
+    parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 
-    def blur_of(unknown: NDArray[np.float64]) -> float:
-        return float(np.clip(np.exp(unknown[2]), *_BLURS)) if estimate else blur
+    def blur_of(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not estimate:
+            return np.array([blur])
+        return np.minimum(np.maximum(np.exp(unknown[..., 2:]), _BLURS[0]), _BLURS[1])
 
     def left_over(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
-        s = blur_of(unknown)
-        return np.concatenate(
-            [
-                height_and_rest(part, limb(t[near] - shift, s, kappa, radius))[1]
-                for part, kappa, shift in zip(parts, kappas, unknown[:2], strict=True)
-            ]
-        )
+        shifts, s = unknown[..., :2, None], blur_of(unknown)[..., None]
+        model = limb(t[near] - shifts, s, kappas[:, None], radius)
+        return height_and_rest(parts, model)[1].reshape(*unknown.shape[:-1], -1)
 
     first = np.array([0.0, 0.0, np.log(blur)] if estimate else [0.0, 0.0])
-    best, *_ = leastsq(left_over, first, xtol=1e-4, ftol=1e-7)
+    best = least_squares(left_over, first, 1e-4)
     misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
-    left, right = (float(np.clip(x, -_FARTHEST, _FARTHEST)) for x in best[:2])
-    return EdgeProfile(blur_of(best), (kappas[0], kappas[1]), (left, right), misfit)
+    left, right = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
+    kappa_left, kappa_right = kappas.tolist()
+    s = float(blur_of(best)[0])
+    return EdgeProfile(s, (kappa_left, kappa_right), (left, right), misfit)
 
 
-def limb(t: NDArray[np.float64], s: float, kappa: float, radius: float) -> NDArray[np.float64]:
+def limb(
+    t: NDArray[np.float64],
+    s: float | NDArray[np.float64],
+    kappa: float | NDArray[np.float64],
+    radius: float,
+) -> NDArray[np.float64]:
     """Brightness across a limb, Phi(t/s) + kappa (root under blur), elementwise."""
-    return step(t, s) + kappa * ramp(t, s, radius) if kappa else step(t, s)
+    return step(t, s) + kappa * ramp(t, s, radius) if np.any(kappa) else step(t, s)
 
 
 def near_edge(t: NDArray[np.float64], s: float) -> NDArray[np.bool_]:
@@ -95,7 +99,7 @@ def _limb_strength(
     inside = t >= BROAD[0] * max(1.0, s)
     x = t[inside]
     root = np.sqrt(x * (1 - x / (2 * radius)))
-    slope, _ = height_and_rest(profile[inside], root)
+    slope = float(height_and_rest(profile[inside], root)[0][0])
     at_limb = float(profile[inside].mean() - slope * root.mean())
     if at_limb <= 0:
         return _KAPPAS[1] if slope > 0 else _KAPPAS[0]

@@ -2,9 +2,10 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import grey_opening, median_filter, percentile_filter, uniform_filter1d
+from scipy.ndimage import grey_opening, median_filter, percentile_filter
 
 from ._edge_fit import best_shift
 from ._errors import NoMuscle
@@ -44,7 +45,6 @@ class Samples:
 
 def first_curve(
     luma: NDArray[np.uint8],
-    rows: NDArray[np.int64],
     coarse: NDArray[np.float64],
     inward: int,
     resolution: float,
@@ -54,9 +54,10 @@ def first_curve(
     start = np.round(_without_dents(coarse, inward, radius)).astype(np.int64)
     reach = min(_FIRST_REACH, round(0.3 * radius))
     offset = np.arange(-reach - 6, reach + 5)
-    column = np.clip(start[:, None] + inward * offset, 0, luma.shape[1] - 1)
-    windows = luma[rows[:, None], column].astype(np.float32)
-    windows = uniform_filter1d(windows, 5, axis=0, mode="nearest")
+    n, width = luma.shape
+    column = np.clip(start[:, None] + inward * offset, 0, width - 1)
+    windows = luma.ravel().take(column + width * np.arange(n)[:, None]).astype(np.float32)
+    windows = _along_edge(windows, 5)
     shift = best_shift(windows, offset.astype(float), lambda t: step(t, _FIRST_BLUR), reach, 0.5)
     curve, keep = smooth_robustly(start + inward * shift, resolution)
     if keep.mean() < 0.5:
@@ -75,33 +76,36 @@ def _without_dents(coarse: NDArray[np.float64], inward: int, radius: float) -> N
 
 
 def aligned_windows(
-    luma: NDArray[np.uint8],
-    amount: NDArray[np.float32],
-    rows: NDArray[np.int64],
+    light: NDArray[np.float32],
     curve: NDArray[np.float64],
     inward: int,
     t: NDArray[np.float64],
     radius: float,
+    spacing: int = 1,
 ) -> Samples:
-    """Windows along the normal by Catmull-Rom interpolation in each row."""
-    stretch = np.hypot(1, np.gradient(curve))
-    at = curve[:, None] + inward * t * stretch[:, None]
-    whole = np.floor(at)
-    f = (at - whole).astype(np.float32)
-    column = np.clip(whole.astype(np.int64), 1, luma.shape[1] - 3)
-    base = rows[:, None] * luma.shape[1] + column
-    flat = luma.ravel()
-    before, here, after, last = (amount[flat[base + k]] for k in (-1, 0, 1, 2))
+    """Windows along the normal by Catmull-Rom interpolation in each row of the picture `light`.
+
+    Its rows may be thinned out, `spacing` px apart.
+    """
+    stretch = np.hypot(1, np.gradient(curve, spacing))
+    n, width = light.shape
+    at = curve.astype(np.float32)[:, None] + np.outer(stretch, inward * t).astype(np.float32)
+    whole = at.astype(np.intp)
+    f = at - whole.astype(np.float32)
+    first = np.clip(whole - 1, 0, width - 4) + width * np.arange(n)[:, None]
+    flat = light.ravel()
+    before, here, after, last = (flat[k:].take(first) for k in range(4))
     # Catmull-Rom: exact for parabolas, unlike OpenCV's bicubic.
     windows = here + 0.5 * f * (
         after
         - before
         + f * (2 * before - 5 * here + 4 * after - last + f * (3 * (here - after) + last - before))
     )
-    seen = _seen(windows[:, (t > 1) & (t < 5)].mean(axis=1), radius)
-    weight = np.asarray(uniform_filter1d(seen, AVERAGED_ROWS, mode="mirror"), np.float32)
+    seen = _seen(windows[:, (t > 1) & (t < 5)].mean(axis=1), radius / spacing)
+    averaged = AVERAGED_ROWS // spacing | 1
+    weight = _along_edge(seen[:, None], averaged)[:, 0]
     windows *= seen[:, None]
-    windows = uniform_filter1d(windows, AVERAGED_ROWS, axis=0, mode="mirror")
+    windows = _along_edge(windows, averaged)
     windows /= np.maximum(weight, 1e-3)[:, None]
     weight[weight < _LEAST_SEEN] = 0
     # Faint threads at the limb count as much as bright ones, or the mean edge would be the bright's.
@@ -109,6 +113,12 @@ def aligned_windows(
     windows /= np.maximum(height, 0.3 * np.median(height))[:, None]
     profile = weight @ windows / max(float(weight.sum()), 1.0)
     return Samples(inward, curve, stretch, windows, weight, profile.astype(np.float64))
+
+
+def _along_edge(windows: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
+    """Means of so many neighbouring rows; shape (n, k)."""
+    means = cv2.blur(windows, (1, rows), borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(means, np.float32).reshape(windows.shape)
 
 
 def _seen(height: NDArray[np.float32], radius: float) -> NDArray[np.float32]:

@@ -10,17 +10,17 @@ _REACH = 40.0  # end of the table of blurred roots, in blurs
 _TABLE = 4001
 
 
-def step(t: ArrayLike, blur: float) -> NDArray[np.float64]:
+def step(t: ArrayLike, blur: ArrayLike) -> NDArray[np.float64]:
     """A step at t = 0 under Gaussian blur, Phi(t / s), 0 outside and 1 inside.
 
     Args:
         t: distance inward from the edge [px].
-        blur: s > 0 [px].
+        blur: s > 0 [px], broadcast with t.
     """
-    return ndtr(np.asarray(t, float) / blur)
+    return ndtr(np.divide(t, blur))
 
 
-def ramp(t: ArrayLike, blur: float, radius: float) -> NDArray[np.float64]:
+def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> NDArray[np.float64]:
     """The blurred root sqrt(t - t^2 / (2 R)) by which a lit cylinder brightens inward of its limb.
 
     The cosine between normal and line of sight at t from the limb of a cylinder of radius R is
@@ -28,21 +28,22 @@ def ramp(t: ArrayLike, blur: float, radius: float) -> NDArray[np.float64]:
 
     Args:
         t: distance inward from the edge [px].
-        blur: s > 0 [px].
+        blur: s > 0 [px], broadcast with t.
         radius: R [px].
 
     Returns:
-        Values [px^0.5], of the shape of t.
+        Values [px^0.5], broadcast shape.
     """
-    x = np.asarray(t, float) / blur
+    blur = np.asarray(blur, float)
+    x = np.divide(t, blur)
     first, second = _blurred_roots()
     grid = first[0]
     half, three = np.interp(x, grid, first[1]), np.interp(x, grid, second)
-    if np.any(x > _REACH):  # where blur is small against t, to second order
+    if x.max() > _REACH:  # where blur is small against t, to second order
         far = np.maximum(x, _REACH)
         half = np.where(x > _REACH, np.sqrt(far) * (1 - 1 / (8 * far**2)), half)
         three = np.where(x > _REACH, far**1.5 * (1 + 3 / (8 * far**2)), three)
-    return np.sqrt(blur) * half - blur**1.5 * three / (4 * radius)
+    return np.sqrt(blur) * (half - blur * three / (4 * radius))
 
 
 @functools.cache

@@ -47,19 +47,29 @@ def outside(mask: Mask) -> Mask:
     return _mask(cv2.bitwise_not(mask))
 
 
-def parts(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Numbers of the connected parts, 0 outside, and their areas, that of the outside 0."""
-    _, labels, statistics, _ = cv2.connectedComponentsWithStats(mask)
-    area = np.asarray(statistics[:, cv2.CC_STAT_AREA], np.int64).copy()
+def parts(mask: Mask) -> NDArray[np.int32]:
+    """Numbers of the connected parts, 0 outside."""
+    return np.asarray(cv2.connectedComponents(mask)[1], np.int32)  # thrice as fast as with areas
+
+
+def areas(labels: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Pixels of each part, that of the outside 0."""
+    area = np.bincount(labels.ravel())
     area[0] = 0
-    return np.asarray(labels, np.int32), area
+    return area
 
 
 def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mask:
     """The parts with these numbers."""
     table = np.zeros(int(labels.max()) + 1, np.uint8)
     table[numbers] = 255
-    return table[labels]
+    return table.take(labels)
+
+
+def sampled(image: NDArray[np.uint8], mask: Mask, n: int) -> NDArray[np.uint8]:
+    """About n pixels of a mask, from an even grid; all where it has fewer."""
+    every = max(1, int(np.sqrt(cv2.countNonZero(mask) / n)))
+    return image[::every, ::every][mask[::every, ::every] > 0]
 
 
 def _mask(image: object) -> Mask:

@@ -4,7 +4,6 @@ import dataclasses
 import math
 from os import PathLike, fspath
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,9 +102,8 @@ def _measured(
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
         raise NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
-    luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
     outline = find_outline(
-        luma,
+        rgb,
         amount_of_luma(recipe.tone, coarse.cloth, coarse.braid),
         coarse.rows,
         coarse.left,
@@ -159,7 +157,7 @@ def _ring(
         camera,
         (coarse.tape, coarse.braid),
         y=y,
-        radius_at=lambda at: end_radius(body, at),
+        radius_at=end_radius(body, upper=not lower),
         x0=body.x0,
         roll=body.roll,
         lower=lower,

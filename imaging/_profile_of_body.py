@@ -1,6 +1,7 @@
 """D(z) between the tapes, and the errors of it, from an outline and two rings."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,16 @@ _RING_BIAS = 0.06  # px
 _END_ROWS = 24
 
 
-def end_radius(body: Silhouette, y: float) -> float:
-    """Radius [m] at a position near an end [m], continued there by a parabola."""
-    if body.y[0] <= y <= body.y[-1]:
-        return float(np.interp(y, body.y, body.radius))
-    return float(_beyond(body, np.array([y]), upper=y < body.y[0])[0])
+def end_radius(body: Silhouette, *, upper: bool) -> Callable[[float], float]:
+    """Radius [m] at positions near an end [m], continued beyond it by a parabola."""
+    beyond = _parabola(body, upper=upper)
+
+    def radius(y: float) -> float:
+        if body.y[0] <= y <= body.y[-1]:
+            return float(np.interp(y, body.y, body.radius))
+        return float(beyond(y))
+
+    return radius
 
 
 def measurement_of_body(
@@ -107,13 +113,11 @@ def _radius_at(body: Silhouette, y: NDArray[np.float64]) -> NDArray[np.float64]:
     """Cubic inside; beyond the ends the parabola through the rows next to them."""
     radius = CubicSpline(body.y, body.radius)(y)
     for upper, outside in ((True, y < body.y[0]), (False, y > body.y[-1])):
-        radius[outside] = _beyond(body, y[outside], upper=upper)
+        radius[outside] = _parabola(body, upper=upper)(y[outside])
     return radius
 
 
-def _beyond(body: Silhouette, y: NDArray[np.float64], *, upper: bool) -> NDArray[np.float64]:
+def _parabola(body: Silhouette, *, upper: bool) -> np.polynomial.Polynomial:
     """The parabola through the rows next to an end."""
     rows = slice(None, _END_ROWS) if upper else slice(-_END_ROWS, None)
-    origin, width = body.y[rows].mean(), np.ptp(body.y[rows])
-    fit = np.polyfit((body.y[rows] - origin) / width, body.radius[rows], 2)
-    return np.polyval(fit, (y - origin) / width)
+    return np.polynomial.Polynomial.fit(body.y[rows], body.radius[rows], 2)

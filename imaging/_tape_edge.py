@@ -3,13 +3,13 @@
 import dataclasses
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
-from scipy.optimize import leastsq
 
 from ._camera import Camera, turned
-from ._edge_fit import best_shift, height_and_rest
+from ._edge_fit import best_shift, height_and_rest, least_squares
 from ._errors import MissingFitting
 from ._limb import step
 from ._tone import Tone
@@ -101,11 +101,11 @@ def find_ring(
     grid, lateral = unrolled(y, t)
     for _ in range(_PASSES):
         shift, s = _blurred_step(grid.mean(axis=0), t, s)
+        if abs(shift) < 0.02:
+            break
         y += inward * shift * px
         t = _window(s)
         grid, lateral = unrolled(y, t)
-        if abs(shift) < 0.02:
-            break
     groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
     delta, keep = _group_shifts(groups, t, s)
     where = np.array([part.mean() for part in np.array_split(lateral, _GROUPS)])
@@ -177,15 +177,17 @@ def _amounts(
     v1, u1 = int(np.ceil(v.max())) + 4, int(np.ceil(u.max())) + 4
     tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
     difference = braid - tape
-    patch = (tone.linear(rgb[v0:v1, u0:u1]) - tape) @ (difference / (difference @ difference))
-    patch = np.clip(patch, -_BRIGHTEST, _BRIGHTEST)
+    towards = difference / (difference @ difference)
+    linear = cv2.LUT(np.ascontiguousarray(rgb[v0:v1, u0:u1]), tone.table)
+    patch = cv2.transform(linear, np.array([[*towards, -tape @ towards]]))
+    patch = np.clip(np.asarray(patch, float), -_BRIGHTEST, _BRIGHTEST)
     return _Amounts(np.asarray(spline_filter(patch, 3, mode="mirror")), u0, v0)
 
 
 def _lit(grid: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Lateral positions where the braid behind the edge is lit; a black thread shows no edge."""
     height = grid[:, (t > 1) & (t < 6)].mean(axis=1)
-    return height > _DARK_THREAD * np.percentile(height, 70)
+    return height > _DARK_THREAD * np.sort(height)[int(0.7 * height.size)]
 
 
 def _blurred_step(
@@ -193,23 +195,22 @@ def _blurred_step(
 ) -> tuple[float, float]:
     """Shift and blur of the step in the mean profile."""
 
-    def model(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
-        return step(t - unknown[0], float(np.clip(np.exp(unknown[1]), *_BLURS)))
+    def blur_of(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
+
+    def fitted(unknown: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
 
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
-    best, *_ = leastsq(
-        lambda unknown: height_and_rest(profile, model(unknown))[1],
-        np.array([steepest, np.log(start)]),
-        xtol=1e-5,
-        ftol=1e-8,
-    )
-    height, _ = height_and_rest(profile, model(best))
+    first = np.array([steepest, np.log(start)])
+    best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
+    height = float(fitted(best)[0][0])
     if not (height > _LEAST_HEIGHT and abs(best[0]) < t[-1]):
         raise MissingFitting(
             "a tape must end in an edge towards the braid; none is seen where its colour ends",
             step_height=height,
         )
-    return float(best[0]), float(np.clip(np.exp(best[1]), *_BLURS))
+    return float(best[0]), float(blur_of(best)[0])
 
 
 def _group_shifts(

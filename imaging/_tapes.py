@@ -2,11 +2,12 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ._errors import AmbiguousHue, Clipped, ExtraFitting, MissingFitting
-from ._masks import Mask, closed, opened, parts
+from ._masks import Mask, areas, closed, opened, parts
 from ._muscle_mask import TWO_CLASSES
 
 _GAP = 0.4  # of the root of half the coloured area: how far apart parts of one tape may be
@@ -50,10 +51,9 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
     """
     coloured = opened(coloured, 3)
     half = np.count_nonzero(coloured) / 2
-    labels, _ = parts(closed(coloured, int(max(5, _GAP * np.sqrt(half))) | 1))
-    labels = np.where(coloured > 0, labels, 0)
-    area = np.bincount(labels.ravel())
-    area[0] = 0
+    labels = parts(closed(coloured, int(max(5, _GAP * np.sqrt(half))) | 1))
+    labels[coloured == 0] = 0
+    area = areas(labels)
     numbers = np.flatnonzero((area > 0) & (area >= _LEAST_TAPE * area.max()))
     _check_number(numbers.size, eta, _at_frame(muscle))
     patches = sorted((_patch(labels, int(i)) for i in numbers), key=lambda patch: patch.centre[1])
@@ -74,10 +74,9 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
 
 
 def _patch(labels: NDArray[np.int32], number: int) -> Patch:
-    rows, columns = np.nonzero(labels == number)
-    x, y = int(columns.min()), int(rows.min())
-    mask = labels[y : int(rows.max()) + 1, x : int(columns.max()) + 1] == number
-    return Patch(x, y, mask)
+    mask = labels == number
+    x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
+    return Patch(x, y, mask[y : y + h, x : x + w])
 
 
 def _check_number(n: int, eta: float, at_frame: str) -> None:
