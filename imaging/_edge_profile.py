@@ -12,7 +12,8 @@ BROAD = (3.0, 15.0)  # px per px of blur: samples that say how the light falls t
 _NEAR = (-7.0, 1.25)  # the same: samples that say where the edge is
 _BLURS = (0.4, 8.0)  # px
 _FARTHEST = 4.0  # px that one pass may move an edge
-_KAPPAS = (0.0, 50.0)  # the weave can darken the body inward, which is not the limb's law
+_KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
+_GROWTH, _SLIGHT = 1.75, 0.1  # of kappa from the first pass to a later one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +40,7 @@ def edge_profile(
     radius: float,
     *,
     estimate: bool,
+    first_kappas: tuple[float, float] | None = None,
 ) -> EdgeProfile:
     """Blur, light and place of the edges, from the mean profiles of both sides.
 
@@ -52,8 +54,12 @@ def edge_profile(
         blur: s, about [px].
         radius: of the body [px].
         estimate: find the blur; else it is taken as it is.
+        first_kappas: of the first pass, which later ones exceed by three quarters at most. A kappa that is
+            too large puts the edge too far out, and there the next one is larger still.
     """
     kappas = np.array([_limb_strength(profile, t, blur, radius) for profile in profiles])
+    if first_kappas is not None:
+        kappas = np.minimum(kappas, _GROWTH * np.maximum(first_kappas, 0.0) + _SLIGHT)
     near = near_edge(t, blur)
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 

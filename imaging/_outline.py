@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from ._edge_fit import best_shift, parabola_peak
-from ._edge_profile import BROAD, edge_profile, limb, near_edge
+from ._edge_profile import BROAD, EdgeProfile, edge_profile, limb, near_edge
 from ._edge_windows import AVERAGED_ROWS, Samples, aligned_windows, first_curve
 from ._smoother import smooth_robustly, variance_of_smooth
 
@@ -110,9 +110,9 @@ def find_outline(
         for coarse, inward in ((left, 1), (right, -1))
     ]
     light = np.asarray(cv2.LUT(luma, amount), np.float32)
-    start, curves = _first_look(light, curves, radius, blur)
-    options = (radius, resolution, method)
-    outline = _improved(light, rows, curves, start, *options, estimate=blur is None)
+    first, curves = _first_look(light, curves, radius, blur)
+    options = (radius, resolution, method, first.kappas)
+    outline = _improved(light, rows, curves, first.blur, *options, estimate=blur is None)
     for _ in range(_PASSES):
         before = outline.blur
         curves = [outline.left.column, outline.right.column]
@@ -129,8 +129,8 @@ def _first_look(
     curves: list[NDArray[np.float64]],
     radius: float,
     blur: float | None,
-) -> tuple[float, list[NDArray[np.float64]]]:
-    """The blur [px] to within a tenth or so, and the curves less their mean error."""
+) -> tuple[EdgeProfile, list[NDArray[np.float64]]]:
+    """Blur and light to within a tenth or so, and the curves less their mean error."""
     start = _WIDEST_START if blur is None else blur
     t = _window(start, radius)
     profiles = [
@@ -139,7 +139,7 @@ def _first_look(
     ]
     fit = edge_profile(profiles, t, start, radius, estimate=blur is None)
     left, right = fit.shifts
-    return fit.blur, [curves[0] + left, curves[1] - right]
+    return fit, [curves[0] + left, curves[1] - right]
 
 
 def _improved(
@@ -150,6 +150,7 @@ def _improved(
     radius: float,
     resolution: float,
     method: Method,
+    first_kappas: tuple[float, float],
     *,
     estimate: bool,
 ) -> Outline:
@@ -159,7 +160,8 @@ def _improved(
         aligned_windows(light, curve, inward, t, radius)
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
-    fit = edge_profile([side.profile for side in sides], t, blur, radius, estimate=estimate)
+    profiles = [side.profile for side in sides]
+    fit = edge_profile(profiles, t, blur, radius, estimate=estimate, first_kappas=first_kappas)
     made = []
     for side, kappa, shift in zip(sides, fit.kappas, fit.shifts, strict=True):
         estimator = _estimator(method, t, fit.blur, kappa, radius)

@@ -41,9 +41,9 @@ class Limits:
     eta_hue: float = 0.75
     blur_px: float = 3.5
     blur_ratio: float = 2.0
-    outlier_fraction: float = 0.08
+    outlier_fraction: float = 0.2
     residual_rms: float = 1.5
-    kappa: float = 15.0
+    kappa: float = 5.9
     axis_deviation: float = 0.15
     misfit: float = 0.06
     tape_sd_px: float = 3.0

@@ -130,7 +130,7 @@ def _pitch(marks: Numbered) -> float:
 def _check_unique(best: Numbered, others: list[Numbered]) -> None:
     for other in others:
         ratio = max(_pitch(other), _pitch(best)) / min(_pitch(other), _pitch(best))
-        if abs(ratio - round(ratio)) > _WHOLE * round(ratio):
+        if abs(ratio - round(ratio)) > _WHOLE:
             raise AmbiguousRuler(
                 "the picture must show one scale; it shows two whose pitches are not multiples of "
                 "each other: cover one edge of the ruler, or give the scale to expect",

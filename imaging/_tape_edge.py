@@ -138,7 +138,9 @@ def _seen(
     roll: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Picture positions of the points of the cylinder at each lateral position and y."""
-    depth = camera.distance - np.sqrt(radius**2 - lateral**2)
+    depth = camera.distance - np.sqrt(
+        np.maximum(radius**2 - lateral**2, 0.0)
+    )  # the rim itself rounds below
     X, Y = turned((x0 + lateral)[:, None], y[None, :], roll)
     return camera.pixels(X, Y, depth[:, None])
 
