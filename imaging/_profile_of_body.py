@@ -17,6 +17,10 @@ from ._tape_edge import Ring
 
 _EDGE_BIAS = 0.02  # px per edge, of a blur of 1 px
 _OF_SCATTER = 0.12
+_OF_KAPPA, _LARGEST_KAPPA = (
+    0.06,
+    2.0,
+)  # px per edge and kappa: how the light falls is known to a part
 _RING_BIAS = 0.06  # px
 _END_ROWS = 24
 
@@ -46,10 +50,11 @@ def measurement_of_body(
 
     The standard error of D is the root of the summed squares of three parts. Random: of both edges
     after smoothing, no less than the mid-line's scatter about a cubic says, for a body of
-    revolution has a smooth one. Systematic: per edge 0.02 px for each pixel of blur and an eighth
-    of the edge's scatter, which is what weave, lens and a tone curve known to some percent leave; a
-    wrong tone curve can do ten times as much. And the scale's. That of L has the scatter of the edge
-    along each tape, a systematic 0.06 px for each, and the scale's.
+    revolution has a smooth one. Systematic: per edge 0.02 px for each pixel of blur, an eighth of
+    the edge's scatter, and 0.06 px for a kappa of 1, a limb in harsh frontal light: what weave,
+    lens and a tone curve known to some percent leave. A wrong tone curve can do ten times as much.
+    And the scale's. That of L has the scatter of the edge along each tape, a systematic 0.06 px for
+    each, and the scale's.
     """
     length = lower.y - upper.y
     n = max(16, round(length * camera.px_per_m) + 1)
@@ -62,7 +67,9 @@ def measurement_of_body(
     random = smoothed * max(1.0, scatter / float(np.sqrt(np.mean(smoothed**2)))) * px
     density = max(residual**2 * AVERAGED_ROWS, scatter**2 * stretch) * px**3
     at = np.linspace(body.y[0], body.y[-1], random.size)
-    edge = 2 * (_EDGE_BIAS * max(1.0, quality.blur_px) + _OF_SCATTER * quality.residual_rms) * px
+    kappa = min(max(quality.kappa, 0.0), _LARGEST_KAPPA)
+    edge = _EDGE_BIAS * max(1.0, quality.blur_px) + _OF_SCATTER * quality.residual_rms
+    edge = 2 * (edge + _OF_KAPPA * kappa) * px
     ends = math.sqrt(upper.stderr**2 + lower.stderr**2 + 2 * (_RING_BIAS * px) ** 2)
     diameter = 2 * _radius_at(body, y)
     stderr = np.sqrt(
