@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from imaging import Tone
+from imaging import Camera, Tone
 from imaging._amount import amount_of_luma
 from imaging._edge_fit import best_shift
 from imaging._limb import ramp, step
 from imaging._outline import find_outline
 from imaging._smoother import smooth, smooth_robustly, variance_of_smooth
+from imaging._tape_edge import _seen
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
 SHIFT_PX = 2e-3  # parabola through a maximum sampled at 0.1 px
@@ -161,3 +162,12 @@ def test_amounts_are_linear_in_light():
         luma = mixed @ [0.299, 0.587, 0.114]
         assert np.interp(luma, np.arange(256), table) == pytest.approx(q, abs=0.002)
     assert table.max() == pytest.approx(1.6)
+
+
+def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to() -> None:
+    """One radius in three thousand has a square below that of its own array."""
+    camera = Camera(9000.0, 1.5, (550.0, 1300.0))
+    for radius in np.random.default_rng(0).uniform(0.01, 0.03, 4000):
+        u, v = _seen(camera, np.zeros(1), np.array([-radius, radius]), float(radius), 0.0, 0.0)
+        assert np.all(np.isfinite(u))
+        assert np.all(np.isfinite(v))
