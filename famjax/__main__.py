@@ -18,7 +18,10 @@ except ImportError as missing:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line: exit code 0 done, 1 no certified result, 2 bad input, 130 stopped."""
+    """Run the command line.
+
+    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped.
+    """
     from fitting import InputError  # noqa: PLC0415
 
     from .design import CatalogueError  # noqa: PLC0415

@@ -1,12 +1,16 @@
 """The command line itself, and what its commands share: the library loaded, rows printed."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cyclopts import App
 from rich.console import Console
 from rich.table import Table
 
 from .. import __version__
+
+if TYPE_CHECKING:
+    from fitting import ForceData
 
 app = App(
     name="famjax",
@@ -27,7 +31,7 @@ def load_fitting():
     return fitting
 
 
-def load_map(data: str, specimen: dict):
+def load_map(data: str, specimen: dict) -> "ForceData":
     """A force map: a bundled one by its name, or a CSV file."""
     from fitting import bundled_names, load_bundled, read_csv  # noqa: PLC0415
 

@@ -3,7 +3,7 @@
 import dataclasses
 
 from .._errors import RigError
-from ._circuits import ANR_PRESSURE, ATMOSPHERE, PSI
+from ._circuits import ANR_PRESSURE, ATMOSPHERE, PSI, check_positive
 
 _NORMAL_LITRE_PER_MINUTE = 1e-3 / 60  # m3/s, ANR
 
@@ -36,9 +36,9 @@ class Regulator:
     dead_volume: float = 5e-6
 
     def __post_init__(self) -> None:
-        for name in ("set_pressure", "feed_droop", "relief_droop", "exponent", "dead_volume"):
-            if not getattr(self, name) > 0:
-                raise RigError(f"{name} must be positive, in SI, got {getattr(self, name)}")
+        check_positive(
+            self, "set_pressure", "feed_droop", "relief_droop", "exponent", "dead_volume"
+        )
         if not self.dead_zone >= 0:
             raise RigError(f"dead_zone must be >= 0 Pa, got {self.dead_zone}")
 
