@@ -1,11 +1,12 @@
 """Speed of the identification with its accuracy beside it, and everybody else's in the same run.
 
-    python benchmarks/identification.py [folder]
+    python benchmarks/identification.py [folder] [task ...]
 
 48 fits (four orders, three dependences on pressure, four constraints) of the SYNTHETIC
 reconstruction under both objectives; bootstrap replicates; the cost of a gradient. Compilation, run
-and gradient apart. Every solver sees the same rows. Times are minima of repeated runs on the machine
-at hand: take ratios.
+and gradient apart. The tasks are `sweeps`, `batches`, `gradients`, `joint` and `bootstrap`, by
+default all; a line is printed as soon as it is known. Every solver sees the same rows. Times are
+minima of repeated runs on the machine at hand: take ratios.
 """
 
 import dataclasses
@@ -13,7 +14,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,14 @@ import identification_peers as peers
 import jax
 import jax.numpy as jnp
 import numpy as np
+from identification_page import EXACT
 from identification_problem import ORDERS, Programme, programmes, shared
 from jaxtyping import Array, Float, Int
 from scipy import sparse
 
 from fitting._convex.active_set import nearest_points
-from fitting._convex.convex_fit import minimise, posed
+from fitting._convex.constraint import posed
+from fitting._convex.convex_fit import minimise
 from fitting._convex.small_dense import cholesky, inverse_lower
 from fitting._sweep.bootstrap import draw
 from fitting._sweep.fits import Fits, free_lane, solve_all
@@ -44,6 +47,7 @@ PEERS: dict[str, peers.Solver] = {
     "SLSQP, exact gradients, tolerance 1e-6 (its default)": peers.slsqp_by_default,
     "trust-constr, exact derivatives": peers.trust_constr,
 }
+TASKS = ("sweeps", "batches", "gradients", "joint", "bootstrap")
 EVERY = {"trust-constr, exact derivatives": 12}
 """Solvers so slow that only every twelfth problem is given to them."""
 
@@ -79,16 +83,18 @@ class Line:
 
 
 def run(
+    tasks: Sequence[str] = TASKS,
     *,
     n_pressures: int = 10,
     thin: int = 1,
     solvers: dict[str, peers.Solver] | None = None,
     replicates: tuple[int, ...] = (1000, 10000),
     repeats: int = 20,
-) -> list[Line]:
-    """All lines.
+) -> Iterator[Line]:
+    """Lines as they are found.
 
     Args:
+        tasks: some of `TASKS`.
         n_pressures: of the reconstruction.
         thin: take every so many-th reading.
         solvers: the others, None for all of them.
@@ -97,19 +103,32 @@ def run(
     """
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError("the benchmark runs in float64: enable jax_enable_x64 first")
+    unknown = sorted(set(tasks) - set(TASKS))
+    if unknown:
+        raise ValueError(f"tasks must be among {', '.join(TASKS)}, got {', '.join(unknown)}")
     _, _, of = shared(n_pressures, thin)
-    lines: list[Line] = []
-    for objective in OBJECTIVES:
-        lines += sweeps(of, objective, PEERS if solvers is None else solvers, repeats)
-    for count in replicates:
-        lines += bootstrap(n_pressures, thin, count, repeats) + softening(count, repeats)
-    return [*lines, gradients(n_pressures, thin, repeats)]
+    if "sweeps" in tasks:
+        for objective in OBJECTIVES:
+            yield from sweeps(of, objective, PEERS if solvers is None else solvers, repeats)
+    if "batches" in tasks:
+        for count in replicates:
+            yield from bootstrap(n_pressures, thin, count, repeats)
+            yield from softening(count, repeats)
+    if "gradients" in tasks:
+        yield gradients(n_pressures, thin, repeats)
+    if "joint" in tasks:
+        yield from joint_lines()
+    if "bootstrap" in tasks:
+        yield from bootstrap_lines(replicates)
 
 
 def sweeps(
     of: Design, objective: str, solvers: dict[str, peers.Solver], repeats: int
-) -> list[Line]:
-    """The 48 fits under one objective, constraints at the stations, by everybody."""
+) -> Iterator[Line]:
+    """The 48 fits under one objective, by everybody.
+
+    Everybody poses the constraints at the stations; we then also make them exact between them.
+    """
     task = f"48 fits, {objective.replace('_', ' ')}"
     problems, small = programmes(of, compressed=False), programmes(of, compressed=True)
     best = [peers.polished(one, objective)[0] for one in small]
@@ -120,23 +139,20 @@ def sweeps(
 
     ours, compiled, seconds = fits(False)
     errors = _errors(ours, small, best, objective)
-    lines = [
-        Line(task, "this project", seconds, compiled, 1.0, float(np.abs(errors).max()),
-             int((np.abs(errors) > MISSED).sum()), errors.size,
-             f"KKT residual {float(jnp.max(ours.kkt_residual)):.0e}")
-    ]  # fmt: skip
+    yield Line(
+        task, "this project", seconds, compiled, 1.0, float(np.abs(errors).max()),
+        int((np.abs(errors) > MISSED).sum()), errors.size,
+        f"KKT residual {float(jnp.max(ours.kkt_residual)):.0e}",
+    )  # fmt: skip
     exact, compiled, longer = fits(True)
     relative = float(jnp.max(jnp.abs(exact.objective / ours.objective - 1)))
-    lines.append(
-        Line(task, "this project, constraints exact between stations", longer, compiled,
-             longer / seconds, np.nan, int(jnp.sum(exact.status != 0)), errors.size,
-             f"objectives higher by up to {relative:.0e}, which is what the stations let through")
+    yield Line(
+        task, EXACT, longer, compiled, longer / seconds, np.nan, int(jnp.sum(exact.status != 0)),
+        errors.size,
+        f"objectives higher by up to {relative:.0e}, which is what the stations let through",
     )  # fmt: skip
-    lines += [
-        _by(name, solver, task, objective, problems, small, best, seconds)
-        for name, solver in solvers.items()
-    ]
-    return lines
+    for name, solver in solvers.items():
+        yield _by(name, solver, task, objective, problems, small, best, seconds)
 
 
 def _by(
@@ -274,7 +290,7 @@ def _replicates(of: Design, weights: np.ndarray) -> tuple[Array, Array, Array, A
         at = free_lane(of, order, kind, path)
         aim = objective_of("sum_of_squares", of, at, path[None], jnp.ones(()), keep)
         whole = minimise(aim, at.constraint, at.start)
-        rows = at.constraint.grid_rows(), posed(at.constraint.exact_rows(whole.dips))
+        rows = at.constraint.grid_rows(), posed(at.constraint.exact_rows(whole.dips, whole.y))
         return whole.active, at.to_x, *(jnp.concatenate(both) for both in zip(*rows, strict=True))
 
     active, to_x, G, h = eqx.filter_jit(jax.vmap(fit))(every)
@@ -325,21 +341,29 @@ def _timed(function: Callable, *given: Any, repeats: int) -> tuple[Any, float, f
     return found, compiled - min(seconds), min(seconds)
 
 
-def joint_lines() -> list[Line]:
-    """Joint identification of the bundled maps beside lmfit, and sweeps with their bootstrap."""
+def joint_lines() -> Iterator[Line]:
+    """Joint identification of the bundled maps beside lmfit."""
     import identification_joint as joint  # noqa: PLC0415 -- lmfit is a benchmark's dependency
 
-    rows = [row for name in joint.MAPS for row in joint.joint(name)]
-    rows += [joint.sweep_bootstrap(count) for count in (1000, 10000)]
-    return [
-        Line(
-            row["task"], row["solver"], row["seconds"], row.get("compile_seconds", np.nan),
-            row.get("ratio", 1.0), np.nan, row.get("missed", 0), row.get("starts", 48),
-            f"best RMSE {row['best_rmse_N']:.6g} N" if "best_rmse_N" in row
-            else f"{row['microseconds_per_fit']:.1f} microseconds per fit",
-        )
-        for row in rows
-    ]  # fmt: skip
+    for name in joint.MAPS:
+        for row in joint.joint(name):
+            yield Line(
+                row["task"], row["solver"], row["seconds"], row.get("compile_seconds", np.nan),
+                row.get("ratio", 1.0), np.nan, row.get("missed", 0), row["starts"],
+                f"best RMSE {row['best_rmse_N']:.6g} N",
+            )  # fmt: skip
+
+
+def bootstrap_lines(replicates: tuple[int, ...]) -> Iterator[Line]:
+    """Sweeps with the bootstrap of each of their fits, through the public call."""
+    import identification_joint as joint  # noqa: PLC0415 -- lmfit is a benchmark's dependency
+
+    for count in replicates:
+        row = joint.sweep_bootstrap(count)
+        yield Line(
+            row["task"], row["solver"], row["seconds"], row["compile_seconds"], 1.0, np.nan, 0, 48,
+            f"{row['microseconds_per_fit']:.1f} microseconds per fit",
+        )  # fmt: skip
 
 
 def peak_gflops() -> float:
@@ -354,14 +378,17 @@ def peak_gflops() -> float:
 
 
 def main() -> None:
-    """Run all, print the lines, and write page and JSON."""
+    """Print the lines of the tasks asked for, and write page and JSON."""
     from identification_page import write  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "identification")
-    lines = [*run(), *joint_lines()]
-    for line in lines:
-        print(json.dumps({k: v for k, v in vars(line).items() if v == v}))  # noqa: PLR0124
+    given = sys.argv[1:]
+    folder = Path(given.pop(0) if given and given[0] not in TASKS else "identification")
+    lines = []
+    for line in run(given or TASKS):
+        lines.append(line)
+        known = {k: v for k, v in vars(line).items() if v == v}  # noqa: PLR0124
+        print(json.dumps(known), flush=True)
     for path in write(folder, lines, peak_gflops()):
         print("written:", path)
 

@@ -17,9 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .active_set import NearestPoint, nearest_point
+from .constraint import Constraint, Dips, Points, posed
 from .objectives import AbstractObjective, Model
-from .path_table import PathFunctions, PathTable
-from .qp import unit_rows
 from .small_dense import cholesky, inverse_lower
 from .status import Status
 
@@ -36,113 +35,6 @@ _OUTSIDE = 1e-10  # violation of a unit row per |y|, far below what makes a poin
 _CORNER = 1e-10  # relative change by a step of a near solution at a corner of the objective
 _STILL = 1e-24  # squared relative change of an exact solution
 _CERTIFIED = 1e-10  # largest residual of the optimality conditions of an exact one
-
-
-class Points(eqx.Module):
-    """Positions s in [0, 1] of paths; a negative path is none."""
-
-    path: Int[Array, " k"]
-    s: Float[Array, " k"]
-
-
-class Constraint(eqx.Module):
-    """A constraint on the coefficients at some paths, as rows on the unknowns y.
-
-    The coefficients at the path p are E = basis_p x, with x = to_x y.
-
-    Attributes:
-        table: of the functions that must not be negative along each path.
-        exact: the functions themselves, for the rows of the last steps.
-        grid: indices of the nodes at which the constraint is posed from the start, (stations,).
-        positive: True for E_n >= 0, which the table does not express.
-        on: False for no constraint at all.
-        basis: of the coefficients over pressure at the paths, shape (paths, basis).
-        to_x: from y to the coefficients of the basis, shape (order, basis, n).
-        used: coefficients that the law has, shape (order,).
-    """
-
-    table: PathTable
-    exact: PathFunctions = eqx.field(static=True)
-    grid: Int[Array, " stations"]
-    positive: Bool[Array, ""]
-    on: Bool[Array, ""]
-    basis: Float[Array, "paths basis"]
-    to_x: Float[Array, "order basis n"]
-    used: Bool[Array, " order"]
-
-    def coefficients(self, y: Float[Array, " n"]) -> Float[Array, "paths order"]:
-        """E_n [Pa] at the paths."""
-        return jnp.einsum("pb,ebn,n->pe", self.basis, self.to_x, y)
-
-    def on_y(self, phi: Float[Array, "k order"], path: Int[Array, " k"]) -> Float[Array, "k n"]:
-        """Rows on y of rows on the coefficients of paths; zero where there is no constraint."""
-        phi = jnp.where(self.used & self.on & (path >= 0)[:, None], phi, 0.0)
-        return jnp.einsum("ke,kb,ebn->kn", phi, self.basis[path], self.to_x)
-
-    def grid_rows(self) -> tuple[Float[Array, "m n"], Float[Array, " m"]]:
-        """The rows posed from the start."""
-        paths, order, stations = self.basis.shape[0], self.used.shape[0], self.grid.shape[0]
-        units = jnp.eye(stations, order)
-        phi = jnp.where(self.positive, units, self.table.value[:, self.grid])
-        return posed(self.on_y(phi.reshape(-1, order), jnp.repeat(jnp.arange(paths), stations)))
-
-    def cubic_rows(self, at: Points) -> Float[Array, "k n"]:
-        """Rows at points, of the cubics, not scaled."""
-        return self.on_y(self.table.rows(at.path, at.s)[0], at.path)
-
-    def exact_rows(self, at: Points) -> Float[Array, "k n"]:
-        """Rows at points, of the functions themselves, not scaled."""
-        return self.on_y(self.exact(jnp.maximum(at.path, 0), at.s), at.path)
-
-    def violated(self, y: Float[Array, " n"]) -> tuple[Points, Float[Array, " k"]]:
-        """The weakest points of the weakest paths, and by how much they violate the constraint.
-
-        Returns:
-            The points, and violations per largest coefficient, negative where there is none.
-        """
-        coefficients = self.coefficients(y)
-        least, s = self.table.minima(coefficients)
-        cell = jnp.argmin(least, axis=1)
-        paths = jnp.arange(cell.shape[0])
-        worst = least[paths, cell]
-        path = jnp.argsort(worst)[:_PER_STEP]
-        largest = jnp.max(jnp.abs(coefficients))
-        poses = self.on & ~self.positive & (largest > 0)
-        violation = jnp.where(poses, -worst[path] / jnp.where(largest > 0, largest, 1.0), -1.0)
-        return Points(path, s[path, cell[path]]), violation
-
-    def dips(self, y: Float[Array, " n"]) -> Points:
-        """The two weakest local minima of each path."""
-        least, s = self.table.minima(self.coefficients(y))
-        beside = jnp.pad(least, ((0, 0), (1, 1)), constant_values=jnp.inf)
-        local = (least < beside[:, :-2]) & (least <= beside[:, 2:])
-        depth = jnp.where(local, least, jnp.inf)
-        paths = jnp.arange(depth.shape[0])
-        first = jnp.argmin(depth, axis=1)
-        others = depth.at[paths, first].set(jnp.inf)
-        second = jnp.argmin(others, axis=1)
-        there = jnp.concatenate([depth[paths, first], others[paths, second]]) < jnp.inf
-        poses = self.on & ~self.positive & there
-        both = jnp.concatenate([s[paths, first], s[paths, second]])
-        return Points(jnp.where(poses, jnp.tile(paths, 2), -1), both)
-
-    def touching(
-        self, y: Float[Array, " n"], at: Points, multipliers: Float[Array, " k"]
-    ) -> tuple[Points, Float[Array, "n n"]]:
-        """Dips after a Newton step towards g' = 0, and the curvature that moving them adds."""
-        _, first, second = (self.on_y(rows, at.path) for rows in self.table.rows(at.path, at.s))
-        bend = jax.lax.stop_gradient(second @ y)
-        free = (at.s > 0) & (at.s < 1) & (bend > 0)
-        bend = jnp.where(free, bend, 1.0)
-        s = jnp.clip(at.s - jnp.where(free, first @ y / bend, 0.0), 0.0, 1.0)
-        weight = jnp.where(free, multipliers / bend, 0.0)
-        return Points(at.path, s), jnp.einsum("k,kn,km->nm", weight, first, first)
-
-
-def posed(rows: Float[Array, "m n"]) -> tuple[Float[Array, "m n"], Float[Array, " m"]]:
-    """Unit rows with their offsets; empty ones are off."""
-    G, h, _ = unit_rows(rows, jnp.zeros(rows.shape[0]))
-    return G, jnp.where(jnp.any(G != 0, axis=1), h, -1.0)
 
 
 class ConvexFit(eqx.Module):
@@ -190,7 +82,7 @@ def minimise(
         The fit. `y` may be differentiated once, through objective and constraint.
     """
     fixed = jax.lax.stop_gradient((objective, constraint))
-    near = _start(jax.lax.stop_gradient(start))
+    near = _start(jax.lax.stop_gradient(start), constraint.basis.shape[0])
     if exchange or not objective.quadratic:
         near = _search(*fixed, near, exchange)
     if exchange:
@@ -230,6 +122,7 @@ class _State(eqx.Module):
     rows: tuple[Int[Array, " n"], Bool[Array, " n"]]
     found: Points
     filled: Int[Array, ""]
+    dips: Dips
     steps: Int[Array, ""]
     status: Int[Array, ""]
     done: Bool[Array, ""]
@@ -239,12 +132,14 @@ def _none(n: int) -> tuple[Int[Array, " n"], Bool[Array, " n"]]:
     return jnp.zeros(n, int), jnp.zeros(n, bool)
 
 
-def _start(y: Float[Array, " n"]) -> _State:
+def _start(y: Float[Array, " n"], paths: int) -> _State:
+    nowhere = Points(jnp.full(2 * paths, -1), jnp.zeros(2 * paths, y.dtype))
     return _State(
         y=y,
         rows=_none(y.size),
         found=Points(jnp.full(SPARE, -1), jnp.zeros(SPARE, y.dtype)),
         filled=jnp.array(0),
+        dips=Dips(nowhere, jnp.full(2 * paths, jnp.inf), jnp.zeros(2 * paths, bool)),
         steps=jnp.array(0),
         status=jnp.array(int(Status.OPTIMAL)),
         done=jnp.array(False),
@@ -274,14 +169,16 @@ def _search(
             tried = at.y + jnp.asarray(_SHORTENED)[:, None] * (y - at.y)
             values = jax.vmap(lambda v: objective.value(v, iteration))(tried)
             y = tried[jnp.where(outside, 0, jnp.argmin(values))]
-        found, filled, exact = at.found, at.filled, jnp.array(True)
+        found, filled, dips, exact = at.found, at.filled, at.dips, jnp.array(True)
         if exchange:
-            found, filled, exact = _exchanged(constraint, y, at)
+            dips = constraint.dips(y)
+            found, filled, exact = _exchanged(dips, at)
         return _State(
             y=y,
             rows=(point.rows, point.used),
             found=found,
             filled=filled,
+            dips=dips,
             steps=at.steps + 1,
             status=point.status,
             done=(still & exact) | (point.status != int(Status.OPTIMAL)),
@@ -290,15 +187,15 @@ def _search(
     return jax.lax.while_loop(lambda at: ~at.done & (at.steps < _STEPS), step, state)
 
 
-def _exchanged(
-    constraint: Constraint, y: Float[Array, " n"], at: _State
-) -> tuple[Points, Int[Array, ""], Bool[Array, ""]]:
-    """The points with those that y violates, their number, and whether it violates none."""
-    worst, violation = constraint.violated(y)
-    enters = violation > _NEAR
+def _exchanged(dips: Dips, at: _State) -> tuple[Points, Int[Array, ""], Bool[Array, ""]]:
+    """The points with the deepest dips, their number, and whether none is violated."""
+    weakest = jnp.argsort(dips.slack[: dips.slack.size // 2])[:_PER_STEP]
+    enters = dips.slack[weakest] < -_NEAR
     slots = (at.filled + jnp.cumsum(enters) - enters) % SPARE
     slots = jnp.where(enters, slots, SPARE)
-    found = jax.tree.map(lambda old, new: old.at[slots].set(new, mode="drop"), at.found, worst)
+    found = jax.tree.map(
+        lambda old, new: old.at[slots].set(new[weakest], mode="drop"), at.found, dips.at
+    )
     return found, at.filled + jnp.sum(enters), ~jnp.any(enters)
 
 
@@ -320,15 +217,17 @@ class _Last(eqx.Module):
 def _refined(objective: AbstractObjective, constraint: Constraint, near: _State) -> _Last:
     """The exact solution near another, for the cubics in place of the functions."""
     rows, used = near.rows
+    # Without a dip that matters the rows at the stations are all there are, and the point is exact.
+    matters = jnp.any(~near.dips.station & (near.dips.slack < _NEAR))
     n_grid = constraint.basis.shape[0] * constraint.grid.shape[0]
     last = _Last(
         y=near.y,
         turned=jnp.zeros_like(near.y),
         multipliers=jnp.zeros(2 * constraint.basis.shape[0], near.y.dtype),
-        dips=constraint.dips(near.y),
+        dips=near.dips.at,
         rows=(rows, used & (rows < n_grid)),
         steps=jnp.array(0),
-        done=jnp.array(False),
+        done=~matters if objective.quadratic else jnp.array(False),
     )
     return jax.lax.while_loop(
         lambda at: ~at.done & (at.steps < _LAST_STEPS),
@@ -342,7 +241,7 @@ def _last_step(
 ) -> tuple[_Last, Float[Array, "m n"], Float[Array, " m"], NearestPoint]:
     """A Newton step on the optimality conditions in y, multipliers and dips."""
     dips, moving = constraint.touching(at.y, at.dips, at.multipliers)
-    rows = constraint.exact_rows(dips) if exact else constraint.cubic_rows(dips)
+    rows = constraint.exact_rows(dips, at.y) if exact else constraint.cubic_rows(dips)
     G, h = posed(rows)
     grid_G, grid_h = constraint.grid_rows()
     G, h = jnp.concatenate([grid_G, G]), jnp.concatenate([grid_h, h])

@@ -13,9 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
-
-import famjax
+from jaxtyping import Array, Bool, Float, Int
 
 TOLERANCE = 1e-8
 """Largest difference between a function and its cubics, per largest value of the function."""
@@ -25,8 +23,9 @@ _NARROWEST = 1e-5  # of a cell; at a corner of the function no width is narrow e
 _INSIDE = 1e-12  # where the first slope is taken: |strain| has a corner at the start
 _BATCH = 64
 
+
 PathFunctions = Callable[[Int[Array, " k"], Float[Array, " k"]], Float[Array, "k order"]]
-"""phi_n at positions s, each on the path of that index."""
+"""phi_n at positions s, each on the path of that index; see `AbstractPathFunctions`."""
 
 
 class PathTable(eqx.Module):
@@ -56,8 +55,7 @@ class PathTable(eqx.Module):
     ) -> tuple[Float[Array, "k order"], Float[Array, "k order"], Float[Array, "k order"]]:
         """The cubics at positions of paths: phi_n, d(phi_n)/ds and its derivative."""
         nodes = self.nodes[path]
-        cell = jax.vmap(lambda row, at: jnp.searchsorted(row, at, side="right"))(nodes, s) - 1
-        cell = jnp.clip(cell, 0, nodes.shape[1] - 2)
+        cell = jnp.clip(jnp.sum(nodes <= s[:, None], axis=1) - 1, 0, nodes.shape[1] - 2)
         start, end = nodes[jnp.arange(s.size), cell], nodes[jnp.arange(s.size), cell + 1]
         width, t = (end - start)[:, None], ((s - start) / (end - start))[:, None]
         f0, f1 = self.value[path, cell], self.value[path, cell + 1]
@@ -65,6 +63,10 @@ class PathTable(eqx.Module):
         q, r = 3 * (f1 - f0) - 2 * d0 - d1, d0 + d1 - 2 * (f1 - f0)
         value = f0 + t * (d0 + t * (q + t * r))
         return value, (d0 + t * (2 * q + 3 * t * r)) / width, (2 * q + 6 * t * r) / width**2
+
+    def at_node(self, path: Int[Array, " k"], s: Float[Array, " k"]) -> Bool[Array, " k"]:
+        """Whether positions are nodes, at which the cubics are the functions."""
+        return jnp.any(self.nodes[path] == s[:, None], axis=1)
 
     def minima(
         self, coefficients: Float[Array, "paths order"]
@@ -86,8 +88,9 @@ class PathTable(eqx.Module):
         at = f0 + inside * (d0 + inside * (q + inside * r))
         ends = jnp.minimum(f0, f1)
         dips = dips & (at < ends)
-        part = jnp.where(dips, inside, jnp.where(f0 <= f1, 0.0, 1.0))
-        return jnp.where(dips, at, ends), self.nodes[:, :-1] + part * width
+        start, end = self.nodes[:, :-1], self.nodes[:, 1:]
+        s = jnp.where(dips, start + inside * width, jnp.where(f0 <= f1, start, end))
+        return jnp.where(dips, at, ends), s
 
 
 def _value_and_slope(
@@ -154,37 +157,3 @@ def _even(grids: list[np.ndarray]) -> Float[np.ndarray, "paths nodes"]:
             nodes = np.sort(np.append(nodes, ((nodes[1:] + nodes[:-1]) / 2)[widest]))
         even.append(nodes)
     return np.stack(even)
-
-
-def slope_functions(largest_strain: Float[Array, " paths"], order: int) -> PathFunctions:
-    """d(sigma)/d(eps) per E_n, n eps^(n - 1), over strains from zero to the largest of each path."""
-    powers = jnp.arange(1, order + 1)
-
-    def phi(path: Int[Array, " k"], s: Float[Array, " k"]) -> Float[Array, "k order"]:
-        strain = s * largest_strain[path]
-        factors = [jnp.ones_like(strain)]
-        for _ in range(order - 1):
-            factors.append(factors[-1] * strain)
-        return powers * jnp.stack(factors, axis=-1)
-
-    return phi
-
-
-def drucker_functions(
-    geometry: famjax.AbstractGeometry,
-    pressure: Float[Array, " paths"],
-    end: Float[Array, " paths"],
-    order: int,
-) -> PathFunctions:
-    """The path modulus per E_n, over lengths from rest to the end of each path [m]."""
-
-    def phi(path: Int[Array, " k"], s: Float[Array, " k"]) -> Float[Array, "k order"]:
-        length = geometry.rest_length + s * (end[path] - geometry.rest_length)
-
-        def of_law(coefficients: Float[Array, " order"]) -> Float[Array, " k"]:
-            material = famjax.PolynomialMaterial(coefficients)
-            return famjax.path_modulus(material, geometry, length, pressure[path])
-
-        return jax.vmap(of_law, out_axes=-1)(jnp.eye(order))
-
-    return phi

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._convex.active_set import nearest_points
-from .._convex.convex_fit import minimise, posed
+from .._convex.constraint import posed
+from .._convex.convex_fit import minimise
 from .._convex.small_dense import cholesky, inverse_lower
 from .._convex.status import Status
 from .fits import coupled_lane, free_lane, over_all
@@ -105,7 +106,7 @@ def _replicates(
         "sum_of_squares", of, at, paths, huber_threshold(of), jnp.ones(paths.shape[0])
     )
     whole = minimise(aim, constraint, at.start)
-    rows = constraint.grid_rows(), posed(constraint.exact_rows(whole.dips))
+    rows = constraint.grid_rows(), posed(constraint.exact_rows(whole.dips, whole.y))
     G, h = (jnp.concatenate(both) for both in zip(*rows, strict=True))
     flat = grams.reshape(grams.shape[0], -1)
     hessians = flat @ jnp.einsum("pkn,plm->pklnm", W, W).reshape(-1, n * n)

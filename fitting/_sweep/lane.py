@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._convex.convex_fit import Constraint
+from .._convex.constraint import Constraint
 from .._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
+from .._convex.path_functions import AbstractPathFunctions
 from .._convex.qp import inverse_upper
 from .problem import Design, compressed
 
@@ -50,6 +51,29 @@ class Lane(eqx.Module):
         columns = self.factor[:, :, :-1]
         W = jnp.einsum("pke,pb,ebn->pkn", columns, self.basis, self.to_x)
         return W, self.factor[:, :, -1]
+
+
+class _OfLane(AbstractPathFunctions):
+    """One of several functions, on some of their paths.
+
+    Attributes:
+        functions: of all paths.
+        pick: which of them.
+        paths: of the lane, among all.
+    """
+
+    functions: tuple[AbstractPathFunctions, ...]
+    pick: Int[Array, ""]
+    paths: Int[Array, " paths"]
+
+    def __call__(self, path: Int[Array, " k"], s: Float[Array, " k"]) -> Float[Array, "k order"]:
+        """phi_n of the function that is picked."""
+        return jnp.stack([phi(self.paths[path], s) for phi in self.functions])[self.pick]
+
+    @property
+    def cubic(self) -> Bool[Array, ""]:
+        """As the function that is picked."""
+        return jnp.stack([phi.cubic for phi in self.functions])[self.pick]
 
 
 def coupled(of: Design, dependence: int) -> tuple[Array, Array, Array]:
@@ -109,13 +133,9 @@ def lane(
     pick = jnp.where(kind == CONSTRAINTS.index("slope"), 0, 1)
     table = jax.tree.map(lambda s, d: jnp.stack([s, d])[pick][paths], of.slope, of.drucker)
 
-    def exact(path: Int[Array, " k"], s: Float[Array, " k"]) -> Float[Array, "k order"]:
-        slope, drucker = (phi(paths[path], s) for phi in of.functions)
-        return jnp.where(pick == 0, slope, drucker)
-
     constraint = Constraint(
         table=table,
-        exact=exact,
+        exact=_OfLane(of.functions, pick, paths),
         grid=of.grid,
         positive=kind == CONSTRAINTS.index("positive"),
         on=kind != CONSTRAINTS.index("none"),

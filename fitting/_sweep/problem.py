@@ -15,13 +15,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 import famjax
 
-from .._convex.path_table import (
-    PathFunctions,
-    PathTable,
-    drucker_functions,
-    nodes_for,
-    slope_functions,
+from .._convex.path_functions import (
+    AbstractPathFunctions,
+    DruckerFunctions,
+    ScaledFunctions,
+    SlopeFunctions,
 )
+from .._convex.path_table import PathTable, nodes_for
 from .._data.force_data import ForceData
 from .._errors import InputError
 
@@ -87,7 +87,7 @@ def arrange(data: ForceData, geometry: famjax.AbstractGeometry, order: int) -> R
             f"at {levels[short[0]] / 1e3:.5g} kPa no reading is shorter than the rest length of "
             f"{rest * 1e3:.5g} mm, so that no actuation path begins there: leave that pressure out"
         )
-    functions = drucker_functions(geometry, jnp.asarray(levels), jnp.asarray(ends), order)
+    functions = DruckerFunctions(geometry, jnp.asarray(levels), jnp.asarray(ends), order)
     nodes = nodes_for(functions, levels.size)
     return Readings(
         pressure=levels,
@@ -130,7 +130,7 @@ class Design(eqx.Module):
     unit: Float[Array, " order"]
     slope: PathTable
     drucker: PathTable
-    functions: tuple[PathFunctions, PathFunctions] = eqx.field(static=True)
+    functions: tuple[AbstractPathFunctions, AbstractPathFunctions]
     grid: Int[Array, " stations"]
     basis: Float[Array, "pressures 2"]
 
@@ -165,8 +165,8 @@ def design(
     weighted = A * weight[..., None]
     unit = jax.lax.stop_gradient(1 / jnp.sqrt(jnp.sum(weighted**2, axis=(0, 1))))
     functions = (
-        _scaled(slope_functions(_largest_strain(geometry, pressure, end), order), unit),
-        _scaled(drucker_functions(geometry, pressure, end, order), unit),
+        ScaledFunctions(SlopeFunctions(_largest_strain(geometry, pressure, end), order), unit),
+        ScaledFunctions(DruckerFunctions(geometry, pressure, end, order), unit),
     )
     share = (pressure - pressure[0]) / jnp.maximum(pressure[-1] - pressure[0], 1.0)
     return Design(
@@ -181,11 +181,6 @@ def design(
         grid=jnp.asarray(readings.grid),
         basis=jnp.stack([1 - share, share], axis=-1),
     )
-
-
-def _scaled(phi: PathFunctions, unit: Float[Array, " order"]) -> PathFunctions:
-    """The functions per scaled coefficient, which are then of the size of the largest modulus."""
-    return lambda path, s: phi(path, s) * unit
 
 
 def compressed(A: Float[Array, "k n"], y: Float[Array, " k"]) -> Float[Array, "n+1 n+1"]:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fitting._convex.convex_fit import Constraint, ConvexFit, minimise
+from fitting._convex.constraint import Constraint
+from fitting._convex.convex_fit import ConvexFit, minimise
 from fitting._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
-from fitting._convex.path_table import PathTable, nodes_for, slope_functions
+from fitting._convex.path_functions import SlopeFunctions
+from fitting._convex.path_table import PathTable, nodes_for
 from fitting._convex.status import Status
 
 ORDER, GROUPS, READINGS = 4, 3, 25
@@ -21,7 +23,7 @@ DIFFERENCE = 2e-6  # central differences with step 1e-5
 FINE = 2000
 
 POWERS = np.arange(1, ORDER + 1)
-PHI = slope_functions(jnp.array([1.0]), ORDER)
+PHI = SlopeFunctions(jnp.array([1.0]), ORDER)
 
 
 def readings(seed: int) -> tuple[np.ndarray, np.ndarray]:
