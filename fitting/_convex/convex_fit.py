@@ -5,7 +5,7 @@ objective's quadratic model under the rows known so far; where the result violat
 between them, the point becomes a row too. When this has come near, the last steps are Newton's on
 the optimality conditions in y, the multipliers and the touching points at once: with g' = 0 at a
 touching point, moving it adds l phi' phi'^T / g'' to the curvature. The derivative of a fit is that
-of the last such step.
+of the last such step, in which g'' is that of the cubics.
 
 References:
     Hettich & Kortanek 1993, SIAM Review 35, 380-429 (semi-infinite programming by reduction).

@@ -20,6 +20,7 @@ OBJECTIVE = 5e-7  # relative; Clarabel's accuracy, and 2000 points in place of t
 CERTIFIED = 1e-10  # what the fit itself asks for
 FEASIBLE = 1e-12  # per largest coefficient: rounding of the polynomial itself
 DIFFERENCE = 2e-6  # central differences with step 1e-5
+CURVED = 1e-4  # a dip's curvature is that of its cubic, of the second order in the width of a cell
 FINE = 2000
 
 POWERS = np.arange(1, ORDER + 1)
@@ -105,7 +106,7 @@ def conic(A: np.ndarray, y: np.ndarray, kind: str, threshold: float) -> float:
 
 
 def smallest_slope(E: np.ndarray) -> float:
-    """Exact minimum over [0, 1] of a cubic."""
+    """Exact minimum over [0, 1] of the slope of a polynomial law."""
     slope = np.polynomial.Polynomial([0.0, *E]).deriv()
     roots = slope.deriv().roots()
     inside = roots[np.isreal(roots)].real
@@ -139,6 +140,60 @@ def test_derivatives_in_the_data(kind: str) -> None:
     central = (along(jnp.array(1e-5)) - along(jnp.array(-1e-5))) / 2e-5
     size = float(jnp.max(jnp.abs(central)))
     np.testing.assert_allclose(forward, central, atol=DIFFERENCE * size, rtol=0)
+
+
+QUARTIC = SlopeFunctions(jnp.array([1.0]), 5)
+NODES = nodes_for(QUARTIC, 1)
+
+
+@eqx.filter_jit
+def quartic_fit(y: jax.Array) -> tuple[ConvexFit, jax.Array, jax.Array]:
+    """A law of fifth order, whose slope no cubic is: fit, coefficients, and whether dips matter."""
+    strain = jnp.linspace(0, 1, y.size)
+    A = strain[:, None] ** jnp.arange(1, 6)
+    J = jnp.linalg.inv(jnp.linalg.qr(A)[1])
+    stations = np.linspace(0, NODES.shape[1] - 1, 9).round().astype(int)
+    constraint = Constraint(
+        table=PathTable.at(QUARTIC, NODES),
+        exact=QUARTIC,
+        grid=jnp.asarray(stations),
+        positive=jnp.array(False),
+        on=jnp.array(True),
+        basis=jnp.ones((1, 1)),
+        to_x=J[:, None, :],
+        used=jnp.ones(5, bool),
+    )
+    M = jnp.eye(y.size)[None]
+    found = minimise(SumOfSquares((A @ J)[None], y[None], M), constraint, J.T @ A.T @ y)
+    inside = ~constraint.table.at_node(found.dips.path, found.dips.s)
+    return found, constraint.coefficients(found.y)[0], jnp.sum(inside & (found.dips.path >= 0))
+
+
+def quartic_readings() -> np.ndarray:
+    """A law that falls between 0.2 and 0.5."""
+    strain = np.linspace(0, 1, 40)
+    return strain * (strain - 0.2) * (strain - 0.5) + 0.02 * strain
+
+
+def test_functions_themselves_hold_where_the_table_is_not_exact() -> None:
+    found, E, dips = quartic_fit(jnp.asarray(quartic_readings()))
+    E = np.asarray(E)
+    assert int(dips) > 0  # or the test shows nothing
+    assert int(found.active) > 0
+    assert Status(int(found.status)) is Status.OPTIMAL
+    assert smallest_slope(E) > -FEASIBLE * np.abs(E).max()
+
+
+def test_derivatives_where_the_table_is_not_exact() -> None:
+    y = jnp.asarray(quartic_readings())
+    direction = jnp.asarray(np.random.default_rng(3).normal(size=y.shape)) * 0.01
+    forward = jax.jvp(lambda y: quartic_fit(y)[1], (y,), (direction,))[1]
+    step = 1e-5
+    central = (quartic_fit(y + step * direction)[1] - quartic_fit(y - step * direction)[1]) / 2
+    size = float(jnp.max(jnp.abs(central))) / step
+    np.testing.assert_allclose(forward, central / step, atol=CURVED * size, rtol=0)
+    backward = jax.grad(lambda y: jnp.sum(quartic_fit(y)[1]))(y)
+    assert float(backward @ direction) == pytest.approx(float(jnp.sum(forward)), rel=1e-9)
 
 
 def test_the_grid_alone_is_violated_between_its_points() -> None:
