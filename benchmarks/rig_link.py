@@ -329,7 +329,7 @@ def _torn(data: bytearray, rng: random.Random, kind: int) -> bytes:
 
 
 def _between(row: tuple[int, ...], rows: np.ndarray) -> bool:
-    return bool(rows[0, 1] < row[1] < rows[-1, 1])
+    return len(rows) > 0 and bool(rows[0, 1] < row[1] < rows[-1, 1])
 
 
 def main() -> None:

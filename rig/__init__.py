@@ -42,7 +42,7 @@ from ._control_law import (
     pressure_error as pressure_error,
 )
 from ._dataset import dataset_text as dataset_text, write_dataset as write_dataset
-from ._device import Device as Device
+from ._device import BAUD_RATES as BAUD_RATES, Device as Device
 from ._errors import RigError as RigError
 from ._events import (
     Event as Event,

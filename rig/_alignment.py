@@ -24,7 +24,7 @@ class Alignment:
         offset_error: standard error [s].
         rate_error: standard error [-]; infinite where one pulse is all there was.
         residual: root mean square of what is left: [N] by load, [s] by pulses.
-        n: readings or pulses that were used.
+        n: readings, or edges of pulses, that were used.
         method: "load" or "pulses".
     """
 
@@ -36,6 +36,15 @@ class Alignment:
     residual: float
     n: int
     method: str
+
+    def __str__(self) -> str:
+        rate = f"{self.rate * 1e6:.1f}"
+        if np.isfinite(self.rate_error):
+            rate += f" +- {self.rate_error * 1e6:.1f}"
+        return (
+            f"clocks aligned by {self.method}: journal = log {self.offset:+.4f} s +- "
+            f"{self.offset_error * 1e3:.2g} ms, rate {rate} ppm"
+        )
 
     def journal_time(self, time: np.ndarray) -> np.ndarray:
         """The journal's time [s] of the machine's times [s], any shape."""

@@ -1,6 +1,7 @@
 """From a journal and a machine's log to a characterisation."""
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -83,9 +84,10 @@ def analyse(
         if sync_column not in log.others:
             raise RigError(f"the log has no column {sync_column!r}; it has {', '.join(log.others)}")
         ours = _edges(time, columns["sync"][known][rising])
-        alignment = align_by_pulses(
-            ours, _edges(log.time, log.others[sync_column]), resolution=log.interval / 2
-        )
+        theirs = _edges(log.time, log.others[sync_column])
+        # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
+        resolution = log.interval / math.sqrt(12) * math.sqrt(2)
+        alignment = align_by_pulses(ours, theirs, resolution=resolution)
     sets = [(float(note["at"]), float(note["pressure_Pa"])) for note in journal.notes_of("set")]
     ends = [(float(note["at"]), float("nan")) for note in journal.notes_of("end")]
     record = combine(
@@ -103,7 +105,11 @@ def analyse(
 
 
 def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Times [s], in the middle between two readings, at which a level rises past its middle."""
+    """Times [s] at which a level passes its middle, each half-way between two readings.
+
+    Where readings are missing in between, the time is not known and is left out.
+    """
     high = level > (np.nanmin(level) + np.nanmax(level)) / 2
-    rises = np.flatnonzero(~high[:-1] & high[1:])
-    return (time[rises] + time[rises + 1]) / 2
+    step = np.diff(time)
+    edges = np.flatnonzero((high[1:] != high[:-1]) & (step < 1.5 * np.median(step)))
+    return (time[edges] + time[edges + 1]) / 2

@@ -61,8 +61,24 @@ class Audit:
                 f"control law        {self.equal} of {self.checked} recomputed equal ({share}), "
                 f"{self.unchecked} not to be checked",
                 f"end                {self.ended or 'cut off'}",
-                f"verdict            {'sound' if self.sound else 'NOT sound'}",
+                f"verdict            {self.verdict}",
             ]
+        )
+
+    @property
+    def verdict(self) -> str:
+        """Sound, or why not."""
+        wrong = {
+            f"the file lost {self.torn} records": self.torn,
+            f"the file lost {self.missing_notes} notes": self.missing_notes,
+            f"{self.damaged_bytes} bytes are damaged": self.damaged_bytes,
+            f"{self.refused} rows contradict their neighbours": self.refused,
+            f"{self.checked - self.equal} records are not what the law says, the first is record "
+            f"{self.first_wrong and self.first_wrong[1]}": self.checked - self.equal,
+            "the recording was cut off": self.ended is None,
+        }
+        return (
+            "sound" if self.sound else f"NOT sound: {'; '.join(k for k, v in wrong.items() if v)}"
         )
 
 

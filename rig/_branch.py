@@ -8,6 +8,7 @@ from ._strokes import Stroke
 
 _AT_REST = 1e-3  # of the rest length: nearer than that the muscle is held at it
 _SHORTEST_HOLD = 0.5  # s
+_MISSING = 5  # usual intervals: rows that are further apart have others missing between them
 _STILL = 2e-5  # of the rest length: within that of the median it does not move
 
 
@@ -31,6 +32,14 @@ def branch(record: IsobaricRecord, rows: slice, at: np.ndarray, width: float) ->
         )
     slope = (n * sxy - sx * sy) / spread
     return (sy - slope * sx) / n + slope * (at - origin)
+
+
+def hole(record: IsobaricRecord, rows: slice, grid: int) -> float:
+    """How long [s] rows are missing while the length moves on by more than a step of the grid; or 0."""
+    apart, moved = np.diff(record.time[rows]), np.abs(np.diff(record.length[rows]))
+    step = float(np.ptp(record.length[rows])) / (grid - 1)
+    missing = (apart > _MISSING * np.median(apart)) & (moved > step)
+    return float(apart[missing].max(initial=0.0))
 
 
 def force_at_rest(at: np.ndarray, curve: np.ndarray, rest_length: float, width: float) -> float:

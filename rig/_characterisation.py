@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ._branch import branch, contraction_at_zero, force_at_rest, held_force
+from ._branch import branch, contraction_at_zero, force_at_rest, held_force, hole
 from ._errors import RigError
 from ._isobaric_record import IsobaricRecord
 from ._strokes import Stroke, strokes
@@ -121,7 +121,15 @@ def characterise(
     found, notes = strokes(record)
     by_pressure: dict[float, list[Stroke]] = {}
     for stroke in found:
-        if stroke.number >= skip_cycles:
+        if stroke.number < skip_cycles:
+            continue
+        lacks = max(hole(record, rows, grid) for rows in (stroke.shortening, stroke.lengthening))
+        if lacks:
+            notes.append(
+                f"At {stroke.set_pressure:.6g} Pa stroke {stroke.number + 1} lacks {lacks:.3g} s in "
+                "the journal or the log and was left out."
+            )
+        else:
             by_pressure.setdefault(stroke.set_pressure, []).append(stroke)
     if not by_pressure:
         raise RigError(

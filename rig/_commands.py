@@ -140,6 +140,7 @@ def run_test(
                 calibration,
                 pressure_limit=test.pressure_limit,
                 control=test.control,
+                jump_limit=test.jump_limit,
                 journal=journal,
             ) as rig:
                 run(rig, test.plan, first_block=first)

@@ -1,4 +1,4 @@
-"""What the device is told before a test: gains, its pressure limit in counts, its transducer."""
+"""What the device is told before a test: gains, its limits in counts, its transducer."""
 
 import dataclasses
 import math
@@ -10,6 +10,11 @@ from ._sensor import READINGS
 from ._units import UNITS
 
 _PSI = UNITS["pressure"]["psi"]
+
+JUMP_LIMIT = 15 * _PSI
+"""Change of the pressure within five ticks (10 ms) that trips [Pa]; see `jump_counts`."""
+LEAST_JUMP = 5
+"""Counts that noise of a count or two does not reach."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +50,22 @@ def trip_counts(calibration: Calibration, limit: float | None) -> int:
         raise RigError(
             f"the limit of {limit:.0f} Pa is {counts} counts of the transducer, which ends at 1023: "
             "it could not be seen; choose a lower limit or another transducer"
+        )
+    return counts
+
+
+def jump_counts(calibration: Calibration, limit: float) -> int:
+    """The change within five ticks that trips, in counts of one reading, rounded.
+
+    A transducer that breaks or is unplugged jumps. So does the pressure of a small muscle that a
+    large valve fills: then the limit must be higher, and guards the less.
+    """
+    counts = round(limit / (calibration.pressure.gain * READINGS)) if math.isfinite(limit) else 0
+    if not LEAST_JUMP <= counts <= 1023:
+        count = calibration.pressure.gain * READINGS / _PSI
+        raise RigError(
+            f"a jump limit of {limit:.0f} Pa is {counts} counts of the transducer; the device takes "
+            f"{LEAST_JUMP} to 1023, here {LEAST_JUMP * count:.3g} to {1023 * count:.4g} psi"
         )
     return counts
 

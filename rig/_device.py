@@ -28,6 +28,9 @@ FIRMWARE = 1
 POWER_ON, RESET_PIN, BROWN_OUT, WATCHDOG_RESET = 1, 2, 4, 8
 """Causes of a reset, as the ATmega328P's MCUSR has them."""
 
+BAUD_RATES = {115200: (21, 64), 500000: (91, 32)}
+"""Baud rates of the firmware: bytes sent in a tick and records in the ring, as in its Makefile."""
+
 RECEIVE_LIMIT = 127
 """Bytes received and not yet read that the device can hold."""
 
@@ -156,7 +159,10 @@ class Device:
             self._comment = True
         answered = self._received and self._room() >= _ANSWER and self._read()
         if not answered:
-            self._report()
+            if self._hello or control.report_state or control.report_settings or self._comment:
+                self._tell()
+            elif self._mask and self._room() >= _REPEAT:
+                self._repeat()
         if sending:
             self._out += sending[: self._budget]
             del sending[: self._budget]
@@ -173,17 +179,11 @@ class Device:
             return
         self._sending += _record_line(self.boot, seq, record)
 
-    def _report(self) -> None:
-        """At most one line: what is to be told, or else a record of the re-request."""
-        control = self._control
-        if self._hello or control.report_state or control.report_settings or self._comment:
-            if self._room() >= _REPORT:
-                self._tell()
-        elif self._mask and self._room() >= _REPEAT:
-            self._repeat()
-
     def _tell(self) -> None:
+        """One line of what is to be told, where there is room."""
         control = self._control
+        if self._room() < _REPORT:
+            return
         if self._hello:
             self._hello = False
             self._send_hello()

@@ -76,11 +76,11 @@ class DeviceControl:
         self.tick = (self.tick + 1) & COUNTER
         if self.phase == 0:
             self._begin_record()
-        if self.state in DRIVEN:
-            self._guard(pressure)
         oldest = self._oldest
+        if self.state in DRIVEN:
+            self._guard(pressure, pressure - self._history[oldest])
         self.count = self._history[oldest] = pressure
-        self._oldest = (oldest + 1) % JUMP_TICKS
+        self._oldest = oldest + 1 if oldest < JUMP_TICKS - 1 else 0
         self._sum_p += pressure
         self._sum_f += force
         self.phase += 1
@@ -117,10 +117,9 @@ class DeviceControl:
         self.output = self._integral = 0
         self.report_state = True
 
-    def _guard(self, pressure: int) -> None:
+    def _guard(self, pressure: int, change: int) -> None:
         self._over = self._over + 1 if pressure >= self.trip else 0
-        jumps = abs(pressure - self._history[self._oldest]) > self.jump
-        self._jumped = self._jumped + 1 if jumps else 0
+        self._jumped = 0 if -self.jump <= change <= self.jump else self._jumped + 1
         self.silence += 1
         if self._over >= IN_A_ROW:
             self.leave(TRIP, OVER_PRESSURE)

@@ -1,10 +1,11 @@
 """The lines of a journal one by one: what can be verified, and where what cannot be stands."""
 
 import json
+from array import array
 from typing import Any, NamedTuple
 
-from ._messages import Comment, Hello, Message, Sample, Settings, Status
-from ._protocol import crc16, parse
+from ._messages import Comment, Hello, Message, Settings, Status
+from ._protocol import crc16, parse, record_fields
 
 
 class Damage(NamedTuple):
@@ -23,7 +24,7 @@ class JournalLines:
     """What is gathered while a journal is read.
 
     Attributes:
-        samples: the records in the order of the file.
+        numbers: the records in the order of the file, field after field.
         epochs: of each record: the device's boots in the file, counted from 0.
         notes: the notes.
         note_parts: of each note: the part of the recording, counted from 0; it begins with a
@@ -37,7 +38,7 @@ class JournalLines:
     """
 
     def __init__(self) -> None:
-        self.samples: list[Sample] = []
+        self.numbers = array("q")
         self.epochs: list[int] = []
         self.notes: list[dict[str, Any]] = []
         self.note_parts: list[int] = []
@@ -79,13 +80,16 @@ class JournalLines:
                 self._seen.add(line)
                 self._take_note(note)
             return note is not None
-        message = parse(line)
-        if isinstance(message, Sample):
-            if self._broken or message.boot != self._boots[self._epoch]:
-                self._enter(message.boot)
-            self.samples.append(message)
+        fields = record_fields(line)
+        if fields is not None:
+            boot = int(fields[0])
+            if self._broken or boot != self._boots[self._epoch]:
+                self._enter(boot)
+            self.numbers.extend(map(int, fields))
             self.epochs.append(self._epoch)
-        elif message is not None:
+            return True
+        message = parse(line)
+        if message is not None:
             self._take_message(message)
         return message is not None
 

@@ -97,12 +97,13 @@ def read_journal(path: str | Path) -> Record:
         raise RigError(f"cannot read {path}: {error.strerror}") from None
     parts = JournalLines()
     parts.read(data)
-    if not parts.samples and not parts.notes:
+    if not parts.numbers and not parts.notes:
         raise RigError(f"{path} is no journal: not one of its {len(data)} bytes can be verified")
     for note in parts.notes:
         if note["note"] == "journal" and note.get("format") != FORMAT:
             raise RigError(f"{path} has the format {note.get('format')!r}; this reads {FORMAT!r}")
-    rows, epoch, refused = _in_order(parts.samples, parts.epochs)
+    rows = np.array(parts.numbers, np.int64).reshape(-1, len(COLUMNS))
+    rows, epoch, refused = _in_order(rows, np.array(parts.epochs, np.int64))
     return Record(
         path=path,
         rows=rows,
@@ -121,11 +122,9 @@ def read_journal(path: str | Path) -> Record:
 
 
 def _in_order(
-    samples: list[Sample], epochs: list[int]
+    rows: NDArray[np.int64], epoch: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[tuple[int, int], ...]]:
     """Rows by epoch and number, each once; those that contradict another are left out and told."""
-    rows = np.array(samples, np.int64).reshape(-1, len(COLUMNS))
-    epoch = np.array(epochs, np.int64)
     if np.unique(epoch).size > np.unique(rows[:, 0]).size:
         # Two boots have one number: a page may stand in the file twice.
         _, first = np.unique(rows, axis=0, return_index=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ._device import POWER_ON
 from ._errors import RigError
-from ._messages import MANUAL, RUN
+from ._messages import DRIVEN
 
 _SOURCES = ("famrig_core.c", "famrig_text.c", "famrig_host.c")
 _SENT = 256
@@ -70,6 +70,7 @@ class NativeDevice:
         """As `Device.reset`."""
         boot = int.from_bytes(self._eeprom[:2], "little")
         self._core.famrig_reset(self._pointer, ctypes.c_uint8(cause), ctypes.c_uint16(boot))
+        self._core.famrig_host_look(self._pointer, self._looked)
         self._eeprom[:2] = self.boot.to_bytes(2, "little")
 
     def feed(self, data: bytes) -> None:
@@ -86,35 +87,31 @@ class NativeDevice:
         """As `Device.tick`."""
         if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
             raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
-        number = self._tick(self._pointer, pressure_counts, force_counts, self._sent)
+        number = self._tick(self._pointer, pressure_counts, force_counts, self._sent, self._looked)
         if number:
             self._out += ctypes.string_at(self._sent, number)
-
-    def _look(self, index: int) -> int:
-        self._core.famrig_host_look(self._pointer, self._looked)
-        return self._looked[index]
 
     @property
     def output(self) -> int:
         """As `Device.output`."""
-        return self._look(0)
+        return self._looked[0]
 
     @property
     def state(self) -> int:
         """As `Device.state`."""
-        return self._look(1)
+        return self._looked[1]
 
     @property
     def sync(self) -> bool:
         """As `Device.sync`."""
-        return bool(self._look(2))
+        return bool(self._looked[2])
 
     @property
     def boot(self) -> int:
         """As `Device.boot`."""
-        return self._look(3)
+        return self._looked[3]
 
     @property
     def dump_open(self) -> bool:
         """As `Device.dump_open`."""
-        return self.state not in (RUN, MANUAL)
+        return self.state not in DRIVEN

@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from ._control import Control
+from ._control import JUMP_LIMIT, Control
 from ._errors import RigError
 from ._plan import Isobaric, isobaric_from_dict
 from ._units import keyed_in_si, to_si
@@ -40,6 +40,7 @@ class PlanFile:
         pressure_limit: [Pa gauge]; there is no default.
         control: gains.
         calibration: path of the calibration, absolute; None where the file names none.
+        jump_limit: change of the pressure within 10 ms that trips [Pa].
     """
 
     plan: Isobaric
@@ -47,6 +48,7 @@ class PlanFile:
     pressure_limit: float
     control: Control
     calibration: Path | None = None
+    jump_limit: float = JUMP_LIMIT
 
 
 def read_plan(path: str | Path) -> PlanFile:
@@ -65,6 +67,9 @@ def read_plan(path: str | Path) -> PlanFile:
     proportional_counts_per_psi = 4
     integral_counts_per_psi_s = 2
     calibration = "calibration.toml"
+
+    [rig] may have integral_limits_counts = [-128, 128], and jump_limit_psi = 15: a change within
+    10 ms that trips.
 
     Raises:
         RigError: what is wrong with the file; a missing pressure limit above all.
@@ -92,6 +97,8 @@ def _plan_file(content: dict[str, Any], folder: Path) -> PlanFile:
             gains[key.removesuffix("_counts")] = _limits(value)
         elif unit := keyed_in_si(key, "pressure_limit", "pressure"):
             fields["pressure_limit"] = to_si(_number(key, value), unit, "pressure")
+        elif unit := keyed_in_si(key, "jump_limit", "pressure"):
+            fields["jump_limit"] = to_si(_number(key, value), unit, "pressure")
         elif key == "circuit":
             fields[key] = _circuit(value)
         elif key == "calibration":
@@ -115,8 +122,8 @@ def _plan_file(content: dict[str, Any], folder: Path) -> PlanFile:
 
 
 _KNOWN = (
-    "circuit, pressure_limit_<unit>, proportional_counts_per_psi, integral_counts_per_psi_s, "
-    "integral_limits_counts, calibration"
+    "circuit, pressure_limit_<unit>, jump_limit_<unit>, proportional_counts_per_psi, "
+    "integral_counts_per_psi_s, integral_limits_counts, calibration"
 )
 
 

@@ -64,14 +64,31 @@ def parse(line: bytes) -> Message | None:
     >>> parse(b"T,3,17,90,1025,205,512,131,-42,1*0000") is None
     True
     """
-    body = line[:-5]
-    if b"*%04X" % binascii.crc_hqx(body, 0xFFFF) != line[-5:]:
+    body = _verified(line)
+    if body is None:
         return None
     if body[:2] == b"T,":
         match = _SAMPLE(body)
         return Sample._make(map(int, match.groups())) if match else None
     reader = _READERS.get(body[:2])
     return reader(body[2:]) if reader else None
+
+
+def record_fields(line: bytes) -> tuple[bytes, ...] | None:
+    """The fields of a record's line as digits, or None where it is none or not right.
+
+    >>> record_fields(frame("T,3,17,90,1025,205,512,131,-42,1")[:-1])[3]
+    b'1025'
+    """
+    body = _verified(line)
+    match = _SAMPLE(body) if body is not None else None
+    return match.groups() if match else None
+
+
+def _verified(line: bytes) -> bytes | None:
+    """What stands before the asterisk, where the CRC is right."""
+    body = line[:-5]
+    return body if b"*%04X" % binascii.crc_hqx(body, 0xFFFF) == line[-5:] else None
 
 
 _SAMPLE = re.compile(

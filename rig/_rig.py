@@ -1,6 +1,5 @@
 """A rig that is safe on every way out: pressure control for a plan, and its record."""
 
-import dataclasses
 from collections.abc import Callable
 from types import TracebackType
 from typing import NoReturn, Self
@@ -8,20 +7,20 @@ from typing import NoReturn, Self
 import numpy as np
 
 from ._abstract_link import AbstractLink
-from ._calibration import Calibration, calibration_as_dict
-from ._control import Control, device_calibration, trip_counts
+from ._calibration import Calibration
+from ._control import JUMP_LIMIT, Control
+from ._control_law import TICK_HZ
 from ._errors import RigError
 from ._events import Lost, Reset, Silent
-from ._fault import RigFault
+from ._fault import ADVICE, RigFault
 from ._journal import Journal
-from ._messages import FAULTS, MANUAL, PROTOCOL, RUN, STATES, Sample
+from ._messages import FAULTS, MANUAL, RUN, STATES, Sample
 from ._sensor import READINGS
+from ._set_up import greet, set_up, told_of
 from ._units import UNITS
 
 LOOK = 0.05
 """Time [s] between two looks at the device's state during a wait."""
-HELLOS = 5
-"""Times that a device is greeted: a board that was reset by opening its port starts in two seconds."""
 ACTIVE = (RUN, MANUAL)
 SETTLE = 0.7
 """Time [s] for which the device keeps its last records."""
@@ -36,11 +35,12 @@ class Rig:
         calibration: of its sensors and its valve or pump.
         pressure_limit: at which the device trips [Pa gauge]; there is no default.
         control: gains.
+        jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
 
     Raises:
-        RigError: no pressure limit, or one that the transducer cannot see.
+        RigError: no pressure limit, or a limit that the transducer cannot see.
     """
 
     def __init__(
@@ -50,6 +50,7 @@ class Rig:
         *,
         pressure_limit: float,
         control: Control,
+        jump_limit: float = JUMP_LIMIT,
         journal: Journal | None = None,
         camera: Callable[[str], None] | None = None,
     ) -> None:
@@ -57,19 +58,19 @@ class Rig:
         self.calibration = calibration
         self.control = control
         self.pressure_limit = pressure_limit
+        self.jump_limit = jump_limit
         self.lost = 0
         self._journal = journal
         self._camera = camera
-        self._trip = trip_counts(calibration, pressure_limit)
-        self._zero, self._span = device_calibration(calibration)
+        told_of(calibration, pressure_limit, jump_limit)  # or refused before a port is spoken to
         self._active_from: int | None = None
         self._cancelled = False
 
     def __enter__(self) -> Self:
         self.link.attach(self._journal)
         try:
-            self._greet()
-            self._set_up()
+            greet(self.link)
+            set_up(self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit)
         except BaseException as error:
             self._leave(error)
             raise
@@ -146,9 +147,10 @@ class Rig:
                     )
         newest, since = self.link.newest, self._active_from
         if newest and since is not None and newest.seq >= since and newest.state not in ACTIVE:
+            fault = FAULTS[newest.fault]
             self._fault(
-                f"the device went to {STATES[newest.state]} by itself: {FAULTS[newest.fault]}; it "
-                "has vented"
+                f"the device went to {STATES[newest.state]} by itself: {fault}; it has vented. "
+                + ADVICE.get(fault, "").capitalize()
             )
         if self._cancelled:
             self._fault("the test was stopped on request")
@@ -175,6 +177,18 @@ class Rig:
         mean = scale * np.mean([(s.pressure_sum, s.force_sum) for s in sums], axis=0)
         return float(mean[0]), float(mean[1])
 
+    def sync(self, seconds: float) -> None:
+        """Raise the sync pin for a time [s], in whole records, and note with which one it begins.
+
+        Raises:
+            RigError: less than a record or more than a thousand.
+        """
+        settings = self.link.session.settings
+        ticks = settings.ticks_per_record if settings else READINGS
+        records = round(seconds * TICK_HZ / ticks)
+        answer = self.link.command("sync", records)
+        self.link.note("sync", seq=answer.seq, records=records)
+
     def trigger(self, name: str) -> None:
         """Take a photograph and note at which tick it was asked for."""
         newest = self.link.newest
@@ -196,51 +210,6 @@ class Rig:
         self.link.kick()
         self._active_from = None
         self._active_from = self.link.command(verb, *values).seq
-
-    def _greet(self) -> None:
-        for attempt in range(HELLOS):
-            try:
-                self.link.command("hello")
-                self.link.command("strict", 1)
-            except (RigFault, RigError):  # before that, a damaged command may be misunderstood
-                if attempt == HELLOS - 1:
-                    raise
-                continue
-            self.link.sleep(4 * LOOK)
-            if self.link.session.hello is not None and self.link.newest is not None:
-                break
-        if self.link.session.hello is None or self.link.newest is None:
-            raise RigFault("the device answers but sends no hello and records; is it famrig?")
-        if self.link.session.hello.protocol != PROTOCOL:
-            raise RigError(
-                f"the device speaks protocol {self.link.session.hello.protocol}, this program "
-                f"{PROTOCOL}; upload the firmware that comes with it"
-            )
-        self.link.alarms.clear()  # opening the port may have reset the board
-
-    def _set_up(self) -> None:
-        command, control = self.link.command, self.control
-        command("stop")
-        command("clear")
-        command("cal", self._zero, self._span)
-        command("trip", self._trip)
-        command("gain", control.proportional * _PSI, control.integral * _PSI)
-        command("ilim", *control.integral_limits)
-        session, until = self.link.session, self.link.now + 1.0
-        while not session.settings_known:
-            if self.link.now > until:
-                raise RigFault("the device does not tell its settings; look at the cable")
-            self.link.sleep(LOOK)
-        hello, settings = session.hello, session.settings
-        self.link.note(
-            "rig",
-            pressure_limit_Pa=self.pressure_limit,
-            trip_counts=self._trip,
-            calibration=calibration_as_dict(self.calibration),
-            control=dataclasses.asdict(control),
-            gains_stored_counts_per_psi=settings.law.gains if settings else None,
-            hello=hello._asdict() if hello else None,
-        )
 
     def _leave(self, error: BaseException | None) -> None:
         """Vent, say how the test ended, and let the journal go."""

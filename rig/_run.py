@@ -8,6 +8,9 @@ from ._feed_forward import FeedForward, fit_feed_forward
 from ._plan import Plan, Step, duration, highest_pressure
 from ._rig import LOOK, Rig
 
+PULSES = 16
+"""Lengths of the sync pulse, by block."""
+
 
 class Machine(Protocol):
     """A test machine that can be started by program; a manual one needs none."""
@@ -70,6 +73,7 @@ def _carry_out(rig: Rig, step: Step, machine: Machine | None) -> None:
                 stroke_m=stroke,
                 rate_m_per_s=rate,
             )
+            rig.sync(sync_seconds(block))
             if machine is not None:
                 machine.start(cycles, rate, stroke=stroke)
             _wait_for_strokes(rig, block, seconds, every, machine)
@@ -82,6 +86,19 @@ def _carry_out(rig: Rig, step: Step, machine: Machine | None) -> None:
             rig.link.note("done", block=block)
         case _:
             raise RigError(f"unknown step {step!r} of a plan")
+
+
+def sync_seconds(block: int) -> float:
+    """How long the sync pin is high at the first stroke of a block [s].
+
+    Each of sixteen blocks has its own length, so that a log that lacks some pulses still matches
+    in one way only; each is an odd number of records of 10 ms, so that in a log of 50 rows a second
+    both edges do not fall alike between two rows.
+
+    >>> sync_seconds(0), sync_seconds(3)
+    (0.51, 1.29)
+    """
+    return 0.51 + 0.26 * (block % PULSES)
 
 
 def _wait_for_strokes(

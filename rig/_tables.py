@@ -124,9 +124,13 @@ def _settings_column(record: Record, name: str, unknown: float) -> NDArray[np.fl
     """What the device's settings were at each row."""
     values = np.full(len(record.rows), float(unknown))
     seq = record.column("seq")
-    for epoch, settings in sorted(record.settings, key=lambda item: (item[0], item[1].since)):
-        value = settings.ticks_per_record if name == "ticks_per_record" else settings.law.set_point
-        values[(record.epoch == epoch) & (seq >= settings.since)] = value
+    known = sorted(record.settings, key=lambda item: (item[0], item[1].since))
+    for epoch in {epoch for epoch, _ in known}:
+        mine = [settings for at, settings in known if at == epoch]
+        told = [s.ticks_per_record if name == "ticks_per_record" else s.law.set_point for s in mine]
+        rows = record.epoch == epoch
+        latest = np.searchsorted([s.since for s in mine], seq[rows], side="right")
+        values[rows] = np.array([unknown, *told], float)[latest]
     return values
 
 

@@ -15,8 +15,17 @@ void famrig_host_feed(famrig *d, const uint8_t *bytes, size_t number)
         famrig_receive(d, *bytes++);
 }
 
-/* A tick; writes what it sent, at most FR_BYTES_PER_TICK bytes, and says how many. */
-size_t famrig_host_tick(famrig *d, uint16_t pressure, uint16_t force, uint8_t *sent)
+/* Output, state, sync and the boot counter. */
+void famrig_host_look(const famrig *d, int *values)
+{
+    values[0] = d->output;
+    values[1] = d->state;
+    values[2] = d->sync;
+    values[3] = d->boot;
+}
+
+/* A tick, and a look; writes what it sent, at most FR_BYTES_PER_TICK bytes, and says how many. */
+size_t famrig_host_tick(famrig *d, uint16_t pressure, uint16_t force, uint8_t *sent, int *values)
 {
     size_t number = 0;
     famrig_mark(d);
@@ -25,14 +34,6 @@ size_t famrig_host_tick(famrig *d, uint16_t pressure, uint16_t force, uint8_t *s
     famrig_release(d);
     for (int16_t byte = famrig_next(d); byte >= 0; byte = famrig_next(d))
         sent[number++] = (uint8_t)byte;
+    famrig_host_look(d, values);
     return number;
-}
-
-/* Output, state, sync and the boot counter. */
-void famrig_host_look(const famrig *d, int *values)
-{
-    values[0] = d->output;
-    values[1] = d->state;
-    values[2] = d->sync;
-    values[3] = d->boot;
 }

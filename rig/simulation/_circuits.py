@@ -32,25 +32,17 @@ class RunningCircuit(Protocol):
     pressure: float
 
     def step(
-        self,
-        output: int,
-        dump_open: bool,
-        volume: float,
-        rate: float,
-        give: float,
-        dt: float,
-        n: int = 1,
+        self, output: int, dump_open: bool, volume: float, rate: float, give: float, dt: float
     ) -> None:
-        """Advance by n steps of dt [s].
+        """Advance by dt, a tick of the device or less, by a rule of second order.
 
         Args:
             output: of the controller, 0 to 255.
             dump_open: whether the dump valve is open.
-            volume: V [m3] that the fluid fills.
+            volume: V [m3] that the fluid fills at the beginning.
             rate: change of V [m3/s] by motion, at constant pressure.
             give: dV/dP [m3/Pa] at constant length, >= 0.
             dt: [s].
-            n: number of steps.
         """
         ...
 

@@ -79,39 +79,36 @@ class RunningHydraulic:
         self._keep = (0.0, 0.0, 0.0)
 
     def step(
-        self,
-        output: int,
-        dump_open: bool,
-        volume: float,
-        rate: float,
-        give: float,
-        dt: float,
-        n: int = 1,
+        self, output: int, dump_open: bool, volume: float, rate: float, give: float, dt: float
     ) -> None:
-        """Euler, implicit in the orifices; see `RunningCircuit.step`.
+        """Implicit midpoint rule, exact in the lags; see `RunningCircuit.step`.
 
-        With a = (V / beta + dV/dP) / dt and the flows of the pump and of the motion known, the new
-        pressure s^2 solves a s^2 + K s = c: a quadratic, which no stiffness of the water upsets.
+        With a = (V / beta + dV/dP) / dt and the flows of the pump and of the motion known, the
+        pressure s^2 in the middle of the step solves 2 a s^2 + K s = c: a quadratic, which no
+        stiffness of the water upsets. Where the pressure would fall through zero, as an open dump
+        valve makes it, the end of the step is solved for instead (Euler).
         """
         c = self.circuit
         if self._keep[0] != dt:
-            self._keep = (dt, math.exp(-dt / c.lag), math.exp(-dt / c.dump_lag))
+            self._keep = (dt, math.exp(-0.5 * dt / c.lag), math.exp(-0.5 * dt / c.dump_lag))
         _, keep, keep_dump = self._keep
-        target = c.full_speed * output / FULL_OUTPUT
-        wanted, dump = float(dump_open), self.dump
-        speed, pressure, filled = self.speed, self.pressure, volume + c.dead_volume
-        for _ in range(n):
-            speed = target + (speed - target) * keep
-            dump = wanted + (dump - wanted) * keep_dump
-            K = c.needle + dump * c.dump
-            a = (filled / c.bulk_modulus + give) / dt
-            inflow = a * pressure + c.displacement * speed - rate
-            pressure = _after_orifice(a, K, inflow)
-            if c.relief is not None and pressure > c.relief:
-                G = c.relief_conductance
-                pressure = _after_orifice(a + G, K, inflow + G * c.relief)
-            filled += rate * dt
-        self.speed, self.dump, self.pressure = speed, dump, pressure
+        target, wanted = c.full_speed * output / FULL_OUTPUT, float(dump_open)
+        # How far pump and valve are from where they go, in the middle of the step.
+        behind, dump_behind = (self.speed - target) * keep, (self.dump - wanted) * keep_dump
+        K = c.needle + (wanted + dump_behind) * c.dump
+        a = ((volume + c.dead_volume + 0.5 * rate * dt) / c.bulk_modulus + give) / dt
+        flow, before = c.displacement * (target + behind) - rate, self.pressure
+        end = 2.0 * self._after(2.0 * a, K, 2.0 * a * before + flow) - before
+        self.pressure = end if end * before >= 0.0 else self._after(a, K, a * before + flow)
+        self.speed, self.dump = target + behind * keep, wanted + dump_behind * keep_dump
+
+    def _after(self, a: float, K: float, c: float) -> float:
+        """P of a P + K sqrt(P) + relief = c."""
+        pressure, circuit = _after_orifice(a, K, c), self.circuit
+        if circuit.relief is not None and pressure > circuit.relief:
+            G = circuit.relief_conductance
+            pressure = _after_orifice(a + G, K, c + G * circuit.relief)
+        return pressure
 
 
 def _after_orifice(a: float, K: float, c: float) -> float:

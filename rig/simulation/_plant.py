@@ -1,19 +1,16 @@
 """The plant: a muscle in a test machine on a pressure circuit, without sensors or controller."""
 
-import math
-
 from ._circuits import RunningCircuit
 from ._machine import TestMachine
 from ._muscle import SimulatedMuscle
-
-STEP = 1e-3
-"""Longest step [s] of the circuit: within 0.002 psi of an adaptive solver after the fill."""
 
 
 class Plant:
     """Circuit, muscle and machine, stepped together.
 
     Neglected: inertia of muscle and crosshead, and the pressure drop between circuit and muscle.
+    Ticks of 2 ms are within 0.02 psi (air) and 0.04 psi (water) of steps forty times finer over a
+    whole test, 0.004 and 0.001 psi in the root mean square; within 0.2 psi while water is dumped.
 
     Attributes:
         circuit: in operation; its `pressure` [Pa] is the muscle's.
@@ -26,7 +23,6 @@ class Plant:
         self, circuit: RunningCircuit, muscle: SimulatedMuscle, machine: TestMachine
     ) -> None:
         self.circuit, self.muscle, self.machine = circuit, muscle, machine
-        self._dt, self._n = 0.0, 1
         self._slide = 0.0  # friction's direction, -1 while shortening to 1 while lengthening
         self._held = muscle.at(machine.length, circuit.pressure)
         self.force = self._held[0]
@@ -36,10 +32,7 @@ class Plant:
         circuit, machine, muscle = self.circuit, self.machine, self.muscle
         velocity = machine.velocity
         _, volume, area, give = self._held
-        if dt != self._dt:
-            self._dt, self._n = dt, math.ceil(dt / STEP - 1e-6)
-        n = self._n
-        circuit.step(output, dump_open, volume, area * velocity, give, dt / n, n)
+        circuit.step(output, dump_open, volume, area * velocity, give, dt)
         machine.step(now, dt, self.force)
         if velocity:
             # Dahl's law along the way, to first order in a step of micrometres.

@@ -81,19 +81,16 @@ class RunningPneumatic:
         self.pressure = 0.0
         self.opening = 0.0
         self.dump = 0.0
-        self._keep = (0.0, 0.0, 0.0)  # dt, what a step of it leaves of the valves' errors
+        self._keep = (0.0, 0.0, 0.0)  # dt, what half of it leaves of the valves' errors
 
     def step(
-        self,
-        output: int,
-        dump_open: bool,
-        volume: float,
-        rate: float,
-        give: float,
-        dt: float,
-        n: int = 1,
+        self, output: int, dump_open: bool, volume: float, rate: float, give: float, dt: float
     ) -> None:
-        """Linearly implicit Euler in the pressure, exact in the spool; see `RunningCircuit.step`."""
+        """Linearly implicit midpoint rule, exact in the lags; see `RunningCircuit.step`.
+
+        Valves and volume are taken in the middle of the step, the slopes of the flows at its
+        beginning.
+        """
         c = self.circuit
         above = output - c.bias
         if above > c.dead_band:
@@ -103,37 +100,35 @@ class RunningPneumatic:
         else:
             target = 0.0
         if self._keep[0] != dt:
-            self._keep = (dt, math.exp(-dt / c.lag), math.exp(-dt / c.dump_lag))
+            self._keep = (dt, math.exp(-0.5 * dt / c.lag), math.exp(-0.5 * dt / c.dump_lag))
         _, keep, keep_dump = self._keep
-        wanted, dump = float(dump_open), self.dump
-        opening, gauge, gas = self.opening, self.pressure, volume + c.dead_volume
-        conductance, dump_conductance, exponent = c.conductance, c.dump_conductance, c.exponent
-        supply, leak, b = c.supply + ATMOSPHERE, c.leak * conductance, c.critical_ratio
-        for _ in range(n):
-            opening = target + (opening - target) * keep
-            dump = wanted + (dump - wanted) * keep_dump
-            fill, vent = leak, leak + dump * dump_conductance
-            if opening > 0.0:
-                fill += opening * conductance
-            else:
-                vent -= opening * conductance
-            absolute = gauge + ATMOSPHERE
-            if absolute < supply:
-                share, bend = share_of_sonic(absolute / supply, b)
-                flow, slope = fill * supply * share, fill * bend
-            else:
-                back, slope, _ = iso_6358_flow(absolute, supply, fill, b)
-                flow, slope = -back, -slope
-            if gauge > 0.0:
-                ratio = ATMOSPHERE / absolute
-                share, bend = share_of_sonic(ratio, b) if ratio > b else (1.0, 0.0)
-                out, out_slope = vent * absolute * share, vent * (share - ratio * bend)
-            else:
-                back, _, out_slope = iso_6358_flow(ATMOSPHERE, absolute, vent, b)
-                out, out_slope = -back, -out_slope
-            scale = exponent / (gas + exponent * absolute * give)
-            change = scale * (ANR_PRESSURE * (flow - out) - absolute * rate)
-            stiffness = scale * (ANR_PRESSURE * (slope - out_slope) - rate)
-            gauge += dt * change / (1.0 - dt * stiffness)
-            gas += rate * dt
-        self.opening, self.dump, self.pressure = opening, dump, gauge
+        wanted, half = float(dump_open), 0.5 * dt
+        # How far the valves are from where they go, in the middle of the step.
+        behind, dump_behind = (self.opening - target) * keep, (self.dump - wanted) * keep_dump
+        opening, b = target + behind, c.critical_ratio
+        fill = leak = c.leak * c.conductance
+        vent = leak + (wanted + dump_behind) * c.dump_conductance
+        if opening > 0.0:
+            fill += opening * c.conductance
+        else:
+            vent -= opening * c.conductance
+        gauge, supply = self.pressure, c.supply + ATMOSPHERE
+        absolute = gauge + ATMOSPHERE
+        if absolute < supply:
+            share, bend = share_of_sonic(absolute / supply, b)
+            flow, slope = fill * supply * share, fill * bend
+        else:
+            back, slope, _ = iso_6358_flow(absolute, supply, fill, b)
+            flow, slope = -back, -slope
+        if gauge > 0.0:
+            ratio = ATMOSPHERE / absolute
+            share, bend = share_of_sonic(ratio, b) if ratio > b else (1.0, 0.0)
+            out, out_slope = vent * absolute * share, vent * (share - ratio * bend)
+        else:
+            back, _, out_slope = iso_6358_flow(ATMOSPHERE, absolute, vent, b)
+            out, out_slope = -back, -out_slope
+        scale = c.exponent / (volume + c.dead_volume + half * rate + c.exponent * absolute * give)
+        change = scale * (ANR_PRESSURE * (flow - out) - absolute * rate)
+        stiffness = scale * (ANR_PRESSURE * (slope - out_slope) - rate)
+        self.pressure = gauge + dt * change / (1.0 - half * stiffness)
+        self.opening, self.dump = target + behind * keep, wanted + dump_behind * keep_dump

@@ -62,30 +62,20 @@ class RunningRegulator:
         self.pressure = 0.0
 
     def step(
-        self,
-        output: int,
-        dump_open: bool,
-        volume: float,
-        rate: float,
-        give: float,
-        dt: float,
-        n: int = 1,
+        self, output: int, dump_open: bool, volume: float, rate: float, give: float, dt: float
     ) -> None:
-        """Linearly implicit Euler; see `RunningCircuit.step`. No controller: output is ignored."""
+        """Linearly implicit midpoint rule; see `RunningCircuit.step`. The output is ignored."""
         del output, dump_open
         c = self.circuit
-        gauge, gas = self.pressure, volume + c.dead_volume
-        for _ in range(n):
-            error = c.set_pressure - gauge
-            if error > 0:
-                flow, slope = error / c.feed_droop, -1 / c.feed_droop
-            elif error < -c.dead_zone:
-                flow, slope = (error + c.dead_zone) / c.relief_droop, -1 / c.relief_droop
-            else:
-                flow = slope = 0.0
-            absolute = gauge + ATMOSPHERE
-            scale = c.exponent / (gas + c.exponent * absolute * give)
-            change = scale * (ANR_PRESSURE * flow - absolute * rate)
-            gauge += dt * change / (1.0 - dt * scale * (ANR_PRESSURE * slope - rate))
-            gas += rate * dt
-        self.pressure = gauge
+        gauge, half = self.pressure, 0.5 * dt
+        error = c.set_pressure - gauge
+        if error > 0:
+            flow, slope = error / c.feed_droop, -1 / c.feed_droop
+        elif error < -c.dead_zone:
+            flow, slope = (error + c.dead_zone) / c.relief_droop, -1 / c.relief_droop
+        else:
+            flow = slope = 0.0
+        absolute = gauge + ATMOSPHERE
+        scale = c.exponent / (volume + c.dead_volume + half * rate + c.exponent * absolute * give)
+        change = scale * (ANR_PRESSURE * flow - absolute * rate)
+        self.pressure += dt * change / (1.0 - half * scale * (ANR_PRESSURE * slope - rate))

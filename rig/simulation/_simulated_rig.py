@@ -1,7 +1,7 @@
 """A whole rig in virtual time: device, sensors, serial line and plant behind four calls."""
 
 from .._calibration import Calibration
-from .._device import Device
+from .._device import BAUD_RATES, Device
 from .._errors import RigError
 from .._feed_forward import FeedForward, fit_feed_forward
 from .._native_device import NativeDevice
@@ -29,11 +29,12 @@ class SimulatedRig:
         circuit: pneumatic unless given.
         muscle: the reference work's 7/8 in muscle unless given.
         machine: a test machine at the muscle's rest length unless given.
-        device: the Python port of the firmware unless given; the compiled core gives the same bytes
-            sooner.
+        device: the Python port of the firmware for this baud rate unless given; the compiled core
+            gives the same bytes sooner.
         pressure_sensor: `pressure_transducer()` unless given.
         force_sensor: `load_cell()` unless given.
-        to_device: line from the host; at 115200 baud, with no faults, unless given.
+        baud: of the line, one of `BAUD_RATES`.
+        to_device: line from the host; at this baud rate, with no faults, unless given.
         to_host: line from the device, which itself keeps to its baud rate; no faults unless given.
         clock_rate: by which the device's clock gains on true time [-]; -0.002 is usual for an Uno.
         seed: of the sensors' noise.
@@ -61,6 +62,7 @@ class SimulatedRig:
         *,
         pressure_sensor: SimulatedSensor | None = None,
         force_sensor: SimulatedSensor | None = None,
+        baud: int = 115200,
         to_device: ByteChannel | None = None,
         to_host: ByteChannel | None = None,
         clock_rate: float = 0.0,
@@ -68,14 +70,18 @@ class SimulatedRig:
     ) -> None:
         if not abs(clock_rate) < 0.1:
             raise RigError(f"clock_rate must be a small part, as -0.002, got {clock_rate}")
+        if baud not in BAUD_RATES:
+            known = " or ".join(map(str, BAUD_RATES))
+            raise RigError(f"the firmware is built for {known} baud, got {baud}")
+        bytes_per_tick, ring = BAUD_RATES[baud]
         muscle = muscle or mckibben()
         machine = machine or machine_for(muscle)
         self.circuit = circuit or PneumaticCircuit()
         self.plant = Plant(self.circuit.start(), muscle, machine)
-        self.device = Device() if device is None else device
+        self.device = device or Device(ring=ring, bytes_per_tick=bytes_per_tick)
         self.pressure_sensor = pressure_sensor or pressure_transducer()
         self.force_sensor = force_sensor or load_cell()
-        self.to_device = to_device or ByteChannel(baud=115200, limit=4096)
+        self.to_device = to_device or ByteChannel(baud=baud, limit=4096)
         self.to_host = to_host or ByteChannel()
         self.sensor_fault: int | None = None
         self.now = 0.0
@@ -117,10 +123,7 @@ class SimulatedRig:
         pressure_counts, force_counts = self.pressure_sensor.counts, self.force_sensor.counts
         pressure_noise, force_noise = self._pressure_noise, self._force_noise
         dt, output, dump_open = self._tick, device.output, device.dump_open
-        while True:
-            at = (self._ticks + 1) * dt
-            if at > end:
-                break
+        while (at := (self._ticks + 1) * dt) <= end:
             self._ticks += 1
             machine.sync = device.sync
             plant.step(at, dt, output, dump_open)
@@ -130,8 +133,7 @@ class SimulatedRig:
             if self.sensor_fault is not None:
                 counts = self.sensor_fault
             device.tick(counts, force_counts(plant.force, next(force_noise)))
-            sent = device.take()
-            if sent:
+            if sent := device.take():
                 line_out.send(sent, at)
             output, dump_open = device.output, device.dump_open
         self.now = end

@@ -54,6 +54,7 @@ def simulate(
     clock: MachineClock | None = None,
     clock_rate: float = -0.002,
     device: Device | NativeDevice | None = None,
+    baud: int = 115200,
     seed: int = 0,
     progress: Callable[[float, float], None] | None = None,
 ) -> SimulatedTest:
@@ -70,6 +71,7 @@ def simulate(
         clock: of the machine's log; 12.345 s ahead and 50 ppm fast unless given.
         clock_rate: of the device's clock.
         device: as for `SimulatedRig`, just switched on.
+        baud: as for `SimulatedRig`.
         seed: of all noise.
         progress: called with the seconds done and the seconds planned.
 
@@ -97,6 +99,7 @@ def simulate(
         machine,
         device,
         force_sensor=load_cell(most),
+        baud=baud,
         clock_rate=clock_rate,
         seed=seed,
     )
@@ -109,6 +112,7 @@ def simulate(
             rig.calibration(),
             pressure_limit=test.pressure_limit,
             control=test.control,
+            jump_limit=test.jump_limit,
             journal=journal,
         ) as controlled:
             run(controlled, test.plan, machine=machine)

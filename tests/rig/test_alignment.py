@@ -118,6 +118,13 @@ def test_pulses_give_offset_and_rate() -> None:
     assert 0.5 < np.std(scaled) < 1.5
 
 
+def test_an_alignment_tells_its_error() -> None:
+    times = np.array([1.0, 5.0, 12.0, 30.0])
+    told = str(align_by_pulses(times, times + 3.0, resolution=5e-3))
+    assert told.startswith("clocks aligned by pulses: journal = log -3.0000 s +- 2.5 ms, rate ")
+    assert "+-" not in str(align_by_pulses(times[:1], times[:1])).partition("rate")[2]
+
+
 def test_pulses_that_one_side_lacks_are_left_out() -> None:
     rng = np.random.default_rng(3)
     true = np.cumsum(rng.uniform(5, 40, 12))

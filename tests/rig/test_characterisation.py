@@ -116,6 +116,25 @@ def test_an_incomplete_stroke_is_named_and_left_out() -> None:
     assert any("is no complete stroke" in note for note in found.notes)
 
 
+@pytest.mark.parametrize("second", [150.0, 200.0])  # as it shortens, as it lengthens
+def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
+    """A torn journal has no pressure for a while; the other strokes remain."""
+
+    def torn(whole: IsobaricRecord) -> IsobaricRecord:
+        kept = (whole.time < second) | (whole.time > second + 4.0)
+        names = ("time", "length", "force", "pressure", "set_pressure")
+        return IsobaricRecord(*(getattr(whole, n)[kept] for n in names), rest_length=L0)
+
+    whole = record(pressures=(2e5,))
+    found = characterise(torn(whole))
+    assert found.isobars[0].cycles == 2
+    assert any("stroke 2 lacks 4.0" in note for note in found.notes)
+    (bar,), (other,) = characterise(whole).isobars, found.isobars
+    assert np.abs(bar.force - other.force).max() < GRID_ERROR
+    with pytest.raises(RigError, match=r"no complete stroke.*stroke 1 lacks 4.0"):
+        characterise(torn(record(pressures=(2e5,), cycles=1, rest=130.0)))
+
+
 def test_a_stroke_that_turns_at_no_load_has_its_free_contraction() -> None:
     """As a machine does that turns at zero: the last force of the branch is just above it."""
     pressure, slope = 2e5, 2e5 / 100 / 0.05

@@ -2,14 +2,30 @@
 
 import csv
 import json
+import signal
+import subprocess
+import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from famjax.__main__ import main
+from famjax._commands.rig.app import HELP
 from fitting import read_csv
-from rig import Monitor, RigError, Sample, quantity, read_journal, write_calibration
+from rig import (
+    Monitor,
+    RigError,
+    Sample,
+    audit,
+    frame,
+    quantity,
+    read_journal,
+    read_plan,
+    write_calibration,
+)
 from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
 
 PLAN = """
@@ -119,6 +135,41 @@ def test_characterise_repeats_what_simulate_found(
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
 
 
+def test_characterise_aligns_by_the_pulses_of_the_run(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, out, _ = run(
+        capsys, "characterise", simulated / "test.fam", simulated / "machine.csv",
+        "--rest-length", "9.28125in", "--sync-column", "Digital input (-)", "--output", tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    assert "clocks aligned by pulses: journal = log -12.3" in out
+    ours, theirs = (
+        json.loads((folder / "characterisation.json").read_text())["alignment"]
+        for folder in (tmp_path, simulated)
+    )
+    assert (ours["method"], theirs["method"]) == ("pulses", "load")
+    apart = ours["offset_s"] - theirs["offset_s"]
+    assert abs(apart) < 3 * ours["offset_error_s"] + 1e-3
+
+
+def test_characterise_says_which_stroke_a_torn_journal_costs(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    data = bytearray((simulated / "test.fam").read_bytes())
+    middle = len(data) // 4
+    data[middle : middle + 4096] = bytes(4096)
+    (tmp_path / "torn.fam").write_bytes(data)
+    code, out, _ = run(
+        capsys, "characterise", tmp_path / "torn.fam", simulated / "machine.csv",
+        "--rest-length", "9.28125in", "--output", tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    assert "stroke 1 lacks 0." in out
+    (bar,) = json.loads((tmp_path / "characterisation.json").read_text())["isobars"]
+    assert bar["set_pressure_Pa"] == pytest.approx(80 * 6894.757, rel=1e-3)
+
+
 def test_check_recomputes_every_record(simulated: Path, capsys: pytest.CaptureFixture) -> None:
     code, out, _ = run(capsys, "check", simulated / "test.fam", "--json")
     found = json.loads(out)
@@ -135,7 +186,22 @@ def test_check_finds_a_record_that_was_edited(
     (tmp_path / "edited.fam").write_bytes(b"\n".join(lines))
     code, out, _ = run(capsys, "check", tmp_path / "edited.fam")
     assert code == 1
-    assert "NOT sound" in out
+    size = len(lines[3000]) + 1
+    assert f"NOT sound: the file lost 1 records; {size} bytes are damaged" in out
+
+
+def test_check_finds_a_forged_record_whose_crc_is_right(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    lines = (simulated / "test.fam").read_bytes().split(b"\n")
+    at, line = next((k, x) for k, x in enumerate(lines) if k > 2000 and x.startswith(b"T,"))
+    fields = line.rpartition(b"*")[0].decode().split(",")
+    fields[7] = str(int(fields[7]) ^ 1)  # the output
+    lines[at] = frame(",".join(fields))[:-1]
+    (tmp_path / "forged.fam").write_bytes(b"\n".join(lines))
+    code, out, _ = run(capsys, "check", tmp_path / "forged.fam")
+    assert code == 1
+    assert f"1 records are not what the law says, the first is record {fields[2]}" in out
 
 
 def test_convert_keeps_every_record(
@@ -200,6 +266,65 @@ def test_ports_and_bad_input_end_in_a_sentence(
         code, _, err = run(capsys, *arguments)
         assert code == 2
         assert words in err
+
+
+def test_the_plan_in_the_help_is_one(tmp_path: Path) -> None:
+    example = HELP.partition("```toml\n")[2].partition("```")[0]
+    (tmp_path / "plan.toml").write_text(example)
+    everything = example.replace("# photo", "photo").replace("# jump", "jump")
+    (tmp_path / "all.toml").write_text(everything.replace("# integral", "integral"))
+    short, full = (read_plan(tmp_path / name) for name in ("plan.toml", "all.toml"))
+    assert full.plan.photograph_every == 1.0
+    assert (full.jump_limit, full.control) == (short.jump_limit, short.control)
+
+
+@pytest.mark.slow  # real time
+def test_a_cable_pulled_during_a_run_ends_in_a_sentence_and_a_sound_journal(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    sim = SimulatedRig(PneumaticCircuit(), baud=500000)
+    write_calibration(tmp_path / "calibration.toml", sim.calibration())
+    plan = write_plan(tmp_path, pressures="30", settle="60", stroke="0.2")
+    with RigServer(sim, "tcp") as server:
+        pull = threading.Timer(4.0, server.unplug)
+        pull.start()
+        code, _, err = run(
+            capsys, "run", plan, "--port", server.address, "--baud", 500000, "--output", tmp_path
+        )
+        pull.join()
+    assert code == 1
+    assert "the device is silent for 1" in err
+    assert "look at the pressure before you touch the rig" in err
+    assert sim.device.output == 0
+    found = audit(read_journal(tmp_path / "test.fam"))
+    assert found.sound
+    assert found.ended is not None
+    assert found.ended.startswith("RigFault: the device is silent")
+
+
+@pytest.mark.slow  # real time
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals and pseudo-terminals")
+def test_a_run_that_is_told_to_end_vents_and_says_so(tmp_path: Path) -> None:
+    sim = SimulatedRig(PneumaticCircuit())
+    write_calibration(tmp_path / "calibration.toml", sim.calibration())
+    plan = write_plan(tmp_path, pressures="30", settle="600", stroke="0.2")
+    with RigServer(sim, "tcp") as server:
+        command = [sys.executable, "-m", "famjax", "rig", "run", str(plan), "--port"]
+        with subprocess.Popen(
+            [*command, server.address, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True
+        ) as process:
+            end = time.monotonic() + 60
+            while not sim.device.output and time.monotonic() < end:
+                time.sleep(0.05)
+            assert sim.device.output
+            process.send_signal(signal.SIGHUP)
+            _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "has been vented" in err
+    assert (sim.device.output, sim.device.dump_open) == (0, True)
+    record = read_journal(tmp_path / "test.fam")
+    assert record.notes_of("end")[-1]["reason"].startswith("KeyboardInterrupt")
+    assert record.notes_of("end")[-1]["confirmed"]
 
 
 @pytest.mark.slow  # real time

@@ -4,6 +4,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -209,6 +211,93 @@ def test_a_full_disk_vents_and_keeps_what_was_written(
     found = read_journal(bench.path)
     assert len(found.rows) > 190
     assert found.missing == ()
+
+
+needs_dev_full = pytest.mark.skipif(
+    not Path("/dev/full").is_char_device(), reason="there is no /dev/full here"
+)
+
+
+@needs_dev_full
+def test_a_disk_that_is_truly_full_vents() -> None:
+    """/dev/full refuses every byte as a full disk does."""
+    bench = Bench(Path("/dev/full"), append=True, sync=lambda _: None)
+    with (
+        pytest.raises(RigFault, match=r"cannot write /dev/full: No space left on device"),
+        bench.rig,
+    ):
+        bench.rig.set_pressure(PRESSURE)
+        while True:
+            bench.rig.wait(0.1)
+    with pytest.raises(RigFault, match=r"No space left on device"):
+        bench.journal.close()
+    assert (bench.sim.device.state, bench.sim.device.output) == (SAFE, 0)
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+sys.path.insert(0, {folder!r})
+from test_faults import Bench, RigFault, SAFE
+resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
+with Bench(Path({path!r})) as bench:
+    try:
+        while True:
+            bench.rig.wait(0.1)
+    except RigFault as fault:
+        print(fault)
+    try:
+        bench.journal.close()
+    except RigFault:
+        pass
+print((bench.sim.device.state, bench.sim.device.output) == (SAFE, 0))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs setrlimit")
+@pytest.mark.parametrize("size", [30_000, 61_001])
+def test_a_file_that_may_not_grow_keeps_all_that_it_took(size: int, tmp_path: Path) -> None:
+    """A true short write in the middle of a line, then a refusal, in a process of its own."""
+    path = tmp_path / "run.fam"
+    script = LIMITED.format(folder=str(Path(__file__).parent), size=size, path=str(path))
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.splitlines() == [f"cannot write {path}: File too large", "True"]
+    assert path.stat().st_size == size
+    found = read_journal(path)
+    assert found.missing == ()
+    lines = path.read_bytes().split(b"\n")[:-1]
+    assert len(found.rows) == sum(line.startswith(b"T,") for line in lines) > size // 60
+    assert sum(damage.size for damage in found.damage) < 80  # the line that was cut short
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a named pipe")
+def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(tmp_path: Path) -> None:
+    """A pipe that is read slowly: its writer waits as it would for a busy disk."""
+    pipe = tmp_path / "pipe.fam"
+    os.mkfifo(pipe)
+    taken, go_on = bytearray(), threading.Event()
+
+    def read_slowly() -> None:
+        with pipe.open("rb", buffering=0) as disk:
+            taken.extend(disk.read(1000))
+            assert go_on.wait(20)
+            while not taken.rstrip(b"\n").split(b"\n")[-1].startswith(b'{"note":"end"'):
+                taken.extend(disk.read(65536))
+
+    reader = threading.Thread(target=read_slowly)
+    reader.start()
+    with Bench(pipe, append=True, sync=lambda _: None) as bench:
+        bench.rig.wait(30.0)  # thirty times the limit of silence; a pipe holds 64 kB of them
+        assert bench.sim.device.state == RUN
+        assert bench.journal.waiting > 50_000
+        go_on.set()
+    reader.join(20)
+    (tmp_path / "run.fam").write_bytes(taken)
+    found = audit(read_journal(tmp_path / "run.fam"))
+    assert found.sound
+    assert found.checked > 3000
 
 
 def test_a_slow_disk_does_not_touch_the_heartbeats(tmp_path: Path) -> None:

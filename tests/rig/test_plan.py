@@ -95,6 +95,7 @@ pressure_limit_psi = 110
 proportional_counts_per_psi = 0
 integral_counts_per_psi_s = 5
 integral_limits_counts = [-100, 120]
+jump_limit_bar = 3
 calibration = "rig.toml"
 """
 
@@ -113,8 +114,14 @@ def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
     assert file.pressure_limit == pytest.approx(110 * PSI)
     assert file.control.integral * PSI == pytest.approx(5)
     assert file.control.integral_limits == (-100, 120)
+    assert file.jump_limit == pytest.approx(3e5)
     assert file.calibration == tmp_path / "rig.toml"
     assert any("relief valve" in line for line in PRECONDITIONS[file.circuit])
+
+
+def test_a_file_without_a_jump_limit_has_the_device_s(tmp_path: Path) -> None:
+    text = FILE.replace("jump_limit_bar = 3\n", "")
+    assert read_plan(written(tmp_path, text)).jump_limit == pytest.approx(15 * PSI)
 
 
 @pytest.mark.parametrize(
@@ -125,6 +132,8 @@ def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
         ("pressures_psi", "pressures_psia", "must end with a unit of pressure"),
         ("stroke_in", "stroke", "must end with a unit of length"),
         ("stroke_in = 2\n", "", "the plan must have stroke"),
+        ("jump_limit_bar", "jump_limit", "must end with a unit of pressure"),
+        ("jump_limit_bar = 3", "jump_limit_bar = -3", "jump_limit_bar must be a number >= 0"),
         ("cycles = 3", "cycles = 2.5", "cycles must be a whole number, got 2.5"),
         ("[20, 40.5]", '["a"]', "pressures_psi must be numbers"),
         ("settle_s", "settel_s", "unknown entry 'settel_s' of the plan"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig._audit import audit
-from rig._calibration import Calibration
+from rig._calibration import Calibration, read_calibration
 from rig._control_law import PRESSURE_UNIT
 from rig._errors import RigError
 from rig._fault import RigFault
@@ -17,6 +17,7 @@ from rig._feed_forward import FeedForward
 from rig._journal import Journal
 from rig._journal_reader import read_journal
 from rig._messages import MANUAL, RUN, SAFE
+from rig._native_device import firmware_folder
 from rig._plan import Isobaric, next_block
 from rig._protocol import frame
 from rig._rig import Control, Rig
@@ -24,7 +25,7 @@ from rig._run import calibrate_feed_forward, run
 from rig._sensor import Sensor
 from rig._tables import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
 from rig._virtual_link import VirtualLink
-from rig.simulation import HydraulicCircuit, SimulatedRig
+from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
 
 PSI = 6894.757293168361
 LIMIT = 110 * PSI
@@ -249,6 +250,51 @@ def test_a_sensor_that_the_device_cannot_take_is_refused() -> None:
         )
 
 
+SMALL = {"rest_length": 0.1, "thread_length": 0.106, "turns": 2.35, "solid_volume": 0.6e-6,
+         "stiffness": 200.0}  # a muscle of 3/16 in and 1.2 ml  # fmt: skip
+
+
+def test_a_small_muscle_trips_on_a_large_step_until_the_plan_allows_it() -> None:
+    def step(**limit: float) -> float:
+        sim = SimulatedRig(muscle=mckibben(**SMALL), force_sensor=load_cell(500.0))
+        with opened(sim, control=Control.per_psi(1, 2), **limit) as rig:
+            rig.set_pressure(80 * PSI)
+            rig.wait(5.0)
+            return sim.pressure
+
+    with pytest.raises(RigFault, match=r"TRIP by itself: jump.*raise jump_limit_<unit>"):
+        step()
+    assert step(jump_limit=60 * PSI) == pytest.approx(80 * PSI, abs=PSI)
+
+
+@pytest.mark.parametrize("baud", [115200, 500000])
+def test_the_device_is_told_the_jump_limit_in_its_counts(baud: int) -> None:
+    sim = SimulatedRig(baud=baud)
+    psi_per_count = 200 / (4.0 / 5 * 1024)  # 0.5 to 4.5 V of 200 psi on a converter of 5 V
+    for psi in (15, 40):
+        with opened(sim, jump_limit=psi * PSI) as rig:
+            settings = rig.link.session.settings
+            assert settings is not None
+            assert settings.jump == round(psi / psi_per_count)
+    with pytest.raises(RigError, match=r"jump limit of 3447 Pa is 2 counts.*5 to 1023"):
+        opened(sim, jump_limit=0.5 * PSI)
+    with pytest.raises(RigError, match=r"0 counts"):
+        opened(sim, jump_limit=float("nan"))
+
+
+def test_sync_raises_the_pin_for_whole_records(tmp_path: Path) -> None:
+    sim = SimulatedRig()
+    with journal_of(tmp_path / "run.fam", sim) as journal, opened(sim, journal) as rig:
+        rig.sync(0.25)
+        rig.wait(1.0)
+        with pytest.raises(RigError, match=r"refuses 'sync 0'"):
+            rig.sync(0.001)
+    record = read_journal(tmp_path / "run.fam")
+    (note,) = record.notes_of("sync")
+    high = record.column("seq")[record.column("flags") & 4 > 0]
+    assert high.tolist() == list(range(note["seq"], note["seq"] + 25))
+
+
 def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
     sim = SimulatedRig()
     high = Isobaric((20 * PSI, LIMIT), 1, 0.01, 0.002)
@@ -332,6 +378,24 @@ def test_means_are_those_of_the_records() -> None:
         rig.manual(100)
         rig.wait(0.1)
         assert rig.link.newest.state == MANUAL
+
+
+def test_the_calibration_in_the_readme_holds_a_pressure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its code as it stands, on a simulated rig in the place of the port."""
+    text = (firmware_folder() / "README.md").read_text(encoding="utf-8")
+    code = text.partition("## Calibrate")[2].partition("```python\n")[2].partition("```")[0]
+    sim = SimulatedRig(HydraulicCircuit())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rig.Link", lambda opener: VirtualLink(sim))
+    exec(compile(code, "README.md", "exec"), {})
+    calibration = read_calibration(tmp_path / "calibration.toml")
+    # Counts were rounded to whole ones, 0.05 psi; a cubic meets the needle's square root to 2 counts.
+    assert float(calibration.pressure.value(1328.7)) == pytest.approx(40 * PSI, abs=0.1 * PSI)
+    for psi in (20, 80):
+        steady = sim.circuit.steady_output(psi * PSI)
+        assert calibration.feed_forward.output(psi * PSI) == pytest.approx(steady, abs=2.0)
 
 
 def test_the_feed_forward_of_a_pump_is_found_by_stepping_it() -> None:

@@ -1,5 +1,6 @@
 """The simulated rig as its host sees it, and whole tests through files, against what is true."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from fitting import read_csv
 from rig import (
     Control,
+    Hello,
     Isobaric,
     Journal,
     PlanFile,
@@ -266,7 +268,7 @@ def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:
         for pressure, settle in ((30, 3.0), (50, 4.0), (70, 5.5)):
             rig.set_pressure(pressure * PSI)
             rig.wait(settle)
-            link.command("sync", 20)
+            rig.sync(0.2)
             machine.start(1, 0.3 * INCH)
             while machine.busy:
                 rig.wait(0.5)
@@ -279,7 +281,7 @@ def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:
         sync_column="Digital input (-)",
     )
     assert found.alignment.method == "pulses"
-    assert found.alignment.n == 3
+    assert found.alignment.n == 6  # both edges
     assert len(found.characterisation.isobars) == 3
     for true in (10.0, 50.0):
         shown = machine.clock.reading(true)
@@ -292,6 +294,47 @@ def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:
             rest_length=muscle.rest_length,
             sync_column="Sync",
         )
+
+
+@pytest.mark.parametrize("seed", [22])
+def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(seed: int, tmp_path: Path) -> None:
+    """From plan to analysis; also where the log begins late, or has 25 rows a second."""
+    rng = np.random.default_rng(seed)
+    clock = MachineClock(float(rng.uniform(-50, 50)), float(rng.uniform(-3e-4, 3e-4)))
+    done = whole_test(
+        tmp_path, "air", (30, 50, 70, 45), stroke=INCH, rate=0.06 * INCH, seed=seed,
+        clock=clock, clock_rate=float(rng.uniform(-3e-3, 3e-3)), baud=500000,
+    )  # fmt: skip
+    journal, log = read_journal(done.paths[0]), read_machine_log(done.paths[1])
+    assert audit(journal).sound
+    assert len(journal.notes_of("sync")) == 4
+    rows = log.time.size
+    for first, step, edges in ((0, 1, 8), (rows // 3, 1, 4), (0, 2, 8)):
+        kept = slice(first, None, step)
+        part = dataclasses.replace(
+            log, time=log.time[kept], displacement=log.displacement[kept], force=log.force[kept],
+            others={name: v[kept] for name, v in log.others.items()}, interval=step * log.interval,
+        )  # fmt: skip
+        found = analyse(
+            journal, part, rest_length=mckibben().rest_length, sync_column="Digital input (-)"
+        ).alignment
+        assert found.n == edges
+        at = np.array(found.reference)
+        true = (found.reference - clock.offset) / (1 + clock.rate)
+        # Three standard errors; the host hears of a record up to 2 ms late.
+        assert abs(float(found.journal_time(at)) - true) < 3 * found.offset_error + 2e-3
+        assert found.offset_error < 0.006 * step
+
+
+def test_a_rig_has_the_baud_rates_of_the_firmware() -> None:
+    for baud, ring in ((115200, 64), (500000, 32)):
+        rig = SimulatedRig(baud=baud)
+        talk(rig, "hello")
+        (hello,) = [m for m in map(parse, rig.read().split(b"\n")) if isinstance(m, Hello)][:1]
+        assert hello.ring == ring
+        assert 0.75 * baud < hello.bytes_per_tick * hello.tick_hz * 10 <= baud
+    with pytest.raises(RigError, match="115200 or 500000 baud, got 9600"):
+        SimulatedRig(baud=9600)
 
 
 def test_what_cannot_be_simulated_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,114 @@
+"""From a journal and a machine's log to curves, figures and a dataset."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from ..app import print_rows
+from .app import rig_app, rig_problems
+
+
+@rig_app.command(name="characterise")
+def rig_characterise(
+    journal: Path,
+    log: Path,
+    *,
+    rest_length: str,
+    sync_column: str | None = None,
+    near: str | None = None,
+    near_within: str = "5s",
+    skip_cycles: int = 0,
+    shortening_positive: Annotated[bool, Parameter(negative=())] = False,
+    pushing_positive: Annotated[bool, Parameter(negative=())] = False,
+    zero_displacement: str = "0mm",
+    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    output: Path = Path("famjax-rig"),
+    units: Literal["si", "metric", "us"] = "us",
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Turn a test's journal and the test machine's log into curves, figures and a dataset to fit.
+
+    Writes `dataset.csv`, `characterisation.json` and `characterisation.png`.
+
+    Parameters
+    ----------
+    journal
+        The rig's journal.
+    log
+        The machine's log: any delimited text with time, displacement and force with their units.
+    rest_length
+        Active length at zero contraction with its unit, `9.28125in`.
+    sync_column
+        Column of the log with the rig's sync pulses (`run` raises pin D7 at each pressure's first
+        stroke); without it the load aligns the clocks.
+    near
+        What is to be added to the machine's time to give the journal's, roughly, with its unit;
+        needed where equal strokes leave it open.
+    near_within
+        How far that may be off.
+    skip_cycles
+        First strokes at each pressure that are left out.
+    shortening_positive
+        The machine's displacement grows as the muscle shortens.
+    pushing_positive
+        The machine's force is positive in compression.
+    zero_displacement
+        What the machine shows at the rest length.
+    specimen
+        Describe the muscle for the fit, key_unit=value, repeatable.
+    output
+        Folder for the files, made if need be.
+    units
+        Of the picture and the table: si, metric or us.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    from rig import (  # noqa: PLC0415
+        analyse,
+        quantity,
+        read_journal,
+        read_machine_log,
+        specimen_entries,
+        write_dataset,
+    )
+
+    with rig_problems():
+        entries = specimen_entries(specimen)
+        rest, zero = quantity(rest_length, "length"), quantity(zero_displacement, "length")
+        roughly = near and (quantity(near, "time"), quantity(near_within, "time"))
+        found = analyse(
+            read_journal(journal),
+            read_machine_log(log),
+            rest_length=rest,
+            sync_column=sync_column,
+            near=roughly or None,
+            skip_cycles=skip_cycles,
+            shortening_positive=shortening_positive,
+            pushing_positive=pushing_positive,
+            zero_displacement=zero,
+        )
+        output.mkdir(parents=True, exist_ok=True)
+        path = write_dataset(found.characterisation, output / "dataset.csv", specimen=entries)
+        return report_test(found, [path], output, units, json_)
+
+
+def report_test(found, paths: list[Path], output: Path, units: str, json_: bool) -> int:
+    """Write figures and picture of a test, and print its table."""
+    from rig import figures, plot_characterisation, table_rows  # noqa: PLC0415
+
+    document = figures(found)
+    picture, numbers = output / "characterisation.png", output / "characterisation.json"
+    plot_characterisation(found, units).savefig(picture, dpi=150)
+    numbers.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    paths = [*(path for path in paths if path != numbers), numbers, picture]
+    if json_:
+        print(json.dumps(document | {"files": [str(p) for p in paths]}, allow_nan=False))
+        return 0
+    print_rows("Isobars", table_rows(found.characterisation, units))
+    print(found.alignment)
+    for note in found.characterisation.notes:
+        print("note:", note)
+    print("written:", ", ".join(map(str, paths)))
+    return 0

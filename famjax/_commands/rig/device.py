@@ -1,0 +1,129 @@
+"""With a device on a port: what ports there are, live values, a test."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+
+from .app import rig_app, rig_problems
+
+
+@rig_app.command(name="ports")
+def rig_ports() -> int:
+    """List the serial ports of this computer."""
+    from rig import ports  # noqa: PLC0415
+
+    found = ports()
+    for row in found:
+        print(f"{row['port']}  {row['description']}")
+    if not found:
+        print("no serial port; plug the device in, or give socket://host:port")
+    return 0
+
+
+@rig_app.command(name="monitor")
+def rig_monitor(
+    port: str,
+    *,
+    calibration: Path | None = None,
+    baud: int = 115200,
+    seconds: float | None = None,
+    units: Literal["si", "metric", "us"] = "us",
+) -> int:
+    """Show live values and a plot of the pressure; sends nothing that changes the device.
+
+    Opening the port resets most boards, which then vent. In a terminal the picture is redrawn;
+    elsewhere a line is printed every second.
+
+    Parameters
+    ----------
+    port
+        A serial port or socket://host:port.
+    calibration
+        TOML file of the rig's sensors; counts are shown without one.
+    baud
+        Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
+    seconds
+        To go on for; until Ctrl-C unless given.
+    units
+        Of the values: si, metric or us.
+    """
+    from time import monotonic  # noqa: PLC0415
+
+    from rich.live import Live  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    from rig import Link, Monitor, read_calibration, serial_opener  # noqa: PLC0415
+
+    with rig_problems():
+        view = Monitor(read_calibration(calibration) if calibration else None, units)
+        link = Link(serial_opener(port, baud))
+        link.watch = view.add
+        end = None if seconds is None else monotonic() + seconds
+        console = Console()
+        try:
+            with Live(console=console, auto_refresh=False, transient=True) as live:
+                while end is None or monotonic() < end:
+                    link.sleep(0.2 if console.is_terminal else 1.0)
+                    settings = link.session.settings
+                    view.ticks_per_record = settings.ticks_per_record if settings else 5
+                    if console.is_terminal:
+                        live.update(Text(f"{view.line()}\n{view.plot()}"), refresh=True)
+                    else:
+                        print(view.line(), flush=True)
+        finally:
+            link.close()
+    return 0
+
+
+@rig_app.command(name="run")
+def rig_run(
+    plan: Path,
+    *,
+    port: str | None = None,
+    baud: int = 115200,
+    output: Path = Path("famjax-rig"),
+    resume: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
+    """Carry out a test at constant pressures and record it; the rig vents however this ends.
+
+    Prints first what must hold that no software can see: relief valve, dump valve. Writes
+    `test.fam` into the output folder. Start the test machine's strokes when the pressure is held.
+
+    Parameters
+    ----------
+    plan
+        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+    port
+        A serial port or socket://host:port.
+    baud
+        Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
+    output
+        Folder for the journal, made if need be.
+    resume
+        Go on in the journal that is there, with the pressure that was not completed.
+    """
+    from rig import PRECONDITIONS, need_port, read_plan, run_test  # noqa: PLC0415
+
+    with rig_problems():
+        test = read_plan(plan)
+        print(
+            f"Circuit of {test.circuit}, limit {test.pressure_limit / 1e3:.4g} kPa "
+            f"({test.pressure_limit / 6894.757:.4g} psi). Make sure that:"
+        )
+        for sentence in PRECONDITIONS[test.circuit]:
+            print(f"- {sentence}")
+        with Progress(console=Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("running the plan", total=None)
+            path = run_test(
+                test,
+                need_port(port),
+                output,
+                baud=baud,
+                resume=resume,
+                progress=lambda done, total: progress.update(task, completed=done, total=total),
+            )
+    print("written:", path)
+    return 0

@@ -1,0 +1,158 @@
+"""With no hardware: a whole test in virtual time, and a rig served in real time."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+
+from ..app import load_fitting
+from .app import rig_app, rig_problems
+from .characterise import report_test
+
+
+@rig_app.command(name="simulate")
+def rig_simulate(
+    plan: Path,
+    *,
+    fit: Path | None = None,
+    baud: Literal[115200, 500000] = 115200,
+    seed: int = 0,
+    output: Path = Path("famjax-rig"),
+    units: Literal["si", "metric", "us"] = "us",
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Carry out the same test against a simulated rig, far faster than real time.
+
+    Device, serial line, recorder and test machine are simulated with their noise and clocks; what
+    they write is read back and analysed as a real test's is. Writes `test.fam` (journal),
+    `machine.csv` (the machine's log), `dataset.csv` (for `famjax fit`), `characterisation.json` and
+    `characterisation.png`.
+
+    Parameters
+    ----------
+    plan
+        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+    fit
+        A `fit.json` of the muscle; the reference work's 7/8 in muscle unless given.
+    baud
+        Of the firmware.
+    seed
+        Of all noise; the same seed gives the same files.
+    output
+        Folder for the files, made if need be; must not hold a journal.
+    units
+        Of the picture and the table: si, metric or us.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    load_fitting()
+    from rig import read_plan  # noqa: PLC0415
+    from rig.simulation import simulate  # noqa: PLC0415
+
+    with rig_problems():
+        test = read_plan(plan)
+        muscle, specimen = _simulated_muscle(fit)
+        with Progress(console=Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("simulating", total=None)
+            done = simulate(
+                test,
+                output,
+                muscle=muscle,
+                specimen=specimen,
+                baud=baud,
+                seed=seed,
+                progress=lambda now, total: progress.update(task, completed=now, total=total),
+            )
+        return report_test(done.analysis, [*done.paths], output, units, json_)
+
+
+def _simulated_muscle(fit_json: Path | None):
+    """A famjax muscle, tabulated for the rig, and its entries in a dataset."""
+    import jax  # noqa: PLC0415
+    import jax.numpy as jnp  # noqa: PLC0415
+    import numpy as np  # noqa: PLC0415
+
+    from rig.simulation import SimulatedMuscle  # noqa: PLC0415
+
+    from ... import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial, units  # noqa: PLC0415
+
+    if fit_json is None:  # the reference work's 7/8 in muscle with the latex of its chapter 6
+        braid = Braid(9.89 * units.INCH, 1.09, 0.011 * units.INCH)
+        bladder = Bladder(9.28125 * units.INCH, 0.875 * units.INCH, 0.0625 * units.INCH)
+        latex = PolynomialMaterial(jnp.array([257.8, -57.9, 32.7]) * units.PSI)
+        muscle = Muscle(EstimatedGeometry(braid, bladder), latex)
+        known = {"name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
+                 "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875}  # fmt: skip
+    else:
+        saved = load_fitting().load_fit(fit_json)
+        muscle = saved.muscle
+        specimen = saved.document["specimen"]
+        known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
+        known = {key: value for key, value in known.items() if value is not None}
+    rest = float(muscle.geometry.rest_length)
+    low = float(muscle.geometry.length_range()[0])
+    lengths, pressures = np.linspace(low, rest, 201), np.linspace(0.0, 125.0 * units.PSI, 26)
+
+    def state(length, pressure):
+        at = muscle.geometry.dimensions(length, pressure)
+        return muscle.force(length, pressure), at.volume - at.bladder_volume
+
+    over = jax.vmap(jax.vmap(state, (None, 0)), (0, None))
+    force, volume = jax.jit(over)(lengths, pressures)
+    tables = np.asarray(force), np.asarray(volume)
+    return SimulatedMuscle(lengths, pressures, *tables, rest_length=rest), known
+
+
+@rig_app.command(name="serve")
+def rig_serve(
+    *,
+    circuit: Literal["air", "water"] = "air",
+    transport: Literal["pty", "tcp"] = "tcp",
+    port: int = 0,
+    link: Path | None = None,
+    calibration: Path = Path("simulated-calibration.toml"),
+    baud: Literal[115200, 500000] = 115200,
+    seconds: float | None = None,
+    seed: int = 0,
+) -> int:
+    """Run a simulated rig in real time on a TCP port or a pseudo-terminal, to try `monitor` and `run`.
+
+    Prints what to open, and goes on until Ctrl-C.
+
+    Parameters
+    ----------
+    circuit
+        air or water.
+    transport
+        tcp, or pty (not on Windows).
+    port
+        TCP port; a free one unless given.
+    link
+        Path of a symbolic link to the pseudo-terminal.
+    calibration
+        File for the calibration of the simulated sensors, which `run` and `monitor` need.
+    baud
+        Of the firmware; a served line is as fast as its device.
+    seconds
+        To go on for; until Ctrl-C unless given.
+    seed
+        Of the sensors' noise.
+    """
+    import time  # noqa: PLC0415
+
+    from rig import write_calibration  # noqa: PLC0415
+    from rig.simulation import HydraulicCircuit, PneumaticCircuit, RigServer, SimulatedRig  # noqa: PLC0415
+
+    with rig_problems():
+        plant = PneumaticCircuit() if circuit == "air" else HydraulicCircuit()
+        simulated = SimulatedRig(plant, baud=baud, seed=seed)
+        write_calibration(calibration, simulated.calibration())
+        with RigServer(simulated, transport, port=port, link=link) as server:
+            print(server.address, flush=True)
+            print(f"calibration: {calibration}", flush=True)
+            end = None if seconds is None else time.monotonic() + seconds
+            while end is None or time.monotonic() < end:
+                time.sleep(0.1)
+    return 0
