@@ -15,6 +15,11 @@ from ._errors import InputError as InputError
 from ._evidence.bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._evidence.evidence import Evidence as Evidence
 from ._evidence.likelihood import Profile as Profile, profile as profile
+from ._evidence.series import (
+    SERIES_LAWS as SERIES_LAWS,
+    Series as Series,
+    identify_series as identify_series,
+)
 from ._evidence.validation import Validation as Validation, validate as validate
 from ._model.geometry_source import (
     AbstractGeometrySource as AbstractGeometrySource,
@@ -84,6 +89,7 @@ from ._saved.fit_file import (
     SavedFit as SavedFit,
     fit_as_dict as fit_as_dict,
     load_fit as load_fit,
+    series_as_dict as series_as_dict,
     summary_as_dict as summary_as_dict,
 )
 from ._saved.muscle_card import (

@@ -3,7 +3,7 @@
 The only folder of this package that imports the others, and only inside its commands.
 """
 
-from . import compare, design, doctor, identify, measure, ramps, reproduce, rig, sweep
+from . import compare, design, doctor, identify, measure, ramps, reproduce, rig, series, sweep
 from .app import app as app
 
 __all__ = [
@@ -16,5 +16,6 @@ __all__ = [
     "ramps",
     "reproduce",
     "rig",
+    "series",
     "sweep",
 ]

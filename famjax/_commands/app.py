@@ -1,5 +1,6 @@
 """The command line itself, and what its commands share: the library loaded, rows printed."""
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,13 +32,21 @@ def load_fitting():
     return fitting
 
 
-def load_map(data: str, specimen: dict) -> "ForceData":
-    """A force map: a bundled one by its name, or a CSV file."""
+def load_map(
+    data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
+) -> "ForceData":
+    """A force map: a bundled one by its name, or a CSV file; tolerances with their unit."""
     from fitting import bundled_names, load_bundled, read_csv  # noqa: PLC0415
+    from fitting._data.quantities import parse_quantity  # noqa: PLC0415
 
-    if data.upper() in bundled_names() and not Path(data).exists():
-        return load_bundled(data.upper(), specimen)
-    return read_csv(data, specimen)
+    bundled = data.upper() in bundled_names() and not Path(data).exists()
+    found = load_bundled(data.upper(), specimen) if bundled else read_csv(data, specimen)
+    given = {
+        f"{kind}_tolerance": parse_quantity(text, kind)
+        for kind, text in (("pressure", pressure), ("length", length))
+        if text is not None
+    }
+    return dataclasses.replace(found, **given)
 
 
 def print_rows(title: str, rows: list[dict]) -> None:

@@ -17,6 +17,8 @@ def compare(
     *,
     models: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    pressure_tolerance: str | None = None,
+    length_tolerance: str | None = None,
     starts: int = 32,
     seed: int = 0,
     output: Path = Path("famjax-compare"),
@@ -35,6 +37,10 @@ def compare(
         Names of the models, repeatable; all unless given. An unknown one prints those there are.
     specimen
         Describe the muscle, key_unit=value, repeatable.
+    pressure_tolerance
+        Readings nearer than this are at one pressure, as for `famjax fit`.
+    length_tolerance
+        The same of lengths.
     starts
         Of each nonlinear fit.
     seed
@@ -50,7 +56,9 @@ def compare(
     from fitting._search.options import parse_specimen  # noqa: PLC0415
 
     check_output(output)
-    measured = load_map(data, parse_specimen(specimen))
+    measured = load_map(
+        data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
+    )
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("comparing", total=None)
 

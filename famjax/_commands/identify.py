@@ -28,6 +28,9 @@ def fit(
     free: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     prior: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     noise_N: Annotated[float | None, Parameter(name="--noise-N")] = None,
+    objective: Literal["sum_of_squares", "huber"] = "sum_of_squares",
+    pressure_tolerance: str | None = None,
+    length_tolerance: str | None = None,
     validate: Annotated[bool, Parameter(negative=())] = False,
     profile: Annotated[bool, Parameter(negative=())] = False,
     bootstrap: int = 0,
@@ -65,13 +68,20 @@ def fit(
         One value holds the parameter: `--bounds deadband_pressure_kPa=40`.
     free
         Parameters that take part besides braid diameter, angle and deadband, repeatable:
-        end_factor (rounded ends), rest_length, braid_compliance (stretch of all threads),
-        series_compliance (of the rig). `--bounds` and `--prior` make them take part too.
+        end_factor or end_length (rounded ends), rest_length, braid_compliance (stretch of all
+        threads), series_compliance (of the rig). `--bounds` and `--prior` make them take part too.
     prior
         What is known of a parameter, name_unit=mean+-std, repeatable: `--prior
         rest_length_mm=296+-0.5`; `--prior length_offset_mm=0+-0.25` for errors of every length.
     noise_N
         Standard deviation of one reading, against which priors are weighed.
+    objective
+        sum_of_squares; huber: robust, so that single bad readings count little.
+    pressure_tolerance
+        Readings nearer than this are at one pressure: `--pressure-tolerance 1kPa`. Found from the
+        gaps between the readings unless given.
+    length_tolerance
+        The same of lengths: `--length-tolerance 0.2mm`.
     validate
         Also leave out each pressure and each length, and predict it.
     profile
@@ -104,7 +114,9 @@ def fit(
     )
 
     check_output(output)
-    measured = load_map(data, parse_specimen(specimen))
+    measured = load_map(
+        data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
+    )
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(f"identifying {measured.specimen.name}", total=starts)
         result = fitting.identify(
@@ -117,6 +129,7 @@ def fit(
             bounds=parse_bounds(bounds),
             parameters=parse_free(free) | parse_priors(prior),
             noise=noise_N,
+            objective=objective,
             starts=starts,
             seed=seed,
             progress=lambda done, total: progress.update(task, completed=done, total=total),
@@ -169,6 +182,7 @@ def predict(
     pressure: tuple[str, ...] = (),
     onset: Annotated[bool, Parameter(negative=())] = False,
     rest_length: str | None = None,
+    length_std: str | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Predict the force of a fitted muscle, and the pressure at which it begins to pull.
@@ -185,7 +199,10 @@ def predict(
         Also the pressure at which the force leaves zero at each length.
     rest_length
         Of another muscle of the same series, its braid, bladder and end-fittings the same:
-        `--rest-length 200mm`.
+        `--rest-length 200mm`. From a fit of `famjax series` with an error band that knows how
+        specimens differ.
+    length_std
+        Standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
     json_
         Print one JSON list to standard output and nothing else there.
     """
@@ -196,12 +213,14 @@ def predict(
 
     saved = fitting.load_fit(fit_json)
     other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
+    spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]
     rows = fitting.predict(
         saved,
         np.array(parse_quantities(length, "length")),
         np.array(parse_quantities(pressure, "pressure")),
         onset=onset,
         rest_length=other,
+        length_std=spread,
     )
     if json_:
         print(json.dumps(rows, allow_nan=False))
@@ -213,5 +232,11 @@ def predict(
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures")
     if saved.document.get("series_compliance_m_per_N"):
-        print("note: the forces are those of the muscle itself; the rig of the fit gave way")
+        print("note: force_N is what the rig of the fit measures, which gives way; muscle_force_N "
+              "that of the muscle alone")  # fmt: skip
+    if other is not None and "series" not in saved.document:
+        print("note: another length is predicted from one specimen; the band does not know how "
+              "specimens differ (famjax series does)")  # fmt: skip
+    if pressure and all(row.get("band") is None for row in rows):
+        print("note: no error band, as the fit has no standard errors")
     return 0

@@ -19,11 +19,14 @@ def measure(
     log: Path | None = None,
     log_offset: str | None = None,
     distance: str | None = None,
-    pitch: str = "0.125in",
+    pitch: str | None = None,
+    expected_px_per_in: float | None = None,
+    ruler_placement: str | None = None,
     crop_offset: str | None = None,
     frame_size: str | None = None,
     scale: str | None = None,
     tape_diameter: str | None = None,
+    tape_hue: str | None = None,
     recipe: Path | None = None,
     method: Literal["limb", "pixel"] | None = None,
     orientation: Literal["vertical", "horizontal", "auto"] | None = None,
@@ -57,7 +60,12 @@ def measure(
     distance
         Camera to muscle with its unit; 60in unless given.
     pitch
-        Of the ruler's marks.
+        Of the ruler's marks; 0.125in unless given.
+    expected_px_per_in
+        The scale to within a quarter, for a ruler with different marks on its two edges.
+    ruler_placement
+        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`; no
+        picture shows it, and it enters the errors of all figures.
     crop_offset
         Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
     frame_size
@@ -67,6 +75,8 @@ def measure(
         Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
     tape_diameter
         Known diameter of the tapes on the fittings, against which the scale is checked.
+    tape_hue
+        Colour of the tapes, `355deg`; the colour that covers less unless given.
     recipe
         A `recipe.toml`, which the options override.
     method
@@ -112,10 +122,13 @@ def measure(
                 ruler=ruler,
                 scale=scale,
                 pitch=pitch,
+                expected_px_per_in=expected_px_per_in,
+                ruler_placement=ruler_placement,
                 distance=distance,
                 crop_offset=crop_offset,
                 frame_size=frame_size,
                 tape_diameter=tape_diameter,
+                tape_hue=tape_hue,
                 method=method,
                 orientation=orientation,
             )

@@ -1,12 +1,14 @@
 """A measured static force map: force, pressure and length, with the specimen they belong to."""
 
 import dataclasses
+import functools
 import hashlib
 
 import numpy as np
 from jaxtyping import Bool
 
 from .._errors import InputError
+from .levels import Levels, levels_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,6 +79,8 @@ class ForceData:
             or None.
         source: where the numbers come from.
         notes: assumptions made when reading, for the report.
+        pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
+            or length, see `levels_of`; None to find it from the gaps between them.
     """
 
     force: np.ndarray
@@ -88,6 +92,8 @@ class ForceData:
     length_std: np.ndarray | None = None
     source: str = "arrays"
     notes: tuple[str, ...] = ()
+    pressure_tolerance: float | None = None
+    length_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         for name in COLUMNS:
@@ -122,11 +128,43 @@ class ForceData:
                 f"all {self.force.size} readings are slack (force <= 0): nothing to fit. A muscle "
                 "pulls with positive force: check the sign of the force column"
             )
+        self._check_copies()
+
+    def _check_copies(self) -> None:
+        """No loaded reading may be there twice: a copy would count double and feign certainty."""
+        rows = np.stack([self.force, self.pressure, self.length], axis=1)
+        order = np.lexsort(rows.T)
+        same = (np.diff(rows[order], axis=0) == 0).all(axis=1) & self.loaded[order[1:]]
+        if same.any():
+            first = int(np.flatnonzero(same)[0])
+            one, other = sorted(order[first : first + 2] + 1)
+            raise InputError(
+                f"readings {one} and {other} are the same to the last digit ({rows[one - 1, 0]:.6g} N, "
+                f"{rows[one - 1, 1] / 1e3:.6g} kPa, {rows[one - 1, 2] * 1e3:.6g} mm), one of {same.sum()} "
+                "such pairs: remove the copies; if they were truly measured twice, give "
+                "their mean"
+            )
+
+    @functools.cached_property
+    def pressures(self) -> Levels:
+        """The pressure level [Pa] of every reading: what "at one pressure" means for this map."""
+        return levels_of(self.pressure, "pressure", self.pressure_tolerance)
+
+    @functools.cached_property
+    def lengths(self) -> Levels:
+        """The length level [m] of every reading: what "at one length" means for this map."""
+        return levels_of(self.length, "length", self.length_tolerance)
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:
         """Rows with a pulling force; the others are slack and censored."""
         return self.force > 0
+
+    @property
+    def strained(self) -> Bool[np.ndarray, " n"]:
+        """Loaded rows away from the rest length, where the bladder has a part in the force."""
+        away = np.abs(self.lengths.level - self.specimen.rest_length) > self.lengths.tolerance
+        return self.loaded & away
 
     @property
     def max_force(self) -> float:

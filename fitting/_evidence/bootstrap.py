@@ -147,7 +147,7 @@ def _drawn_counts(
     parts = result.search.problem.parts
     keys = [
         np.stack([np.full(part.force.shape[0], float(k)),
-                  np.asarray(part.length) if resample == "length" else np.zeros(part.force.shape[0])])
+                  np.asarray(part.length_level) if resample == "length" else np.zeros(part.force.shape[0])])
         for k, part in enumerate(parts)
     ]  # fmt: skip
     groups, label = np.unique(np.concatenate(keys, axis=1), axis=1, return_inverse=True)

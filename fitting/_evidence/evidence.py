@@ -77,8 +77,8 @@ def _kinds(result: Identification) -> tuple[str, ...]:
     """What can be left out: coefficients free in pressure say nothing of another pressure."""
     data, loaded = result.data, result.data.loaded
     several = {
-        "pressure": np.unique(data.pressure[loaded]).size > 1,
-        "length": np.unique(data.length[loaded]).size > 1,
+        "pressure": np.unique(data.pressures.level[loaded]).size > 1,
+        "length": np.unique(data.lengths.level[loaded]).size > 1,
     }
     several["pressure"] &= result.search.problem.blocks == 1
     return tuple(kind for kind, possible in several.items() if possible)

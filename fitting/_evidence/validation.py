@@ -19,7 +19,7 @@ class Validation:
     """Errors on what was left out.
 
     Attributes:
-        groups: what was left out together: equal "pressure", equal "length" or one "specimen".
+        groups: what was left out together: one "pressure", one "length" or one "specimen".
         values: the pressures [Pa] or lengths [m] left out one after another, or specimen numbers.
         group_rmse: root mean square error [N] on each while it was left out.
         rmse: over all readings, each predicted while it was left out [N].
@@ -74,7 +74,7 @@ def validate(
     if groups == "specimen":
         label = np.concatenate([np.full(p.force.shape[0], float(k)) for k, p in enumerate(parts)])
     else:
-        label = np.concatenate([np.asarray(getattr(part, groups)) for part in parts])
+        label = np.concatenate([np.asarray(getattr(part, f"{groups}_level")) for part in parts])
     values = np.unique(label)
     if values.size < 2:
         raise InputError(f"leaving one {groups} out needs two or more; there is {values.size}")

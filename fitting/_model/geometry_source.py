@@ -25,7 +25,8 @@ class EstimatedSource(AbstractGeometrySource):
     """A cylinder in a braid that follows from D0 and theta0: both estimated geometries.
 
     It reads `braid_diameter` and `braid_angle`, both of the unloaded threads, and where they are
-    given `rest_length`, `end_factor` and `braid_compliance`.
+    given `rest_length`, `braid_compliance`, and `end_factor` k or the dead length l of rounded
+    ends, `end_length`, which is the same in muscles of any length: k = L0/(L0 - l).
 
     Attributes:
         specimen: rest length, wall and place of the bladder.
@@ -58,6 +59,9 @@ class EstimatedSource(AbstractGeometrySource):
         cylinder = famjax.EstimatedGeometry(self._braid(values, rest_length), bladder)
         if "end_factor" in values:
             return famjax.EndEffectGeometry(cylinder, values["end_factor"])
+        if "end_length" in values:
+            factor = rest_length / (rest_length - values["end_length"])
+            return famjax.EndEffectGeometry(cylinder, factor)
         return cylinder
 
     def _braid(self, values: Values, rest_length: famjax.Real) -> famjax.AbstractBraid:

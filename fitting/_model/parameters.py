@@ -17,6 +17,7 @@ KINDS = {
     "deadband_pressure": "pressure",
     "rest_length": "length",
     "end_factor": "number",
+    "end_length": "length",
     "braid_compliance": "strain compliance",
     "series_compliance": "compliance",
     "length_offset": "length",
@@ -28,6 +29,7 @@ _LOWEST = {
     "braid_angle": "> 0",
     "rest_length": "> 0",
     "end_factor": "> 0",
+    "end_length": ">= 0",
     "strain_scale": "> 0",
     "deadband_pressure": ">= 0 (gauge pressure)",
     "braid_compliance": ">= 0: nothing pushes back harder than it is pulled",
@@ -123,6 +125,7 @@ def optional_table(specimen: Specimen) -> dict[str, Entry]:
     return {
         "rest_length": Entry(0.97 * rest, 1.03 * rest, "length"),
         "end_factor": Entry(1.0, 1.4),
+        "end_length": Entry(0.0, (1 - 1 / 1.4) * rest, "length"),
         "braid_compliance": Entry(0.0, 3e-5, KINDS["braid_compliance"]),
         "series_compliance": Entry(0.0, 2e-5, KINDS["series_compliance"]),
         "length_offset": Entry(-math.inf, math.inf, "length"),
@@ -251,6 +254,10 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
             raise InputError(f"the lower bound of {name} must be {must}")
     if table["braid_angle"].max >= math.pi / 2:
         raise InputError("braid_angle lies between 0 and 90 deg, measured from the circumference")
+    if "end_factor" in table and "end_length" in table:
+        raise InputError(
+            "end_factor and end_length are the same thing said in two ways: name one of them"
+        )
     exponent = table.get("ogden_exponent")
     if exponent is not None and exponent.min <= 0 <= exponent.max:
         raise InputError("the bounds of ogden_exponent must not include 0, where there is no law")

@@ -33,7 +33,8 @@ class Part(eqx.Module):
         force, pressure, length: loaded readings [N, Pa, m], shape (points,).
         weights: of the readings in each block, 1/std or 1, 0 where not in it: (blocks, points).
         basis: of the coefficients at the readings, shape (points, basis).
-        length_index: number of the reading's length among the distinct ones, shape (points,).
+        pressure_level, length_level: levels [Pa, m] that the readings are on, shape (points,).
+        length_index: number of the reading's length level among all, shape (points,).
         path_pressure: pressures [Pa] of the paths on which the constraint holds, (blocks, paths).
         path_basis: basis there, shape (blocks, paths, basis).
         path_end: shortest length [m] of each path, shape (blocks, paths); all start at rest.
@@ -51,6 +52,8 @@ class Part(eqx.Module):
     length: Float[Array, " points"]
     weights: Float[Array, "blocks points"]
     basis: Float[Array, "points basis"]
+    pressure_level: Float[Array, " points"]
+    length_level: Float[Array, " points"]
     length_index: Int[Array, " points"]
     path_pressure: Float[Array, "blocks paths"]
     path_basis: Float[Array, "blocks paths basis"]

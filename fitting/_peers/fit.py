@@ -18,7 +18,7 @@ from .._errors import InputError
 from .._search.box import minimise_in_box
 from .._search.quick_jit import QUICK_COMPILATION
 from .._search.search import latin_hypercube
-from .cross_validation import CrossValidation, check_groups, held_out_errors
+from .cross_validation import CrossValidation, check_groups, group_labels, held_out_errors
 from .families import peer_families
 from .family import Model, PeerFamily
 
@@ -168,7 +168,7 @@ def cross_validate_peer(
     if groups not in {"pressure", "length"}:
         raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
     check_groups(data, groups)
-    labels = getattr(data, groups)[data.loaded]
+    labels = group_labels(data, groups)[data.loaded]
     levels = np.unique(labels)
     starts = _fold_starts(fit, seed)
     without = _weights(data) * (labels != levels[:, None])

@@ -26,10 +26,10 @@ def hocking_orders(data: ForceData) -> dict[float, int]:
     It is the number of lengths at which the bladder is strained there, four at most. Pressures
     with none are left out.
     """
-    strained = data.loaded & (data.length != data.specimen.rest_length)
+    pressure, length, strained = data.pressures.level, data.lengths.level, data.strained
     return {
-        float(level): min(ORDER, np.unique(data.length[strained & (data.pressure == level)]).size)
-        for level in np.unique(data.pressure[strained])
+        float(level): min(ORDER, np.unique(length[strained & (pressure == level)]).size)
+        for level in np.unique(pressure[strained])
     }
 
 
@@ -73,7 +73,7 @@ def fit_hocking_wereley(train: ForceData) -> Predictor:
     area, columns = _parts(geometry, loaded.length)
     coefficients = np.zeros((len(orders), ORDER))
     for row, (level, order) in enumerate(orders.items()):
-        at = loaded.pressure == level
+        at = train.pressures.level[train.loaded] == level
         bladder = loaded.force[at] - level * area[at]
         coefficients[row, :order] = np.linalg.lstsq(columns[at, :order], bladder, rcond=None)[0]
 

@@ -16,6 +16,8 @@ from .._data.csv import specimen_as_dict
 from .._data.units import SYSTEMS, UNITS, from_si
 from .._errors import InputError
 from .._evidence.evidence import Evidence, evidence_as_dict, evidence_warnings
+from .._evidence.series import Series
+from .._evidence.spread import muscle_spread
 from .._search.result import Estimate, Identification
 from .muscle_card import muscle_as_dict, muscle_from_dict
 
@@ -32,18 +34,11 @@ def all_estimates(result: Identification) -> tuple[Estimate, ...]:
     """Every identified parameter; coefficients that depend on pressure carry it in their name."""
     if result.node_pressures is None:
         return result.estimates
-    nodes = []
-    for pressure, values, errors in zip(
-        result.node_pressures, result.coefficients, result.coefficients_stderr, strict=True
-    ):
-        for name, value, error in zip(result.law.coefficients, values, errors, strict=True):
-            at = f"{name}_at_{pressure / 1e3:.6g}kPa"
-            nodes.append(
-                Estimate(
-                    at, float(value), float(error), -math.inf, math.inf, False, False, "stress"
-                )
-            )
-    return result.estimates + tuple(nodes)
+    return result.estimates + tuple(
+        dataclasses.replace(estimate, name=f"{estimate.name}_at_{pressure / 1e3:.6g}kPa")
+        for pressure, of_node in zip(result.node_pressures, result.node_estimates, strict=True)
+        for estimate in of_node
+    )
 
 
 def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
@@ -134,14 +129,56 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
             "readings": readings,
         },
         "seed": result.seed,
+        "spread": _spread(result, evidence),
         **summary_as_dict(result, evidence=evidence),
         "residuals_N": result.residuals.tolist(),
+        "weights": result.weights.tolist(),
         "start_objectives": [finite_or_none(cost) for cost in result.starts],
         "start_parameters": {
             name: [finite_or_none(value) for value in result.start_parameters[:, k]]
             for k, name in enumerate(result.search.names)
         },
         "muscle": muscle_as_dict(result.muscle),
+    }
+
+
+def _spread(result: Identification, evidence: Evidence | None) -> dict[str, Any]:
+    """What `predict` makes error bands of, see `muscle_spread`."""
+    drawn = None if evidence is None else evidence.bootstrap
+    directions = muscle_spread(result, drawn)
+    return {"band": "linear" if drawn is None else "bootstrap", "directions": directions.tolist()}
+
+
+def series_as_dict(series: Series) -> dict[str, Any]:
+    """The `fit.json` of a series: that of its first specimen, and what the others say."""
+    data = [one.data for one in series.specimens]
+    ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
+    pressures = np.concatenate([one.pressure for one in data])
+    predicted = series.validation.group_rmse
+    return {
+        **fit_as_dict(series.specimens[0]),
+        "series": {
+            "law": series.law,
+            "between_N": series.between,
+            "leave_one_specimen_out_N": {
+                law: finite_or_none(error) for law, error in series.candidates.items()
+            },
+            "specimens": [
+                {
+                    "name": one.data.specimen.name,
+                    "rest_length_m": one.data.specimen.rest_length,
+                    "source": one.data.source,
+                    "sha256": one.data.sha256,
+                    "rmse_N": one.errors.rmse,
+                    "predicted_rmse_N": float(error),
+                    "max_force_N": one.errors.max_force,
+                }
+                for one, error in zip(series.specimens, predicted, strict=True)
+            ],
+            "rest_lengths_m": [one.specimen.rest_length for one in data],
+            "length_ratios": [float(ratios.min()), float(ratios.max())],
+            "pressures_Pa": [float(pressures.min()), float(pressures.max())],
+        },
     }
 
 

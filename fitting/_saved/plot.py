@@ -35,7 +35,7 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     )
     units = SYSTEMS[system]
     pressure_unit = factor(units["pressure"], "pressure")
-    levels = np.unique(result.data.pressure)
+    levels = np.unique(result.data.pressures.level)
     shade = Normalize(levels[0] / pressure_unit, levels[-1] / pressure_unit)
     _draw_isobars(axes["isobars"], result, system, shade)
     _draw_residuals(axes["residuals"], result, system, shade)
@@ -62,7 +62,7 @@ def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normal
     rest = data.specimen.rest_length
     lengths = np.linspace(data.length.min(), data.length.max(), 200)
     loaded = data.loaded
-    for level in np.unique(data.pressure[loaded]):
+    for level in np.unique(data.pressures.level[loaded]):
         force = result.predict(lengths, np.full_like(lengths, level))
         axes.plot(
             1 - lengths / rest,

@@ -1,17 +1,20 @@
 """Predictions of a saved fit: force at lengths and pressures, and where the force begins."""
 
+import dataclasses
 import math
 from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 import famjax
 
 from .._errors import InputError
+from .._evidence.spread import force_std
 from .fit_file import SavedFit, finite_or_none
 
+_NORMAL_95 = 1.96  # standard deviations on either side
 _ONSET_REACH = 3.0  # times the highest pressure of the data: beyond, a prediction means nothing
 
 
@@ -22,27 +25,62 @@ def predict(
     *,
     onset: bool = False,
     rest_length: float | None = None,
+    length_std: float = 0.0,
 ) -> list[dict[str, Any]]:
     """What a saved muscle does at every pair of a length and a pressure.
 
     Args:
         fit: from `load_fit`.
-        length: active lengths of the muscle itself [m], > 0.
+        length: active lengths [m] as the rig of the fit measures them, > 0.
         pressure: gauge pressures [Pa], >= 0; none needed with `onset`.
         onset: also say at which pressure the force leaves zero at each length.
         rest_length: L0 [m] of another muscle of the same series, for `famjax.cut_to_length`; None
             for the fitted one.
+        length_std: standard deviation of the lengths [m], for the error band.
 
     Returns:
-        Rows with `length_m, pressure_Pa, force_N, slack, inside`: the force is that of the muscle
-        itself, without the rig that may have given way in the fit, and not clipped; slack says
-        that it is not positive, null where there is no force; inside that contraction and
-        pressure lie within the fitted data.
+        Rows with `length_m, pressure_Pa, force_N, slack, inside`: the force is what the rig of the
+        fit would measure, not clipped; slack says that it is not positive, null where there is no
+        force; inside that contraction and pressure (and rest length, in a series) lie within the
+        fitted data. `force_std_N` is the standard deviation of the model's force, `low_95_N` and
+        `high_95_N` 1.96 of it on either side, null where the parameters have no standard errors;
+        a single reading scatters about it besides. `band` says what they are made of: "linear"
+        theory or "bootstrap", and "specimens" of a series. Where the rig gives way, `muscle_force_N`
+        is the force of the muscle alone, were it of that length itself.
         With `onset` rows `length_m, onset_pressure_Pa, inside` follow; null where there is none.
 
     Raises:
         InputError: lengths or pressures that no muscle has.
     """
+    _check(length, pressure, onset, length_std)
+    muscle = fit.muscle if rest_length is None else _cut(fit.muscle, rest_length)
+    reach = _reach(fit, rest_length)
+    rows: list[dict[str, Any]] = []
+    known = reach.knows_length(length)
+    if pressure.size:
+        L, P = (grid.ravel() for grid in np.meshgrid(length, pressure, indexing="ij"))
+        within = (
+            np.repeat(known, pressure.size) & (reach.pressures[0] <= P) & (reach.pressures[1] >= P)
+        )
+        rows += [
+            row | {"inside": bool(inside)}
+            for row, inside in zip(_forces(fit, L, P, rest_length, length_std), within, strict=True)
+        ]
+    if onset:
+        highest = reach.pressures[1]
+        found = muscle.onset_pressure(length, _ONSET_REACH * highest, throw=False)
+        for at, gauge, inside in zip(length, np.asarray(found), known, strict=True):
+            rows.append(
+                {
+                    "length_m": float(at),
+                    "onset_pressure_Pa": finite_or_none(float(gauge)),
+                    "inside": bool(inside and math.isfinite(gauge) and gauge <= highest),
+                }
+            )
+    return rows
+
+
+def _check(length: np.ndarray, pressure: np.ndarray, onset: bool, length_std: float) -> None:
     if not length.size or not (pressure.size or onset):
         raise InputError(
             "a prediction needs a length, and a pressure unless the onset is asked for"
@@ -51,50 +89,101 @@ def predict(
         raise InputError(f"lengths must be > 0, got {length.min():.6g} m")
     if pressure.size and not (np.isfinite(pressure).all() and (pressure >= 0).all()):
         raise InputError(f"gauge pressures must be >= 0, got {pressure.min():.6g} Pa")
-    readings = fit.document["data"]["readings"]
-    lengths, pressures = np.array(readings["length_m"]), np.array(readings["pressure_Pa"])
-    muscle, ratio = fit.muscle, 1.0
-    if rest_length is not None:
-        muscle, ratio = _cut(muscle, rest_length)
-    known = (lengths.min() * ratio <= length) & (length <= lengths.max() * ratio)
-    rows: list[dict[str, Any]] = []
-    if pressure.size:
-        L, P = (grid.ravel() for grid in np.meshgrid(length, pressure, indexing="ij"))
-        force = np.asarray(muscle.force(L, P))
-        within = (pressures.min() <= P) & (pressures.max() >= P)
-        for at, gauge, pull, inside in zip(
-            L, P, force, np.repeat(known, pressure.size) & within, strict=True
-        ):
-            rows.append(
-                {
-                    "length_m": float(at),
-                    "pressure_Pa": float(gauge),
-                    "force_N": finite_or_none(float(pull)),
-                    "slack": bool(pull <= 0) if np.isfinite(pull) else None,
-                    "inside": bool(inside),
-                }
-            )
-    if onset:
-        found = muscle.onset_pressure(length, _ONSET_REACH * pressures.max(), throw=False)
-        for at, gauge, inside in zip(length, np.asarray(found), known, strict=True):
-            rows.append(
-                {
-                    "length_m": float(at),
-                    "onset_pressure_Pa": finite_or_none(float(gauge)),
-                    "inside": bool(inside and math.isfinite(gauge) and gauge <= pressures.max()),
-                }
-            )
+    if not (math.isfinite(length_std) and length_std >= 0):
+        raise InputError(f"the standard deviation of a length must be >= 0, got {length_std} m")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Reach:
+    """What the fitted data cover.
+
+    Attributes:
+        rest_length: of the muscle that is asked for [m].
+        ratios: lowest and highest length in parts of the rest length.
+        pressures: lowest and highest gauge pressure [Pa].
+        same_series: the rest length lies within those of the fit.
+    """
+
+    rest_length: float
+    ratios: tuple[float, float]
+    pressures: tuple[float, float]
+    same_series: bool
+
+    def knows_length(self, length: np.ndarray) -> Bool[np.ndarray, " lengths"]:
+        """Whether each length is within the data."""
+        ratio, rounding = length / self.rest_length, 1e-12
+        low, high = self.ratios
+        return (low - rounding <= ratio) & (ratio <= high + rounding) & self.same_series
+
+
+def _reach(fit: SavedFit, rest_length: float | None) -> _Reach:
+    readings, fitted = fit.document["data"]["readings"], float(fit.muscle.geometry.rest_length)
+    series = fit.document.get("series")
+    asked = fitted if rest_length is None else rest_length
+    if series is not None:
+        rest = series["rest_lengths_m"]
+        ratios, pressures = series["length_ratios"], series["pressures_Pa"]
+        same = min(rest) <= asked <= max(rest)
+    else:
+        lengths, pressures, same = np.array(readings["length_m"]), readings["pressure_Pa"], True
+        ratios = lengths / fitted
+    return _Reach(asked, (min(ratios), max(ratios)), (min(pressures), max(pressures)), same)
+
+
+def _forces(
+    fit: SavedFit,
+    length: np.ndarray,
+    pressure: np.ndarray,
+    rest_length: float | None,
+    length_std: float,
+) -> list[dict[str, Any]]:
+    """The force at every reading, in the rig and of the muscle alone, with its error band."""
+    document = fit.document
+    compliance = document.get("series_compliance_m_per_N") or 0.0
+    mounted = famjax.MountedMuscle(fit.muscle, compliance)
+
+    def alone(mounted: famjax.MountedMuscle) -> famjax.Muscle:
+        return mounted.muscle if rest_length is None else _cut(mounted.muscle, rest_length)
+
+    def in_rig(mounted: famjax.MountedMuscle) -> famjax.Muscle | famjax.MountedMuscle:
+        muscle = alone(mounted)
+        return famjax.MountedMuscle(muscle, mounted.compliance) if compliance else muscle
+
+    force = np.asarray(in_rig(mounted).force(length, pressure))
+    muscle_force = np.asarray(alone(mounted).force(length, pressure))
+    spread = document.get("spread")
+    std, band = np.full(force.size, np.nan), None
+    if spread is not None and spread["directions"]:
+        directions, band = np.array(spread["directions"]), spread["band"]
+        std = force_std(mounted, directions, length, pressure, of=in_rig, length_std=length_std)
+        if "series" in document:
+            std, band = np.hypot(std, document["series"]["between_N"]), f"{band}, specimens"
+    rows = []
+    for k in range(force.size):
+        pull, error = float(force[k]), float(std[k])
+        row = {
+            "length_m": float(length[k]),
+            "pressure_Pa": float(pressure[k]),
+            "force_N": finite_or_none(pull),
+            "force_std_N": finite_or_none(error),
+            "low_95_N": finite_or_none(pull - _NORMAL_95 * error),
+            "high_95_N": finite_or_none(pull + _NORMAL_95 * error),
+            "band": band if math.isfinite(error) else None,
+            "slack": bool(pull <= 0) if math.isfinite(pull) else None,
+        }
+        if compliance:
+            row["muscle_force_N"] = finite_or_none(float(muscle_force[k]))
+        rows.append(row)
     return rows
 
 
-def _cut(muscle: famjax.Muscle, rest_length: float) -> tuple[famjax.Muscle, float]:
-    """Another muscle of the series, and how many times as long it is."""
-    fitted = float(muscle.geometry.rest_length)
+def _cut(muscle: famjax.Muscle, rest_length: float) -> famjax.Muscle:
+    """Another muscle of the series."""
     if not (math.isfinite(rest_length) and rest_length > 0):
         raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
-    cannot = f"the fitted muscle of {fitted:.4g} m cannot be cut to {rest_length:.4g} m"
+    cannot = f"a muscle of this fit cannot be cut to {rest_length:.4g} m"
     try:
-        return famjax.cut_to_length(muscle, rest_length), rest_length / fitted
+        return famjax.cut_to_length(muscle, rest_length)
     except ValueError as error:
         raise InputError(f"{cannot}: {error}") from None
     except eqx.EquinoxRuntimeError:

@@ -100,7 +100,8 @@ def _part(
     """
     loaded = data.loaded
     pressure, length = data.pressure[loaded], data.length[loaded]
-    levels = np.unique(pressure)
+    pressure_level, length_level = data.pressures.level[loaded], data.lengths.level[loaded]
+    levels = np.unique(pressure_level)
     weights = 1 / data.force_std[loaded] if data.force_std is not None else np.ones(pressure.size)
     ends = np.array([_path_end(data, level) for level in levels])
     if dependence == "fixed":
@@ -118,7 +119,7 @@ def _part(
         path_pressure, path_end = levels[None], ends[None]
         path_basis = _linear_basis(levels, levels)[None]
     else:
-        weights = weights * (pressure == levels[:, None])
+        weights = weights * (pressure_level == levels[:, None])
         basis = np.ones((pressure.size, 1))
         path_pressure, path_end = levels[:, None], ends[:, None]
         path_basis = np.ones((levels.size, 1, 1))
@@ -131,7 +132,9 @@ def _part(
         length=jnp.asarray(length),
         weights=jnp.asarray(weights),
         basis=jnp.asarray(basis),
-        length_index=jnp.asarray(np.unique(length, return_inverse=True)[1]),
+        pressure_level=jnp.asarray(pressure_level),
+        length_level=jnp.asarray(length_level),
+        length_index=jnp.asarray(np.unique(length_level, return_inverse=True)[1]),
         path_pressure=jnp.asarray(path_pressure),
         path_basis=jnp.asarray(path_basis),
         path_end=jnp.asarray(path_end),
@@ -161,7 +164,7 @@ def _linear_basis(pressure: np.ndarray, levels: np.ndarray) -> np.ndarray:
 
 
 def _path_end(data: ForceData, level: float) -> float:
-    at = data.pressure == level
+    at = data.pressures.level == level
     shortest_loaded = data.length[at & data.loaded].min()
     slack = data.length[at & ~data.loaded & (data.length < shortest_loaded)]
     return float(slack.max(initial=-math.inf)) if slack.size else float(shortest_loaded)

@@ -1,7 +1,7 @@
 """What a force map must hold for an identification to make sense, asked before any work is done."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -45,9 +45,13 @@ def check_options(
 
 
 def known_bounds(
-    data: ForceData, geometry: famjax.AbstractGeometry
+    data: ForceData, geometry: famjax.AbstractGeometry, given: Mapping[str, object]
 ) -> dict[str, tuple[float, float]]:
-    """Diameter and angle of a known geometry at rest and without pressure, as held parameters."""
+    """Diameter and angle of a known geometry at rest and without pressure, as held parameters.
+
+    Raises:
+        InputError: another rest length than the specimen's, or bounds given of what is known.
+    """
     rest = float(geometry.rest_length)
     if abs(rest / data.specimen.rest_length - 1) > _SAME_LENGTH:
         raise InputError(
@@ -56,12 +60,19 @@ def known_bounds(
         )
     at = geometry.dimensions(rest, 0.0)
     diameter, angle = 2 * float(at.radius), float(at.braid_angle)
+    said = [name for name in ("braid_diameter", "braid_angle") if name in given]
+    if said:
+        raise InputError(
+            f"{said[0]}: the known geometry says it already (braid diameter {diameter * 1e3:.6g} "
+            f"mm, braid angle {math.degrees(angle):.6g} deg at rest); leave its bounds out, or "
+            "leave geometry out to identify a cylinder"
+        )
     return {"braid_diameter": (diameter, diameter), "braid_angle": (angle, angle)}
 
 
 def check_source(source: AbstractGeometrySource, table: Mapping[str, Entry]) -> None:
     """A parameter of the geometry must be one that the geometry has."""
-    cylinder = {"rest_length", "end_factor", "braid_compliance", "series_compliance",
+    cylinder = {"rest_length", "end_factor", "end_length", "braid_compliance", "series_compliance",
                 "length_offset"}  # fmt: skip
     named = sorted(cylinder & set(table))
     if named and getattr(source, "known", None) is not None:
@@ -122,61 +133,71 @@ def check_priors(data: ForceData, table: Mapping[str, Entry], noise: float | Non
 
 
 def check_count(
-    data: ForceData,
+    data: Sequence[ForceData],
     law: AbstractLaw,
     dependence: PressureDependence,
     table: Mapping[str, Entry],
+    *,
+    own_law: bool = False,
 ) -> None:
-    """There must be more readings than parameters, and pressures for a law that depends on them."""
-    pressures = data.pressure[data.loaded]
-    levels = np.unique(pressures)
+    """There must be as many readings as parameters, and pressures for a law that depends on them.
+
+    Specimens identified together are counted together: a shared parameter is one parameter.
+    """
+    readings = sum(int(one.loaded.sum()) for one in data)
+    levels = np.unique(data[0].pressures.level[data[0].loaded])
     if dependence != "fixed" and levels.size < 2:
         raise InputError(
             f"a law that is {dependence} in pressure needs readings at two pressures or more; all "
-            f"{pressures.size} loaded readings are at {levels[0] / 1e3:.5g} kPa. Use a law that "
+            f"{readings} loaded readings are at {levels[0] / 1e3:.5g} kPa. Use a law that "
             "does not depend on pressure (--dependence fixed)"
         )
     linear = law.coefficients
     free = [n for n, entry in table.items() if not entry.fixed]
     free_geometry = sum(n not in linear and not n.startswith("length_offset") for n in free)
     free_coefficients = sum(n in linear for n in free)
-    nodes = {"fixed": 1, "linear": 2, "free": levels.size}[dependence]
+    nodes = len(data) if own_law else {"fixed": 1, "linear": 2, "free": levels.size}[dependence]
     unknowns = free_geometry + nodes * free_coefficients
-    if pressures.size < unknowns:
+    if readings < unknowns:
         raise InputError(
-            f"{pressures.size} loaded readings cannot determine {unknowns} parameters "
+            f"{readings} loaded readings cannot determine {unknowns} parameters "
             f"({free_geometry} of the geometry, {nodes * free_coefficients} coefficients): give "
             "more readings, a lower order, or fix parameters by bounds"
         )
     if unknowns == 0:
         raise InputError("every parameter is fixed by its bounds: there is nothing to identify")
-    _check_strained(data, law.order, dependence, levels)
-
-
-def _check_strained(
-    data: ForceData, order: int, dependence: PressureDependence, levels: np.ndarray
-) -> None:
-    """As many strained lengths as the law has coefficients."""
-    rest = data.specimen.rest_length
-    strained = data.loaded & (data.length != rest)
-    lengths = np.unique(data.length[strained])
-    if lengths.size < order:
-        raise InputError(
-            f"a law of order {order} needs loaded readings at {order} or more lengths away from the "
-            f"rest length, {rest * 1e3:.5g} mm, where the bladder is not strained; there are "
-            f"{lengths.size}. Use a lower order, or measure at more lengths"
-        )
+    if free_coefficients == 0:
+        return
+    _check_strained(data, law.order, own_law=own_law)
     if dependence == "free":
-        known = np.array(
-            [np.unique(data.length[strained & (data.pressure == P)]).size for P in levels]
+        _check_strained_everywhere(data[0], law.order, levels)
+
+
+def _check_strained(data: Sequence[ForceData], order: int, *, own_law: bool) -> None:
+    """As many strained lengths as the law has coefficients, over all specimens that share it."""
+    each = [np.unique(one.lengths.level[one.strained]).size for one in data]
+    strained = min(each) if own_law else sum(each)
+    if strained >= order:
+        return
+    rest = ", ".join(f"{one.specimen.rest_length * 1e3:.5g}" for one in data)
+    raise InputError(
+        f"a law of order {order} needs loaded readings at {order} or more lengths away from the "
+        f"rest length, {rest} mm, where the bladder is not strained; there are "
+        f"{strained}. Use a lower order, or measure at more lengths"
+    )
+
+
+def _check_strained_everywhere(data: ForceData, order: int, levels: np.ndarray) -> None:
+    """The same at every pressure."""
+    pressure, length = data.pressures.level, data.lengths.level
+    known = np.array([np.unique(length[data.strained & (pressure == P)]).size for P in levels])
+    poor = levels[known < order] / 1e3
+    if poor.size:
+        raise InputError(
+            f"free coefficients need loaded readings at {order} or more lengths away from the "
+            f"rest length at every pressure; too few at {', '.join(f'{P:.4g}' for P in poor)} "
+            "kPa. Use --dependence linear, a lower order, or leave those pressures out"
         )
-        poor = levels[known < order] / 1e3
-        if poor.size:
-            raise InputError(
-                f"free coefficients need loaded readings at {order} or more lengths away from the "
-                f"rest length at every pressure; too few at {', '.join(f'{P:.4g}' for P in poor)} "
-                "kPa. Use --dependence linear, a lower order, or leave those pressures out"
-            )
 
 
 def check_solvable(search: Search) -> None:

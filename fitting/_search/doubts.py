@@ -9,6 +9,7 @@ from .search import FEASIBLE
 from .uncertainty import CONDITION_LIMIT, Covariance
 
 _RIDGE = 0.98
+_OUTLYING = 0.5  # of the full weight of a reading
 _PULLED = 2.0  # standard deviations of a prior
 _UNEQUAL = 2.0  # between standard errors with and without the belief in equal noise
 
@@ -21,7 +22,8 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
         spread: covariance of all parameters.
         names: of its nonlinear parameters, which come first in it.
     """
-    found = list(result.data.notes)
+    data = result.data
+    found = [*data.notes, *(of.told for of in (data.pressures, data.lengths) if of.told)]
     if result.box == "open":
         found.append(
             "The box is open: braid diameter and angle are then only fit parameters, not the "
@@ -39,6 +41,12 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
             "fix one of them by --bounds, or add lengths and pressures."
         )
     found += _pulled(result)
+    outliers = result.weights < _OUTLYING
+    if outliers.any():
+        found.append(
+            f"{outliers.sum()} of {outliers.size} readings lie so far off that they count less than "
+            f"{_OUTLYING:g} of what the others do (Huber's objective); look at them."
+        )
     unequal = [
         e.name for e in result.estimates
         if e.stderr > 0 and not 1 / _UNEQUAL < e.sandwich_stderr / e.stderr < _UNEQUAL

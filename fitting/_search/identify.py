@@ -24,6 +24,7 @@ from .checks import (
     known_bounds,
 )
 from .result import Identification
+from .robust import check_objective, descend_huber, reweighted
 from .search import best_of, descend, latin_hypercube, refine
 from .summary import summarise
 
@@ -39,6 +40,7 @@ def identify(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
+    objective: str = "sum_of_squares",
     geometry: AbstractGeometrySource | famjax.AbstractGeometry | None = None,
     starts: int = 16,
     seed: int = 0,
@@ -64,11 +66,14 @@ def identify(
         bounds: intervals (min, max) in SI by parameter name, which replace those of the box; an
             interval of one value holds the parameter there.
         parameters: the same with units, held values and priors. Naming one of these makes it take
-            part: `rest_length`, `end_factor` (k of Tondu & Lopez), `braid_compliance` (of all
-            threads), `series_compliance` (of the rig), `length_offset` (one for each length, with
-            a prior).
+            part: `rest_length`, `end_factor` (k of Tondu & Lopez) or `end_length` (dead length
+            L0 (1 - 1/k)), `braid_compliance` (of all threads), `series_compliance` (of the rig),
+            `length_offset` (one for each length, with a prior).
         noise: standard deviation of one reading [N], against which priors are weighed; needed
             with priors where the data have no `force_std`.
+        objective: "sum_of_squares" or "huber", which counts residuals beyond 1.345 standard
+            deviations of the noise, as the median of the residuals shows it, by their size and
+            not their square; validation and uncertainty keep the weights found.
         geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
             braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
             such as a `famjax.MeasuredGeometry`: as it is, and only the deadband is identified.
@@ -88,13 +93,15 @@ def identify(
     """
     given = dict(bounds or {})
     if isinstance(geometry, famjax.AbstractGeometry):
-        given |= known_bounds(data, geometry)
+        given |= known_bounds(data, geometry, {**given, **(parameters or {})})
         geometry = KnownSource(geometry)
     chosen = law_named(law, order)
     rows = {**chosen.shape, **chosen.coefficients}
     table = complete_table(data.specimen, box, rows, given, parameters or {})
     source = EstimatedSource(data.specimen) if geometry is None else geometry
-    request = Request((data,), (source,), table, chosen, constraint, dependence, box, noise)
+    request = Request(
+        (data,), (source,), table, chosen, constraint, dependence, box, noise, objective
+    )
     return request.run(starts, seed, progress)[0]
 
 
@@ -109,6 +116,7 @@ def identify_together(
     box: str = "physical",
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
+    objective: str = "sum_of_squares",
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -122,9 +130,10 @@ def identify_together(
         law: as in `identify`, and all that follows.
         order: of the polynomial law.
         constraint: on the coefficients.
-        box: of the standard bounds; those of a shared parameter are the first specimen's.
+        box: of the standard bounds; those of a shared parameter are what all specimens allow.
         parameters: bounds, held values and priors, the same for every specimen.
         noise: standard deviation of one reading [N].
+        objective: "sum_of_squares" or "huber".
         starts: number of starts.
         seed: of the starts.
         progress: called with (starts done, starts).
@@ -156,10 +165,23 @@ def identify_together(
         if name in own:
             table |= {f"{name}[{who}]": of[name] for who, of in zip(names, tables, strict=True)}
         else:
-            table[name] = entry
+            table[name] = _shared(name, entry, [of[name] for of in tables])
     sources = tuple(EstimatedSource(one.specimen) for one in data)
-    request = Request(tuple(data), sources, table, chosen, constraint, "fixed", box, noise, own_law)
+    request = Request(
+        tuple(data), sources, table, chosen, constraint, "fixed", box, noise, objective, own_law
+    )
     return request.run(starts, seed, progress)
+
+
+def _shared(name: str, entry: Entry, of_each: Sequence[Entry]) -> Entry:
+    """A parameter that all specimens share, within the bounds of all of them."""
+    low, high = max(one.min for one in of_each), min(one.max for one in of_each)
+    if low > high:
+        raise InputError(
+            f"{name} cannot be shared: one specimen has it at {low:.6g} or above, another at "
+            f"{high:.6g} or below (SI); name it in own, or give bounds that hold for all"
+        )
+    return dataclasses.replace(entry, min=low, max=high)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,6 +195,7 @@ class Request:
         law: family of the law.
         constraint, dependence, box: as given.
         noise: of a reading [N], or None.
+        objective: as given.
         own_law: whether each specimen has its own coefficients.
     """
 
@@ -184,6 +207,7 @@ class Request:
     dependence: str
     box: str
     noise: float | None
+    objective: str
     own_law: bool = False
 
     def run(
@@ -197,6 +221,7 @@ class Request:
                 'jax.config.update("jax_enable_x64", True)'
             )
         constraint, dependence = check_options(self.law, self.constraint, self.dependence, starts)
+        check_objective(self.objective)
         weighted = [data.force_std is not None for data in self.data]
         if any(weighted) and not all(weighted):
             raise InputError(
@@ -213,7 +238,7 @@ class Request:
             check_source(source, self.table)
             check_lengths(data, own)
             check_priors(data, own, self.noise)
-            check_count(data, self.law, dependence, own)
+        check_count(self.data, self.law, dependence, table, own_law=self.own_law)
         search = build_search(
             self.data,
             self.sources,
@@ -225,11 +250,18 @@ class Request:
             noise=self.noise or 1.0,
         )
         check_solvable(search)
-        ends = descend(search, latin_hypercube(len(search.free), starts, seed), progress)
-        best, search = refine(search, best_of(ends), EXCHANGES)
+        cube, robust = latin_hypercube(len(search.free), starts, seed), None
+        if self.objective == "huber":
+            best, ends, robust = descend_huber(search, cube, progress)
+            search = reweighted(search, robust.weight)
+        else:
+            ends = descend(search, cube, progress)
+            best = best_of(ends)
+        best, search = refine(search, best, EXCHANGES)
         return summarise(
-            self.data, search, best, ends, table, dependence=dependence, box=self.box, seed=seed
-        )
+            self.data, search, best, ends, table, dependence=dependence, box=self.box, seed=seed,
+            robust=robust,
+        )  # fmt: skip
 
     def _with_offsets(self) -> dict[str, Entry]:
         """The table with one offset for each distinct length in place of `length_offset`."""
@@ -240,6 +272,6 @@ class Request:
         linear = {n: table.pop(n) for n in self.law.coefficients}
         for data in self.data:
             tag = f"[{data.specimen.name}]" if len(self.data) > 1 else ""
-            for length in np.unique(data.length[data.loaded]):
+            for length in np.unique(data.lengths.level[data.loaded]):
                 table[f"length_offset_at_{length * 1e3:.12g}mm{tag}"] = one
         return table | linear

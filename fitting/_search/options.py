@@ -65,6 +65,15 @@ def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
     return bounds
 
 
+def as_parameters(bounds: dict[str, tuple[float, float]]) -> dict[str, Parameter]:
+    """Bounds in SI as parameters."""
+    kinds = _kinds()
+    return {
+        name: Parameter(min=low, max=high, unit=UNITS[kinds.get(name, "stress")][0])
+        for name, (low, high) in bounds.items()
+    }
+
+
 def parse_free(names: Iterable[str]) -> dict[str, Parameter]:
     """Parameters that take part with their standard bounds, from their names.
 

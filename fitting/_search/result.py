@@ -118,6 +118,7 @@ class Identification:
         series_compliance: of the rig [m/N], 0 where it was taken as rigid.
         length_offsets: errors [m] of the distinct loaded lengths, ascending; empty if none.
         estimates: geometry, then the coefficients where they do not depend on pressure.
+        node_estimates: the coefficients at each node where they depend on pressure, else empty.
         derived: quantities that follow from the geometry (thread length, turns), with errors.
         coefficients: E_n [Pa], shape (nodes, order); one node where fixed in pressure.
         coefficients_stderr: [Pa], the same shape.
@@ -131,10 +132,14 @@ class Identification:
         start_parameters: nonlinear parameters [SI] at the end of each, in the same order.
         law: family of the law.
         constraint, dependence, box, seed: what was asked for.
+        weights: part of its own weight with which each loaded reading counts; 1
+            but for the outliers of Huber's objective.
         converged: the best start is stationary, certified and feasible.
         warnings: what a reader must know before using the numbers.
         degrees_of_freedom: readings and priors less the directions that stayed free, of all
             specimens together.
+        covariance: of the nonlinear parameters of the search and then the coefficients [SI], by
+            linear theory; nan for what is held, at a bound or not identifiable.
         search: the problem as it was posed, for validation and uncertainty.
         unit_optimum: the free nonlinear parameters at the optimum, in parts of their bounds.
     """
@@ -144,6 +149,7 @@ class Identification:
     series_compliance: float
     length_offsets: Float[np.ndarray, " lengths"]
     estimates: tuple[Estimate, ...]
+    node_estimates: tuple[tuple[Estimate, ...], ...]
     derived: tuple[Estimate, ...]
     coefficients: Float[np.ndarray, "nodes order"]
     coefficients_stderr: Float[np.ndarray, "nodes order"]
@@ -160,9 +166,11 @@ class Identification:
     dependence: PressureDependence
     box: str
     seed: int
+    weights: Float[np.ndarray, " readings"]
     converged: bool
     warnings: tuple[str, ...]
     degrees_of_freedom: int
+    covariance: Float[np.ndarray, "k k"] = dataclasses.field(repr=False)
     search: Search = dataclasses.field(repr=False)
     unit_optimum: Float[np.ndarray, " p"] = dataclasses.field(repr=False)
 
@@ -174,8 +182,8 @@ class Identification:
     @property
     def n_parameters(self) -> int:
         """Number of parameters that the data had to determine, coefficients of all nodes included."""
-        nodes = self.coefficients.size if self.node_pressures is not None else 0
-        return nodes + sum(not e.fixed for e in self.estimates)
+        nodes = (e for of_node in self.node_estimates for e in of_node)
+        return sum(not e.fixed for e in (*self.estimates, *nodes))
 
     def predict(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
@@ -190,9 +198,10 @@ class Identification:
         """The model's force [N] at every reading, slack ones included, lengths corrected."""
         length = np.array(self.data.length)
         if self.length_offsets.size:
-            known = np.unique(self.data.length[self.data.loaded])
+            level = self.data.lengths.level
+            known = np.unique(level[self.data.loaded])
             for at, offset in zip(known, self.length_offsets, strict=True):
-                length[self.data.length == at] += offset
+                length[level == at] += offset
         return self.predict(length, self.data.pressure)
 
     def estimate(self, name: str) -> Estimate:

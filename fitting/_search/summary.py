@@ -7,93 +7,26 @@ from collections.abc import Mapping, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
 import famjax
 
-from .._convex.qp import Optimum, Status
+from .._convex.qp import Status
 from .._data.force_data import ForceData
-from .._model.geometry_source import EstimatedSource
 from .._model.margin import path_margin, slope_margin
 from .._model.parameters import Entry
 from .._model.part import Part
 from .._model.problem import PressureDependence, Problem
 from .box import BoxOptimum
-from .build import own_names
 from .doubts import warnings
-from .quick_jit import quick_jit
-from .result import Certificate, Errors, Estimate, Identification
-from .search import FEASIBLE, Search, solve
-from .uncertainty import Covariance, covariance
+from .estimates import coefficient_stderr, concerning, derived, estimates, of_nodes
+from .optimal import Optimal, optimal
+from .result import Certificate, Errors, Identification
+from .robust import Robust
+from .search import FEASIBLE, Search
 
 _STATIONARY = 1e-6
 _PERFECT = 1e-18  # a cost of this part of the data's own square is zero but for rounding
-
-
-@dataclasses.dataclass(frozen=True)
-class Optimal:
-    """An optimum and all that is derived of it before it is told to a reader.
-
-    Attributes:
-        search: with its stations placed.
-        parameters: nonlinear parameters [SI], shape (q,).
-        optimum: of the convex fit.
-        spread: covariance of the nonlinear parameters and then the coefficients.
-        at_bound: nonlinear parameters on a bound.
-    """
-
-    search: Search
-    parameters: Float[Array, " q"]
-    optimum: Optimum
-    spread: Covariance
-    at_bound: Bool[np.ndarray, " q"]
-
-    @property
-    def problem(self) -> Problem:
-        """The problem of the search."""
-        return self.search.problem
-
-    @property
-    def coefficients(self) -> Float[np.ndarray, "nodes order"]:
-        """Coefficients [Pa] of every node of every block."""
-        return np.asarray(self.optimum.x).reshape(-1, self.problem.order)
-
-
-@quick_jit
-def joint_derivatives(
-    problem: Problem, parameters: Float[Array, " q"], x: Float[Array, "blocks n"]
-) -> tuple[Array, Array, Array]:
-    """Weighted residual, its Jacobian and that of the constraint rows, in (parameters, x)."""
-    reaches = problem.reaches(parameters)
-
-    def both(parameters: Float[Array, " q"], flat: Float[Array, " n"]) -> tuple[Array, Array]:
-        coefficients = flat.reshape(x.shape)
-        _, _, G, h = problem.programmes(parameters, reaches)
-        slack = (jnp.einsum("bmn,bn->bm", G, coefficients) - h).ravel()
-        return problem.joint_residual(parameters, coefficients, reaches), slack
-
-    residual, _ = both(parameters, x.ravel())
-    (rp, rx), (cp, cx) = jax.jacfwd(both, argnums=(0, 1))(parameters, x.ravel())
-    return residual, jnp.concatenate([rp, rx], axis=1), jnp.concatenate([cp, cx], axis=1)
-
-
-def optimal(search: Search, best: BoxOptimum) -> Optimal:
-    """The optimum at the end of a descent, with its covariance."""
-    parameters = search.parameters(best.u)
-    optimum = solve(search.problem, parameters)
-    moves, at_bound = np.zeros((2, len(search.names)), bool)
-    u = np.asarray(best.u)
-    moves[list(search.free)] = True
-    at_bound[list(search.free)] = (u <= 1e-9) | (u >= 1 - 1e-9)
-    held = np.concatenate([at_bound | ~moves, np.zeros(search.problem.n_coefficients, bool)])
-    residual, jacobian, rows = map(
-        np.asarray, joint_derivatives(search.problem, parameters, optimum.x)
-    )
-    active = np.asarray(optimum.active).ravel()
-    n_priors = residual.size - sum(part.force.shape[0] for part in search.problem.parts)
-    noise = float(search.problem.prior_weight)
-    spread = covariance(jacobian, residual, rows[active], held, n_priors=n_priors, noise=noise)
-    return Optimal(search, parameters, optimum, spread, at_bound)
 
 
 def summarise(
@@ -106,18 +39,22 @@ def summarise(
     dependence: PressureDependence,
     box: str,
     seed: int,
+    robust: Robust | None = None,
 ) -> tuple[Identification, ...]:
     """The identifications, one for each force map, that the best descent stands for."""
-    found = optimal(search, best)
+    found = optimal(search, best, robust)
     problem, optimum = search.problem, found.optimum
     certificate = _certificate(found, best, ends, np.concatenate([d.force for d in data]))
     allowed = -FEASIBLE * np.abs(found.coefficients).max()
     feasible = problem.constraint == "none" or certificate.constraint_margin >= allowed
     certified = bool(np.all(np.asarray(optimum.status) == int(Status.OPTIMAL)))
     certified &= math.isfinite(certificate.kkt_residual)
+    # A fit without error has only rounding left, and that has no direction.
+    perfect = float(best.cost) <= _PERFECT * sum(float(one.force @ one.force) for one in data)
+    stationary = certificate.gradient_residual <= _STATIONARY or perfect
     muscles = problem.muscles(found.parameters, optimum.x)
     order = np.argsort(ends.cost)
-    estimates = _estimates(found, table)
+    estimated = estimates(found, table)
     results = []
     for k, (one, part, muscle) in enumerate(zip(data, problem.parts, muscles, strict=True)):
         nodes = _nodes_of(problem, k)
@@ -128,10 +65,15 @@ def summarise(
             muscle=muscle,
             series_compliance=float(part.compliance(found.parameters)),
             length_offsets=np.asarray(offsets),
-            estimates=_concerning(estimates, one, nodes, problem),
-            derived=_derived(found, part),
+            estimates=concerning(estimated, one, nodes, problem),
+            node_estimates=(
+                of_nodes(estimated, problem)
+                if isinstance(material, famjax.PressurePolynomialMaterial)
+                else ()
+            ),
+            derived=derived(found, part),
             coefficients=found.coefficients[nodes],
-            coefficients_stderr=_coefficient_stderr(found)[nodes],
+            coefficients_stderr=coefficient_stderr(found)[nodes],
             node_pressures=(
                 np.asarray(material.node_pressures)
                 if isinstance(material, famjax.PressurePolynomialMaterial)
@@ -149,9 +91,11 @@ def summarise(
             dependence=dependence,
             box=box,
             seed=seed,
-            converged=certified and feasible and certificate.gradient_residual <= _STATIONARY,
+            weights=_own_weights(robust, problem, k),
+            converged=certified and feasible and stationary,
             warnings=(),
             degrees_of_freedom=found.spread.degrees_of_freedom,
+            covariance=found.spread.matrix,
             search=search,
             unit_optimum=np.asarray(best.u),
         )
@@ -167,6 +111,15 @@ def summarise(
             dataclasses.replace(result, warnings=warnings(result, found.spread, search.names))
         )
     return tuple(results)
+
+
+def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
+    """The part of its own weight with which each loaded reading of a specimen counts."""
+    sizes = [part.force.shape[0] for part in problem.parts]
+    if robust is None:
+        return np.ones(sizes[k])
+    first = sum(sizes[:k])
+    return robust.weight[first : first + sizes[k]] ** 2
 
 
 def _nodes_of(problem: Problem, part: int) -> slice:
@@ -200,92 +153,6 @@ def _certificate(
         n_agreeing=int(
             np.sum(ends.cost <= np.nanmin(ends.cost) * (1 + 1e-6) + _PERFECT * force @ force)
         ),
-    )
-
-
-def _coefficient_stderr(found: Optimal) -> Float[np.ndarray, "nodes order"]:
-    return found.spread.stderr[len(found.search.names) :].reshape(found.coefficients.shape)
-
-
-def _estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...]:
-    """Every nonlinear parameter, then the coefficients of every node."""
-    linear = tuple(found.problem.law.coefficients)
-    names = found.search.names + linear * len(found.coefficients)
-    values = np.concatenate([found.parameters, found.coefficients.ravel()])
-    ends = np.array([(table[name].min, table[name].max) for name in names])
-    rounding = 1e-9 * np.abs(found.coefficients).max()
-    stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= rounding
-    stopped[: len(found.at_bound)] = found.at_bound
-    return tuple(
-        _estimate(name, float(value), errors, table[name], bool(at_bound))
-        for name, value, errors, at_bound in zip(
-            names,
-            values,
-            zip(found.spread.stderr, found.spread.sandwich_stderr, strict=True),
-            stopped,
-            strict=True,
-        )
-    )
-
-
-def _estimate(
-    name: str, value: float, errors: tuple[float, float], entry: Entry, stopped: bool
-) -> Estimate:
-    return Estimate(
-        name=name,
-        value=value,
-        stderr=float(errors[0]),
-        sandwich_stderr=float(errors[1]),
-        min=entry.min,
-        max=entry.max,
-        at_bound=stopped and not entry.fixed,
-        fixed=entry.fixed,
-        kind=entry.kind,
-        prior=entry.prior,
-    )
-
-
-def _concerning(
-    estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, problem: Problem
-) -> tuple[Estimate, ...]:
-    """The estimates that concern one specimen; a law with several nodes is told elsewhere."""
-    count = len(estimates) - problem.n_coefficients
-    mine = own_names([e.name for e in estimates[:count]], data.specimen.name)
-    geometry = tuple(e for e in estimates[:count] if e.name in mine)
-    order = problem.order
-    laws = [estimates[count + k * order :][:order] for k in range(problem.n_coefficients // order)]
-    return geometry + (laws[nodes][0] if len(laws[nodes]) == 1 else ())
-
-
-def _derived(found: Optimal, part: Part) -> tuple[Estimate, ...]:
-    """Thread length and turns of an estimated geometry, with errors by the delta method."""
-    source = part.source
-    if not isinstance(source, EstimatedSource):
-        return ()
-
-    def quantities(parameters: Float[Array, " q"]) -> Float[Array, " 2"]:
-        geometry = source.geometry(part.values(parameters))
-        if isinstance(geometry, famjax.EndEffectGeometry):
-            geometry = geometry.cylinder
-        assert isinstance(geometry, famjax.EstimatedGeometry)
-        return jnp.stack([geometry.braid.rest_thread_length, geometry.braid.turns])
-
-    slopes = np.asarray(jax.jit(jax.jacfwd(quantities))(found.parameters))
-    count = len(found.search.names)
-    matrix = found.spread.matrix[:count, :count]
-    known = np.isfinite(np.diag(matrix))
-    matrix = np.where(known[:, None] & known, matrix, 0.0)
-    variance = np.einsum("ij,jk,ik->i", slopes, matrix, slopes)
-    stderr = np.where(variance > 0, np.sqrt(variance), math.nan)
-    return tuple(
-        Estimate(name, float(value), float(error), 0.0, math.inf, False, False, kind)
-        for name, kind, value, error in zip(
-            ("thread_length", "turns"),
-            ("length", "number"),
-            quantities(found.parameters),
-            stderr,
-            strict=True,
-        )
     )
 
 

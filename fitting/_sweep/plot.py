@@ -85,7 +85,7 @@ def plot_curves(
     shades = _SHADES(np.linspace(0, 0.9, levels.size))
     for one, row in zip(axes, chosen, strict=True):
         for level, E, shade in zip(levels, row.coefficients, shades, strict=True):
-            at = readings.loaded & (readings.pressure == level)
+            at = readings.loaded & (readings.pressures.level == level)
             contraction, F = _isobar(found, data, E, float(level), float(readings.length[at].min()))
             one.plot(
                 1 - readings.length[at] / readings.specimen.rest_length,

@@ -73,8 +73,9 @@ def arrange(data: ForceData, geometry: famjax.AbstractGeometry, order: int) -> R
         InputError: a pressure has no loaded reading that is shorter than the rest length.
     """
     loaded = data.loaded
-    levels = np.unique(data.pressure[loaded])
-    at = [np.flatnonzero(loaded & (data.pressure == level)) for level in levels]
+    pressure = data.pressures.level
+    levels = np.unique(pressure[loaded])
+    at = [np.flatnonzero(loaded & (pressure == level)) for level in levels]
     size = max(order + 1, *(indices.size for indices in at))
     padded = np.stack([np.pad(indices, (0, size - indices.size), mode="edge") for indices in at])
     there = np.arange(size) < np.array([indices.size for indices in at])[:, None]
@@ -102,7 +103,7 @@ def arrange(data: ForceData, geometry: famjax.AbstractGeometry, order: int) -> R
 
 
 def _path_end(data: ForceData, level: float) -> float:
-    at = data.pressure == level
+    at = data.pressures.level == level
     shortest = data.length[at & data.loaded].min()
     slack = data.length[at & ~data.loaded & (data.length < shortest)]
     return float(slack.max(initial=-math.inf)) if slack.size else float(shortest)

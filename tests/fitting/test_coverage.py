@@ -10,7 +10,7 @@ from scipy import stats
 import famjax
 from fitting import ForceData, Parameter, Specimen, identify
 from fitting._evidence.refit import Readings, refit, with_readings
-from fitting._search.summary import joint_derivatives
+from fitting._search.optimal import joint_derivatives
 from fitting._search.uncertainty import covariance
 
 pytestmark = pytest.mark.slow

@@ -10,6 +10,8 @@ import pytest
 
 import famjax
 from fitting import (
+    Bootstrap,
+    Evidence,
     Identification,
     InputError,
     html_report,
@@ -17,9 +19,11 @@ from fitting import (
     muscle_as_dict,
     muscle_from_dict,
     plot_fit,
+    predict,
     summary_as_dict,
     write_fit,
 )
+from fitting._evidence.evidence import evidence_warnings
 
 
 def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path) -> None:
@@ -106,3 +110,46 @@ def test_files_that_are_no_fit(tmp_path: Path, content: str, message: str) -> No
     path.write_text(content)
     with pytest.raises(InputError, match=message):
         load_fit(path)
+
+
+def test_error_bars_that_disagree_are_told(fitted20: Identification) -> None:
+    """Replicates that spread four times as far as linear theory says."""
+    angle = fitted20.estimate("braid_angle")
+
+    def drawn(factor: float) -> Evidence:
+        values = angle.value + factor * angle.stderr * np.array([[-1.0], [1.0]]) / np.sqrt(2)
+        return Evidence(bootstrap=Bootstrap(("braid_angle",), values, 0, np.zeros((2, 60))))
+
+    (told,) = evidence_warnings(drawn(4.0), fitted20)
+    assert "braid_angle by bootstrap is 4 times that of the linear theory" in told
+    assert evidence_warnings(drawn(1.1), fitted20) == ()
+
+
+def test_the_saved_band_is_that_of_the_parameters(fitted20: Identification, tmp_path: Path) -> None:
+    """The delta method by central differences of the muscle built by hand."""
+    document = json.loads(write_fit(fitted20, tmp_path)[0].read_text())
+    assert document["spread"]["band"] == "linear"
+    saved = load_fit(tmp_path / "fit.json")
+    L, P = np.array([0.27, 0.29]), np.array([4e5])
+    rows = predict(saved, L, P)
+    names = [*fitted20.search.names, *fitted20.law.coefficients]
+    at = np.array([fitted20.estimate(name).value for name in names])
+
+    def force(values: np.ndarray) -> np.ndarray:
+        diameter, angle, deadband = values[:3]
+        braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=angle, length=0.296)
+        bladder = famjax.Bladder(0.296, diameter, 1.8e-3, embedded=True)
+        geometry = famjax.EstimatedGeometry(braid, bladder)
+        muscle = famjax.Muscle(geometry, famjax.PolynomialMaterial(values[3:]), deadband)
+        return np.asarray(muscle.force(L, P[0]))
+
+    np.testing.assert_allclose([row["force_N"] for row in rows], force(at), rtol=1e-9)
+    steps = np.diag(1e-6 * at)
+    slopes = np.array([(force(at + step) - force(at - step)) / (2 * step.sum()) for step in steps])
+    covariance = np.nan_to_num(
+        fitted20.covariance
+    )  # the diameter is at its bound: it does not vary
+    expected = np.sqrt(np.einsum("pk,pq,qk->k", slopes, covariance, slopes))
+    np.testing.assert_allclose([row["force_std_N"] for row in rows], expected, rtol=1e-5)
+    assert {row["band"] for row in rows} == {"linear"}
+    assert "muscle_force_N" not in rows[0]

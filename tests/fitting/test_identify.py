@@ -244,6 +244,8 @@ def test_known_geometry_is_taken_as_it_is() -> None:
     assert result.estimate("braid_diameter").fixed
     assert result.derived == ()
     np.testing.assert_allclose(result.coefficients[0], [4e6, -6e6, 6e6], rtol=1e-6)
+    with pytest.raises(InputError, match="braid_diameter: the known geometry says it already"):
+        identify(readings(truth), geometry=truth.geometry, bounds={"braid_diameter": (0.02, 0.021)})
     other = dataclasses.replace(SPECIMEN, rest_length=0.31)
     with pytest.raises(InputError, match="the geometry's rest length, 300 mm, must be"):
         identify(dataclasses.replace(readings(truth), specimen=other), geometry=truth.geometry)

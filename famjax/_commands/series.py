@@ -1,0 +1,114 @@
+"""`famjax series`."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import Progress
+
+from .app import app, load_fitting, load_map, print_rows
+
+
+@app.command
+def series(
+    *data: str,
+    law: Annotated[
+        tuple[Literal["linear", "mooney-rivlin", "ogden", "cubic", "saturating"], ...],
+        Parameter(negative=()),
+    ] = (),
+    free: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    bounds: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
+    box: Literal["physical", "open"] = "physical",
+    starts: int = 8,
+    seed: int = 0,
+    output: Path = Path("famjax-series"),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Identify several muscles of a series together, to predict those of other lengths.
+
+    One braid, one bladder and one rig for all: what differs is the length. Each law is judged by
+    the specimens it predicts from the others, and the best is kept. Writes `fit.json`, which
+    `famjax predict fit.json --rest-length 132mm` reads.
+
+    Parameters
+    ----------
+    data
+        CSV files of the force maps, as for `famjax fit`, one of each specimen, with the lines
+        `# specimen: name = ...` and `# specimen: rest_length_mm = ...`.
+    law
+        Laws to try, repeatable; linear, mooney-rivlin and ogden unless given.
+    free
+        Parameters that take part besides braid diameter, angle and the compliance of the rig,
+        repeatable: deadband_pressure (held at zero otherwise), end_length, braid_compliance.
+    bounds
+        Replace bounds, name_unit=min:max, repeatable; one value holds the parameter:
+        `--bounds series_compliance_mm/N=0` for a rigid rig.
+    constraint
+        none, positive, slope or drucker, as for `famjax fit`.
+    box
+        physical or open, as for `famjax fit`.
+    starts
+        Number of starts of each fit.
+    seed
+        Of the starts; the same seed gives the same result.
+    output
+        Folder for the file, made if need be.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    fitting = load_fitting()
+    from fitting._evidence.series import DEFAULT_LAWS  # noqa: PLC0415
+    from fitting._saved.report import check_output, write_all  # noqa: PLC0415
+    from fitting._search.options import as_parameters, parse_bounds, parse_free  # noqa: PLC0415
+
+    check_output(output)
+    maps = [load_map(one, {}) for one in data]
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("identifying", total=None)
+
+        def show(name: str, done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total, description=f"law: {name}")
+
+        found = fitting.identify_series(
+            maps,
+            laws=law or DEFAULT_LAWS,
+            parameters=parse_free(free) | as_parameters(parse_bounds(bounds)),
+            constraint=constraint,
+            box=box,
+            starts=starts,
+            seed=seed,
+            progress=show,
+        )
+    document = fitting.series_as_dict(found)
+    content = json.dumps(document, indent=1, allow_nan=False).encode()
+    (path,) = write_all(output, {"fit.json": content})
+    if json_:
+        print(json.dumps(document["series"] | {"parameters": document["parameters"]}))
+    else:
+        _print_series(document)
+        print(f"written: {path}")
+    return 0 if found.specimens[0].converged else 1
+
+
+def _print_series(document: dict) -> None:
+    told = document["series"]
+    errors = told["leave_one_specimen_out_N"]
+    print_rows(
+        "Laws, by the error of specimens predicted from the others",
+        [{"law": law, "left_out_rmse_N": error} for law, error in errors.items()],
+    )
+    print_rows(
+        f"Specimens, with the {told['law']} law",
+        [{key: one[key] for key in ("name", "rest_length_m", "max_force_N", "rmse_N",
+                                    "predicted_rmse_N")} for one in told["specimens"]],
+    )  # fmt: skip
+    print_rows(
+        "Parameters, shared",
+        [{"parameter": name, "value": of["value"], "unit": of["unit"], "std_error": of["stderr"]}
+         for name, of in document["parameters"].items()],
+    )  # fmt: skip
+    for warning in document["warnings"]:
+        print(f"note: {warning}")

@@ -1,0 +1,118 @@
+"""Levels: what counts as one pressure or one length in a map of measured values."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from fitting import ForceData, InputError, Specimen
+from fitting._data.levels import levels_of
+from fitting._model.laws import PolynomialLaw
+from fitting._model.parameters import complete_table
+from fitting._peers.cross_validation import cross_validate
+from fitting._search.checks import check_count
+
+SPECIMEN = Specimen("measured", 0.3, 0.002, nominal_diameter=0.02)
+
+
+def measured(values: np.ndarray, times: int, std: float, seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0, std, (times, values.size))
+    return (values + noise).ravel()
+
+
+@pytest.mark.parametrize("seed", range(100, 120))
+@pytest.mark.parametrize(("times", "std"), [(2, 20.0), (3, 150.0), (8, 300.0)])
+def test_readings_about_nominal_pressures_find_their_level(
+    seed: int, times: int, std: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    nominal = rng.choice(np.arange(40e3, 640e3, 20e3), rng.integers(4, 20), replace=False)
+    found = levels_of(measured(nominal, times, std, seed), "pressure")
+    expected = np.tile(np.arange(nominal.size)[np.argsort(np.argsort(nominal))], times)
+    np.testing.assert_array_equal(np.unique(found.level, return_inverse=True)[1], expected)
+    assert "found from the gaps" in found.told
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_levels_are_seen_where_there_are_none(seed: int) -> None:
+    values = np.random.default_rng(seed).uniform(0, 6e5, 40)
+    found = levels_of(values, "pressure")
+    np.testing.assert_array_equal(found.level, values)
+    assert found.tolerance == 0
+    assert "no gaps divide them" in found.told
+
+
+def test_nominal_values_are_taken_as_they_are() -> None:
+    """A fine grid beside a coarse one, each value measured twice: nothing is merged."""
+    values = np.tile([5e3, 6e3, 7e3, 300e3, 600e3], 2)
+    found = levels_of(values, "pressure")
+    np.testing.assert_array_equal(found.level, values)
+    assert found.told == ""
+
+
+def test_a_given_tolerance_is_kept_to_or_refused() -> None:
+    values = np.array([70.0e3, 70.4e3, 80.0e3, 80.3e3])
+    found = levels_of(values, "pressure", 1e3)
+    np.testing.assert_allclose(found.level, [70.2e3, 70.2e3, 80.15e3, 80.15e3])
+    assert "(given): 4 values on 2 levels" in found.told
+    assert levels_of(values, "pressure", 0.0).tolerance == 0
+    with pytest.raises(InputError, match="chain into one pressure, wider than the gap to another"):
+        levels_of(np.append(np.arange(0.0, 10e3, 0.9e3), 15e3), "pressure", 1e3)
+    with pytest.raises(InputError, match="tolerance of a length must be >= 0"):
+        levels_of(values, "length", -1.0)
+
+
+def test_a_measured_pressure_is_left_out_with_its_neighbours() -> None:
+    nominal = np.array([100e3, 200e3, 300e3])
+    pressure = measured(nominal, 4, 60.0, seed=1)
+    length = np.repeat([0.30, 0.29, 0.28, 0.27], 3)
+    data = ForceData(pressure / 1e3, pressure, length, SPECIMEN)
+    seen: list[int] = []
+
+    def mean(train: ForceData):
+        seen.append(train.force.size)
+        return lambda length, pressure: 0 * length
+
+    found = cross_validate(mean, data, "pressure")
+    assert seen == [8, 8, 8]
+    assert [error.n_readings for error in found.errors] == [4, 4, 4]
+    np.testing.assert_allclose([float(e.group) for e in found.errors], nominal, atol=150)
+
+
+def test_the_rest_length_is_one_level_too() -> None:
+    """A reading a hundredth of a millimetre from rest strains no bladder."""
+    length = np.array([0.29999, 0.30001, 0.27999, 0.28001, 0.26, 0.26001])
+    data = ForceData(np.ones(6), np.full(6, 1e5), length, SPECIMEN)
+    np.testing.assert_array_equal(data.strained, [False, False, True, True, True, True])
+    exact = dataclasses.replace(data, length_tolerance=0.0)
+    assert exact.strained.all()
+
+
+def test_copied_rows_are_refused_and_repeats_are_not() -> None:
+    force, length = np.array([5.0, 7.0, 6.0, 0.0, 0.0]), np.array([0.3, 0.29, 0.3, 0.26, 0.26])
+    data = ForceData(force, np.full(5, 1e5), length, SPECIMEN)  # a repeat, and slack ones
+    copied = np.array([0, 1, 2, 1, 3])
+    with pytest.raises(
+        InputError, match=r"readings 2 and 4 are the same.*\(7 N, 100 kPa, 290 mm\)"
+    ):
+        dataclasses.replace(data, force=force[copied], length=length[copied])
+
+
+def test_specimens_are_counted_together_and_shared_parameters_once() -> None:
+    """Six parameters, three specimens: enough readings for shared ones, too few for own ones."""
+    law = PolynomialLaw(3)
+    length = np.array([0.30, 0.29, 0.28])
+    data = [
+        ForceData(np.ones(3), np.full(3, 3e5), length, dataclasses.replace(SPECIMEN, name=name))
+        for name in "abc"
+    ]
+    shared = complete_table(SPECIMEN, "physical", law.coefficients, {}, {})
+    check_count(data, law, "fixed", shared)
+    angle = shared.pop("braid_angle")
+    own = {f"braid_angle[{name}]": angle for name in "abc"} | shared
+    with pytest.raises(InputError, match="9 loaded readings cannot determine 14 parameters"):
+        check_count(data, law, "fixed", own, own_law=True)
+    with pytest.raises(InputError, match="3 loaded readings cannot determine 6 parameters"):
+        check_count(data[:1], law, "fixed", shared | {"braid_angle": angle})
+    assert math.isfinite(angle.max)

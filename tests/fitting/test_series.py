@@ -1,0 +1,213 @@
+"""A series of muscles: a length never seen, predicted from two that were, with its error band."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import famjax
+from famjax.__main__ import main
+from fitting import (
+    ForceData,
+    Identification,
+    InputError,
+    Parameter,
+    Series,
+    Specimen,
+    identify_series,
+    load_fit,
+    predict,
+    series_as_dict,
+)
+from fitting._evidence.series import best_law
+from fitting._evidence.spread import muscle_spread
+
+pytestmark = pytest.mark.slow
+
+DIAMETER, ANGLE, COMPLIANCE, C10, C01 = 0.012, math.radians(64), 1.1e-5, 0.5e6, 0.2e6
+NOISE = 1.0  # N
+LAWS = ("mooney-rivlin",)
+SEEN, NEVER_SEEN = (0.09, 0.27), (0.12, 0.18, 0.35)
+PRESSURES = np.linspace(1e5, 6e5, 6)
+
+
+def in_rig(rest: float, values: jax.Array) -> famjax.MountedMuscle:
+    """The truth, written down with no help of `cut_to_length`."""
+    diameter, angle, compliance, c10, c01 = values
+    braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=angle, length=rest)
+    bladder = famjax.Bladder(rest, diameter, 1.8e-3, embedded=True)
+    geometry = famjax.EstimatedGeometry(braid, bladder)
+    return famjax.MountedMuscle(
+        famjax.Muscle(geometry, famjax.MooneyRivlinMaterial(c10, c01)), compliance
+    )
+
+
+TRUTH = jnp.array([DIAMETER, ANGLE, COMPLIANCE, C10, C01])
+
+
+def points(rest: float) -> tuple[np.ndarray, np.ndarray]:
+    L, P = np.meshgrid(rest * np.linspace(1, 0.88, 4), PRESSURES)
+    return L.ravel(), P.ravel()
+
+
+def specimen(rest: float, seed: int, stretch: float = 0.0) -> ForceData:
+    """Readings in the rig; `stretch` [m] is how wrong the jig's lengths are."""
+    L, P = points(rest)
+    # Those that pull well in truth, so that all draws have one shape, and with it one compilation.
+    keep = np.asarray(in_rig(rest, TRUTH).force(L, P)) > 15 * NOISE
+    force = np.asarray(in_rig(rest, TRUTH).force(L + stretch, P))
+    force = force + np.random.default_rng(seed).normal(0, NOISE, L.size)
+    assert force[keep].min() > 0
+    of = Specimen(f"{rest * 1e3:g} mm", rest, 1.8e-3, nominal_diameter=0.01, embedded=True)
+    return ForceData(force[keep], P[keep], L[keep], of)
+
+
+@pytest.fixture(scope="module")
+def series() -> Series:
+    return identify_series([specimen(rest, 7 + k) for k, rest in enumerate(SEEN)], laws=LAWS)
+
+
+@pytest.fixture(scope="module")
+def saved(series: Series, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("series") / "fit.json"
+    path.write_text(json.dumps(series_as_dict(series), allow_nan=False))
+    return path
+
+
+def test_the_law_that_transfers_is_kept() -> None:
+    assert best_law({"linear": 9.0, "ogden": math.nan, "mooney-rivlin": 4.0}) == "mooney-rivlin"
+    with pytest.raises(InputError, match="none of the laws linear, ogden converged"):
+        best_law({"linear": math.nan, "ogden": math.nan})
+
+
+def test_the_truth_is_recovered(series: Series) -> None:
+    first, second = series.specimens
+    assert first.converged
+    for name, truth in zip(
+        ("braid_diameter", "braid_angle", "series_compliance", "C10", "C01"), TRUTH, strict=True
+    ):
+        assert first.estimate(name) == second.estimate(name)
+        assert abs(first.estimate(name).value - truth) < 3.5 * first.estimate(name).stderr, name
+
+
+@pytest.mark.parametrize("rest", NEVER_SEEN)
+def test_a_length_never_seen_is_predicted_within_its_band(series: Series, rest: float) -> None:
+    L, P = points(rest)
+    truth = np.asarray(in_rig(rest, TRUTH).force(L, P))
+    force, std = series.predict(rest, L, P)
+    assert np.sqrt(np.mean((force - truth) ** 2)) < 2 * NOISE
+    assert (np.abs(force - truth) < 2 * std).mean() > 0.9
+    assert std.max() < 10 * NOISE  # the band says something
+
+
+def test_the_saved_series_predicts_the_same(series: Series, saved: Path) -> None:
+    fit = load_fit(saved)
+    lengths = np.array([0.125, 0.12, 0.09])
+    rows = predict(fit, lengths, np.array([4e5]), rest_length=0.125, length_std=5e-4, onset=True)
+    force, std = series.predict(0.125, lengths, np.full(3, 4e5), length_std=5e-4)
+    np.testing.assert_allclose([r["force_N"] for r in rows[:3]], force, rtol=1e-9)
+    np.testing.assert_allclose([r["force_std_N"] for r in rows[:3]], std, rtol=1e-9)
+    assert rows[0]["band"] == "linear, specimens"
+    assert [row["inside"] for row in rows[:3]] == [True, True, False]
+    assert rows[0]["high_95_N"] - rows[0]["low_95_N"] == pytest.approx(3.92 * std[0])
+    alone = np.asarray(famjax.cut_to_length(fit.muscle, 0.125).force(lengths, 4e5))
+    np.testing.assert_allclose([r["muscle_force_N"] for r in rows[:3]], alone, rtol=1e-9)
+    assert alone[0] > force[0]  # the rig gives way
+    assert 0 < rows[4]["onset_pressure_Pa"] < 4e5  # shorter than at rest: pressure is needed
+    assert not predict(fit, lengths, np.array([4e5]), rest_length=0.4)[0]["inside"]
+    with pytest.raises(InputError, match="the rest length must be > 0"):
+        predict(fit, lengths, np.array([4e5]), rest_length=0.0)
+    with pytest.raises(InputError, match="deviation of a length must be >= 0"):
+        predict(fit, lengths, np.array([4e5]), length_std=-1.0)
+
+
+def _by_hand(one: Identification, rest: float, length: float, length_std: float) -> float:
+    """The delta method with central differences of the truth's own construction."""
+    names = ("braid_diameter", "braid_angle", "series_compliance", "C10", "C01")
+    places = [[*one.search.names, *one.law.coefficients].index(name) for name in names]
+    values = np.array([one.estimate(name).value for name in names])
+    covariance = np.nan_to_num(one.covariance[np.ix_(places, places)])
+
+    def force(values: np.ndarray, length: float) -> float:
+        return float(in_rig(rest, jnp.asarray(values)).force(length, 5e5))
+
+    slope = np.zeros(5)
+    for k, value in enumerate(values):
+        step = np.zeros(5)
+        step[k] = 1e-5 * value
+        slope[k] = (force(values + step, length) - force(values - step, length)) / (2 * step[k])
+    stiffness = (force(values, length + 1e-6) - force(values, length - 1e-6)) / 2e-6
+    return math.sqrt(slope @ covariance @ slope + (stiffness * length_std) ** 2)
+
+
+def test_the_band_is_the_delta_method(series: Series) -> None:
+    one = series.specimens[0]
+    for length_std in (0.0, 3e-4):
+        _, std = series.predict(0.15, np.array([0.142]), np.array([5e5]), length_std=length_std)
+        linear = _by_hand(one, 0.15, 0.142, length_std)
+        assert std[0] == pytest.approx(math.hypot(linear, series.between), rel=1e-4)
+        assert linear > 0.1
+    # What is at a bound does not vary, and there are never more directions than free parameters.
+    assert len(muscle_spread(one)) <= sum(not e.fixed for e in one.estimates)
+
+
+def test_jigs_that_are_wrong_widen_the_band() -> None:
+    """Lengths half a millimetre off either way: the error between specimens says so."""
+    data = [specimen(SEEN[0], 1, stretch=5e-4), specimen(SEEN[1], 2, stretch=-5e-4)]
+    found = identify_series(data, laws=LAWS)
+    assert found.between > 4 * NOISE
+    L, P = points(0.15)
+    truth = np.asarray(in_rig(0.15, TRUTH).force(L, P))
+    force, std = found.predict(0.15, L, P)
+    assert (np.abs(force - truth) < 2 * std).mean() > 0.9
+
+
+def test_what_is_no_series_is_refused() -> None:
+    one = specimen(0.1, 0)
+    with pytest.raises(InputError, match="two specimens or more, got 1"):
+        identify_series([one])
+    with pytest.raises(InputError, match="laws of a series are linear"):
+        identify_series([one, specimen(0.2, 1)], laws=("spam",))
+    again = dataclasses.replace(one, specimen=dataclasses.replace(one.specimen, name="other"))
+    with pytest.raises(InputError, match="say nothing of another"):
+        identify_series([one, again])
+    with pytest.raises(InputError, match="rest_length cannot be shared"):
+        identify_series([one, specimen(0.2, 1)], parameters={"rest_length": Parameter()})
+    both = {"end_length": Parameter(), "end_factor": Parameter()}
+    with pytest.raises(InputError, match="the same thing said in two ways"):
+        identify_series([one, specimen(0.2, 1)], parameters=both)
+
+
+def test_the_command_identifies_and_its_file_predicts(
+    capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    maps = []
+    for k, rest in enumerate(SEEN):
+        data = specimen(rest, 7 + k)
+        lines = [f"# specimen: name = {data.specimen.name}"]
+        lines += [f"# specimen: rest_length_mm = {rest * 1e3}"]
+        lines += ["# specimen: wall_thickness_mm = 1.8", "# specimen: nominal_diameter_mm = 10"]
+        lines += ["# specimen: embedded = true", "pressure_kPa,length_mm,force_N"]
+        rows = zip(data.pressure / 1e3, data.length * 1e3, data.force, strict=True)
+        lines += [f"{P:.10g},{L:.10g},{F:.10g}" for P, L, F in rows]
+        maps.append(tmp_path / f"{k}.csv")
+        maps[-1].write_text("\n".join(lines) + "\n")
+    folder = tmp_path / "out"
+    with pytest.raises(SystemExit) as stop:
+        main(["series", *map(str, maps), "--law", *LAWS, "--output", str(folder)])
+    assert not stop.value.code
+    assert "mooney-rivlin" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as stop:
+        main(["predict", str(folder / "fit.json"), "--rest-length", "180mm", "--length", "170mm",
+              "--pressure", "400kPa", "--json"])  # fmt: skip
+    assert not stop.value.code
+    printed = json.loads(capsys.readouterr().out)
+    (row,) = printed if isinstance(printed, list) else printed["predictions"]
+    truth = float(in_rig(0.18, TRUTH).force(0.17, 4e5))
+    assert abs(row["force_N"] - truth) < 2 * NOISE
+    assert row["low_95_N"] < truth < row["high_95_N"]
