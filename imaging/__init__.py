@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from ._recipe import Recipe as Recipe
     from ._recipe_file import read_recipe as read_recipe, write_recipe as write_recipe
     from ._ruler import calibrate_ruler as calibrate_ruler
-    from ._scale import Scale as Scale
+    from ._scale import RulerReading as RulerReading, Scale as Scale
     from ._shards import CampaignChanged as CampaignChanged
     from ._sync import Synchronisation as Synchronisation, synchronise as synchronise
     from ._table import Table as Table
@@ -76,7 +76,7 @@ _LATER = {
     "_recipe": ("Recipe",),
     "_recipe_file": ("read_recipe", "write_recipe"),
     "_ruler": ("calibrate_ruler",),
-    "_scale": ("Scale",),
+    "_scale": ("RulerReading", "Scale"),
     "_shards": ("CampaignChanged",),
     "_sync": ("Synchronisation", "synchronise"),
     "_table": ("Table",),

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from ._tone import Tone
 
-_LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, JPEG's own
+LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, JPEG's own
 _BRIGHTEST = 1.6  # amounts above belong to threads that glare; they would pull an edge inward
 _DARKEST = -0.5
 
@@ -31,6 +31,6 @@ def amount_of_luma(
     dark, bright = (np.interp(colour, values, tone.table) for colour in (cloth, braid))
     q = np.linspace(_DARKEST, _BRIGHTEST, 1024)
     light = np.clip(dark + q[:, None] * (bright - dark), 0, 1)
-    luma = np.interp(light, tone.table, values) @ _LUMA
+    luma = np.interp(light, tone.table, values) @ LUMA
     rising = np.flatnonzero(np.diff(np.maximum.accumulate(luma), prepend=-1.0) > 0)
     return np.interp(values, luma[rising], q[rising]).astype(np.float32)

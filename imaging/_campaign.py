@@ -138,7 +138,10 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     raise MixedSizes(
         f"the pictures of a campaign must have one size, because one crop offset and one scale hold "
         f"for all; {len(most)} have {usual[0]} x {usual[1]} px, but not {', '.join(told[:5])}{more}. "
-        "Measure them in a campaign of their own"
+        "Measure them in a campaign of their own",
+        path=others[0][1][0],
+        width=others[0][0][0],
+        height=others[0][0][1],
     )
 
 

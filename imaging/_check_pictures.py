@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._contact_sheet import Tile, contact_sheet
-from ._errors import ImagingError
 from ._measure import measure
 from ._overlay import draw_overlay
 from ._plots import plot_table
-from ._read import read_image
+from ._read import readable_part
 from ._recipe import Recipe
 from ._table import Table
 from ._units import SYSTEMS, factor
@@ -37,10 +36,13 @@ def write_check_pictures(
     overlays.mkdir(parents=True, exist_ok=True)
     tiles = []
     for k in choose(table, number):
-        tile = _tile(table, int(k), recipe, system)
-        tiles.append(tile)
-        if tile.ok and tile.image is not None:
-            _save(overlays / f"{k + 1:06d}_{Path(table.path[k]).stem}.jpg", tile.image)
+        path = Path(table.path[k])
+        seen = readable_part(path)
+        if table.ok[k] and seen is not None:
+            trace = measure(seen, recipe).trace
+            _save(overlays / f"{k + 1:06d}_{path.stem}.jpg", draw_overlay(seen, trace))
+            seen = draw_overlay(seen, trace, thickness=_thick(seen))
+        tiles.append(Tile(seen, path.name, _text(table, int(k), system), ok=bool(table.ok[k])))
     plot = io.BytesIO()
     plot_table(table, system, recipe.limits).savefig(plot, format="png", dpi=130)
     profiles = folder / "profiles.png"
@@ -66,18 +68,17 @@ def _evenly(which: NDArray[np.intp], number: int) -> NDArray[np.intp]:
     return which[np.round(at).astype(int)]
 
 
-def _tile(table: Table, k: int, recipe: Recipe, system: str) -> Tile:
-    title = Path(table.path[k]).name
-    try:
-        image = read_image(table.path[k])
-    except ImagingError:
-        return Tile(None, title, table.error[k], ok=False)
+def _thick(image: NDArray[np.uint8]) -> int:
+    """Lines that can still be seen when the picture has been made small."""
+    return max(1, round(max(image.shape) / 500))
+
+
+def _text(table: Table, k: int, system: str) -> str:
     if not table.ok[k]:
-        return Tile(image, title, table.error[k], ok=False)
+        return table.error[k]
     unit = SYSTEMS[system]["length"]
     length = table["length"][k] / factor(unit, "length")
-    text = f"L {length:.4f} {unit}, contraction {table['contraction'][k]:.4f}"
-    return Tile(draw_overlay(image, measure(image, recipe).trace), title, text, ok=True)
+    return f"L {length:.4f} {unit}, contraction {table['contraction'][k]:.4f}"
 
 
 def _save(path: Path, image: NDArray[np.uint8]) -> Path:

@@ -12,7 +12,7 @@ from ._errors import NoMuscle
 from ._limb import step
 from ._smoother import smooth_robustly
 
-AVERAGED_ROWS = 21  # along the edge, before an edge is fitted
+_AVERAGED_ROWS = 21  # along the edge, before an edge is fitted
 _FIRST_BLUR = 1.2  # px, of the step that gives the first curve
 _FIRST_REACH = 10  # px by which the coarse outline may be off
 _COARSE_MEDIAN = 15  # rows
@@ -102,7 +102,7 @@ def aligned_windows(
         + f * (2 * before - 5 * here + 4 * after - last + f * (3 * (here - after) + last - before))
     )
     seen = _seen(windows[:, (t > 1) & (t < 5)].mean(axis=1), radius / spacing)
-    averaged = AVERAGED_ROWS // spacing | 1
+    averaged = _AVERAGED_ROWS // spacing | 1
     weight = _along_edge(seen[:, None], averaged)[:, 0]
     windows *= seen[:, None]
     windows = _along_edge(windows, averaged)

@@ -11,6 +11,7 @@ from ._amount import amount_of_luma
 from ._camera import Camera, Silhouette, profile_from_silhouette, ring_position
 from ._errors import ImagingError, NoMuscle, WrongOrientation
 from ._measurement import Measurement
+from ._midline import axis_deviation, axis_kink
 from ._outline import Outline, find_outline
 from ._pixel_method import measure_pixels
 from ._profile_of_body import end_radius, measurement_of_body
@@ -171,12 +172,14 @@ def _quality(
     hue = hue_of(coarse.tape)
     apart = 0.0 if recipe.tape_hue is None else abs((hue - recipe.tape_hue + 180) % 360 - 180)
     sides = (outline.left, outline.right)
+    columns = (outline.left.column, outline.right.column)
     return Quality(
         eta_value=coarse.eta_value,
         eta_hue=coarse.eta_hue,
         blur_px=outline.blur,
         kappa=max(side.kappa for side in sides),
-        axis_deviation=_axis_deviation(outline),
+        axis_deviation=axis_deviation(*columns),
+        axis_kink=axis_kink(*columns),
         misfit=outline.misfit,
         outlier_fraction=max(side.outliers for side in sides),
         residual_rms=max(side.residual for side in sides),
@@ -186,11 +189,3 @@ def _quality(
         tape_hue_deg=hue,
         tape_hue_error_deg=apart,
     )
-
-
-def _axis_deviation(outline: Outline) -> float:
-    left, right = outline.left.column, outline.right.column
-    middle = (left + right) / 2
-    x = np.linspace(-1, 1, middle.size)
-    off = middle - np.polynomial.Polynomial.fit(x, middle, 1)(x)
-    return float(np.sqrt(np.mean(off**2)) / np.mean((right - left) / 2))

@@ -16,7 +16,7 @@ from ._recipe import Recipe
 from ._recipe_file import read_recipe
 from ._ruler import calibrate_ruler
 from ._scale import Scale
-from ._units import parse_quantity
+from ._units import factor, parse_quantity
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Files of a folder that are taken for pictures."""
@@ -32,7 +32,9 @@ def command_recipe(
     recipe: Path | None = None,
     ruler: Path | None = None,
     scale: str | None = None,
-    pitch: str = "0.125in",
+    pitch: str | None = None,
+    expected_px_per_in: float | None = None,
+    ruler_placement: str | None = None,
     **given: str | None,
 ) -> tuple[Recipe, dict[str, str]]:
     """The recipe of the options, and what the table shall say of its origin.
@@ -41,13 +43,26 @@ def command_recipe(
         recipe: a file with all choices, which the options override.
         ruler: photograph of a ruler at the mid-plane, from the same camera.
         scale: `226.63 px/in` or `226.63+-0.02 px/in`.
-        pitch: of the ruler's marks.
-        given: distance, tape_diameter (with unit), crop_offset, frame_size (two numbers), method and
-            orientation; None where not given.
+        pitch: of the ruler's marks, with its unit.
+        expected_px_per_in: the scale to within a quarter; tells two edges of a ruler apart.
+        ruler_placement: standard error of the ruler's place in depth, with its unit.
+        given: distance, tape_diameter (with unit), crop_offset, frame_size (two numbers), tape_hue
+            (degrees), method and orientation; None where not given.
 
     Raises:
         ImagingError: no scale or two, or an option that cannot be read.
     """
+    reading: dict[str, Any] = {}
+    if pitch is not None:
+        reading["pitch"] = _length(pitch, "pitch")
+    if expected_px_per_in is not None:
+        reading["expected_px_per_m"] = expected_px_per_in * factor("px/in", "scale")
+    if ruler_placement is not None:
+        reading["placement_stderr"] = parse_quantity(ruler_placement, "length")
+    if reading and ruler is None:
+        raise ImagingError(
+            "pitch, expected scale and ruler placement say how a ruler is read; there is no ruler"
+        )
     choices: dict[str, Any] = {
         name: _READ[name](text, name) for name, text in given.items() if text is not None
     }
@@ -72,9 +87,10 @@ def command_recipe(
     try:
         found = Recipe(**choices) if base is None else dataclasses.replace(base, **choices)
         if ruler is not None:
-            found = dataclasses.replace(found, scale=_ruler_scale(ruler, pitch, found))
+            found = dataclasses.replace(found, ruler=dataclasses.replace(found.ruler, **reading))
+            found = dataclasses.replace(found, scale=_ruler_scale(ruler, found))
             digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
-            provenance |= {"ruler": str(ruler), "ruler_sha256": digest, "ruler_pitch": pitch}
+            provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
     except ImagingError:
         raise
     except ValueError as error:
@@ -82,7 +98,7 @@ def command_recipe(
     return found, provenance
 
 
-def _ruler_scale(ruler: Path, pitch: str, recipe: Recipe) -> Scale:
+def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
     """The scale of the ruler, photographed as the muscle was, or in the whole frame."""
     image = read_image(ruler)
     height, width = image.shape[:2]
@@ -90,7 +106,7 @@ def _ruler_scale(ruler: Path, pitch: str, recipe: Recipe) -> Scale:
     try:
         return calibrate_ruler(
             image,
-            pitch=parse_quantity(pitch, "length"),
+            **dataclasses.asdict(recipe.ruler),
             distance=recipe.distance,
             centre=None if whole else recipe.camera(width, height).centre,
             k1=recipe.k1,
@@ -143,11 +159,21 @@ def _whole_pair(text: str, name: str) -> tuple[int, int]:
     return int(first), int(second)
 
 
+def _angle(text: str, name: str) -> float:
+    try:
+        return float(text.removesuffix("deg"))
+    except ValueError:
+        raise ImagingError(
+            f"the {name.replace('_', ' ')} is an angle, 355deg, got {text!r}"
+        ) from None
+
+
 _READ: dict[str, Callable[[str, str], Any]] = {
     "distance": _length,
     "tape_diameter": _length,
     "crop_offset": _pair,
     "frame_size": _whole_pair,
+    "tape_hue": _angle,
     "method": lambda text, _: text,
     "orientation": lambda text, _: text,
 }

@@ -11,8 +11,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from ._edge_fit import best_shift, parabola_peak
 from ._edge_profile import BROAD, EdgeProfile, edge_profile, limb, near_edge
-from ._edge_windows import AVERAGED_ROWS, Samples, aligned_windows, first_curve
-from ._smoother import smooth_robustly, variance_of_smooth
+from ._edge_windows import Samples, aligned_windows, first_curve
+from ._smoother import density_left_over, smooth_robustly, variance_of_smooth
 
 Method = Literal["limb", "gradient", "half-level"]
 """How an edge is found in linear light: the limb model, the steepest point, half the local step."""
@@ -57,17 +57,21 @@ class Outline:
     Attributes:
         rows: v, shape (n,).
         left, right: the sides.
-        blur: Gaussian blur s of the edge, pixel and weave included [px].
+        blur: s of the edge, a standard deviation, pixel and weave included [px].
+        disk: part of its variance that a disk makes, see `EdgeProfile`.
         misfit: root mean square between the mean profiles and the model, over the step.
         inward: distance from the edge of the samples of a profile [px].
+        resolution: wavelength that passed the smoothing at half its height [px].
     """
 
     rows: NDArray[np.int64]
     left: Side
     right: Side
     blur: float
+    disk: float
     misfit: float
     inward: NDArray[np.float64]
+    resolution: float
 
 
 def find_outline(
@@ -112,11 +116,14 @@ def find_outline(
     light = np.asarray(cv2.LUT(luma, amount), np.float32)
     first, curves = _first_look(light, curves, radius, blur)
     options = (radius, resolution, method, first.kappas)
-    outline = _improved(light, rows, curves, first.blur, *options, estimate=blur is None)
+    outline = _improved(
+        light, rows, curves, first.blur, first.disk, *options, estimate=blur is None
+    )
     for _ in range(_PASSES):
         before = outline.blur
+        shape = before, outline.disk
         curves = [outline.left.column, outline.right.column]
-        outline = _improved(light, rows, curves, before, *options, estimate=blur is None)
+        outline = _improved(light, rows, curves, *shape, *options, estimate=blur is None)
         found = [outline.left.column, outline.right.column]
         moved = max(np.abs(new - old).max() for new, old in zip(found, curves, strict=True))
         if moved < _SETTLED[0] and abs(outline.blur / before - 1) < _SETTLED[1]:
@@ -147,6 +154,7 @@ def _improved(
     rows: NDArray[np.int64],
     curves: list[NDArray[np.float64]],
     blur: float,
+    disk: float,
     radius: float,
     resolution: float,
     method: Method,
@@ -161,15 +169,17 @@ def _improved(
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
     profiles = [side.profile for side in sides]
-    fit = edge_profile(profiles, t, blur, radius, estimate=estimate, first_kappas=first_kappas)
+    fit = edge_profile(
+        profiles, t, blur, radius, disk=disk, estimate=estimate, first_kappas=first_kappas
+    )
     made = []
     for side, kappa, shift in zip(sides, fit.kappas, fit.shifts, strict=True):
-        estimator = _estimator(method, t, fit.blur, kappa, radius)
+        estimator = _estimator(method, t, fit, kappa, radius)
         column, stderr, residual, outliers = _refined(
             side, estimator, resolution, shift if method == "limb" else None
         )
         made.append(Side(column, stderr, residual, outliers, kappa, side.profile))
-    return Outline(rows, made[0], made[1], fit.blur, fit.misfit, t)
+    return Outline(rows, made[0], made[1], fit.blur, fit.disk, fit.misfit, t, resolution)
 
 
 def _window(blur: float, radius: float) -> NDArray[np.float64]:
@@ -182,15 +192,16 @@ Estimator = Callable[[NDArray[np.float32]], NDArray[np.float64]]
 
 
 def _estimator(
-    method: Method, t: NDArray[np.float64], s: float, kappa: float, radius: float
+    method: Method, t: NDArray[np.float64], fit: EdgeProfile, kappa: float, radius: float
 ) -> Estimator:
     """Shift inward [px] of averaged windows, by the method."""
+    s = fit.blur
     if method == "limb":
         near = near_edge(t, s)
         return lambda windows: best_shift(
             windows[:, near],
             t[near],
-            lambda x: limb(x, s, kappa, radius),
+            lambda x: limb(x, s, kappa, radius, fit.disk),
             max(2.0, 1.5 * s),
             0.1,
         )
@@ -231,7 +242,6 @@ def _refined(
     curve, keep = smooth_robustly(position, resolution, side.weight.astype(float))
     off = np.where(keep, position - curve, 0.0)
     residual = float(np.sqrt(np.mean(off[keep] ** 2)))
-    # Averaged rows are independent one window apart: white noise of this density before smoothing.
-    density = residual**2 * AVERAGED_ROWS
+    density = density_left_over(off, resolution)
     stderr = np.sqrt(density * variance_of_smooth(curve.size, resolution))
     return curve, stderr, residual, 1 - float(keep.mean())

@@ -89,8 +89,8 @@ def measure_pixels(
         saturated=float(np.mean(hsv[..., 2][inside > 0] >= 254)),
         tape_hue_deg=hue,
         **dict.fromkeys(
-            ("blur_px", "kappa", "axis_deviation", "misfit", "outlier_fraction", "residual_rms",
-            "tape_sd_px", "tape_blur_px"), float("nan"),
+            ("blur_px", "kappa", "axis_deviation", "axis_kink", "misfit", "outlier_fraction",
+             "residual_rms", "tape_sd_px", "tape_blur_px"), float("nan"),
         ),
     )  # fmt: skip
     for failure in quality.failures(recipe.limits):

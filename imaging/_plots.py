@@ -13,7 +13,10 @@ from ._table import Table
 from ._units import SYSTEMS, factor
 
 _PROFILES = 40  # drawn at most, evenly over the contraction
-_QUALITY = ("blur_px", "tape_sd_px", "residual_rms", "outlier_fraction", "misfit", "saturated")
+_QUALITY = (
+    "blur_px", "tape_sd_px", "residual_rms", "outlier_fraction", "misfit", "kappa", "axis_kink",
+    "saturated",
+)  # fmt: skip
 """Quality figures drawn: those that have a largest value."""
 
 
@@ -63,7 +66,7 @@ def _draw_profiles(figure: Figure, axes: Axes, table: Table, unit: str, per_unit
 
 def _draw_over_time(axes: Axes, table: Table, name: str, unit: str, per_unit: float) -> None:
     axes.set(title=name.replace("_", " "), ylabel=unit)
-    stamped = np.isfinite(table["time"]).all()
+    stamped = table.ok.any() and np.isfinite(table["time"][table.ok]).all()
     axes.set(xlabel="time, s" if stamped else "picture")
     if name not in table.columns:
         return

@@ -10,18 +10,16 @@ from scipy.interpolate import CubicSpline
 from ._camera import Camera, Silhouette
 from ._fourier import correlated_points
 from ._measurement import Errors, Measurement, Trace
-from ._outline import AVERAGED_ROWS, Outline
+from ._outline import Outline
 from ._quality import Quality
 from ._scale import Scale
+from ._smoother import smooth
 from ._tape_edge import Ring
 
-_EDGE_BIAS = 0.02  # px per edge, of a blur of 1 px
-_OF_SCATTER = 0.12
-_OF_KAPPA, _LARGEST_KAPPA = (
-    0.06,
-    2.0,
-)  # px per edge and kappa: how the light falls is known to a part
-_RING_BIAS = 0.06  # px
+_SHADE = 0.02  # px per edge and px^0.5 of blur
+_OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1
+_OF_MISFIT = 20.0  # px per edge and px of blur
+_RING_BIAS = 0.045  # px
 _END_ROWS = 24
 
 
@@ -48,32 +46,20 @@ def measurement_of_body(
 ) -> Measurement:
     """The measurement, without the picture's path and time.
 
-    The standard error of D is the root of the summed squares of three parts. Random: of both edges
-    after smoothing, no less than the mid-line's scatter about a cubic says, for a body of
-    revolution has a smooth one. Systematic: per edge 0.02 px for each pixel of blur, an eighth of
-    the edge's scatter, and 0.06 px for a kappa of 1, a limb in harsh frontal light: what weave,
-    lens and a tone curve known to some percent leave. A wrong tone curve can do ten times as much.
-    And the scale's. That of L has the scatter of the edge along each tape, a systematic 0.06 px for
-    each, and the scale's.
+    How the standard errors are made up is said at `Errors`.
     """
     length = lower.y - upper.y
     n = max(16, round(length * camera.px_per_m) + 1)
     z = np.linspace(0, length, n)
     y = upper.y + z
     px = 1 / camera.px_per_m
-    smoothed = np.hypot(outline.left.stderr, outline.right.stderr)
-    residual = float(np.hypot(outline.left.residual, outline.right.residual))
-    scatter, stretch = _scatter_of_middle(outline)
-    random = smoothed * max(1.0, scatter / float(np.sqrt(np.mean(smoothed**2)))) * px
-    density = max(residual**2 * AVERAGED_ROWS, scatter**2 * stretch) * px**3
+    random, density = _random_part(outline)
     at = np.linspace(body.y[0], body.y[-1], random.size)
-    kappa = min(max(quality.kappa, 0.0), _LARGEST_KAPPA)
-    edge = _EDGE_BIAS * max(1.0, quality.blur_px) + _OF_SCATTER * quality.residual_rms
-    edge = 2 * (edge + _OF_KAPPA * kappa) * px
-    ends = math.sqrt(upper.stderr**2 + lower.stderr**2 + 2 * (_RING_BIAS * px) ** 2)
+    edge, ring = _systematic_part(quality)
+    ends = math.sqrt(upper.stderr**2 + lower.stderr**2 + 2 * (ring * px) ** 2)
     diameter = 2 * _radius_at(body, y)
     stderr = np.sqrt(
-        np.interp(y, at, random) ** 2 + edge**2 + (diameter * scale.relative_stderr) ** 2
+        (np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * scale.relative_stderr) ** 2
     )
     return Measurement(
         path="",
@@ -87,8 +73,8 @@ def measurement_of_body(
         roll=body.roll,
         x0=body.x0,
         errors=Errors(
-            edge=edge,
-            density=density,
+            edge=edge * px,
+            density=density * px**3,
             ends=ends,
             scale=scale.relative_stderr,
         ),
@@ -101,6 +87,31 @@ def measurement_of_body(
             lower.arc,
         ),
     )
+
+
+def _random_part(outline: Outline) -> tuple[NDArray[np.float64], float]:
+    """Random error of the width in every row [px], and its density, variance times length [px^3].
+
+    The larger of two: what passes the smoothing of the edges' scatter, and the scatter of the
+    mid-line, which is the width's where the edges err independently. Threads that both sides show
+    mirrored are in the first alone, waves longer than the smoothing in the second alone.
+    """
+    random = np.hypot(outline.left.stderr, outline.right.stderr)
+    scatter, stretch = _scatter_of_middle(outline)
+    square = float(np.mean(random**2))
+    random = random * math.sqrt(max(1.0, scatter**2 / square))
+    width = outline.right.column - outline.left.column
+    rounded = width - smooth(width, outline.resolution)  # by a second smoothing as by the first
+    return np.hypot(random, rounded), max(square, scatter**2) * stretch
+
+
+def _systematic_part(quality: Quality) -> tuple[float, float]:
+    """Systematic error of the width, and of each tape's edge [px]."""
+    light = _OF_LIGHT * max(quality.kappa, 0.0) * quality.residual_rms
+    lens = _OF_MISFIT * quality.misfit * quality.blur_px
+    shade = _SHADE * math.sqrt(max(1.0, quality.blur_px))
+    edge = 2 * math.sqrt(shade**2 + light**2 + lens**2)
+    return edge, math.hypot(_RING_BIAS, lens)
 
 
 def _scatter_of_middle(outline: Outline) -> tuple[float, float]:

@@ -23,13 +23,16 @@ class Limits:
         eta_value: least separability of muscle and cloth.
         eta_hue: least separability of tape and braid.
         blur_px: largest blur of the outline [px].
-        blur_ratio: largest blur of the tapes' edges along the axis over that of the outline.
+        blur_ratio: largest blur of the tapes' edges along the axis over that of the outline, which
+            a way of 5 px during the exposure reaches with a lens of 0.9 px.
         outlier_fraction: largest part of stray rows.
         residual_rms: largest scatter of the edge about its smooth curve [px].
         kappa: largest strength of the limb's root [px^-0.5]; the limb of a larger one is lost in
             the cloth.
         axis_deviation: largest deviation of the mid-line from a straight one, over the mean radius.
-        misfit: largest misfit of the limb model, over the step.
+        axis_kink: the same from a smooth one.
+        misfit: largest misfit of the limb model, over the step; sound pictures have 0.005 at most,
+            ones sharpened by an unsharp mask of 2 about 0.012.
         tape_sd_px: largest scatter of a tape's edge about a straight one [px].
         saturated: largest saturated part of the muscle.
         tape_hue_deg: largest distance from the recipe's hue [deg].
@@ -40,12 +43,13 @@ class Limits:
     eta_value: float = 0.7
     eta_hue: float = 0.75
     blur_px: float = 3.5
-    blur_ratio: float = 2.0
+    blur_ratio: float = 1.75
     outlier_fraction: float = 0.2
     residual_rms: float = 1.5
     kappa: float = 5.9
     axis_deviation: float = 0.15
-    misfit: float = 0.06
+    axis_kink: float = 0.05
+    misfit: float = 0.02
     tape_sd_px: float = 3.0
     saturated: float = 0.2
     tape_hue_deg: float = 40.0
@@ -58,11 +62,12 @@ class Quality:
 
     Attributes:
         eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1.
-        blur_px: Gaussian blur of the outline [px].
+        blur_px: standard deviation of the spread of light across the outline [px].
         kappa: strength of the limb's root against its step, the larger of both sides [px^-0.5]; 0
             for a plateau, above 2 where the limb is nearly as dark as the cloth.
         axis_deviation: root mean square of the mid-line about a straight one, over the mean radius.
-        misfit: of the limb model to the mean edge, over the step.
+        axis_kink: largest deviation of the mid-line from a smooth one, over the mean radius.
+        misfit: of the limb model to the mean edge, over the step; halo and sharpening leave one.
         outlier_fraction: part of stray rows.
         residual_rms: scatter of the edge about its smooth curve [px].
         tape_sd_px: scatter of the tapes' edges about straight ones [px].
@@ -77,6 +82,7 @@ class Quality:
     blur_px: float
     kappa: float
     axis_deviation: float
+    axis_kink: float
     misfit: float
     outlier_fraction: float
     residual_rms: float
@@ -113,8 +119,12 @@ class Quality:
             (self.axis_deviation > limits.axis_deviation, NoMuscle, "axis_deviation",
              limits.axis_deviation, "the two sides must mirror each other: is one in the shade, or "
              "covered?"),
+            (self.axis_kink > limits.axis_kink, DamagedImage, "axis_kink", limits.axis_kink,
+             "the two sides must mirror each other all along: is something in front of one, or "
+             "beside it?"),
             (self.misfit > limits.misfit, DamagedImage, "misfit", limits.misfit,
-             "the mean edge must look like that of a lit body: is another edge behind it?"),
+             "the mean edge must look like that of a lit body behind a lens: is another edge behind "
+             "it, or does the camera sharpen?"),
             (self.tape_sd_px > limits.tape_sd_px, AmbiguousHue, "tape_sd_px", limits.tape_sd_px,
              "the tapes' edges must be straight rings: is a tape torn, or covered?"),
         )  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 
 from ._camera import Camera
 from ._quality import Limits
-from ._scale import Scale
+from ._scale import RulerReading, Scale
 from ._tone import Tone
 
 METHODS = ("limb", "gradient", "half-level", "pixel")
@@ -41,6 +41,7 @@ class Recipe:
         resolution_px: wavelength along the axis that passes at half its height [px]; None takes
             9.3 mm, which is 83 px at 226.63 px/in.
         limits: the worst quality that still is a measurement.
+        ruler: how the photograph of a ruler, if the scale comes from one, is read.
 
     Raises:
         ValueError: an option that is not known, a figure outside its range, or half of a crop.
@@ -61,6 +62,7 @@ class Recipe:
     edge_offset_px: float = 0.0
     resolution_px: float | None = None
     limits: Limits = dataclasses.field(default_factory=Limits)
+    ruler: RulerReading = dataclasses.field(default_factory=RulerReading)
 
     def __post_init__(self) -> None:
         for name, known in (("method", METHODS), ("orientation", ORIENTATIONS)):

@@ -15,7 +15,7 @@ from ._tone import Tone
 from ._units import UNITS, factor
 
 _FORMAT = "famjax recipe 1"
-_LENGTHS = ("distance", "tape_diameter")
+_LENGTHS = ("distance", "tape_diameter", "pitch", "placement_stderr")
 _KEYS = {"tape_hue": "tape_hue_deg", "stderr": "stderr_px_per_m"}
 """Keys of the fields whose name alone does not say the unit."""
 

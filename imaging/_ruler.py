@@ -2,25 +2,22 @@
 
 import math
 from os import PathLike, fspath
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ._camera import Camera
-from ._errors import AmbiguousRuler, ImagingError, RulerNotFound
+from ._errors import ImagingError, RulerNotFound
 from ._read import Reader, read_image
+from ._ruler_choice import FEWEST, Strip, choose_strip, is_ruler, read_strip
 from ._ruler_marks import Numbered, marks_of, numbered
-from ._ruler_strip import Line, regular_strips
-from ._scale import Scale
+from ._ruler_strip import Line
+from ._scale import RulerReading, Scale
 from ._tone import Tone
 
-_FEWEST = 8
-_ON_MODEL = 0.8  # of the marks between the first and the last
-_SHARP = 0.05  # pitches; marks that scatter more are none of a ruler
-_WHOLE = 0.06  # by which the ratio of two pitches may miss a whole number
 _TURNS = 3
+_LEAST_EXACT = 1e-3  # standard error of the scale, relative
 
 
 def calibrate_ruler(
@@ -59,118 +56,63 @@ def calibrate_ruler(
         The scale; positive `tilt_deg` when its lower, or right, end is further away.
 
     Raises:
-        RulerNotFound: no regular marks, fewer than 8, or too many that do not fit.
-        AmbiguousRuler: two sets of marks whose pitches are not multiples of each other.
+        RulerNotFound: no regular marks, fewer than 8, too many that do not fit, or a scale no
+            better than 0.1 %.
+        AmbiguousRuler: no scale is expected, and two edges of the ruler show two.
         UnreadableImage, DamagedImage: as `read_image`.
-        ValueError: a pitch or distance that is not positive.
+        ValueError: a figure outside its range.
 
     References:
         Chambers 2021, section 4.2.1.
     """
-    for name, value in (("pitch", pitch), ("distance", distance)):
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be finite and > 0, got {value} m")
+    RulerReading(pitch, expected_px_per_m, placement_stderr)  # refuses what cannot be
+    if not (math.isfinite(distance) and distance > 0):
+        raise ValueError(f"distance must be finite and > 0, got {distance} m")
     path = "" if isinstance(image, np.ndarray) else fspath(image)
     try:
         rgb = image if isinstance(image, np.ndarray) else reader(path)
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
-        expected = None if expected_px_per_m is None else expected_px_per_m * pitch
-        line, marks = _best(luma, (tone or Tone.srgb()).table, expected)
+        light = (tone or Tone.srgb()).table[luma].astype(np.float32)
+        strip = _aligned(light, choose_strip(luma, light, pitch, expected_px_per_m))
+        middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
+        marks = _straightened(strip, middle, k1, pitch, distance)
+        return _scale(strip.line, marks, middle, pitch, distance, placement_stderr)
     except ImagingError as error:
         if path:
             raise error.at(path) from error
         raise
-    middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
-    marks = _straightened(line, marks, middle, k1, pitch, distance)
-    return _scale(line, marks, middle, pitch, distance, placement_stderr)
 
 
-def _best(
-    luma: NDArray[np.uint8], table: NDArray[np.float64], expected: float | None
-) -> tuple[Line, Numbered]:
-    light = table[luma].astype(np.float32)
-    tried = [(line, _read(light, line)) for line in regular_strips(luma)]
-    good = [(line, marks) for line, marks in tried if marks is not None and _is_ruler(marks)]
-    if expected is not None:
-        good = [each for each in good if abs(_pitch(each[1]) / expected - 1) < 0.25]
-    if not good:
-        most = max((marks.number.size for _, marks in tried if marks is not None), default=0)
-        figures: dict[str, Any] = {"marks": most, "strips": len(tried)}
-        if expected is not None:
-            figures["expected_pitch_px"] = expected
-        raise RulerNotFound(
-            f"a ruler must show {_FEWEST} or more marks at even distances, {_ON_MODEL:.0%} of those "
-            "between the first and the last; is it in the picture, in focus, and is the pitch that "
-            "of its finest regular marks?",
-            **figures,
-        )
-    line, marks = max(good, key=lambda each: (each[1].number.size, each[0].width))
-    _check_unique(marks, [other for _, other in good])
-    line = _aligned(light, line)
-    again = _read(light, line)
-    return line, again if again is not None and _is_ruler(again) else marks
-
-
-def _read(light: NDArray[np.float32], line: Line) -> Numbered | None:
-    return numbered(marks_of(line.profile(light), line.pitch), line.pitch)
-
-
-def _is_ruler(marks: Numbered) -> bool:
-    return (
-        marks.number.size >= _FEWEST
-        and marks.number.size >= _ON_MODEL * marks.expected
-        and marks.residual <= _SHARP * abs(_pitch(marks))
-    )
-
-
-def _pitch(marks: Numbered) -> float:
-    return float(np.ptp(marks.place) / np.ptp(marks.number))
-
-
-def _check_unique(best: Numbered, others: list[Numbered]) -> None:
-    for other in others:
-        ratio = max(_pitch(other), _pitch(best)) / min(_pitch(other), _pitch(best))
-        if abs(ratio - round(ratio)) > _WHOLE:
-            raise AmbiguousRuler(
-                "the picture must show one scale; it shows two whose pitches are not multiples of "
-                "each other: cover one edge of the ruler, or give the scale to expect",
-                pitch_px=_pitch(best),
-                other_pitch_px=_pitch(other),
-            )
-
-
-def _aligned(light: NDArray[np.float32], line: Line) -> Line:
-    """The line turned until both halves of its strip show the marks at the same places."""
+def _aligned(light: NDArray[np.float32], strip: Strip) -> Strip:
+    """The strip turned until both of its halves show the marks at the same places."""
+    line = strip.line
     for _ in range(_TURNS):
         halves = [marks_of(line.profile(light, part=part), line.pitch) for part in (-1.0, 1.0)]
-        if min(half.size for half in halves) < _FEWEST:
-            return line
+        if min(half.size for half in halves) < FEWEST:
+            break
         nearest = np.abs(halves[0][:, None] - halves[1]).argmin(axis=1)
         shift = halves[1][nearest] - halves[0]
         close = np.abs(shift) < 0.3 * line.pitch
-        if close.sum() < _FEWEST:
-            return line
+        if close.sum() < FEWEST:
+            break
         angle = float(np.median(shift[close])) / (line.width / 2)
         line = line.turned(-np.arctan(angle)) if abs(angle) > 1e-5 else line
-    return line
+    again = read_strip(light, line)
+    return again if again is not None and is_ruler(again.marks) else Strip(line, strip.marks)
 
 
 def _straightened(
-    line: Line,
-    marks: Numbered,
-    centre: tuple[float, float],
-    k1: float,
-    pitch: float,
-    distance: float,
+    strip: Strip, centre: tuple[float, float], k1: float, pitch: float, distance: float
 ) -> Numbered:
     """The marks where a lens without distortion would show them."""
+    line, marks = strip.line, strip.marks
     if k1 == 0:
         return marks
-    camera = Camera(_pitch(marks) / pitch, distance, centre, k1)
+    camera = Camera(strip.pitch / pitch, distance, centre, k1)
     u, v = (line.origin[i] + marks.place * line.along[i] for i in (0, 1))
     a, b = camera.rays(u, v)
     shown = np.stack([centre[0] + a * camera.focal_px, centre[1] + b * camera.focal_px], axis=1)
-    again = numbered((shown - line.origin) @ line.along, _pitch(marks))
+    again = numbered((shown - line.origin) @ line.along, strip.pitch)
     return marks if again is None else again
 
 
@@ -202,6 +144,14 @@ def _scale(
         ]
     )
     random = math.sqrt(gradient @ marks.covariance @ gradient)
+    if not random <= _LEAST_EXACT * px_per_m:
+        raise RulerNotFound(
+            f"a ruler's marks must give the scale to {_LEAST_EXACT:.1%} or better; these are too few, "
+            "or scatter too much: is it in focus, are its finest marks 5 px or more apart?",
+            relative_stderr=random / px_per_m,
+            marks=marks.number.size,
+            residual_px=marks.residual,
+        )
     a, b, c = fit
     return Scale(
         px_per_m=px_per_m,

@@ -9,6 +9,35 @@ from ._camera import apparent_diameter
 
 
 @dataclasses.dataclass(frozen=True)
+class RulerReading:
+    """How the photograph of a ruler is to be read, see `calibrate_ruler`.
+
+    Attributes:
+        pitch: from mark to mark [m]; 1/8 in by default.
+        expected_px_per_m: the scale to within a quarter [px/m]; None expects that of the only marks.
+        placement_stderr: standard error of the ruler's place in depth [m].
+
+    Raises:
+        ValueError: a figure outside its range.
+    """
+
+    pitch: float = 0.003175
+    expected_px_per_m: float | None = None
+    placement_stderr: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.pitch) and self.pitch > 0):
+            raise ValueError(f"pitch must be finite and > 0, got {self.pitch} m")
+        expected = self.expected_px_per_m
+        if expected is not None and not (np.isfinite(expected) and expected > 0):
+            raise ValueError(f"expected_px_per_m must be finite and > 0, got {expected} px/m")
+        if not (np.isfinite(self.placement_stderr) and self.placement_stderr >= 0):
+            raise ValueError(
+                f"placement_stderr must be finite and >= 0, got {self.placement_stderr} m"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
 class Scale:
     """The scale in the plane of the muscle's axis.
 

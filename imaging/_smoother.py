@@ -9,6 +9,7 @@ from scipy.linalg import solveh_banded
 _THIRD = np.array([-1.0, 3.0, -3.0, 1.0])
 _REJECT = 4.0  # robust standard deviations at which a row counts as stray
 _PASSES = 3
+_ABOUT = 0.5  # octaves on either side
 _POWER = 5 * np.pi / 18  # integral of 1 / (1 + x^6)^2 over x > 0
 
 
@@ -87,6 +88,25 @@ def variance_of_smooth(n: int, resolution: float) -> NDArray[np.float64]:
     out[:k] = edge[:k]
     out[n - k :] = edge[:k][::-1]
     return out
+
+
+def density_left_over(off: NDArray[np.float64], resolution: float) -> float:
+    """Variance times rows of the scatter before `smooth`, from what it left over of one picture.
+
+    The mean of the periodogram about the wavelength that passes at half its height, each value
+    over the part that was left of it. Shorter waves, a weave's own, say little about what passes.
+
+    Args:
+        off: positions less the smooth curve, shape (n,).
+        resolution: of the smoothing [rows].
+    """
+    taper = np.hanning(off.size)
+    size = 2 ** int(np.ceil(np.log2(off.size)))
+    first, last = (round(size / resolution * 2**octaves) for octaves in (-_ABOUT, _ABOUT))
+    wave = np.arange(max(first, 1), max(last, 1) + 1)
+    power = np.abs(np.fft.rfft(off * taper, size)[wave]) ** 2 / np.sum(taper**2)
+    bent = _strength(resolution) * (2 - 2 * np.cos(2 * np.pi * wave / size)) ** 3
+    return float(np.mean(power * (1 + 1 / bent) ** 2))
 
 
 @functools.lru_cache(maxsize=16)

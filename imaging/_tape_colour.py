@@ -11,6 +11,7 @@ from ._masks import sampled
 from ._otsu import otsu_split
 
 _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
+_SURE_HUE = 25.0  # the same of the class with more pixels, which is the braid as a rule
 _SAMPLE = 8000  # pixels that the classes are found on
 
 
@@ -40,7 +41,8 @@ def split_by_colour(
     Args:
         rgb: picture, shape (h, w, 3).
         muscle: > 0 on the muscle, shape (h, w).
-        tape_hue: of the tape [deg]; None takes the class with fewer pixels.
+        tape_hue: of the tape [deg]; None takes the class with fewer pixels, as does a hue that
+            neither class has.
     """
     sample = sampled(rgb, muscle, _SAMPLE).astype(np.float32)
     colour = sample / (sample @ np.ones((3, 1), np.float32) + 1)
@@ -58,8 +60,9 @@ def split_by_colour(
     if tape_hue is not None:
         sides = (sample[upper], sample[~upper])
         away = [_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
-        if min(away) < _OWN_HUE:
-            take_upper = away[0] <= away[1]
+        nearest = bool(away[0] <= away[1])
+        if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
+            take_upper = nearest
     # along . c > level, multiplied by R + G + B + 1, is one linear form of the picture.
     form = np.array([[*(along - level), -level]], np.float32)
     tape = cv2.transform(rgb.astype(np.float32), form).reshape(muscle.shape) > 0

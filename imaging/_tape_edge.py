@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from ._amount import LUMA
 from ._camera import Camera, turned
 from ._edge_fit import best_shift, height_and_rest, least_squares
 from ._errors import MissingFitting
+from ._fourier import correlated_points
 from ._limb import step
+from ._tape_cover import LEAST_SEEN, behind, check_cover, tape_shows
 from ._tone import Tone
 
 _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray
@@ -60,8 +63,8 @@ def find_ring(
     """The inner edge of a tape, from the picture unrolled around it.
 
     The picture is sampled at the points (x0 + X, y + h, d - sqrt(R^2 - X^2)) of the cylinder, so
-    that a ring becomes a straight line, in linear light projected on the line from the tape's
-    colour to the braid's. Groups of neighbouring X are averaged and each gives the position of a
+    that a ring becomes a straight line, in the linear light that the braid has and the tape and its
+    dark rim have not. Groups of neighbouring X are averaged and each gives the position of a
     blurred step; the mean is the ring's, their scatter its error.
 
     Args:
@@ -78,7 +81,7 @@ def find_ring(
         blur: of the outline [px], where the search for the edge's own blur starts.
 
     Raises:
-        MissingFitting: no edge there.
+        MissingFitting: no edge there, or too much of it is covered.
     """
     px = 1 / camera.px_per_m
     inward = -1 if lower else 1
@@ -88,24 +91,30 @@ def find_ring(
         rgb, tone, camera, colours, y, radius_at(y), x0, roll, 2 * len(_window(blur))
     )
 
-    def unrolled(y: float, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def unrolled(
+        y: float, t: NDArray[np.float64], s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         radius = radius_at(y)
         lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
-        at = y + inward * t * px
-        u, v = _seen(camera, at, lateral, radius, x0, roll)
+        u, v = _seen(camera, y + inward * t * px, lateral, radius, x0, roll)
         grid = amounts.at(u, v)
         lit = _lit(grid, t)
-        return grid[lit], lateral[lit]
+        beside = _seen(camera, y + inward * behind(s) * px, lateral, radius, x0, roll)
+        shown = lit & tape_shows(rgb, tone, colours, *beside)
+        seen = np.count_nonzero(shown) / np.count_nonzero(lit)
+        use = shown if seen >= LEAST_SEEN else lit
+        return grid[use], lateral[use], seen
 
     t, s = _window(blur), blur
-    grid, lateral = unrolled(y, t)
+    grid, lateral, seen = unrolled(y, t, s)
     for _ in range(_PASSES):
         shift, s = _blurred_step(grid.mean(axis=0), t, s)
         if abs(shift) < 0.02:
             break
         y += inward * shift * px
         t = _window(s)
-        grid, lateral = unrolled(y, t)
+        grid, lateral, seen = unrolled(y, t, s)
+    check_cover(seen)
     groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
     delta, keep = _group_shifts(groups, t, s)
     where = np.array([part.mean() for part in np.array_split(lateral, _GROUPS)])
@@ -116,7 +125,8 @@ def find_ring(
     u, v = _seen(camera, np.array([y]), lateral, radius_at(y), x0, roll)
     return Ring(
         y=y,
-        stderr=spread / np.sqrt(keep.sum()) * px,
+        # Groups in the width of one thread are moved together.
+        stderr=spread * np.sqrt(correlated_points(left_over) / keep.sum()) * px,
         tilt=float(np.arctan(inward * slope)),
         spread=spread,
         blur=s,
@@ -178,10 +188,11 @@ def _amounts(
     v0, u0 = (max(int(np.floor(x.min())) - 3, 0) for x in (v, u))
     v1, u1 = int(np.ceil(v.max())) + 4, int(np.ceil(u.max())) + 4
     tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
-    difference = braid - tape
-    towards = difference / (difference @ difference)
+    # Luma less the tape's part in it: tape shows none, nor does a thick tape's dark rim.
+    own = LUMA - tape * (tape @ LUMA) / (tape @ tape)
+    towards = own / (own @ braid)
     linear = cv2.LUT(np.ascontiguousarray(rgb[v0:v1, u0:u1]), tone.table)
-    patch = cv2.transform(linear, np.array([[*towards, -tape @ towards]]))
+    patch = cv2.transform(linear, np.array([[*towards, 0.0]]))
     patch = np.clip(np.asarray(patch, float), -_BRIGHTEST, _BRIGHTEST)
     return _Amounts(np.asarray(spline_filter(patch, 3, mode="mirror")), u0, v0)
 

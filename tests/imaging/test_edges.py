@@ -7,12 +7,14 @@ from scipy.integrate import quad
 from imaging import Camera, Tone
 from imaging._amount import amount_of_luma
 from imaging._edge_fit import best_shift
-from imaging._limb import ramp, step
+from imaging._limb import LARGEST_DISK, defocused_step, ramp, step
 from imaging._outline import find_outline
-from imaging._smoother import smooth, smooth_robustly, variance_of_smooth
+from imaging._smoother import density_left_over, smooth, smooth_robustly, variance_of_smooth
 from imaging._tape_edge import _seen
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
+DISK = 5e-3  # six nodes for a disk five times as wide as the Gaussian
+DISK_PX = 0.06  # an edge under a disk of defocus; a Gaussian alone errs by up to 0.4 px
 SHIFT_PX = 2e-3  # parabola through a maximum sampled at 0.1 px
 CYLINDER_PX = 0.05  # limb law to second order, 8-bit values
 NOISY_PX = 0.05  # the same with the noise of ISO 3200, after smoothing
@@ -40,6 +42,20 @@ def test_the_ramp_is_a_blurred_root(t, blur):
 def test_the_ramp_is_continuous_where_its_table_ends():
     t = np.linspace(39.5, 40.5, 101)
     assert np.abs(np.diff(ramp(t, 1.0, 200.0), 2)).max() < LIMB
+
+
+@pytest.mark.parametrize("disk", [0.05, 0.4, LARGEST_DISK])
+@pytest.mark.parametrize("t", [-3.1, -0.7, 0.0, 1.3, 4.0])
+def test_a_defocused_step_is_a_step_under_a_semicircle(t, disk):
+    blur = 1.3
+    radius, gaussian = 2 * blur * np.sqrt(disk), blur * np.sqrt(1 - disk)
+
+    def integrand(angle):  # x = r sin(angle) takes the corners off the semicircle
+        return 2 / np.pi * np.cos(angle) ** 2 * step(t - radius * np.sin(angle), gaussian)
+
+    expected, _ = quad(integrand, -np.pi / 2, np.pi / 2, epsabs=1e-10)
+    assert defocused_step(t, blur, disk) == pytest.approx(expected, abs=DISK)
+    assert defocused_step(t, blur, 0.0) == pytest.approx(step(t, blur), abs=1e-12)
 
 
 @pytest.mark.parametrize("blur", [0.6, 1.2, 2.5])
@@ -77,6 +93,23 @@ def test_the_smoothers_variance_is_that_of_repeats():
     assert np.all(np.abs(ratio - 1) < 0.25)  # 1500 repeats: 4 % each, 300 of them
 
 
+def test_what_is_left_over_says_what_has_passed():
+    """White noise and a slow wave: the scatter left over gives the density of the noise alone."""
+    random = np.random.default_rng(6)
+    x = np.arange(900.0)
+    found = []
+    for _ in range(60):
+        noisy = 30 * np.sin(x / 250) + 0.3 * random.normal(size=x.size)
+        found.append(density_left_over(noisy - smooth(noisy, 45.0), 45.0))
+    assert np.mean(found) == pytest.approx(0.3**2, rel=0.1)  # 60 times 20 waves: 3 %
+
+
+def test_a_short_wave_left_over_is_no_noise_that_passes():
+    x = np.arange(900.0)
+    weave = 0.3 * np.sin(2 * np.pi * x / 11)
+    assert density_left_over(weave - smooth(weave, 45.0), 45.0) < 0.01 * 0.3**2
+
+
 def test_stray_rows_are_thrown_out():
     random = np.random.default_rng(1)
     x = np.arange(500.0)
@@ -90,8 +123,11 @@ def test_stray_rows_are_thrown_out():
     assert keep.mean() > 0.9
 
 
-def cylinder(limb, blur, noise, seed=0, radius=70.3, rows=300):
-    """A lit cylinder of known edges: brightness limb + (1 - limb) n_z, blurred, as 8-bit sRGB."""
+def cylinder(limb, blur, noise, seed=0, radius=70.3, rows=300, disk=0.0):
+    """A lit cylinder of known edges: brightness limb + (1 - limb) n_z, blurred, as 8-bit sRGB.
+
+    A disk of defocus, as a line sees it, is a semicircle.
+    """
     random = np.random.default_rng(seed)
     middle = 100.2 + 0.01 * np.arange(rows) + 1.5 * np.sin(np.arange(rows) / 80)
     fine = 8
@@ -99,6 +135,9 @@ def cylinder(limb, blur, noise, seed=0, radius=70.3, rows=300):
     q = (u - middle[:, None]) / radius
     light = np.where(np.abs(q) < 1, limb + (1 - limb) * np.sqrt(np.clip(1 - q**2, 0, None)), 0)
     kernel = normal(np.arange(-6 * fine, 6 * fine + 1) / fine / blur)
+    if disk:
+        across = np.arange(-7 * fine, 7 * fine + 1) / fine / disk
+        kernel = np.convolve(kernel, np.sqrt(np.clip(1 - across**2, 0, None)))
     light = np.apply_along_axis(np.convolve, 1, light, kernel / kernel.sum(), "same")
     light = 0.01 + 0.45 * light.reshape(rows, 210, fine).mean(axis=2)
     if noise:
@@ -126,6 +165,16 @@ def test_a_smooth_cylinder_in_any_light(limb, blur):
         tolerance = (HARSH_PX if limb < 0.1 else NOISY_PX) * max(1, blur)
         assert abs(off.mean()) < tolerance
         assert off.std() < tolerance
+
+
+@pytest.mark.parametrize("disk", [1.7, 2.4, 3.3, 4.2])
+@pytest.mark.parametrize("limb", [1.0, 0.4])
+def test_a_lens_out_of_focus_moves_no_edge(disk, limb):
+    image, left, right = cylinder(limb, 0.5, noise=True, disk=disk, seed=4)
+    found = find_outline(image, table(limb), np.arange(300), left + 3, right - 4, resolution=83.0)
+    assert found.blur == pytest.approx(np.sqrt(0.5**2 + disk**2 / 4 + 1 / 12), rel=0.05)
+    for side, true, inward in ((found.left, left, 1), (found.right, right, -1)):
+        assert abs(np.mean(inward * (side.column - true))) < DISK_PX
 
 
 def test_half_levels_and_gradients_move_inward_on_a_dark_limb():

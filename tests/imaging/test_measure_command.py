@@ -1,6 +1,7 @@
 """`famjax measure` from photographs, ruler and log to the files."""
 
 import csv
+import dataclasses
 import json
 from types import SimpleNamespace
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from imaging import ImagingError, read_recipe
+from imaging import AmbiguousRuler, ImagingError, read_recipe
 from imaging._measure_options import command_recipe, expand, parse_scale
 from imaging.synthetic import (
     published_ruler,
@@ -116,6 +117,10 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
         (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "log cannot be read"),
         (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
+        (["PHOTOS", "--scale", "56 px/in", "--ruler-placement", "0.01in"], "there is no ruler"),
+        (["PHOTOS", "--ruler", "RULER", "--expected-px-per-in", "20"], "expected_pitch_px"),
+        (["PHOTOS", "--ruler", "RULER", "--ruler-placement=-1mm"], "placement_stderr"),
+        (["PHOTOS", "--scale", "56 px/in", "--tape-hue", "red"], "is an angle"),
     ],
 )
 def test_input_that_cannot_be_used_is_code_2_before_any_work(
@@ -186,6 +191,28 @@ def test_options_override_the_recipe_file(tmp_path):
     found, provenance = command_recipe(recipe=path, distance="60in", method="pixel")
     assert (found.distance, found.method, found.scale.px_per_m) == (1.524, "pixel", 9000.0)
     assert provenance == {"recipe_file": str(path)}
+
+
+def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
+    """Sixteenths on the other edge: the options tell which, and how well it was placed."""
+    from imaging import RulerReading, write_recipe
+
+    scene = dataclasses.replace(published_ruler(size=(1325, 300)), edge="both", other_pitch=IN / 16)
+    shot = render_ruler(scene, 5)
+    ruler = shot.save(tmp_path / "ruler.jpg")
+    with pytest.raises(AmbiguousRuler, match="--expected-px-per-in") as caught:
+        command_recipe(ruler=ruler)
+    assert caught.value.path == str(ruler)
+    found, _ = command_recipe(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
+    assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
+    assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
+    assert found.ruler == RulerReading(0.003175, 120.0 / IN, 0.06 * IN)
+    path = write_recipe(found, tmp_path / "recipe.toml")
+    again, _ = command_recipe(recipe=path, ruler=ruler)
+    assert again == found
+    finer, _ = command_recipe(recipe=path, ruler=ruler, pitch="0.0625in")
+    assert finer.ruler.placement_stderr == found.ruler.placement_stderr
+    assert finer.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
 
 
 def test_a_crop_without_its_frame_is_of_the_reference_camera_and_says_so() -> None:

@@ -1,12 +1,14 @@
 """What a campaign draws for people to check."""
 
+import cv2
 import numpy as np
 import pytest
 
 from imaging import Recipe, Scale, Table, Tile, contact_sheet, draw_overlay, plot_table
 from imaging._check_pictures import choose, write_check_pictures
 from imaging._measurement import Trace
-from imaging._row import POSITION, Row
+from imaging._row import POSITION, Row, measured_row
+from imaging.synthetic import damaged, published_scene, render
 
 RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)
 
@@ -66,6 +68,35 @@ def test_a_contact_sheet_shows_every_picture_in_the_frame_of_its_fate():
     assert contact_sheet(tiles[:1]).shape[0] < sheet.shape[0]
 
 
+def test_the_reason_of_a_failure_is_told_below_its_picture():
+    """One line of words for a good picture, as many as it takes, up to four, for a failed one."""
+    short = contact_sheet([Tile(None, "a.jpg", "L 9.28 in", ok=True)])
+    long = contact_sheet([Tile(None, "a.jpg", "NoMuscle: " + 30 * "words and ", ok=False)])
+    lines = (long.shape[0] - short.shape[0]) / 15
+    assert lines == 3
+    assert (long[-20:] < 200).any()
+
+
+def test_a_damaged_picture_is_shown_and_a_vanished_one_is_not(tmp_path):
+    scene = published_scene(0.1, size=(400, 166))
+    shot = render(scene, 1)
+    (tmp_path / "bad.jpg").write_bytes(damaged(shot.jpeg(), "scrambled", 3))
+    good = shot.save(tmp_path / "good.jpg")
+    row = measured_row(str(good), Recipe(Scale.manual(scene.camera.px_per_m)))
+    assert row.ok
+    bad = Row(str(tmp_path / "bad.jpg"), error="DamagedImage: the decoder must not complain")
+    files = write_check_pictures(
+        Table.from_rows([row, bad]), Recipe(Scale.manual(scene.camera.px_per_m)), tmp_path / "out"
+    )
+    sheet = cv2.imread(str(files[0]))
+    halves = sheet[20:220, :248], sheet[20:220, 248:]
+    assert all(half.std() > 30 for half in halves)  # neither is a grey tile
+    assert len(list((tmp_path / "out" / "overlays").iterdir())) == 1
+    good.unlink()
+    write_check_pictures(Table.from_rows([row]), Recipe(Scale.manual(1.0)), tmp_path / "gone")
+    assert not list((tmp_path / "gone" / "overlays").iterdir())
+
+
 def table(n_good, n_failed):
     good = [
         Row(f"{k}.jpg", numbers={"length": 0.2 - 1e-3 * k, "length_stderr": 1e-5,
@@ -97,6 +128,11 @@ def test_pictures_to_look_at_are_spread_over_the_stroke_and_over_those_that_fail
     assert len(set(chosen)) == len(chosen)
     if n_good == 100:
         assert {0, 99} <= set(chosen)
+
+
+def test_lengths_are_drawn_over_time_though_a_failed_picture_has_no_stamp():
+    labels = [axes.get_xlabel() for axes in plot_table(table(5, 2)).axes]
+    assert labels.count("time, s") == 2
 
 
 @pytest.mark.parametrize("parts", [(30, 3), (0, 3), (3, 0)])

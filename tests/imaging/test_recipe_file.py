@@ -6,7 +6,16 @@ import tomllib
 import numpy as np
 import pytest
 
-from imaging import ImagingError, Limits, Recipe, Scale, Tone, read_recipe, write_recipe
+from imaging import (
+    ImagingError,
+    Limits,
+    Recipe,
+    RulerReading,
+    Scale,
+    Tone,
+    read_recipe,
+    write_recipe,
+)
 from imaging._recipe_file import recipe_as_dict, recipe_text
 
 RULER = Scale(8922.4409, 0.0892, (1.1, 8922.4, -1.7e-9), 0.31, 0.021, 97, "ruler")
@@ -27,6 +36,7 @@ FULL = Recipe(
     edge_offset_px=0.05,
     resolution_px=100.0,
     limits=dataclasses.replace(Limits(), blur_px=4.0, saturated=0.1),
+    ruler=RulerReading(0.001, 8900.0, 0.00025),
 )
 
 
@@ -46,6 +56,9 @@ def test_every_choice_is_in_the_file():
     assert len(entries) == 1 + len(dataclasses.fields(Recipe))  # and the format
     assert set(entries["limits"]) == {field.name for field in dataclasses.fields(Limits)}
     assert len(entries["scale"]) == len(dataclasses.fields(Scale))
+    assert entries["ruler"] == {
+        "pitch_m": 0.001, "expected_px_per_m": 8900.0, "placement_stderr_m": 0.00025
+    }  # fmt: skip
 
 
 def test_keys_name_their_units():
@@ -84,6 +97,8 @@ def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
         ("distance_m = \n", "not a TOML file"),
         ("tone = [0.0, 1.0]\n", "256 finite values"),
         ("limits = 3\n", "limits must be a table"),
+        ("[ruler]\npitch_in = 0\n", "pitch must be finite and > 0"),
+        ("[ruler]\npitch = 0.125\n", "unknown key ruler.pitch"),
     ],
 )
 def test_what_cannot_be_a_recipe_is_refused_with_the_path(tmp_path, text, match):

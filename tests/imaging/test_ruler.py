@@ -107,11 +107,64 @@ def two_scales():
 
 
 def test_two_scales_are_ambiguous_until_one_is_expected():
-    with pytest.raises(AmbiguousRuler, match="multiples") as caught:
+    with pytest.raises(AmbiguousRuler, match="two edges") as caught:
         calibrate_ruler(two_scales())
     assert caught.value.figures["pitch_px"] == pytest.approx(13.0, rel=0.01)
     scale = calibrate_ruler(two_scales(), pitch=0.005, expected_px_per_m=20.6 / 0.005)
     assert scale.px_per_m == pytest.approx(20.6 / 0.005, rel=2e-3)  # its marks are whole pixels
+
+
+TWO_EDGES = {
+    "sixteenths": {"other_pitch": INCH / 16},
+    "sixteenths of one length": {"other_pitch": INCH / 16, "mark_lengths": (0.16 * INCH,) * 4},
+    "sixteenths, worn": {"other_pitch": INCH / 16, "worn": 0.08},
+    "sixteenths, turned": {"other_pitch": INCH / 16, "rotation_deg": -1.5},
+    "sixteenths, tilted": {"other_pitch": INCH / 16, "tilt_deg": 4.0},
+    "quarters": {"other_pitch": INCH / 4},
+    "two millimetres": {"other_pitch": 2e-3},
+    "half centimetres": {"other_pitch": 5e-3},
+}
+
+
+@pytest.mark.parametrize("case", TWO_EDGES)
+def test_two_edges_that_differ_are_ambiguous_until_a_scale_is_expected(base, case):
+    scene = dataclasses.replace(base, edge="both", **TWO_EDGES[case])
+    photo = render_ruler(scene, 12)
+    with pytest.raises(AmbiguousRuler, match="expected-px-per-in") as caught:
+        calibrate_ruler(photo.rgb)
+    figures = caught.value.figures
+    other = scene.other_pitch
+    assert other is not None
+    pitches = sorted([figures["pitch_px"], figures["other_pitch_px"]])
+    assert pitches[0] / pitches[1] == pytest.approx(
+        min(other, scene.pitch) / max(other, scene.pitch), rel=0.02
+    )
+    truth = photo.truth.px_per_m * INCH
+    assert any(
+        figures[name] == pytest.approx(truth, rel=0.01) for name in ("px_per_in", "other_px_per_in")
+    )
+    told = calibrate_ruler(photo.rgb, expected_px_per_m=1.1 * photo.truth.px_per_m)
+    assert told.px_per_m == pytest.approx(photo.truth.px_per_m, rel=2 * SCALE)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"edge": "right"}, {"edge": "both"}, {"edge": "both", "worn": 0.1}, {"numbers": False},
+     {"mark_lengths": (0.2 * INCH,) * 4}, {"edge": "right", "face": (0.62, 0.40, 0.17)}],
+)  # fmt: skip
+def test_longer_marks_and_numbers_make_no_second_scale(base, changes):
+    photo = render_ruler(dataclasses.replace(base, **changes), 4)
+    scale = calibrate_ruler(photo.rgb)
+    assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=SCALE)
+
+
+def test_marks_too_fine_to_be_told_apart_give_no_scale(base):
+    scene = dataclasses.replace(
+        base, pitch=INCH / 32, marks=353, other_pitch=INCH / 16, edge="both"
+    )
+    photo = render_ruler(scene, 7)
+    with pytest.raises((RulerNotFound, AmbiguousRuler)):
+        calibrate_ruler(photo.rgb, pitch=INCH / 32)
 
 
 def test_marks_are_found_to_a_hundredth_of_a_pixel():
@@ -158,7 +211,10 @@ def test_the_error_names_the_file(tmp_path):
         calibrate_ruler(path)
 
 
-@pytest.mark.parametrize("wrong", [{"pitch": 0.0}, {"distance": -1.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [{"pitch": 0.0}, {"distance": -1.0}, {"expected_px_per_m": 0.0}, {"placement_stderr": -1e-3}],
+)
 def test_impossible_options_are_refused(wrong):
-    with pytest.raises(ValueError, match="> 0"):
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} must be finite and >"):
         calibrate_ruler(np.zeros((100, 100, 3), np.uint8), **wrong)

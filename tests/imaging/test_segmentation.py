@@ -1,14 +1,17 @@
 """Thresholds, boundaries, colours and the coarse outline, against other libraries and the truth."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
 from skimage.filters import threshold_otsu
 
+from imaging import AmbiguousHue, Limits, Recipe, Scale, measure
 from imaging._otsu import counts_of, otsu_split
 from imaging._segmentation import segment
 from imaging._tape_colour import hue_of
-from imaging.synthetic import published_scene, render
+from imaging.synthetic import INCH, Tape, published_scene, render
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
 
@@ -71,3 +74,39 @@ def test_a_large_picture_is_looked_at_twice_and_gives_the_same(photo):
     assert large.upper.inner_limbs == pytest.approx(
         [edge + v for edge in small.upper.inner_limbs], abs=COARSE_PX
     )
+
+
+BACKGROUNDS = {"black": None, "blue": (20, 30, 75), "tan": (85, 70, 45), "red": (80, 25, 20)}
+
+
+@pytest.mark.parametrize("background", BACKGROUNDS)
+@pytest.mark.parametrize("hue", [222.0, 355.0, 4.0, 130.0])
+def test_a_tape_of_any_hue_on_cloth_of_any_colour(hue, background):
+    """The seam of the hue's circle is at red: a recipe's 350, 0 or 10 deg all mean the same tape."""
+    base = published_scene(0.12, size=(800, 332))
+    muscle = dataclasses.replace(base.muscle, upper=Tape(hue=hue), lower=Tape(hue=hue))
+    shot = render(dataclasses.replace(base, muscle=muscle), 6)
+    rgb = on_cloth(shot.rgb, BACKGROUNDS[background])
+
+    def how(hue):
+        no_lens = Limits(misfit=1.0)  # drew the border to this cloth
+        return Recipe(Scale.manual(shot.truth.px_per_m), tape_hue=hue, limits=no_lens)
+
+    for given in (None, (hue - 9) % 360, hue, (hue + 9) % 360):
+        found = measure(rgb, how(given))
+        assert found.length == pytest.approx(shot.truth.length, abs=0.004 * INCH)
+    for other in (222.0, 0.0, 130.0):
+        if abs((other - hue + 180) % 360 - 180) > 60:
+            with pytest.raises(AmbiguousHue, match="another hue than the recipe's"):
+                measure(rgb, how(other))
+
+
+def on_cloth(rgb, colour):
+    if colour is None:
+        return rgb
+    muscle = cv2.morphologyEx(
+        (rgb.max(axis=2) > 60).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((15, 15))
+    )
+    part = cv2.GaussianBlur(muscle.astype(np.float32), (0, 0), 1.0)[..., None]
+    cloth = np.array(colour) + np.random.default_rng(0).normal(0, 4, rgb.shape)
+    return np.clip(rgb * part + (1 - part) * cloth, 0, 255).astype(np.uint8)
