@@ -19,6 +19,7 @@ Method = Literal["limb", "gradient", "half-level"]
 
 _WIDEST_START = 3.0  # px: from too small a blur the flank of a defocused edge looks like an edge
 _EVERY = 4  # rows of which one is looked at first
+_ALIGNED = 2  # rows of which one is enough to align windows to
 _PASSES = 4
 _SETTLED = (0.15, 0.05)  # px, of which the next pass would leave a fifth; part of the blur
 _LARGEST_PART = 0.35  # of the radius up to which the windows may reach
@@ -117,17 +118,19 @@ def find_outline(
     first, curves = _first_look(light, curves, radius, blur)
     options = (radius, resolution, method, first.kappas)
     outline = _improved(
-        light, rows, curves, first.blur, first.disk, *options, estimate=blur is None
-    )
+        light, rows, curves, first.blur, first.disk, *options,
+        estimate=blur is None, spacing=_ALIGNED,
+    )  # fmt: skip
+    curves = [_in_every_row(side.column, rows.size) for side in (outline.left, outline.right)]
     for _ in range(_PASSES):
         before = outline.blur
         shape = before, outline.disk
-        curves = [outline.left.column, outline.right.column]
         outline = _improved(light, rows, curves, *shape, *options, estimate=blur is None)
         found = [outline.left.column, outline.right.column]
         moved = max(np.abs(new - old).max() for new, old in zip(found, curves, strict=True))
         if moved < _SETTLED[0] and abs(outline.blur / before - 1) < _SETTLED[1]:
             break
+        curves = found
     return dataclasses.replace(outline, left=outline.left.moved(u0), right=outline.right.moved(u0))
 
 
@@ -161,11 +164,16 @@ def _improved(
     first_kappas: tuple[float, float],
     *,
     estimate: bool,
+    spacing: int = 1,
 ) -> Outline:
-    """The outline from windows aligned to the curves, and their blur unless it is given."""
+    """The outline from windows aligned to the curves, and their blur unless it is given.
+
+    Rows `spacing` px apart are enough to align the windows of the next pass to.
+    """
     t = _window(blur, radius)
+    light, rows, curves = light[::spacing], rows[::spacing], [curve[::spacing] for curve in curves]
     sides = [
-        aligned_windows(light, curve, inward, t, radius)
+        aligned_windows(light, curve, inward, t, radius, spacing)
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
     profiles = [side.profile for side in sides]
@@ -176,10 +184,16 @@ def _improved(
     for side, kappa, shift in zip(sides, fit.kappas, fit.shifts, strict=True):
         estimator = _estimator(method, t, fit, kappa, radius)
         column, stderr, residual, outliers = _refined(
-            side, estimator, resolution, shift if method == "limb" else None
+            side, estimator, resolution / spacing, shift if method == "limb" else None
         )
         made.append(Side(column, stderr, residual, outliers, kappa, side.profile))
     return Outline(rows, made[0], made[1], fit.blur, fit.disk, fit.misfit, t, resolution)
+
+
+def _in_every_row(column: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """A curve of which every `_ALIGNED`-th of n rows is known."""
+    longer = np.append(column, 2 * column[-1] - column[-2])
+    return np.interp(np.arange(n), _ALIGNED * np.arange(longer.size), longer)
 
 
 def _window(blur: float, radius: float) -> NDArray[np.float64]:

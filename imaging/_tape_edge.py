@@ -91,29 +91,37 @@ def find_ring(
         rgb, tone, camera, colours, y, radius_at(y), x0, roll, 2 * len(_window(blur))
     )
 
-    def unrolled(
-        y: float, t: NDArray[np.float64], s: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    def around(y: float, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         radius = radius_at(y)
         lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
-        u, v = _seen(camera, y + inward * t * px, lateral, radius, x0, roll)
+        return lateral, *_seen(camera, y + inward * t * px, lateral, radius, x0, roll)
+
+    def uncovered(y: float, s: float) -> NDArray[np.bool_]:
+        return tape_shows(rgb, tone, colours, *around(y, behind(s))[1:])
+
+    def unrolled(
+        y: float, t: NDArray[np.float64], shows: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        lateral, u, v = around(y, t)
         grid = amounts.at(u, v)
         lit = _lit(grid, t)
-        beside = _seen(camera, y + inward * behind(s) * px, lateral, radius, x0, roll)
-        shown = lit & tape_shows(rgb, tone, colours, *beside)
+        shown = lit & shows
         seen = np.count_nonzero(shown) / np.count_nonzero(lit)
         use = shown if seen >= LEAST_SEEN else lit
         return grid[use], lateral[use], seen
 
     t, s = _window(blur), blur
-    grid, lateral, seen = unrolled(y, t, s)
+    shows = uncovered(y, s)
+    grid, lateral, seen = unrolled(y, t, shows)
     for _ in range(_PASSES):
         shift, s = _blurred_step(grid.mean(axis=0), t, s)
         if abs(shift) < 0.02:
             break
         y += inward * shift * px
         t = _window(s)
-        grid, lateral, seen = unrolled(y, t, s)
+        if not shows.all():  # else the tape shows everywhere, here as some pixels beside
+            shows = uncovered(y, s)
+        grid, lateral, seen = unrolled(y, t, shows)
     check_cover(seen)
     groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
     delta, keep = _group_shifts(groups, t, s)
