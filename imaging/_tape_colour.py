@@ -65,8 +65,12 @@ def split_by_colour(
             take_upper = nearest
     # along . c > level, multiplied by R + G + B + 1, is one linear form of the picture.
     form = np.array([[*(along - level), -level]], np.float32)
-    tape = cv2.transform(rgb.astype(np.float32), form).reshape(muscle.shape) > 0
-    return ColourSplit(np.where((tape == take_upper) & (muscle > 0), 255, 0).astype(np.uint8), eta)
+    u, v, width, height = cv2.boundingRect(muscle)
+    box = slice(v, v + height), slice(u, u + width)
+    above = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
+    mask = np.zeros_like(muscle)
+    mask[box] = np.where((above == take_upper) & (muscle[box] > 0), 255, 0)
+    return ColourSplit(mask, eta)
 
 
 def hue_of(rgb: NDArray[np.floating]) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import famjax
+import fitting
 from famjax.__main__ import main
 from fitting import (
     ForceData,
@@ -183,10 +184,21 @@ def test_what_is_no_series_is_refused() -> None:
         identify_series([one, specimen(0.2, 1)], parameters=both)
 
 
-def test_the_command_identifies_and_its_file_predicts(
-    capsys: pytest.CaptureFixture, tmp_path: Path
+def test_the_command_reads_the_maps_and_its_file_predicts(
+    capsys: pytest.CaptureFixture,
+    tmp_path: Path,
+    series: Series,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    maps = []
+    """The identification itself, a minute of it, is that of the fixture."""
+    maps, given = [], []
+
+    def identified(data: list[ForceData], **options: object) -> Series:
+        given.extend(data)
+        assert options["laws"] == LAWS
+        return series
+
+    monkeypatch.setattr(fitting, "identify_series", identified)
     for k, rest in enumerate(SEEN):
         data = specimen(rest, 7 + k)
         lines = [f"# specimen: name = {data.specimen.name}"]
@@ -202,6 +214,13 @@ def test_the_command_identifies_and_its_file_predicts(
         main(["series", *map(str, maps), "--law", *LAWS, "--output", str(folder)])
     assert not stop.value.code
     assert "mooney-rivlin" in capsys.readouterr().out
+    for k, (read, rest) in enumerate(zip(given, SEEN, strict=True)):
+        meant = specimen(rest, 7 + k)
+        np.testing.assert_allclose(read.force, meant.force, rtol=1e-9)
+        np.testing.assert_allclose(read.length, meant.length, rtol=1e-9)
+        assert read.specimen.name == meant.specimen.name
+        assert read.specimen.embedded
+        assert read.specimen.wall_thickness == pytest.approx(meant.specimen.wall_thickness)
     with pytest.raises(SystemExit) as stop:
         main(["predict", str(folder / "fit.json"), "--rest-length", "180mm", "--length", "170mm",
               "--pressure", "400kPa", "--json"])  # fmt: skip
