@@ -18,7 +18,7 @@ from fitting import (
 )
 from fitting._model.laws import AbstractLaw
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 RECOVERED = 1e-6  # relative: noise-free readings, as the project promises
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)

@@ -28,7 +28,7 @@ from fitting import (
 from fitting._evidence.series import best_law
 from fitting._evidence.spread import muscle_spread
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 DIAMETER, ANGLE, COMPLIANCE, C10, C01 = 0.012, math.radians(64), 1.1e-5, 0.5e6, 0.2e6
 NOISE = 1.0  # N
