@@ -16,7 +16,7 @@ from reconstruction import NAME, reconstruct
 
 from famjax import units
 from fitting import ForceData, Specimen
-from fitting._sweep.lane import CONSTRAINTS, DEPENDENCES
+from fitting._sweep.padded import CONSTRAINTS, DEPENDENCES
 from fitting._sweep.problem import Design, Readings, arrange, design
 
 ORDERS = (1, 2, 3, 4)

@@ -92,7 +92,8 @@ def minimise(
     else:
         G, h = constraint.grid_rows()
         model = objective.model(near.y, jnp.asarray(float(_STEPS)))
-        point, y = _solved(model, model.hessian, near.y, G, h, near.rows)
+        guess = None if objective.quadratic else near.rows
+        point, y = _solved(model, model.hessian, near.y, G, h, guess)
         dips, turned = Points(jnp.full(1, -1), jnp.zeros(1)), jnp.zeros_like(y)
     return _certified(objective, y, turned, G, h, point, near, dips)
 
@@ -103,7 +104,7 @@ def _solved(
     y: Float[Array, " n"],
     G: Float[Array, "m n"],
     h: Float[Array, " m"],
-    guess: tuple[Int[Array, " n"], Bool[Array, " n"]],
+    guess: tuple[Int[Array, " n"], Bool[Array, " n"]] | None,
 ) -> tuple[NearestPoint, Float[Array, " n"]]:
     """The minimiser of the model at y with that curvature, under the rows."""
     # An unknown that the data and the rows do not depend on stays where it is.

@@ -55,17 +55,17 @@ class AbstractObjective(eqx.Module):
 
 
 class SumOfSquares(AbstractObjective):
-    """1/2 sum_p r_p^T M_p r_p.
+    """1/2 sum_p w_p |r_p|^2.
 
     Attributes:
         W: shape (groups, k, n).
         c: shape (groups, k).
-        M: weights, shape (groups, k, k): identities, or those of a bootstrap replicate.
+        weight: w, shape (groups,); 0 leaves a group out.
     """
 
     W: Float[Array, "groups k n"]
     c: Float[Array, "groups k"]
-    M: Float[Array, "groups k k"]
+    weight: Float[Array, " groups"]
 
     @property
     def quadratic(self) -> bool:
@@ -75,8 +75,7 @@ class SumOfSquares(AbstractObjective):
     def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
         """The value alone."""
         del iteration
-        r = self.W @ y - self.c
-        return jnp.einsum("pi,pij,pj->", r, self.M, r) / 2
+        return self.weight @ jnp.sum((self.W @ y - self.c) ** 2, axis=1) / 2
 
     def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
         """Never: it has none."""
@@ -89,12 +88,10 @@ class SumOfSquares(AbstractObjective):
 
     def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
         """Value and derivatives."""
-        del iteration
-        MW = self.M @ self.W
-        r = self.W @ y - self.c
-        hessian = jnp.einsum("pkn,pkm->nm", self.W, MW)
-        value = jnp.einsum("pi,pij,pj->", r, self.M, r) / 2
-        return Model(value, jnp.einsum("pkn,pk->n", MW, r), hessian, hessian)
+        weighted = self.weight[:, None, None] * self.W
+        gradient = jnp.einsum("pkn,pk->n", weighted, self.W @ y - self.c)
+        hessian = jnp.einsum("pkn,pkm->nm", weighted, self.W)
+        return Model(self.value(y, iteration), gradient, hessian, hessian)
 
 
 class MeanRmse(AbstractObjective):
@@ -107,7 +104,7 @@ class MeanRmse(AbstractObjective):
     Attributes:
         W: shape (groups, k, n).
         c: shape (groups, k).
-        M: weights, shape (groups, k, k).
+        weight: shape (groups,); 0 leaves a group out.
         count: readings of each group K_p, shape (groups,).
 
     References:
@@ -116,7 +113,7 @@ class MeanRmse(AbstractObjective):
 
     W: Float[Array, "groups k n"]
     c: Float[Array, "groups k"]
-    M: Float[Array, "groups k k"]
+    weight: Float[Array, " groups"]
     count: Float[Array, " groups"]
 
     @property
@@ -132,23 +129,22 @@ class MeanRmse(AbstractObjective):
 
     def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
         """Whether the fit is nearly perfect in a group."""
-        size = jnp.einsum("pi,pij,pj->p", self.c, self.M, self.c)
         _, _, norm = self._norms(y, jnp.zeros(()))
-        return jnp.any(norm**2 < _NEARLY_PERFECT**2 * size)
+        return jnp.any(norm**2 < _NEARLY_PERFECT**2 * self._size)
 
     def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
         """The sum of the roundings of all corners."""
         _, share, norm = self._norms(y, jnp.asarray(_ROUNDED))
-        size = jnp.sqrt(jnp.einsum("pi,pij,pj->p", self.c, self.M, self.c))
-        return share @ jnp.minimum(_ROUNDED * size, (_ROUNDED * size) ** 2 / norm)
+        corner = _ROUNDED * jnp.sqrt(self._size)
+        return share @ jnp.minimum(corner, corner**2 / norm)
 
     def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
         """Value and derivatives of the rounded function."""
         r, share, norm = self._norms(y, _rounding(iteration))
         norm = jnp.where(norm > 0, norm, 1.0)
-        MW = self.M @ self.W
-        pull = jnp.einsum("pkn,pk->pn", MW, r) / norm[:, None]
-        majorant = jnp.einsum("p,pkn,pkm->nm", share / norm, self.W, MW)
+        weighted = self.weight[:, None, None] * self.W
+        pull = jnp.einsum("pkn,pk->pn", weighted, r) / norm[:, None]
+        majorant = jnp.einsum("p,pkn,pkm->nm", share / norm, weighted, self.W)
         return Model(
             share @ norm,
             share @ pull,
@@ -156,11 +152,14 @@ class MeanRmse(AbstractObjective):
             majorant,
         )
 
+    @property
+    def _size(self) -> Float[Array, " groups"]:
+        return self.weight * jnp.sum(self.c**2, axis=1)
+
     def _norms(self, y: Float[Array, " n"], rounding: Float[Array, ""]) -> tuple[Array, ...]:
         """Residuals, the weight of each group in the mean, and |r_p|, rounded."""
         r = self.W @ y - self.c
-        size = jnp.einsum("pi,pij,pj->p", self.c, self.M, self.c)
-        square = jnp.einsum("pi,pij,pj->p", r, self.M, r) + rounding**2 * size
+        square = self.weight * jnp.sum(r**2, axis=1) + rounding**2 * self._size
         zero = square <= 0
         norm = jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
         return r, 1 / (jnp.sqrt(self.count) * self.count.shape[0]), norm

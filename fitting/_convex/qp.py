@@ -119,21 +119,20 @@ def inverse_upper(
 ) -> tuple[Float[Array, "n n"], Float[Array, ""], Bool[Array, ""]]:
     """The inverse of an upper triangle, its condition number, and whether it is singular.
 
-    A singular one is replaced by the identity, so that its lane of a batch stays finite.
+    A singular one is replaced by the identity, so that its part of a batch stays finite.
 
     Args:
         R: with columns of unit length.
         size: the larger dimension of the matrix whose factor it is, for the rounding.
     """
     n, eps = R.shape[0], jnp.finfo(R.dtype).eps
-    fixed = jax.lax.stop_gradient(R)
-    norm = jnp.linalg.norm(fixed)
-    zero = jnp.abs(jnp.diagonal(fixed)) <= eps * norm
-    trial = inverse_lower(fixed.T + jnp.diag(jnp.where(zero, 1.0, 0.0).astype(R.dtype)))
-    condition = jnp.where(jnp.any(zero), jnp.inf, norm * jnp.linalg.norm(trial))
+    norm = jnp.linalg.norm(jax.lax.stop_gradient(R))
+    zero = jnp.abs(jnp.diagonal(R)) <= eps * norm
+    J = inverse_lower(R.T + jnp.diag(jnp.where(zero, 1.0, 0.0).astype(R.dtype))).T
+    size_of_J = jnp.linalg.norm(jax.lax.stop_gradient(J))
+    condition = jnp.where(jnp.any(zero), jnp.inf, norm * size_of_J)
     deficient = ~(condition * 10 * size * eps < 1)
-    R = jnp.where(deficient, jnp.eye(n, dtype=R.dtype), R)
-    return inverse_lower(R.T).T, condition, deficient
+    return jnp.where(deficient, jnp.eye(n, dtype=R.dtype), J), condition, deficient
 
 
 def _certificate(

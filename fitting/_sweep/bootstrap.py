@@ -15,8 +15,16 @@ from .._convex.constraint import posed
 from .._convex.convex_fit import minimise
 from .._convex.small_dense import cholesky, inverse_lower
 from .._convex.status import Status
-from .fits import coupled_lane, free_lane, over_all
-from .lane import CONSTRAINTS, Lane, huber_threshold, objective_of
+from .fits import over_all
+from .padded import (
+    CONSTRAINTS,
+    Unknowns,
+    constraint_of,
+    coupled,
+    free,
+    huber_threshold,
+    objective_of,
+)
 from .problem import Design, Readings
 
 
@@ -60,17 +68,16 @@ def replicate_all(
     def together(
         form: Int[Array, ""], order: Int[Array, ""], kind: Int[Array, ""]
     ) -> Float[Array, "replicates pressures order"]:
-        return _replicates(of, coupled_lane(of, form, order, kind), every, grams)
+        return _replicates(of, coupled(of, form, order), kind, grams)
 
     def apart(
         order: Int[Array, ""], kind: Int[Array, ""], path: Int[Array, ""]
     ) -> Float[Array, "replicates 1 order"]:
-        at = free_lane(of, order, kind, path)
-        return _replicates(of, at, path[None], grams[:, path[None]])
+        return _replicates(of, free(of, order, path), kind, grams[:, path[None]])
 
-    coupled = over_all(together, jnp.arange(2), degrees, kinds, one_by_one=True)
-    free = over_all(apart, degrees, kinds, every, one_by_one=True)
-    return jnp.concatenate([coupled, jnp.moveaxis(free[..., 0, :], 2, 3)[None]])
+    whole = over_all(together, jnp.arange(2), degrees, kinds, one_by_one=True)
+    single = over_all(apart, degrees, kinds, every, one_by_one=True)
+    return jnp.concatenate([whole, jnp.moveaxis(single[..., 0, :], 2, 3)[None]])
 
 
 def _grams(
@@ -95,16 +102,15 @@ def _grams(
 
 def _replicates(
     of: Design,
-    at: Lane,
-    paths: Int[Array, " paths"],
+    at: Unknowns,
+    kind: Int[Array, ""],
     grams: Float[Array, "replicates paths rows rows"],
 ) -> Float[Array, "replicates paths order"]:
-    """Coefficients of the replicates of one lane, minus those of the fit to all readings."""
+    """Coefficients of the replicates of one fit, minus those of the fit to all readings."""
     W, c = at.blocks
-    n, constraint = W.shape[-1], at.constraint
-    aim = objective_of(
-        "sum_of_squares", of, at, paths, huber_threshold(of), jnp.ones(paths.shape[0])
-    )
+    n, constraint = W.shape[-1], constraint_of(of, at, kind)
+    keep = jnp.ones(at.paths.shape[0])
+    aim = objective_of("sum_of_squares", of, at, huber_threshold(of), keep)
     whole = minimise(aim, constraint, at.start)
     rows = constraint.grid_rows(), posed(constraint.exact_rows(whole.dips, whole.y))
     G, h = (jnp.concatenate(both) for both in zip(*rows, strict=True))

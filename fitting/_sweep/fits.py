@@ -10,12 +10,13 @@ from jaxtyping import Array, Float, Int
 
 from .._convex.convex_fit import ConvexFit, minimise
 from .._convex.status import Status
-from .lane import (
+from .padded import (
     CONSTRAINTS,
-    Lane,
+    Unknowns,
+    constraint_of,
     coupled,
+    free,
     huber_threshold,
-    lane,
     objective_of,
 )
 from .problem import Design
@@ -66,35 +67,37 @@ def solve_all(
         in pressure, shape (2, orders, constraints, pressures), the last axis empty unless asked
         for. A linear law says nothing about a third pressure when there are only two: nan.
     """
-    every, degrees = jnp.arange(of.target.shape[0]), jnp.asarray(orders)
-    n_pressures = of.target.shape[0]
+    n_pressures, degrees = of.target.shape[0], jnp.asarray(orders)
+    together = over_all(lambda form, order: coupled(of, form, order), jnp.arange(2), degrees)
+    apart = over_all(lambda order, path: free(of, order, path), degrees, jnp.arange(n_pressures))
     threshold = huber_threshold(of)
     keeps = jnp.ones((1, n_pressures))
     if leave_out:
         keeps = jnp.concatenate([keeps, 1 - jnp.eye(n_pressures)])
 
     def solved(
-        at: Lane, paths: Int[Array, " paths"], keep: Float[Array, " paths"], along_path: bool
+        at: Unknowns, kind: Int[Array, ""], keep: Float[Array, " paths"], along_path: bool
     ) -> tuple:
-        aim = objective_of(objective, of, at, paths, threshold, keep)
-        fit = minimise(aim, at.constraint, at.start, exchange=exchange and along_path)
+        constraint = constraint_of(of, at, kind)
+        aim = objective_of(objective, of, at, threshold, keep)
+        fit = minimise(aim, constraint, at.start, exchange=exchange and along_path)
         status = jnp.where(at.deficient, int(Status.RANK_DEFICIENT), fit.status)
-        coefficients = at.constraint.coefficients(fit.y) * of.unit
+        coefficients = constraint.coefficients(fit.y) * of.unit
         coefficients = jnp.where(status == int(Status.OPTIMAL), coefficients, jnp.nan)
         return eqx.tree_at(lambda f: f.status, fit, status), coefficients, at.condition
 
     def of_kinds(kinds: Int[Array, " kinds"], along_path: bool) -> tuple:
         coupled_fits = over_all(
             lambda kind, form, order, left: solved(
-                coupled_lane(of, form, order, kind), every, keeps[left], along_path
+                _picked(together, form, order), kind, keeps[left], along_path
             ),
-            *(kinds, jnp.arange(2), degrees, jnp.arange(keeps.shape[0])),
+            *(kinds, *_indices(together.condition), jnp.arange(keeps.shape[0])),
         )
         free_fits = over_all(
             lambda kind, order, path: solved(
-                free_lane(of, order, kind, path), path[None], jnp.ones(1), along_path
+                _picked(apart, order, path), kind, jnp.ones(1), along_path
             ),
-            *(kinds, degrees, every),
+            *(kinds, *_indices(apart.condition)),
         )
         return _without_places(coupled_fits), _without_places(free_fits)
 
@@ -105,11 +108,10 @@ def solve_all(
     free_fits = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1), free_fits)
     total = jnp.mean if objective == "mean_rmse" else jnp.sum
     whole = jax.tree.map(lambda leaf: leaf[:, :, :, 0], coupled_fits)
-    free = _as_fits(*free_fits, axis=-1, total=total)
     fits = jax.tree.map(
         lambda some, last: jnp.concatenate([some, last[None]]),
         _as_fits(*whole, axis=None, total=total),
-        free,
+        _as_fits(*free_fits, axis=-1, total=total),
     )
     return fits, _left_out(of, coupled_fits[1][:, :, :, 1:])
 
@@ -133,21 +135,13 @@ def _left_out(
     return jnp.where(known[:, None, None, None], square, jnp.nan)
 
 
-def coupled_lane(
-    of: Design, form: Int[Array, ""], order: Int[Array, ""], kind: Int[Array, ""]
-) -> Lane:
-    """A fit that is fixed (`form` 0) or linear (1) in pressure."""
-    both = [coupled(of, dependence) for dependence in (0, 1)]
-    basis, R, c = (jnp.stack(leaves)[form] for leaves in zip(*both, strict=True))
-    return lane(of, jnp.arange(of.target.shape[0]), basis, R, c, order, kind)
+def _indices(leaf: Array) -> list[Int[Array, " _"]]:
+    return [jnp.arange(size) for size in leaf.shape]
 
 
-def free_lane(
-    of: Design, order: Int[Array, ""], kind: Int[Array, ""], path: Int[Array, ""]
-) -> Lane:
-    """The problem at one pressure of a fit that is free in pressure."""
-    R, c = of.factor[path, :-1, :-1], of.factor[path, :-1, -1]
-    return lane(of, path[None], jnp.ones((1, 1)), R, c, order, kind)
+def _picked(of: Unknowns, *at: Int[Array, ""]) -> Unknowns:
+    """One of an array of them."""
+    return jax.tree.map(lambda leaf: leaf[at], of)
 
 
 def over_all(function: Callable, *axes: Int[Array, " _"], one_by_one: bool = False) -> Any:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 import famjax
 
-from .lane import DEPENDENCES
+from .padded import DEPENDENCES
 from .problem import Design, Readings
 
 _AT_REST = 1e-3  # a reading is blocked whose length is the rest length to this part

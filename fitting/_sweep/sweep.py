@@ -20,7 +20,7 @@ from .._errors import InputError
 from .bootstrap import draw, replicate_all
 from .file import SweepFile
 from .fits import Fits, solve_all
-from .lane import CONSTRAINTS, DEPENDENCES, OBJECTIVES
+from .padded import CONSTRAINTS, DEPENDENCES, OBJECTIVES
 from .problem import Readings, arrange, design
 from .scores import Scores, measured_ends, n_coefficients, score
 

@@ -51,10 +51,10 @@ def fit(
         to_x=J[:, None, :],
         used=jnp.ones(ORDER, bool),
     )
-    M = jnp.broadcast_to(jnp.eye(READINGS), (GROUPS, READINGS, READINGS))
+    weight = jnp.ones(GROUPS)
     objectives: dict[str, AbstractObjective] = {
-        "sum_of_squares": SumOfSquares(W @ J, c, M),
-        "mean_rmse": MeanRmse(W @ J, c, M, jnp.full(GROUPS, 1.0 * READINGS)),
+        "sum_of_squares": SumOfSquares(W @ J, c, weight),
+        "mean_rmse": MeanRmse(W @ J, c, weight, jnp.full(GROUPS, 1.0 * READINGS)),
         "huber": Huber(W @ J, c, jnp.ones_like(c), threshold),
     }
     found = minimise(objectives[kind], constraint, jnp.zeros(ORDER), exchange=exchange)
@@ -163,8 +163,8 @@ def quartic_fit(y: jax.Array) -> tuple[ConvexFit, jax.Array, jax.Array]:
         to_x=J[:, None, :],
         used=jnp.ones(5, bool),
     )
-    M = jnp.eye(y.size)[None]
-    found = minimise(SumOfSquares((A @ J)[None], y[None], M), constraint, J.T @ A.T @ y)
+    aim = SumOfSquares((A @ J)[None], y[None], jnp.ones(1))
+    found = minimise(aim, constraint, J.T @ A.T @ y)
     inside = ~constraint.table.at_node(found.dips.path, found.dips.s)
     return found, constraint.coefficients(found.y)[0], jnp.sum(inside & (found.dips.path >= 0))
 

@@ -14,8 +14,7 @@ import pytest
 import famjax
 from fitting import ForceData, InputError, Specimen, Status
 from fitting._convex.convex_fit import minimise
-from fitting._sweep.fits import free_lane
-from fitting._sweep.lane import huber_threshold, objective_of
+from fitting._sweep.padded import constraint_of, free, huber_threshold, objective_of
 from fitting._sweep.problem import arrange, design
 from fitting._sweep.sweep import FEASIBLE, Sweep, SweepRow, sweep
 
@@ -223,12 +222,11 @@ def test_derivatives_in_geometry_and_deadband(swept: Sweep) -> None:
         longer = base.braid.rest_thread_length * (1 + step)
         shape = eqx.tree_at(lambda g: g.braid.rest_thread_length, base, longer)
         of = design(shape, 1e4 * (1 + 30 * step), readings)
-        at = free_lane(of, jnp.array(3), jnp.array(3), jnp.array(2))
-        aim = objective_of(
-            "sum_of_squares", of, at, jnp.array([2]), huber_threshold(of), jnp.ones(1)
-        )
-        found = minimise(aim, at.constraint, at.start)
-        return jnp.append(at.constraint.coefficients(found.y) * of.unit, found.active)
+        at = free(of, jnp.array(3), jnp.array(2))
+        constraint = constraint_of(of, at, jnp.array(3))
+        aim = objective_of("sum_of_squares", of, at, huber_threshold(of), jnp.ones(1))
+        found = minimise(aim, constraint, at.start)
+        return jnp.append(constraint.coefficients(found.y) * of.unit, found.active)
 
     both = jax.jit(lambda step: jax.jvp(coefficients, (step,), (jnp.ones_like(step),)))
     value, slope = both(jnp.array(0.0))

@@ -24,23 +24,25 @@ _HUBER = 1.345  # threshold per standard deviation: 95 % efficient for normal no
 _NORMAL_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
 
 
-class Lane(eqx.Module):
-    """One fit of the padded problem: masks, and where its unknowns come from.
+class Unknowns(eqx.Module):
+    """What a fit solves for, before any constraint: masks of a padded problem, whitened.
 
     Attributes:
+        paths: indices of its pressures.
         factor: of its pressures, shape (paths, order + 1, order + 1).
-        basis: shape (paths, basis).
+        basis: of the coefficients there, shape (paths, basis); zeros switch an unknown off.
+        used: which coefficients the law has, shape (order,).
         to_x: from whitened unknowns to scaled coefficients, shape (order, basis, n).
-        constraint: what it has to satisfy.
         start: the unconstrained optimum of the sum of squares, shape (n,).
         condition: of the columns.
         deficient: whether the data cannot tell its coefficients apart.
     """
 
+    paths: Int[Array, " paths"]
     factor: Float[Array, "paths rows rows"]
     basis: Float[Array, "paths basis"]
+    used: Bool[Array, " order"]
     to_x: Float[Array, "order basis n"]
-    constraint: Constraint
     start: Float[Array, " n"]
     condition: Float[Array, ""]
     deficient: Bool[Array, ""]
@@ -53,13 +55,13 @@ class Lane(eqx.Module):
         return W, self.factor[:, :, -1]
 
 
-class _OfLane(AbstractPathFunctions):
+class _PickedFunctions(AbstractPathFunctions):
     """One of several functions, on some of their paths.
 
     Attributes:
         functions: of all paths.
         pick: which of them.
-        paths: of the lane, among all.
+        paths: of the fit, among all.
     """
 
     functions: tuple[AbstractPathFunctions, ...]
@@ -76,7 +78,27 @@ class _OfLane(AbstractPathFunctions):
         return jnp.stack([phi.cubic for phi in self.functions])[self.pick]
 
 
-def coupled(of: Design, dependence: int) -> tuple[Array, Array, Array]:
+def coupled(of: Design, form: Int[Array, ""], order: Int[Array, ""]) -> Unknowns:
+    """Those of a law that is fixed (`form` 0) or linear (1) in pressure.
+
+    Args:
+        of: the shared problem.
+        form: index into `DEPENDENCES`.
+        order: of the law.
+    """
+    every = jnp.arange(of.target.shape[0])
+    both = [_triangle(of, dependence) for dependence in (0, 1)]
+    basis, R, c = (jnp.stack(leaves)[form] for leaves in zip(*both, strict=True))
+    return _unknowns(of, every, basis, R, c, order)
+
+
+def free(of: Design, order: Int[Array, ""], path: Int[Array, ""]) -> Unknowns:
+    """Those at one pressure of a law that is free in pressure."""
+    R, c = of.factor[path, :-1, :-1], of.factor[path, :-1, -1]
+    return _unknowns(of, path[None], jnp.ones((1, 1)), R, c, order)
+
+
+def _triangle(of: Design, dependence: int) -> tuple[Array, Array, Array]:
     """Basis, triangle and right-hand side of a law that is the same, or linear, in pressure.
 
     Args:
@@ -99,16 +121,15 @@ def coupled(of: Design, dependence: int) -> tuple[Array, Array, Array]:
     return basis, R, jnp.zeros(2 * order).at[::2].set(triangle[:-1, -1])
 
 
-def lane(
+def _unknowns(
     of: Design,
     paths: Int[Array, " paths"],
     basis: Float[Array, "paths basis"],
     R: Float[Array, "n n"],
     c: Float[Array, " n"],
     order: Int[Array, ""],
-    kind: Int[Array, ""],
-) -> Lane:
-    """One fit over some of the pressures.
+) -> Unknowns:
+    """Masks and scales of a law.
 
     Args:
         of: the shared problem.
@@ -117,7 +138,6 @@ def lane(
         R: triangle of the highest order; a lower one is its leading block.
         c: right-hand side.
         order: of the law.
-        kind: index into `CONSTRAINTS`.
     """
     highest, n_basis = of.unit.shape[0], basis.shape[1]
     used = jnp.arange(highest) < order
@@ -128,53 +148,65 @@ def lane(
     R = jnp.where(mask[:, None] & mask, R / scale, jnp.eye(mask.size))
     J, condition, deficient = inverse_upper(R, of.target.size)
     own = jnp.linalg.norm(jnp.where(mask[:, None], J, 0.0))
-    condition = jnp.where(deficient, condition, jnp.sqrt(jnp.sum(mask)) * own)
-    to_x = jnp.where(mask[:, None], J / scale[:, None], 0.0).reshape(highest, n_basis, -1)
-    pick = jnp.where(kind == CONSTRAINTS.index("slope"), 0, 1)
-    table = jax.tree.map(lambda s, d: jnp.stack([s, d])[pick][paths], of.slope, of.drucker)
+    return Unknowns(
+        paths=paths,
+        factor=of.factor[paths],
+        basis=basis,
+        used=used,
+        to_x=jnp.where(mask[:, None], J / scale[:, None], 0.0).reshape(highest, n_basis, -1),
+        start=jnp.where(mask, c, 0.0),
+        condition=jnp.where(deficient, condition, jnp.sqrt(jnp.sum(mask)) * own),
+        deficient=deficient,
+    )
 
-    constraint = Constraint(
+
+def constraint_of(of: Design, at: Unknowns, kind: Int[Array, ""]) -> Constraint:
+    """What some unknowns have to satisfy.
+
+    Args:
+        of: the shared problem.
+        at: the unknowns.
+        kind: index into `CONSTRAINTS`.
+    """
+    pick = jnp.where(kind == CONSTRAINTS.index("slope"), 0, 1)
+    table = jax.tree.map(lambda s, d: jnp.stack([s, d])[pick][at.paths], of.slope, of.drucker)
+    return Constraint(
         table=table,
-        exact=_OfLane(of.functions, pick, paths),
+        exact=_PickedFunctions(of.functions, pick, at.paths),
         grid=of.grid,
         positive=kind == CONSTRAINTS.index("positive"),
         on=kind != CONSTRAINTS.index("none"),
-        basis=basis,
-        to_x=to_x,
-        used=used,
+        basis=at.basis,
+        to_x=at.to_x,
+        used=at.used,
     )
-    start = jnp.where(mask, c, 0.0)
-    return Lane(of.factor[paths], basis, to_x, constraint, start, condition, deficient)
 
 
 def objective_of(
     name: str,
     of: Design,
-    at: Lane,
-    paths: Int[Array, " paths"],
+    at: Unknowns,
     threshold: Float[Array, ""],
     keep: Float[Array, " paths"],
 ) -> AbstractObjective:
-    """The objective of a lane in its unknowns.
+    """The objective of a fit in its unknowns.
 
     Args:
         name: one of `OBJECTIVES`.
         of: the shared problem.
-        at: the lane.
-        paths: indices of its pressures.
+        at: the unknowns.
         threshold: see `huber_threshold`.
         keep: weights of the pressures; 0 leaves one out.
     """
     if name == "huber":
-        weight = of.weight[paths]
-        W = jnp.einsum("pke,pb,ebn->pkn", of.A[paths] * weight[..., None], at.basis, at.to_x)
+        weight = of.weight[at.paths]
+        W = jnp.einsum("pke,pb,ebn->pkn", of.A[at.paths] * weight[..., None], at.basis, at.to_x)
         there = jnp.where(weight > 0, keep[:, None], 0.0)
-        return Huber(W, of.target[paths] * weight, there, threshold)
+        return Huber(W, of.target[at.paths] * weight, there, threshold)
     W, c = at.blocks
-    M = keep[:, None, None] * jnp.eye(c.shape[1])
     if name == "mean_rmse":
-        return MeanRmse(W, c, M, jnp.sum(of.weight[paths] > 0, axis=1) * 1.0)
-    return SumOfSquares(W, c, M)
+        return MeanRmse(W, c, keep, jnp.sum(of.weight[at.paths] > 0, axis=1) * 1.0)
+    return SumOfSquares(W, c, keep)
 
 
 def huber_threshold(of: Design) -> Float[Array, ""]:
