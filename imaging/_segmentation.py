@@ -13,7 +13,7 @@ from ._tape_colour import split_by_colour
 from ._tapes import Patch, two_tapes
 
 _COARSE_PIXELS = 0.35e6  # the picture is thinned out to about this many for the first look
-_FINE_STEP = 3
+_FINE_STEP = 4
 _FEWEST_ROWS = 48
 _GUARD = 2  # pixels next to a tape that its blur may reach
 _SAMPLE = 4000  # pixels that a median colour is taken of
@@ -83,7 +83,7 @@ def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentati
     The brightest of the three colours, or the strength of the colour, tells the muscle from the
     cloth (Otsu on each); what is common to the tapes' colour tells them from the braid (Otsu on
     the chromaticity along the line between the two classes, which knows no seam at hue 0). Large
-    pictures are looked at twice, coarse for the place and then at every third pixel.
+    pictures are looked at twice, coarse for the place and then at every fourth pixel.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -112,7 +112,8 @@ def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentati
 
 
 def _first_step(rgb: NDArray[np.uint8]) -> int:
-    return max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
+    step = max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
+    return _FINE_STEP if step == _FINE_STEP - 1 else step
 
 
 def _look(rgb: NDArray[np.uint8], step: int, tape_hue: float | None) -> _Look:

@@ -12,6 +12,7 @@ from ._otsu import otsu_split
 
 _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
 _SURE_HUE = 25.0  # the same of the class with more pixels, which is the braid as a rule
+_LEAST_CHROMA = 0.01  # between the classes' chromaticities; a grey picture has none
 _SAMPLE = 8000  # pixels that the classes are found on
 
 
@@ -52,6 +53,8 @@ def split_by_colour(
     if upper.all() or not upper.any():
         return ColourSplit(np.zeros_like(muscle), 0.0)
     along = colour[upper].mean(axis=0) - colour[~upper].mean(axis=0)
+    if np.linalg.norm(along - along.mean()) < _LEAST_CHROMA:
+        return ColourSplit(np.zeros_like(muscle), 0.0)
     level, eta = _cut(colour @ along)
     upper = colour @ along > level
     if upper.all() or not upper.any():

@@ -21,6 +21,7 @@ _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies alon
 _GROUPS = 16
 _BLURS = (0.4, 30.0)
 _PASSES = 4
+_SETTLED = 0.1  # px, which the groups' own shifts take in
 _BRIGHTEST = 1.6
 _DARK_THREAD = 0.22  # of the braid's brightness
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
@@ -115,7 +116,7 @@ def find_ring(
     grid, lateral, seen = unrolled(y, t, shows)
     for _ in range(_PASSES):
         shift, s = _blurred_step(grid.mean(axis=0), t, s)
-        if abs(shift) < 0.02:
+        if abs(shift) < _SETTLED:
             break
         y += inward * shift * px
         t = _window(s)
