@@ -96,11 +96,9 @@ def aligned_windows(
     flat = light.ravel()
     before, here, after, last = (flat[k:].take(first) for k in range(4))
     # Catmull-Rom: exact for parabolas, unlike OpenCV's bicubic.
-    windows = here + 0.5 * f * (
-        after
-        - before
-        + f * (2 * before - 5 * here + 4 * after - last + f * (3 * (here - after) + last - before))
-    )
+    rise, drop = after - before, here - after
+    windows = 3 * drop + last - before
+    windows = ((windows * (f - 1) - 2 * drop - rise) * f + rise) * (0.5 * f) + here
     seen = _seen(windows[:, (t > 1) & (t < 5)].mean(axis=1), radius / spacing)
     averaged = _AVERAGED_ROWS // spacing | 1
     weight = _along_edge(seen[:, None], averaged)[:, 0]
