@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import Progress
 
 from .app import app, load_fitting, load_map, print_rows
+from .progress import progress_bar
 
 
 @app.command
@@ -27,7 +26,8 @@ def compare(
     """Fit every published static force model, and famjax's own, to one force map.
 
     Each is fitted to all loaded readings, and again without each pressure and each length, which it
-    then predicts. Writes `compare.json` and `compare.png`.
+    then predicts; minutes for all of them. Writes `compare.json` and `compare.png`. Finished rows
+    are kept in `compare.jsonl`, from which a stopped comparison goes on.
 
     Parameters
     ----------
@@ -52,25 +52,30 @@ def compare(
     """
     fitting = load_fitting()
     from fitting._peers.plot import plot_comparison  # noqa: PLC0415
-    from fitting._saved.report import as_png, check_output, write_all  # noqa: PLC0415
+    from fitting._saved.report import as_png, check_output, make_output, write_all  # noqa: PLC0415
     from fitting._search.options import parse_specimen  # noqa: PLC0415
 
     check_output(output)
     measured = load_map(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    make_output(output)
+    with progress_bar() as progress:
         task = progress.add_task("comparing", total=None)
 
         def show(done: int, total: int, name: str) -> None:
             progress.update(task, completed=done, total=total, description=name)
 
-        table = fitting.compare(measured, models or None, starts=starts, seed=seed, progress=show)
+        rows_file = output / "compare.jsonl"
+        table = fitting.compare(
+            measured, models or None, starts=starts, seed=seed, resume=rows_file, progress=show
+        )
     document = table.as_dict()
     content = json.dumps(document, indent=1, allow_nan=False).encode()
     paths = write_all(
         output, {"compare.json": content, "compare.png": as_png(plot_comparison(table))}
     )
+    rows_file.unlink(missing_ok=True)
     if json_:
         print(json.dumps(document, allow_nan=False))
         return 0

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from .app import app, load_fitting, load_map, print_rows
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from fitting import Evidence, Identification
@@ -117,7 +117,7 @@ def fit(
     measured = load_map(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with progress_bar() as progress:
         task = progress.add_task(f"identifying {measured.specimen.name}", total=starts)
         result = fitting.identify(
             measured,

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import Progress
 
 from .app import app, print_rows
+from .progress import progress_bar
 
 
 @app.command
@@ -105,9 +104,8 @@ def measure(
     from imaging._measure_options import command_recipe  # noqa: PLC0415
 
     began: list[tuple[float, int]] = []
-    console = Console(stderr=True)
     try:
-        with Progress(*Progress.get_default_columns(), console=console, transient=True) as progress:
+        with progress_bar() as progress:
             task = progress.add_task("measuring", total=None)
 
             def show(done: int, total: int) -> None:

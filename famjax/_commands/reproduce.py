@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import Progress
 
 from .app import app, load_fitting, print_rows
+from .progress import progress_bar
 
 
 @app.command
@@ -44,7 +43,7 @@ def reproduce(
     from importlib import import_module  # noqa: PLC0415
 
     benchmark = import_module("reproduce")
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with progress_bar() as progress:
         task = progress.add_task("reproducing", total=None)
 
         def show(done: int, total: int, name: str) -> None:

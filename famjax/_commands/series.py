@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import Progress
 
 from .app import app, load_fitting, load_map, print_rows
+from .progress import progress_bar
 
 
 @app.command
@@ -66,7 +65,7 @@ def series(
 
     check_output(output)
     maps = [load_map(one, {}) for one in data]
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with progress_bar() as progress:
         task = progress.add_task("identifying", total=None)
 
         def show(name: str, done: int, total: int) -> None:

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import Progress
 
 from .app import app, load_fitting, load_map, print_rows
+from .progress import progress_bar
 
 
 @app.command
@@ -67,7 +66,7 @@ def sweep(
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
     missing = [name for name, text in given.items() if text is None]
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with progress_bar() as progress:
         task = progress.add_task("identifying the geometry", total=None)
         if len(missing) == len(given):
             found = fitting.identify(measured, seed=seed)

@@ -116,12 +116,12 @@ def nodes_for(phi: PathFunctions, n_paths: int) -> Float[np.ndarray, "paths node
     Returns:
         Nodes from 0 to 1.
     """
-    both = jax.jit(lambda s: _value_and_slope(phi, jnp.maximum(s, _INSIDE)))
 
     def evaluated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         count = s.shape[1]
         padded = np.pad(s, ((0, 0), (0, -count % _BATCH)), mode="edge")
-        parts = [both(jnp.asarray(part)) for part in np.split(padded, padded.shape[1] // _BATCH, 1)]
+        batches = np.split(padded, padded.shape[1] // _BATCH, 1)
+        parts = [_inside(phi, jnp.asarray(batch)) for batch in batches]
         value, slope = (
             np.concatenate(column, axis=1)[:, :count] for column in zip(*parts, strict=True)
         )
@@ -144,6 +144,14 @@ def nodes_for(phi: PathFunctions, n_paths: int) -> Float[np.ndarray, "paths node
             np.union1d(row, ((row[1:] + row[:-1]) / 2)[halve])
             for row, halve in zip(nodes, wrong, strict=True)
         ]
+
+
+@eqx.filter_jit
+def _inside(
+    phi: PathFunctions, s: Float[Array, "paths k"]
+) -> tuple[Float[Array, "paths k order"], Float[Array, "paths k order"]]:
+    """Value and slope, compiled once for all functions of one kind."""
+    return _value_and_slope(phi, jnp.maximum(s, _INSIDE))
 
 
 def _even(grids: list[np.ndarray]) -> Float[np.ndarray, "paths nodes"]:

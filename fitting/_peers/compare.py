@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from famjax import peers
 
 from .._data.force_data import ForceData
 from .._errors import InputError
+from .._saved.resumable import ResumableFile
 from .cross_validation import (
     CrossValidation,
     FitAndPredict,
@@ -66,6 +68,7 @@ def compare(
     own: Sequence[OwnModel] = (),
     starts: int = 32,
     seed: int = 0,
+    resume: Path | str | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Comparison:
     """The league table of published models, and of others, on one force map.
@@ -80,13 +83,16 @@ def compare(
             returns the force of length and pressure).
         starts: of each nonlinear fit.
         seed: of the starts.
+        resume: file to which each finished row is written; if it is there already, the comparison
+            goes on where it was stopped. Models of your own are known by their names.
         progress: called with (models done, models, name of the next one).
 
     Returns:
         The table. A model that cannot be fitted to this map is in it with a note and no errors.
 
     Raises:
-        InputError: an unknown name, or a map with one pressure or one length only.
+        InputError: an unknown name, a map with one pressure or one length only, or the file of
+            another comparison.
     """
     known = comparable_models(data)
     chosen = list(known if models is None else models)
@@ -99,13 +105,23 @@ def compare(
         (name, _job(name, data, starts, seed)) for name in chosen
     ]
     jobs += [(model[0], _own_job(model, data)) for model in own]
-    rows = []
+    settings = {
+        "version": famjax.__version__,
+        "data": data.sha256,
+        "name": data.specimen.name,
+        "models": [name for name, _ in jobs],
+        "starts": starts,
+        "seed": seed,
+    }
+    file = ResumableFile(None if resume is None else Path(resume), "comparison", settings)
     for done, (name, job) in enumerate(jobs):
         if progress is not None:
             progress(done, len(jobs), name)
-        rows.append(job())
+        if done >= len(file.parts):
+            file.append(job().as_dict())
     if progress is not None:
         progress(len(jobs), len(jobs), "")
+    rows = [ComparisonRow.from_dict(part) for part in file.parts]
     rows.sort(key=lambda row: (math.isnan(row.rmse), row.rmse))
     return Comparison(data, tuple(rows))
 

@@ -50,7 +50,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     figure.legend(frameon=False, fontsize=8, ncols=len(_SERIES), loc="outside lower center")
     axes.set_title(
         f"{data.specimen.name}: {int(data.loaded.sum())} loaded readings, up to "
-        f"{data.max_force:.4g} N; [parameters], * at a bound",
+        f"{data.max_force:.4g} N\n[parameters], * at a bound",
         fontsize=10,
     )
     return figure

@@ -61,6 +61,16 @@ class ComparisonRow:
                 row[key] = list(value) if isinstance(value, tuple) else value
         return row
 
+    @classmethod
+    def from_dict(cls, row: dict[str, Any]) -> "ComparisonRow":
+        """The row that `as_dict` made plain."""
+        given: dict[str, Any] = {}
+        for field in dataclasses.fields(cls):
+            value = row.get(field.name, row.get(f"{field.name}_N"))
+            value = math.nan if value is None else value
+            given[field.name] = tuple(value) if isinstance(value, list) else value
+        return cls(**given)
+
     def noted(self, note: str) -> "ComparisonRow":
         """The row with one more note."""
         return dataclasses.replace(self, note="; ".join(filter(None, (self.note, note))))

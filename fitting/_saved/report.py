@@ -165,6 +165,18 @@ def check_output(folder: Path) -> None:
         )
 
 
+def make_output(folder: Path) -> None:
+    """Make an output folder, with those above it, if need be.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the output folder {folder} cannot be made: {error}") from None
+
+
 def write_fit(
     result: Identification,
     folder: Path,

@@ -8,9 +8,8 @@ from typing import Any
 
 from .._data.force_data import ForceData
 from .._data.units import SYSTEMS, from_si
-from .._errors import InputError
 from .._model.geometry_source import EstimatedSource
-from .._saved.report import as_png, check_output, write_all
+from .._saved.report import as_png, check_output, make_output, write_all
 from .plot import plot_curves, plot_errors, rows_of
 from .sweep import SweepRow, sweep
 
@@ -55,10 +54,7 @@ def sweep_command(
         InputError: the data, the options or the folder cannot be used.
     """
     check_output(output)
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"the output folder {output} cannot be made: {error}") from None
+    make_output(output)
     found = sweep(
         data,
         [EstimatedSource(one.specimen).geometry(geometry) for one in data],

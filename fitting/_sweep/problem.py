@@ -4,7 +4,6 @@ Readings enter once: the columns of each pressure are compressed by a QR factori
 (order + 1) rows. What follows is independent of their number.
 """
 
-import dataclasses
 import math
 
 import equinox as eqx
@@ -29,8 +28,7 @@ STATIONS = 17
 """Points of each path at which a constraint is posed from the start."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Readings:
+class Readings(eqx.Module):
     """Loaded readings by pressure, padded to one length, and the paths.
 
     Attributes:
@@ -50,7 +48,7 @@ class Readings:
     path_end: np.ndarray
     nodes: np.ndarray
     grid: np.ndarray
-    order: int
+    order: int = eqx.field(static=True)
 
     @property
     def there(self) -> Bool[np.ndarray, "pressures readings"]:

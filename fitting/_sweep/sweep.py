@@ -17,8 +17,8 @@ import famjax
 from .._convex.status import Status
 from .._data.force_data import ForceData
 from .._errors import InputError
+from .._saved.resumable import ResumableFile
 from .bootstrap import draw, replicate_all
-from .file import SweepFile
 from .fits import Fits, solve_all
 from .padded import CONSTRAINTS, DEPENDENCES, OBJECTIVES
 from .problem import Readings, arrange, design
@@ -187,16 +187,16 @@ def sweep(
         "bootstrap": bootstrap,
         "seed": seed,
     }
-    file = SweepFile(None if resume is None else Path(resume), settings)
+    file = ResumableFile(None if resume is None else Path(resume), "sweep", settings)
     parts = [(k, part) for k in range(len(maps)) for part in _parts(bootstrap)]
     for done, (k, part) in enumerate(parts):
         if progress is not None:
             progress(done, len(parts))
-        if done >= len(file.chunks):
+        if done >= len(file.parts):
             file.append(tasks[k].fits() if part is None else tasks[k].replicates(part, seed, k))
     if progress is not None:
         progress(len(parts), len(parts))
-    rows = [row for k, task in enumerate(tasks) for row in task.rows(_of(file.chunks, parts, k))]
+    rows = [row for k, task in enumerate(tasks) for row in task.rows(_of(file.parts, parts, k))]
     chosen = (r for r in rows if r.dependence in dependences and r.constraint in constraints)
     return Sweep(
         rows=tuple(chosen),
@@ -230,7 +230,7 @@ class _Task:
 
     def fits(self) -> dict[str, Any]:
         """All fits with their scores, as plain lists."""
-        found = _fit_and_score(_Static(self.readings), self.orders, self._objective, *self._given)
+        found = _fit_and_score(self.readings, self.orders, self._objective, *self._given)
         fits, scores, square = jax.tree.map(np.asarray, found)
         return {
             "fits": {name: leaf.tolist() for name, leaf in vars(fits).items()},
@@ -243,7 +243,7 @@ class _Task:
         first, count = part
         # Always a whole chunk, so that one compilation serves them all.
         weights = jnp.asarray(draw(self.readings, _CHUNK, (seed, index, first)))
-        given = (_Static(self.readings), self.orders, *self._given[:2], weights, jnp.array(count))
+        given = (self.readings, self.orders, *self._given[:2], weights, jnp.array(count))
         total, square, known = jax.tree.map(np.asarray, _replicate_sums(*given))
         return {"sum": total.tolist(), "square": square.tolist(), "count": known.tolist()}
 
@@ -295,44 +295,31 @@ class _Task:
                     )
 
 
-class _Static:
-    """Readings as an argument of compiled functions: one compilation for each instance."""
-
-    def __init__(self, readings: Readings) -> None:
-        self.readings = readings
-
-    def __hash__(self) -> int:
-        return id(self.readings)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Static) and self.readings is other.readings
-
-
 @eqx.filter_jit
 def _fit_and_score(
-    static: _Static,
+    readings: Readings,
     orders: tuple[int, ...],
     objective: str,
     geometry: famjax.AbstractGeometry,
     deadband: Float[Array, ""],
     ends: tuple[Float[Array, " pressures"], Float[Array, " pressures"]],
 ) -> tuple[Fits, Scores, Float[Array, "2 orders constraints pressures"]]:
-    of = design(geometry, deadband, static.readings)
+    of = design(geometry, deadband, readings)
     fits, left_out = solve_all(of, orders, objective, leave_out=True)
-    scores = score(of, geometry, deadband, static.readings, fits.coefficients, orders, ends)
+    scores = score(of, geometry, deadband, readings, fits.coefficients, orders, ends)
     return fits, scores, left_out
 
 
 @eqx.filter_jit
 def _replicate_sums(
-    static: _Static,
+    readings: Readings,
     orders: tuple[int, ...],
     geometry: famjax.AbstractGeometry,
     deadband: Float[Array, ""],
     weights: Float[Array, "replicates pressures readings"],
     count: Int[Array, ""],
 ) -> tuple[Array, Array, Array]:
-    each = replicate_all(design(geometry, deadband, static.readings), orders, weights)
+    each = replicate_all(design(geometry, deadband, readings), orders, weights)
     known = jnp.all(jnp.isfinite(each), axis=(-2, -1), keepdims=True)
     known &= (jnp.arange(weights.shape[0]) < count)[:, None, None]
     each = jnp.where(known, each, 0.0)

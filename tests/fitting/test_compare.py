@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -215,6 +216,25 @@ def test_the_table_holds_every_model_the_best_first(table) -> None:
     assert rows["mean"].max_error == pytest.approx(np.abs(force - force.mean()).max(), rel=1e-12)
     assert seen[0] == (0, 6, "hildebrandt")
     assert seen[-1] == (6, 6, "")
+
+
+def test_a_comparison_that_was_stopped_goes_on(dmsp10: ForceData, tmp_path: Path) -> None:
+    names, file = ["polynomial_3", "martens_published", "gaylord_nominal"], tmp_path / "rows.jsonl"
+
+    def stop_at_the_third(done: int, total: int, name: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        compare(dmsp10, names, resume=file, progress=stop_at_the_third)
+    kept = file.read_bytes()
+    assert kept.count(b"\n") == 3  # settings and two rows
+    file.write_bytes(kept + b'{"name":"gayl')  # the third, cut short
+    resumed = compare(dmsp10, names, resume=file)
+    assert file.read_bytes().startswith(kept)
+    assert resumed.as_dict() == compare(dmsp10, names).as_dict()
+    with pytest.raises(InputError, match="holds a comparison of other data or with other settings"):
+        compare(dmsp10, names[:1], resume=file)
 
 
 def test_a_model_that_refuses_readings_says_so(table) -> None:

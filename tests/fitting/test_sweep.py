@@ -239,6 +239,20 @@ def test_derivatives_in_geometry_and_deadband(swept: Sweep) -> None:
     np.testing.assert_allclose(slope[:-1], central[:-1], atol=DIFFERENCE * size, rtol=0)
 
 
+def test_another_map_of_the_same_shape_is_not_compiled_again(
+    swept: Sweep, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("compiled again")
+
+    monkeypatch.setattr("fitting._sweep.sweep.solve_all", never)
+    monkeypatch.setattr("fitting._sweep.sweep.replicate_all", never)
+    other = dataclasses.replace(DATA, force=1.01 * DATA.force)
+    found = sweep(other, geometry(), deadband=2e4, orders=(2, 3), bootstrap=250)
+    assert len(found.rows) == len(swept.rows)
+    assert not np.array_equal(found.rows[0].coefficients, swept.rows[0].coefficients)
+
+
 def test_bad_options_are_refused() -> None:
     with pytest.raises(InputError, match="orders of the law lie between 1 and 4"):
         sweep(DATA, geometry(), orders=(5,))

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import Progress
 
+from ..progress import progress_bar
 from .app import rig_app, rig_problems
 
 
@@ -115,7 +115,7 @@ def rig_run(
         )
         for sentence in PRECONDITIONS[test.circuit]:
             print(f"- {sentence}")
-        with Progress(console=Console(stderr=True), transient=True) as progress:
+        with progress_bar() as progress:
             task = progress.add_task("running the plan", total=None)
             path = run_test(
                 test,

@@ -4,10 +4,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import Progress
 
 from ..app import load_fitting
+from ..progress import progress_bar
 from .app import rig_app, rig_problems
 from .characterise import report_test
 
@@ -54,7 +53,7 @@ def rig_simulate(
     with rig_problems():
         test = read_plan(plan)
         muscle, specimen = _simulated_muscle(fit)
-        with Progress(console=Console(stderr=True), transient=True) as progress:
+        with progress_bar() as progress:
             task = progress.add_task("simulating", total=None)
             done = simulate(
                 test,

@@ -1,7 +1,7 @@
-"""One file for one sweep: a line of JSON for the settings, then one for each finished chunk.
+"""One file for one long work: a line of JSON for its settings, then one for each finished part.
 
-A line is written whole as soon as its chunk is done, so that a sweep that was stopped goes on where
-it was. A last line that was cut short is done again.
+A line is written whole as soon as its part is done, so that work that was stopped goes on where it
+was. A last line that was cut short is done again.
 """
 
 import json
@@ -13,53 +13,54 @@ from typing import Any
 
 from .._errors import InputError
 
-_FORMAT = "famjax sweep 1"
 
-
-class SweepFile:
-    """The lines of a sweep, in memory and, where there is a path, on the disk.
+class ResumableFile:
+    """The finished parts of a work, in memory and, where there is a path, on the disk.
 
     Args:
-        path: the file; None keeps the lines in memory only.
-        settings: of the sweep. A file with others is refused.
+        path: the file; None keeps the parts in memory only.
+        kind: of the work, such as "sweep".
+        settings: of the work. A file with others is refused.
 
     Raises:
-        InputError: the file is that of another sweep, or cannot be read or written.
+        InputError: the file is that of another work, or cannot be read or written.
     """
 
-    def __init__(self, path: Path | None, settings: dict[str, Any]) -> None:
-        self.path = path
-        self.chunks: list[dict[str, Any]] = []
-        head = _line({"format": _FORMAT, **settings})
+    def __init__(self, path: Path | None, kind: str, settings: dict[str, Any]) -> None:
+        self.path, self.kind = path, kind
+        self.parts: list[dict[str, Any]] = []
+        head = _line({"format": f"famjax {kind} 1", **settings})
         if path is None:
             return
         try:
             lines = list(_whole_lines(path)) if path.exists() else []
             if lines and lines[0] != head:
                 raise InputError(
-                    f"{path} holds a sweep of other data or with other settings: give another "
+                    f"{path} holds a {kind} of other data or with other settings: give another "
                     "name, or remove it"
                 )
-            self.chunks = [json.loads(line) for line in lines[1:]]
+            self.parts = [json.loads(line) for line in lines[1:]]
             kept = "".join([head, *lines[1:]])
             draft = path.with_name(path.name + ".part")
             draft.write_text(kept, encoding="utf-8")
             os.replace(draft, path)
         except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise InputError(f"the sweep file {path} cannot be used: {error}") from None
+            raise InputError(f"the {kind} file {path} cannot be used: {error}") from None
 
-    def append(self, chunk: dict[str, Any]) -> None:
-        """One more finished chunk, on the disk before this returns."""
-        self.chunks.append(chunk)
+    def append(self, part: dict[str, Any]) -> None:
+        """One more finished part, on the disk before this returns."""
+        self.parts.append(part)
         if self.path is None:
             return
         try:
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(_line(chunk))
+                file.write(_line(part))
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            raise InputError(f"the sweep file {self.path} cannot be written: {error}") from None
+            raise InputError(
+                f"the {self.kind} file {self.path} cannot be written: {error}"
+            ) from None
 
 
 def _whole_lines(path: Path) -> Iterator[str]:

@@ -1,0 +1,19 @@
+"""How far a command is, where standard error is a log."""
+
+import pytest
+
+from famjax._commands import progress
+
+
+def test_a_log_gets_a_line_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = iter([0.0, 1.0, 16.0, 16.0, 20.0])
+    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
+    with progress.progress_bar() as shown:
+        task = shown.add_task("fitting", total=None)
+        for done in (1, 2, 3):
+            shown.update(task, completed=done, total=9, description=f"model {done}")
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err == "model 2, 2 of 9 done\n"
