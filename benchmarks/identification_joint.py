@@ -122,9 +122,6 @@ def sweep_bootstrap(replicates: int) -> dict[str, Any]:
         "seconds": seconds,
         "compile_seconds": first - seconds,
         "microseconds_per_fit": seconds / fits * 1e6,
-        "largest_relative_error_of_E": float(
-            max(np.nanmax(row.coefficients_std / np.abs(row.coefficients)) for row in found.rows)
-        ),
     }
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool
 from ._types import RealArray
 
 _CELLS = 64
+_ROUNDED = 64  # times the precision: parts of the largest force that rounding makes of zero
 
 
 def longest_equilibrium(
@@ -36,7 +37,9 @@ def longest_equilibrium(
     """
     grid = jnp.linspace(longest, shortest, _CELLS + 1)
     pull = jax.lax.stop_gradient(jax.vmap(force)(grid) - load)
-    falls = (pull[:-1] > 0) & (pull[1:] <= 0)
+    # A force of zero that rounding left above zero is one: at rest and no pressure, without deadband.
+    zero = _ROUNDED * jnp.finfo(pull.dtype).eps * jnp.nanmax(jnp.abs(pull))
+    falls = (pull[:-1] > zero) & (pull[1:] <= zero)
     found = jnp.any(falls)
     cell = jnp.argmax(falls)
     scale = jnp.where(found, jnp.abs(pull[cell]) + jnp.abs(pull[cell + 1]), 1.0)

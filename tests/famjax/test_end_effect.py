@@ -96,6 +96,18 @@ def test_onset_pressure_is_where_the_force_begins(festo: famjax.Muscle) -> None:
         festo.onset_pressure(0.25, 1e4)
 
 
+def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
+    festo: famjax.Muscle,
+) -> None:
+    """At rest rounding alone keeps the force from zero; a stretched one pulls without pressure."""
+    for end_factor in (1.0, 1.1, 1.3):
+        ends = famjax.EndEffectGeometry(festo.geometry, end_factor)
+        muscle = famjax.Muscle(ends, festo.material, 0.0)
+        L0 = float(ends.rest_length)
+        assert float(muscle.onset_pressure(L0, 2e6)) == pytest.approx(0.0, abs=1e-3)
+        assert np.isnan(muscle.onset_pressure(1.02 * L0, 2e6, throw=False))
+
+
 def test_monotone_law_is_its_modulus_integrated() -> None:
     knots, moduli = (0.0, 0.05, 0.2), np.array([6e6, 2e6, 4e6])
     law = famjax.MonotoneMaterial(knots, moduli)

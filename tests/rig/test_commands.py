@@ -278,6 +278,14 @@ def test_the_plan_in_the_help_is_one(tmp_path: Path) -> None:
     assert (full.jump_limit, full.control) == (short.jump_limit, short.control)
 
 
+def wait_for_output(sim: SimulatedRig) -> None:
+    """Until the valve is driven."""
+    end = time.monotonic() + 60
+    while not sim.device.output and time.monotonic() < end:
+        time.sleep(0.05)
+    assert sim.device.output
+
+
 @pytest.mark.slow  # real time
 def test_a_cable_pulled_during_a_run_ends_in_a_sentence_and_a_sound_journal(
     tmp_path: Path, capsys: pytest.CaptureFixture
@@ -286,7 +294,13 @@ def test_a_cable_pulled_during_a_run_ends_in_a_sentence_and_a_sound_journal(
     write_calibration(tmp_path / "calibration.toml", sim.calibration())
     plan = write_plan(tmp_path, pressures="30", settle="60", stroke="0.2")
     with RigServer(sim, "tcp") as server:
-        pull = threading.Timer(4.0, server.unplug)
+
+        def unplug() -> None:
+            wait_for_output(sim)
+            time.sleep(1.0)
+            server.unplug()
+
+        pull = threading.Thread(target=unplug)
         pull.start()
         code, _, err = run(
             capsys, "run", plan, "--port", server.address, "--baud", 500000, "--output", tmp_path
@@ -313,10 +327,7 @@ def test_a_run_that_is_told_to_end_vents_and_says_so(tmp_path: Path) -> None:
         with subprocess.Popen(
             [*command, server.address, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True
         ) as process:
-            end = time.monotonic() + 60
-            while not sim.device.output and time.monotonic() < end:
-                time.sleep(0.05)
-            assert sim.device.output
+            wait_for_output(sim)
             process.send_signal(signal.SIGHUP)
             _, err = process.communicate(timeout=60)
     assert process.returncode == 130
