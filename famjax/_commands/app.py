@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from .. import __version__
 
 if TYPE_CHECKING:
     from fitting import ForceData
+
+_WIDEST = 250  # characters of a table
 
 app = App(
     name="famjax",
@@ -58,7 +61,9 @@ def print_rows(title: str, rows: list[dict]) -> None:
     for row in rows:
         table.add_row(*(cell(row[key]) for key in keys))
     console = Console(highlight=False)
-    console.width = max(console.width, 130)  # folded cells are harder to read than long lines
+    # Folded cells are harder to read than long lines.
+    wide = console.options.update(max_width=_WIDEST)
+    console.width = max(console.width, Measurement.get(console, wide, table).maximum)
     console.print()
     console.print(table if rows else f"{title}: none", markup=False)
 
