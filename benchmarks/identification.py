@@ -64,8 +64,8 @@ class Line:
     Attributes:
         task: what was solved.
         solver: by whom.
-        seconds: of the run; minimum of repeats for ours.
-        compile_seconds: before the first run; nan for solvers that are not compiled.
+        seconds: of the fastest run.
+        compile_seconds: of the first run, which compiles; nan for solvers that are not compiled.
         ratio: seconds over ours.
         error: largest relative difference from the polished optimum.
         missed: problems off by more than `MISSED`.

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool
 from ._types import RealArray
 
 _CELLS = 64
-_ROUNDED = 64  # times the precision: parts of the largest force that rounding makes of zero
+_ROUNDED = 64  # times the precision, per largest force: a few sums and powers of rounded numbers
 
 
 def longest_equilibrium(
@@ -37,9 +37,10 @@ def longest_equilibrium(
     """
     grid = jnp.linspace(longest, shortest, _CELLS + 1)
     pull = jax.lax.stop_gradient(jax.vmap(force)(grid) - load)
-    # A force of zero that rounding left above zero is one: at rest and no pressure, without deadband.
-    zero = _ROUNDED * jnp.finfo(pull.dtype).eps * jnp.nanmax(jnp.abs(pull))
-    falls = (pull[:-1] > zero) & (pull[1:] <= zero)
+    # A zero at the very end that rounding left above zero is one: the force at rest without pressure.
+    rounding = _ROUNDED * jnp.finfo(pull.dtype).eps * jnp.nanmax(jnp.abs(pull))
+    pull = pull.at[-1].set(jnp.where(jnp.abs(pull[-1]) <= rounding, 0.0, pull[-1]))
+    falls = (pull[:-1] > 0) & (pull[1:] <= 0)
     found = jnp.any(falls)
     cell = jnp.argmax(falls)
     scale = jnp.where(found, jnp.abs(pull[cell]) + jnp.abs(pull[cell + 1]), 1.0)

@@ -113,6 +113,7 @@ def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentati
 
 def _first_step(rgb: NDArray[np.uint8]) -> int:
     step = max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
+    # A picture that would be looked at a little more finely than a large one needs no second look.
     return _FINE_STEP if step == _FINE_STEP - 1 else step
 
 

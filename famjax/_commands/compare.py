@@ -60,13 +60,13 @@ def compare(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
     make_output(output)
+    rows_file = output / "compare.jsonl"
     with progress_bar() as progress:
         task = progress.add_task("comparing", total=None)
 
         def show(done: int, total: int, name: str) -> None:
             progress.update(task, completed=done, total=total, description=name)
 
-        rows_file = output / "compare.jsonl"
         table = fitting.compare(
             measured, models or None, starts=starts, seed=seed, resume=rows_file, progress=show
         )

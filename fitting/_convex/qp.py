@@ -126,13 +126,15 @@ def inverse_upper(
         size: the larger dimension of the matrix whose factor it is, for the rounding.
     """
     n, eps = R.shape[0], jnp.finfo(R.dtype).eps
-    norm = jnp.linalg.norm(jax.lax.stop_gradient(R))
-    zero = jnp.abs(jnp.diagonal(R)) <= eps * norm
-    J = inverse_lower(R.T + jnp.diag(jnp.where(zero, 1.0, 0.0).astype(R.dtype))).T
-    size_of_J = jnp.linalg.norm(jax.lax.stop_gradient(J))
-    condition = jnp.where(jnp.any(zero), jnp.inf, norm * size_of_J)
+    fixed = jax.lax.stop_gradient(R)
+    norm = jnp.linalg.norm(fixed)
+    zero = jnp.abs(jnp.diagonal(fixed)) <= eps * norm
+    trial = inverse_lower(fixed.T + jnp.diag(jnp.where(zero, 1.0, 0.0).astype(R.dtype)))
+    condition = jnp.where(jnp.any(zero), jnp.inf, norm * jnp.linalg.norm(trial))
     deficient = ~(condition * 10 * size * eps < 1)
-    return jnp.where(deficient, jnp.eye(n, dtype=R.dtype), J), condition, deficient
+    # The trial of a singular one may overflow, and so would its derivative.
+    R = jnp.where(deficient, jnp.eye(n, dtype=R.dtype), R)
+    return inverse_lower(R.T).T, condition, deficient
 
 
 def _certificate(

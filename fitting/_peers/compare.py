@@ -108,7 +108,7 @@ def compare(
     settings = {
         "version": famjax.__version__,
         "data": data.sha256,
-        "name": data.specimen.name,
+        "tolerances": [data.pressure_tolerance, data.length_tolerance],
         "models": [name for name, _ in jobs],
         "starts": starts,
         "seed": seed,

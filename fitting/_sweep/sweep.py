@@ -180,6 +180,7 @@ def sweep(
         "version": famjax.__version__,
         "data": [one.sha256 for one in maps],
         "names": [one.specimen.name for one in maps],
+        "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in maps],
         "geometry": [_fingerprint(shape) for shape in geometries],
         "deadband_Pa": [float(dead) for dead in deadbands],
         "orders": list(degrees),

@@ -104,7 +104,7 @@ def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
         ends = famjax.EndEffectGeometry(festo.geometry, end_factor)
         muscle = famjax.Muscle(ends, festo.material, 0.0)
         L0 = float(ends.rest_length)
-        assert float(muscle.onset_pressure(L0, 2e6)) == pytest.approx(0.0, abs=1e-3)
+        assert float(muscle.onset_pressure(L0, 2e6)) == pytest.approx(0.0, abs=1e-3)  # Pa
         assert np.isnan(muscle.onset_pressure(1.02 * L0, 2e6, throw=False))
 
 
