@@ -3,7 +3,7 @@
 import importlib
 from typing import Any
 
-from ._convex.qp import Optimum as Optimum, Status as Status, solve_qp as solve_qp
+from .engine.qp import Optimum as Optimum, Status as Status, solve_qp as solve_qp
 from ._data.csv import (
     bundled_names as bundled_names,
     load_bundled as load_bundled,

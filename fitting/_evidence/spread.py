@@ -16,9 +16,7 @@ from jaxtyping import Array, Float
 
 import famjax
 
-from .._model.geometry_source import EstimatedSource
 from .._search.result import Identification
-from .._search.search import solve
 from .bootstrap import Bootstrap
 
 _NEGLIGIBLE = 1e-12  # of the largest variance of independent directions: rounding
@@ -37,21 +35,19 @@ def muscle_spread(
         One row for each independent direction, of the arrays of `famjax.MountedMuscle(muscle,
         compliance)` one after another; no rows where there are no standard errors.
     """
-    search, q = result.search, len(result.search.names)
-    problem, parameters = search.problem, search.parameters(jnp.asarray(result.unit_optimum))
-    x = solve(problem, parameters).x
-    k = _part_of(result)
-
-    @jax.jit
-    def slopes(at: Float[Array, " p"]) -> Float[Array, "numbers p"]:
-        def numbers(at: Float[Array, " p"]) -> Float[Array, " numbers"]:
-            muscle = problem.muscles(at[:q], at[q:].reshape(x.shape))[k]
-            return _flat(famjax.MountedMuscle(muscle, problem.parts[k].compliance(at[:q])))[0]
-
-        return jax.jacfwd(numbers)(at)
-
+    problem, point = result.problem, result.end.point
+    part, q = problem.parts[result.place], len(problem.names)
+    own = point.x[part.coefficients]
+    value, slope, _ = part.program(
+        point.parameters[part.at], own, point.linear[result.place].reached
+    )
+    slopes = np.zeros((value.numbers.size + 1, q + point.x.size))
+    np.add.at(slopes[:-1].T, part.at, slope.numbers)
+    slopes[:-1, q + part.coefficients] = value.number_columns
+    if part.compliance is not None:
+        slopes[-1, part.compliance] = 1.0
     covariance = result.covariance if drawn is None else _covariance(result, drawn)
-    return (np.asarray(slopes(jnp.concatenate([parameters, x.ravel()]))) @ _root(covariance)).T
+    return (slopes @ _root(covariance)).T
 
 
 def force_std(
@@ -97,19 +93,10 @@ def _flat(
     return flat, lambda changed: eqx.combine(unflat(changed), rest)
 
 
-def _part_of(result: Identification) -> int:
-    """Which of the specimens identified together this is."""
-    parts = result.search.problem.parts
-    if len(parts) == 1:
-        return 0
-    names = [p.source.specimen.name for p in parts if isinstance(p.source, EstimatedSource)]
-    return names.index(result.data.specimen.name)
-
-
 def _covariance(result: Identification, drawn: Bootstrap) -> Float[np.ndarray, "p p"]:
     """The covariance of bootstrap replicates, with nan for what they hold."""
-    search = result.search
-    moving = [*search.free, *range(len(search.names), len(result.covariance))]
+    problem = result.problem
+    moving = [*problem.free, *range(len(problem.names), len(result.covariance))]
     covariance = np.full_like(result.covariance, np.nan)
     covariance[np.ix_(moving, moving)] = np.cov(drawn.samples.T)
     return covariance

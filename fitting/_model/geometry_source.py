@@ -4,6 +4,8 @@ import abc
 from collections.abc import Mapping
 
 import equinox as eqx
+import numpy as np
+from jaxtyping import Float
 
 import famjax
 
@@ -13,12 +15,42 @@ Values = Mapping[str, famjax.Real]
 """Parameters of one specimen by name, SI."""
 
 
+class SpecimenNumbers(eqx.Module):
+    """The numbers of a specimen as arrays: another specimen is another input of one program.
+
+    Attributes:
+        rest_length, wall_thickness, bladder_diameter, braid_thickness, embedded: of `Specimen`.
+    """
+
+    rest_length: Float[np.ndarray, ""]
+    wall_thickness: Float[np.ndarray, ""]
+    bladder_diameter: Float[np.ndarray, ""] | None
+    braid_thickness: Float[np.ndarray, ""]
+    embedded: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, specimen: Specimen) -> "SpecimenNumbers":
+        """The numbers of a specimen."""
+        bladder = specimen.bladder_diameter
+        return cls(
+            np.asarray(specimen.rest_length, float),
+            np.asarray(specimen.wall_thickness, float),
+            None if bladder is None else np.asarray(bladder, float),
+            np.asarray(specimen.braid_thickness, float),
+            specimen.embedded,
+        )
+
+
 class AbstractGeometrySource(eqx.Module):
     """Makes a geometry of a specimen's parameters."""
 
     @abc.abstractmethod
     def geometry(self, values: Values) -> famjax.AbstractGeometry:
         """The geometry of these parameters [SI]; those it does not know are ignored."""
+
+    def as_arrays(self) -> "AbstractGeometrySource":
+        """The same source, its numbers arrays, so that another specimen is no other program."""
+        return self
 
 
 class EstimatedSource(AbstractGeometrySource):
@@ -34,9 +66,14 @@ class EstimatedSource(AbstractGeometrySource):
         thread: law of one thread; None for inextensible ones.
     """
 
-    specimen: Specimen = eqx.field(static=True)
+    specimen: Specimen | SpecimenNumbers
     n_threads: float | None = None
     thread: famjax.AbstractThread | None = None
+
+    def as_arrays(self) -> "EstimatedSource":
+        """The same source with the specimen's numbers as arrays."""
+        assert isinstance(self.specimen, Specimen)
+        return EstimatedSource(SpecimenNumbers.of(self.specimen), self.n_threads, self.thread)
 
     def __check_init__(self) -> None:
         if (self.n_threads is None) != (self.thread is None):
@@ -52,7 +89,9 @@ class EstimatedSource(AbstractGeometrySource):
         inset = 0.0 if specimen.embedded else 2 * specimen.braid_thickness
         bladder = famjax.Bladder(
             rest_length=rest_length,
-            rest_diameter=specimen.bladder_diameter or diameter - inset,
+            rest_diameter=(
+                diameter - inset if specimen.bladder_diameter is None else specimen.bladder_diameter
+            ),
             rest_thickness=specimen.wall_thickness,
             embedded=specimen.embedded,
         )

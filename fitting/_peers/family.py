@@ -5,6 +5,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
+import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 import famjax
@@ -13,6 +15,7 @@ from famjax import peers
 from .._data.force_data import ForceData, Specimen
 from .._errors import InputError
 from .._model.geometry_source import EstimatedSource
+from ..engine.family import AbstractFamily
 
 _MARGIN = 1.002  # at least, of thread length over the longest reading
 
@@ -66,6 +69,28 @@ class PeerFamily:
     def nonlinear(self) -> tuple[PeerParameter, ...]:
         """Parameters that are searched from many starts."""
         return tuple(p for p in self.parameters if not p.linear)
+
+
+class FamilyOfPeer(AbstractFamily):
+    """A peer as the engine sees it.
+
+    Attributes:
+        nonlinear, linear: names of its parameters.
+        make: the model of the values by name.
+    """
+
+    nonlinear: tuple[str, ...] = eqx.field(static=True)
+    linear: tuple[str, ...] = eqx.field(static=True)
+    make: Callable[[Values], Model] = eqx.field(static=True)
+
+    def build(self, values: Values) -> Model:
+        """The model of these values."""
+        return self.make(values)
+
+    def rest_length(self, values: Values) -> Float[Array, ""]:
+        """Of no account: a peer has no actuation path."""
+        del values
+        return jnp.zeros(())
 
 
 @dataclasses.dataclass(frozen=True)

@@ -136,7 +136,7 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
         "start_objectives": [finite_or_none(cost) for cost in result.starts],
         "start_parameters": {
             name: [finite_or_none(value) for value in result.start_parameters[:, k]]
-            for k, name in enumerate(result.search.names)
+            for k, name in enumerate(result.problem.names)
         },
         "muscle": muscle_as_dict(result.muscle),
     }

@@ -7,14 +7,14 @@ import numpy as np
 
 import famjax
 
-from .._convex.qp import Status
+from ..engine.status import Status
 from .._data.force_data import ForceData
 from .._errors import InputError
 from .._model.geometry_source import AbstractGeometrySource
 from .._model.laws import AbstractLaw, MooneyRivlinLaw, OgdenLaw, PolynomialLaw
 from .._model.parameters import Entry
-from .._model.problem import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
-from .search import Search, offsets, rows_known, solve
+from ..engine.program import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
+from ..engine.problem import Problem
 
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
@@ -200,23 +200,25 @@ def _check_strained_everywhere(data: ForceData, order: int, levels: np.ndarray) 
         )
 
 
-def check_solvable(search: Search) -> None:
+def check_solvable(problem: Problem) -> None:
     """The convex fit must have a solution in the middle of the box."""
-    middle = search.low + (search.high - search.low) / 2
-    lost = np.flatnonzero(~np.isfinite(np.asarray(offsets(search.problem, middle))))
+    point = problem.solve(problem.low + (problem.high - problem.low) / 2)
+    columns, target, rows, _ = point.programme
+    count = problem.force.size
+    known = np.isfinite(columns[:count]).all(axis=1) & np.isfinite(target[:count])
+    lost = np.flatnonzero(~known)
     if lost.size:
-        lengths = np.concatenate([np.asarray(part.length) for part in search.problem.parts])
+        lengths = np.concatenate([part.inputs.length for part in problem.parts])
         raise InputError(
             f"the geometry has no dimensions at the loaded reading {lost[0] + 1} (length "
             f"{lengths[lost[0]] * 1e3:.5g} mm): the bladder does not fit in the braid there, or "
             "the length is outside what was measured or can be reached"
         )
-    if not bool(rows_known(search.problem, middle)):
+    if not np.isfinite(rows).all():
         raise InputError(
             "the constraint cannot be posed: the actuation path, which runs to the shortest length "
             "in the map, slack readings included, leaves what the geometry is known for. Leave out "
             "readings that are shorter than the last measured shape, or use --constraint none"
         )
-    worst = max(Status(int(code)) for code in np.unique(solve(search.problem, middle).status))
-    if worst in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
-        raise InputError(worst.message)
+    if point.optimum.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
+        raise InputError(point.optimum.status.message)

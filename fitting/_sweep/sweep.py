@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 import famjax
 
-from .._convex.status import Status
+from ..engine.status import Status
 from .._data.force_data import ForceData
 from .._errors import InputError
 from .._saved.resumable import ResumableFile

@@ -132,7 +132,7 @@ def test_the_saved_band_is_that_of_the_parameters(fitted20: Identification, tmp_
     saved = load_fit(tmp_path / "fit.json")
     L, P = np.array([0.27, 0.29]), np.array([4e5])
     rows = predict(saved, L, P)
-    names = [*fitted20.search.names, *fitted20.law.coefficients]
+    names = [*fitted20.problem.names, *fitted20.law.coefficients]
     at = np.array([fitted20.estimate(name).value for name in names])
 
     def force(values: np.ndarray) -> np.ndarray:
