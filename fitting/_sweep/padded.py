@@ -14,14 +14,8 @@ from .._convex.constraint import Constraint
 from .._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
 from .._convex.path_functions import AbstractPathFunctions
 from ..engine.qp import inverse_upper
+from .forms import CONSTRAINTS, DEPENDENCES, HUBER, NORMAL_MAD
 from .problem import Design, compressed
-
-CONSTRAINTS = ("none", "positive", "slope", "drucker")
-DEPENDENCES = ("fixed", "linear", "free")
-OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
-
-_HUBER = 1.345  # threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)
-_NORMAL_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
 
 
 class Unknowns(eqx.Module):
@@ -218,6 +212,6 @@ def huber_threshold(of: Design) -> Float[Array, ""]:
 
     there, y = of.weight > 0, of.target * of.weight
     left = jax.vmap(residuals)(of.A * of.weight[..., None], y)
-    spread = _NORMAL_MAD * jnp.nanmedian(jnp.where(there, jnp.abs(left), jnp.nan))
+    spread = NORMAL_MAD * jnp.nanmedian(jnp.where(there, jnp.abs(left), jnp.nan))
     size = jnp.sqrt(jnp.sum(y**2) / jnp.sum(there))
-    return jax.lax.stop_gradient(_HUBER * jnp.maximum(spread, 1e-9 * size))
+    return jax.lax.stop_gradient(HUBER * jnp.maximum(spread, 1e-9 * size))

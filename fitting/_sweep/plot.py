@@ -1,15 +1,10 @@
 """Pictures of a sweep: errors by order, form and constraint, and the force curves of some fits."""
 
-import equinox as eqx
-import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-
-import famjax
 
 from .._data.units import SYSTEMS, factor
 from .sweep import Sweep, SweepRow
@@ -130,20 +125,7 @@ def _isobar(
     found: Sweep, data: int, coefficients: np.ndarray, pressure: float, shortest: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Contractions and forces [N] from rest to the shortest reading."""
-    geometry = found.geometries[data]
-    rest = float(geometry.rest_length)
-    length = np.linspace(rest, shortest, _LENGTHS)
-    given = (jnp.asarray(v) for v in (coefficients, found.deadbands[data], length, pressure))
-    return 1 - length / rest, np.asarray(_force(geometry, *given))
-
-
-@eqx.filter_jit
-def _force(
-    geometry: famjax.AbstractGeometry,
-    coefficients: Float[Array, " order"],
-    deadband: Float[Array, ""],
-    length: Float[Array, " lengths"],
-    pressure: Float[Array, ""],
-) -> Float[Array, " lengths"]:
-    material = famjax.PolynomialMaterial(coefficients)
-    return famjax.Muscle(geometry, material, deadband).force(length, pressure)
+    model = found.models[data]
+    length = np.linspace(model.rest_length, shortest, _LENGTHS)
+    force = model.force(length, np.asarray(pressure), coefficients)
+    return 1 - length / model.rest_length, force
