@@ -1,13 +1,15 @@
 """What a fit minimises, as a convex function of the unknowns with its derivatives.
 
 The residuals of the group p of readings (a pressure) are r_p = W_p y - c_p. Both drivers of a fit
-use these functions: that for batches with JAX's arrays, that on the host with NumPy's.
+use these functions: that for batches with JAX's arrays, that on the host with NumPy's. They are
+plain dataclasses, whose methods cost nothing to call.
 """
 
 import abc
+import dataclasses
 from typing import Any
 
-import equinox as eqx
+import jax
 from jaxtyping import Array, Bool, Float
 
 _ROUNDED = 1e-8  # of |c_p|: the norm below which the corner of a norm is rounded off
@@ -21,7 +23,9 @@ def namespace(array: Any) -> Any:
     return array.__array_namespace__()
 
 
-class Model(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Model:
     """Value, gradient and curvature at a point.
 
     Attributes:
@@ -35,7 +39,7 @@ class Model(eqx.Module):
     majorant: Float[Array, "n n"]
 
 
-class AbstractObjective(eqx.Module):
+class AbstractObjective(abc.ABC):
     """A convex function of y."""
 
     @property
@@ -60,6 +64,8 @@ class AbstractObjective(eqx.Module):
         """How far the last model may lie above the objective anywhere."""
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class SumOfSquares(AbstractObjective):
     """1/2 sum_p w_p |r_p|^2.
 
@@ -99,6 +105,8 @@ class SumOfSquares(AbstractObjective):
         return Model(self.value(y, iteration), gradient, hessian, hessian)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class MeanRmse(AbstractObjective):
     """The reference work's objective, the mean over groups of the RMSE: mean_p |r_p| / sqrt(K_p).
 
@@ -154,7 +162,7 @@ class MeanRmse(AbstractObjective):
         return Model(
             share @ norm,
             share @ pull,
-            majorant - (each[:, None] * pull).T @ pull,
+            (1 + _RIDGE) * majorant - (each[:, None] * pull).T @ pull,
             majorant,
         )
 
@@ -177,6 +185,8 @@ def _rounding(y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array
     return namespace(y).maximum(_FIRST_ROUNDED * _FASTER**iteration, _ROUNDED)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Huber(AbstractObjective):
     """sum over readings of w (r^2 / 2 where |r| <= d, else d |r| - d^2 / 2): robust to outliers.
 

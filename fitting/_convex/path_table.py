@@ -7,6 +7,7 @@ nodes. The tangent modulus of a law up to order 4 is such a cubic; for other fun
 set so closely that the cubics are the function to `TOLERANCE`.
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -30,7 +31,9 @@ PathFunctions = Callable[[Int[Array, " k"], Float[Array, " k"]], Float[Array, "k
 """phi_n at positions s, each on the path of that index; see `AbstractPathFunctions`."""
 
 
-class PathTable(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PathTable:
     """phi_n and its derivative at the nodes of each path, in JAX's arrays or in NumPy's.
 
     Attributes:

@@ -106,12 +106,19 @@ class HostDesign:
         return self.weight > 0
 
     def huber_threshold(self) -> float:
-        """1.345 standard deviations of the noise, from the most flexible law's residuals."""
-        y = self.target * self.weight
+        """1.345 standard deviations of the noise, by the residuals of a law free in pressure.
+
+        At each pressure it has the highest order, but no more coefficients than half the readings:
+        a law that goes through all of them shows no noise.
+        """
+        y, count = self.target * self.weight, self.there.sum(axis=1)
+        # The first columns of Q span the law of a lower order.
         Q, _ = np.linalg.qr(self.A * self.weight[..., None])
-        left = np.abs(y - (Q @ (Q.mT @ y[..., None]))[..., 0])[self.there]
-        size = np.sqrt(np.sum(y**2) / left.size)
-        return HUBER * max(NORMAL_MAD * float(np.median(left)), 1e-9 * size)
+        Q = np.where(2 * np.arange(1, Q.shape[-1] + 1) <= count[:, None, None], Q, 0.0)
+        left = np.abs(y - (Q @ (Q.mT @ y[..., None]))[..., 0])
+        shows = left[self.there & (count > 1)[:, None]]
+        spread = NORMAL_MAD * float(np.median(shows)) if shows.size else 0.0
+        return HUBER * max(spread, 1e-9 * float(np.sqrt(np.sum(y**2) / count.sum())))
 
 
 def _slope_table(

@@ -119,16 +119,6 @@ class LinearModel:
             braid[here], columns[here] = value.force[:count], value.columns[:count]
         return braid.reshape(shape), columns.reshape(*shape, self.order)
 
-    def force(
-        self,
-        length: Float[np.ndarray, "..."],
-        pressure: Float[np.ndarray, "..."],
-        coefficients: Float[np.ndarray, " order"],
-    ) -> Float[np.ndarray, "..."]:
-        """Force [N] with a law of at most that order."""
-        braid, columns = self.columns(length, pressure)
-        return braid + columns[..., : coefficients.size] @ coefficients
-
     def path_functions(self) -> ChebyshevPaths:
         """The modulus along the paths per coefficient [-], as functions of the share of a path."""
 
