@@ -49,7 +49,8 @@ class Points:
         return Points(self.path[which], self.s[which], self.slack[which])
 
 
-_NOWHERE = Points(np.zeros(0, int), np.zeros(0), np.zeros(0))
+_NONE = np.zeros(0, int)
+_NOWHERE = Points(_NONE, np.zeros(0), np.zeros(0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,6 +163,7 @@ class HostFit:
         y: minimiser, shape (n,).
         objective: its value.
         active: number of rows with a multiplier.
+        rows: those of them that were posed from the start, for a neighbouring fit to start from.
         kkt_residual, duality_gap: certificate.
         steps: Newton steps before the last ones.
         status: how it ended.
@@ -170,19 +172,28 @@ class HostFit:
     y: Float[np.ndarray, " n"]
     objective: float
     active: int
+    rows: Int[np.ndarray, " k"]
     kkt_residual: float
     duality_gap: float
     steps: int
     status: Status
 
+    @property
+    def optimal(self) -> bool:
+        """Whether it is certified."""
+        return self.status is Status.OPTIMAL
+
     @classmethod
     def without(cls, n: int, status: Status) -> "HostFit":
         """No fit, and why."""
-        return cls(np.full(n, np.nan), np.nan, 0, np.nan, np.nan, 0, status)
+        return cls(np.full(n, np.nan), np.nan, 0, _NONE, np.nan, np.nan, 0, status)
 
 
 def minimise_on_host(
-    objective: AbstractObjective, constraint: HostConstraint, start: Float[np.ndarray, " n"]
+    objective: AbstractObjective,
+    constraint: HostConstraint,
+    start: Float[np.ndarray, " n"],
+    rows: Int[np.ndarray, " k"] = _NONE,
 ) -> HostFit:
     """The certified minimiser of a convex objective under a constraint along paths.
 
@@ -190,12 +201,13 @@ def minimise_on_host(
         objective: in unknowns y in which its curvature is of order one.
         constraint: on the same unknowns.
         start: where to start, such as the minimiser of the sum of squares.
+        rows: active ones there, as far as they are posed from the start.
 
     Returns:
         The fit.
     """
     try:
-        near = _search(objective, constraint, start)
+        near = _search(objective, constraint, start, rows)
         return _refined(objective, constraint, near)
     except np.linalg.LinAlgError:
         # The curvature is not positive: what is left of the data does not determine the law.
@@ -237,10 +249,10 @@ class _Near:
 
 
 def _search(
-    objective: AbstractObjective, constraint: HostConstraint, start: np.ndarray
+    objective: AbstractObjective, constraint: HostConstraint, start: np.ndarray, rows: np.ndarray
 ) -> _Near:
     """Steps until little changes and little is violated."""
-    y, G, active = start, constraint.grid, np.zeros(0, int)
+    y, G, active = start, constraint.grid, rows
     for iteration in range(_STEPS):
         at = np.float64(iteration)
         model = objective.model(y, at)
@@ -298,11 +310,16 @@ def _refined(
             if exact:
                 break
             exact = change @ change <= _STILL * (new.y @ new.y) or last == _LAST_STEPS - 1
-    return _certified(objective, G, step, turned, near.steps)
+    return _certified(objective, G, len(grid), step, turned, near.steps)
 
 
 def _certified(
-    objective: AbstractObjective, G: np.ndarray, step: _Step, turned: np.ndarray, steps: int
+    objective: AbstractObjective,
+    G: np.ndarray,
+    posed: int,
+    step: _Step,
+    turned: np.ndarray,
+    steps: int,
 ) -> HostFit:
     y, model = step.y, objective.model(step.y, np.float64(_LAST))
     normals = G[step.active]
@@ -322,6 +339,7 @@ def _certified(
         y=y,
         objective=value,
         active=step.active.size,
+        rows=step.active[step.active < posed],
         kkt_residual=float(residual),
         duality_gap=float(gap / max(value, scale)),
         steps=steps,

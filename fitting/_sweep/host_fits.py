@@ -67,6 +67,11 @@ class _Unknowns:
     condition: float
     deficient: bool
 
+    @property
+    def order(self) -> int:
+        """Of the law."""
+        return self.on_y.shape[1]
+
     @classmethod
     def of(
         cls,
@@ -129,12 +134,11 @@ class HostSolver:
             for o, order in enumerate(forms.orders):
                 unknowns = self._unknowns(dependence, order)
                 for c, kind in enumerate(forms.constraints):
-                    at = d, o, c
-                    self._one(fits, at, unknowns, kind)
-                    if leave_out and dependence != "free":
-                        known = n_pressures > 1 + (dependence == "linear")
-                        for p in range(n_pressures) if known else ():
-                            left_out[(*at, p)] = self._beyond(unknowns[0], kind, p)
+                    constraints = [self._constraint(some, kind) for some in unknowns]
+                    found = self._one(fits, (d, o, c), unknowns, constraints)
+                    known = n_pressures > 1 + (dependence == "linear")
+                    if leave_out and dependence != "free" and known:
+                        left_out[d, o, c] = self._beyond(unknowns[0], constraints[0], found[0])
         return fits, left_out
 
     def _unknowns(self, dependence: str, order: int) -> list[_Unknowns]:
@@ -147,26 +151,32 @@ class HostSolver:
         return [_Unknowns.of(self.design, every, basis, order)]
 
     def _one(
-        self, fits: HostFits, at: tuple[int, int, int], unknowns: list[_Unknowns], kind: str
-    ) -> None:
+        self,
+        fits: HostFits,
+        at: tuple[int, int, int],
+        unknowns: list[_Unknowns],
+        constraints: list[HostConstraint],
+    ) -> list[HostFit]:
         """One fit, which has a problem for each pressure if it is free there."""
         found = []
-        for some in unknowns:
-            constraint = self._constraint(some, kind)
-            fit = self._fit(some, constraint, np.ones(some.paths.size))
+        for some, constraint in zip(unknowns, constraints, strict=True):
+            fit, order = HostFit.without(some.start.size, Status.RANK_DEFICIENT), some.order
+            if not some.deficient:
+                aim = self._aim(some, np.ones(some.paths.size))
+                fit = minimise_on_host(aim, constraint, some.start)
             found.append(fit)
-            E = constraint.coefficients(fit.y) if fit.status is Status.OPTIMAL else np.nan
-            order = some.on_y.shape[1]
-            fits.coefficients[at][some.paths, :order] = E * self.design.unit[:order]
-        total = np.mean if self.objective == "mean_rmse" else np.sum
+            E = constraint.coefficients(fit.y) * self.design.unit[:order]
+            fits.coefficients[at][some.paths, :order] = E if fit.optimal else np.nan
+            fits.coefficients[at][some.paths, order:] = 0.0 if fit.optimal else np.nan
+        total: Callable = np.mean if self.objective == "mean_rmse" else np.sum
         fits.objective[at] = total([fit.objective for fit in found])
-        worst: Callable = np.max
-        fits.kkt_residual[at] = worst([fit.kkt_residual for fit in found])
-        fits.duality_gap[at] = worst([fit.duality_gap for fit in found])
-        fits.condition[at] = worst([some.condition for some in unknowns])
-        fits.steps[at] = worst([fit.steps for fit in found])
+        fits.kkt_residual[at] = np.max([fit.kkt_residual for fit in found])
+        fits.duality_gap[at] = np.max([fit.duality_gap for fit in found])
+        fits.condition[at] = max(some.condition for some in unknowns)
+        fits.steps[at] = max(fit.steps for fit in found)
         fits.active[at] = sum(fit.active for fit in found)
-        fits.status[at] = worst([fit.status for fit in found])
+        fits.status[at] = max(fit.status for fit in found)
+        return found
 
     def _constraint(self, some: _Unknowns, kind: str) -> HostConstraint:
         if kind == "none":
@@ -176,16 +186,9 @@ class HostSolver:
         along = self.design.slope if kind == "slope" else self.design.drucker
         return along.on(some.paths, some.on_y)
 
-    def _fit(
-        self, some: _Unknowns, constraint: HostConstraint, keep: Float[np.ndarray, " paths"]
-    ) -> HostFit:
-        if some.deficient:
-            return HostFit.without(some.start.size, Status.RANK_DEFICIENT)
-        return minimise_on_host(self._aim(some, keep), constraint, some.start)
-
     def _aim(self, some: _Unknowns, keep: Float[np.ndarray, " paths"]) -> AbstractObjective:
         """The objective; a pressure that is not kept counts for nothing."""
-        of, paths, order = self.design, some.paths, some.on_y.shape[1]
+        of, paths, order = self.design, some.paths, some.order
         weight, there = of.weight[paths], of.there[paths]
         if self.objective == "huber":
             W = of.A[paths, :, :order] * weight[..., None] @ some.on_y
@@ -195,14 +198,17 @@ class HostSolver:
             return MeanRmse(W, c, keep, there.sum(axis=1) * 1.0)
         return SumOfSquares(W, c, keep)
 
-    def _beyond(self, some: _Unknowns, kind: str, left: int) -> float:
-        """Sum of squares [N^2] at a pressure of the fit without it."""
-        constraint = self._constraint(some, kind)
-        keep = np.ones(some.paths.size)
-        keep[left] = 0.0
-        fit = self._fit(some, constraint, keep)
-        if fit.status is not Status.OPTIMAL:
-            return np.nan
-        E = constraint.coefficients(fit.y)[left]
-        residual = self.design.A[left, :, : E.size] @ E - self.design.target[left]
-        return float(np.sum(residual[self.design.there[left]] ** 2))
+    def _beyond(
+        self, some: _Unknowns, constraint: HostConstraint, whole: HostFit
+    ) -> Float[np.ndarray, " pressures"]:
+        """Sum of squares [N^2] at each pressure of the fit without it."""
+        square = np.full(some.paths.size, np.nan)
+        for left in range(square.size if whole.optimal else 0):
+            keep = np.ones(square.size)
+            keep[left] = 0.0
+            fit = minimise_on_host(self._aim(some, keep), constraint, whole.y, whole.rows)
+            if fit.optimal:
+                E = constraint.coefficients(fit.y)[left]
+                residual = self.design.A[left, :, : E.size] @ E - self.design.target[left]
+                square[left] = np.sum(residual[self.design.there[left]] ** 2)
+        return square
