@@ -69,12 +69,12 @@ class ChebyshevPaths:
             # Where the geometry ends the values are not numbers, and no halving helps.
             rough = (tail > _SMALL).any(axis=-1) & (width > _NARROWEST)
             for path, some in enumerate(pending):
-                for k, (low, wide) in enumerate(some[:_AT_ONCE]):
+                sampled, pending[path] = some[:_AT_ONCE], some[_AT_ONCE:]
+                for k, (low, wide) in enumerate(sampled):
                     if rough[path, k]:
-                        some += [(low, wide / 2), (low + wide / 2, wide / 2)]
+                        pending[path] += [(low, wide / 2), (low + wide / 2, wide / 2)]
                     else:
                         found[path].append((low, wide, terms[path, k]))
-                del some[:_AT_ONCE]
         pieces = max(len(some) for some in found)
         shape = paths, pieces
         starts, widths = np.full(shape, 2.0), np.ones(shape)

@@ -309,7 +309,8 @@ def _refined(
             turned = moving @ change if dips.s.size else turned
             if exact:
                 break
-            exact = change @ change <= _STILL * (new.y @ new.y) or last == _LAST_STEPS - 1
+            still = bool(change @ change <= _STILL * (new.y @ new.y))
+            exact = still or last == _LAST_STEPS - 1
     return _certified(objective, G, len(grid), step, turned, near.steps)
 
 

@@ -10,12 +10,18 @@ import dataclasses
 from typing import Any
 
 import jax
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 _ROUNDED = 1e-8  # of |c_p|: the norm below which the corner of a norm is rounded off
 _FIRST_ROUNDED, _FASTER = 1e-1, 1e-1
 _NEARLY_PERFECT = 1e-4  # of |c_p|
 _RIDGE = 1e-12  # of the curvature of the sum of squares
+
+
+AnyArray = Array | np.ndarray
+Real = Float[AnyArray, ""] | float
+Truth = Bool[AnyArray, ""] | np.bool_
 
 
 def namespace(array: Any) -> Any:
@@ -33,10 +39,10 @@ class Model:
         majorant: a curvature with which the model lies nowhere below the function.
     """
 
-    value: Float[Array, ""]
-    gradient: Float[Array, " n"]
-    hessian: Float[Array, "n n"]
-    majorant: Float[Array, "n n"]
+    value: Real
+    gradient: Float[AnyArray, " n"]
+    hessian: Float[AnyArray, "n n"]
+    majorant: Float[AnyArray, "n n"]
 
 
 class AbstractObjective(abc.ABC):
@@ -48,19 +54,19 @@ class AbstractObjective(abc.ABC):
         """Whether the model is the function."""
 
     @abc.abstractmethod
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives; early iterations may see a smoother function."""
 
     @abc.abstractmethod
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone; that of the last iteration is the objective."""
 
     @abc.abstractmethod
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Whether y is near a point without a derivative."""
 
     @abc.abstractmethod
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """How far the last model may lie above the objective anywhere."""
 
 
@@ -75,29 +81,29 @@ class SumOfSquares(AbstractObjective):
         weight: w, shape (groups,); 0 leaves a group out.
     """
 
-    W: Float[Array, "groups k n"]
-    c: Float[Array, "groups k"]
-    weight: Float[Array, " groups"]
+    W: Float[AnyArray, "groups k n"]
+    c: Float[AnyArray, "groups k"]
+    weight: Float[AnyArray, " groups"]
 
     @property
     def quadratic(self) -> bool:
         """Whether the model is the function."""
         return True
 
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone."""
         del iteration
         return self.weight @ ((self.W @ y - self.c) ** 2).sum(axis=1) / 2
 
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Never: it has none."""
         return namespace(y).zeros((), bool)
 
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """Nothing is rounded."""
         return namespace(y).zeros((), y.dtype)
 
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives."""
         xp, weighted = namespace(y), self.weight[:, None, None] * self.W
         gradient = xp.einsum("pkn,pk->n", weighted, self.W @ y - self.c)
@@ -124,34 +130,34 @@ class MeanRmse(AbstractObjective):
         Chambers 2021, equation 7.6, with the difference that a least-squares error takes.
     """
 
-    W: Float[Array, "groups k n"]
-    c: Float[Array, "groups k"]
-    weight: Float[Array, " groups"]
-    count: Float[Array, " groups"]
+    W: Float[AnyArray, "groups k n"]
+    c: Float[AnyArray, "groups k"]
+    weight: Float[AnyArray, " groups"]
+    count: Float[AnyArray, " groups"]
 
     @property
     def quadratic(self) -> bool:
         """Whether the model is the function."""
         return False
 
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone, not rounded after the first iterations."""
         rounding = _rounding(y, iteration)
         _, share, norm = self._norms(y, rounding * (rounding > _ROUNDED))
         return share @ norm
 
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Whether the fit is nearly perfect in a group."""
         _, _, norm = self._norms(y, 0.0)
         return (norm**2 < _NEARLY_PERFECT**2 * self._size).any()
 
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """The sum of the roundings of all corners."""
         xp, (_, share, norm) = namespace(y), self._norms(y, _ROUNDED)
         corner = _ROUNDED * xp.sqrt(self._size)
         return share @ xp.minimum(corner, corner**2 / xp.where(norm > 0, norm, 1.0))
 
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives of the rounded function."""
         xp, (r, share, norm) = namespace(y), self._norms(y, _rounding(y, iteration))
         positive = xp.where(norm > 0, norm, 1.0)
@@ -167,12 +173,12 @@ class MeanRmse(AbstractObjective):
         )
 
     @property
-    def _size(self) -> Float[Array, " groups"]:
+    def _size(self) -> Float[AnyArray, " groups"]:
         return self.weight * (self.c**2).sum(axis=1)
 
     def _norms(
-        self, y: Float[Array, " n"], rounding: Float[Array, ""] | float
-    ) -> tuple[Array, ...]:
+        self, y: Float[AnyArray, " n"], rounding: Real
+    ) -> tuple[AnyArray, ...]:
         """Residuals, the weight of each group in the mean, and |r_p|, rounded."""
         xp, r = namespace(y), self.W @ y - self.c
         square = self.weight * (r**2).sum(axis=1) + rounding**2 * self._size
@@ -181,7 +187,7 @@ class MeanRmse(AbstractObjective):
         return r, 1 / (xp.sqrt(self.count) * self.count.shape[0]), norm
 
 
-def _rounding(y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+def _rounding(y: Float[AnyArray, " n"], iteration: Real) -> Real:
     return namespace(y).maximum(_FIRST_ROUNDED * _FASTER**iteration, _ROUNDED)
 
 
@@ -197,24 +203,24 @@ class Huber(AbstractObjective):
         threshold: d, in the unit of the residuals.
     """
 
-    W: Float[Array, "groups k n"]
-    c: Float[Array, "groups k"]
-    weight: Float[Array, "groups k"]
-    threshold: Float[Array, ""]
+    W: Float[AnyArray, "groups k n"]
+    c: Float[AnyArray, "groups k"]
+    weight: Float[AnyArray, "groups k"]
+    threshold: Real
 
     @property
     def quadratic(self) -> bool:
         """Whether the model is the function."""
         return False
 
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone."""
         del iteration
         size, d = abs(self.W @ y - self.c), self.threshold
         cost = namespace(y).where(size <= d, size**2 / 2, d * size - d**2 / 2)
         return (self.weight * cost).sum()
 
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives; a little curvature is left where every reading is an outlier."""
         xp, r, d = namespace(y), self.W @ y - self.c, self.threshold
         size = abs(r)
@@ -228,10 +234,10 @@ class Huber(AbstractObjective):
             xp.einsum("pkn,pkm->nm", self.W * softer[..., None], self.W),
         )
 
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Never: it has none."""
         return namespace(y).zeros((), bool)
 
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """Nothing is rounded."""
         return namespace(y).zeros((), y.dtype)

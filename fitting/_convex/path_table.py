@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .objectives import namespace
+from .objectives import AnyArray, namespace
 
 TOLERANCE = 1e-8
 """Largest difference between a function and its cubics, per largest value of the function."""
@@ -42,12 +42,12 @@ class PathTable:
         slope: d(phi_n)/ds, shape (paths, nodes, order).
     """
 
-    nodes: Float[Array, "paths nodes"]
-    value: Float[Array, "paths nodes order"]
-    slope: Float[Array, "paths nodes order"]
+    nodes: Float[AnyArray, "paths nodes"]
+    value: Float[AnyArray, "paths nodes order"]
+    slope: Float[AnyArray, "paths nodes order"]
 
     @classmethod
-    def at(cls, phi: PathFunctions, nodes: Float[Array | np.ndarray, "paths nodes"]) -> "PathTable":
+    def at(cls, phi: PathFunctions, nodes: Float[AnyArray, "paths nodes"]) -> "PathTable":
         """The table of the functions at given nodes."""
         nodes = jnp.asarray(nodes)
         paths = jnp.arange(nodes.shape[0])
@@ -56,8 +56,8 @@ class PathTable:
         return cls(nodes, value, _value_and_slope(phi, inside)[1])
 
     def rows(
-        self, path: Int[Array, " k"], s: Float[Array, " k"]
-    ) -> tuple[Float[Array, "k order"], Float[Array, "k order"], Float[Array, "k order"]]:
+        self, path: Int[AnyArray, " k"], s: Float[AnyArray, " k"]
+    ) -> tuple[Float[AnyArray, "k order"], Float[AnyArray, "k order"], Float[AnyArray, "k order"]]:
         """The cubics at positions of paths: phi_n, d(phi_n)/ds and its derivative."""
         xp = namespace(self.nodes)
         nodes = self.nodes[path]
@@ -70,13 +70,13 @@ class PathTable:
         value = f0 + t * (d0 + t * (q + t * r))
         return value, (d0 + t * (2 * q + 3 * t * r)) / width, (2 * q + 6 * t * r) / width**2
 
-    def at_node(self, path: Int[Array, " k"], s: Float[Array, " k"]) -> Bool[Array, " k"]:
+    def at_node(self, path: Int[AnyArray, " k"], s: Float[AnyArray, " k"]) -> Bool[AnyArray, " k"]:
         """Whether positions are nodes, at which the cubics are the functions."""
         return (self.nodes[path] == s[:, None]).any(axis=1)
 
     def minima(
-        self, coefficients: Float[Array, "paths order"]
-    ) -> tuple[Float[Array, "paths cells"], Float[Array, "paths cells"]]:
+        self, coefficients: Float[AnyArray, "paths order"]
+    ) -> tuple[Float[AnyArray, "paths cells"], Float[AnyArray, "paths cells"]]:
         """Smallest value of sum_n E_n phi_n in each cell, and the position where it is."""
         xp = namespace(self.nodes)
         value = (self.value @ coefficients[..., None])[..., 0]
