@@ -28,6 +28,7 @@ _CELL = 1 / 32  # of the table's cubics, which then follow the functions to its 
 
 _NODES = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
 _TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_NODES, _DEGREE))
+_DERIVATIVE = np.pad(chebyshev.chebder(np.eye(_DEGREE + 1)), ((0, 1), (0, 0)))
 
 Evaluate = Callable[[Float[np.ndarray, "paths k"]], Float[np.ndarray, "paths k order"]]
 """phi_n at `STATIONS` positions of each path."""
@@ -89,17 +90,20 @@ class ChebyshevPaths:
         self, path: Int[np.ndarray, " k"], s: Float[np.ndarray, " k"]
     ) -> Float[np.ndarray, "k order"]:
         """phi_n at positions, each on the path of that index."""
-        piece = (self.start[path] <= s[:, None]).sum(axis=1) - 1
-        t = 2 * (s - self.start[path, piece]) / self.width[path, piece] - 1
-        return np.einsum(
-            "kt,kte->ke", chebyshev.chebvander(t, _DEGREE), self.coefficients[path, piece]
-        )
+        return self.rows(path, s, derivatives=0)[0]
 
-    def _slope(self) -> "ChebyshevPaths":
-        """The derivative in s."""
-        terms = chebyshev.chebder(self.coefficients, axis=2)
-        terms = np.pad(terms, ((0, 0), (0, 0), (0, 1), (0, 0)))
-        return dataclasses.replace(self, coefficients=terms * (2 / self.width)[..., None, None])
+    def rows(
+        self, path: Int[np.ndarray, " k"], s: Float[np.ndarray, " k"], derivatives: int = 2
+    ) -> tuple[Float[np.ndarray, "k order"], ...]:
+        """phi_n at positions of paths, and its derivatives in s, as those of a `PathTable`."""
+        piece = (self.start[path] <= s[:, None]).sum(axis=1) - 1
+        width = self.width[path, piece]
+        T = chebyshev.chebvander(2 * (s - self.start[path, piece]) / width - 1, _DEGREE)
+        terms, found = self.coefficients[path, piece], []
+        for _ in range(derivatives + 1):
+            found.append((T[:, None, :] @ terms)[:, 0])
+            terms = _DERIVATIVE @ terms * (2 / width)[:, None, None]
+        return tuple(found)
 
     def table(self) -> PathTable:
         """Cubics that follow the functions closely enough to show where a sum of them is weakest."""
@@ -114,5 +118,7 @@ class ChebyshevPaths:
             grids.append(np.append(np.concatenate(pieces), 1.0))
         nodes = even(grids)
         path, s = np.repeat(np.arange(len(nodes)), nodes.shape[1]), nodes.ravel()
-        value, slope = (f(path, s).reshape(*nodes.shape, -1) for f in (self, self._slope()))
+        value, slope = (
+            rows.reshape(*nodes.shape, -1) for rows in self.rows(path, s, derivatives=1)
+        )
         return PathTable(nodes, value, slope)

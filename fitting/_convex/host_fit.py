@@ -18,7 +18,8 @@ from .path_table import PathTable
 
 _PER_STEP = 4  # points that become rows at a time
 _STEPS = 40
-_NEWTON = 0.9  # share of the Newton curvature: a tenth of a step is then one with the majorant
+_LOOSE = 0.1  # share of the majorant in the curvature: a tenth of a step is then one with it alone
+_LOOSER = 10.0  # by which that grows with a step that is shortened, and falls with a whole one
 _LAST_STEPS = 12  # at most, to make a near solution exact
 _SHORTENED = (1.0, 0.5, 0.25, 0.1, 0.02)  # parts of a step that are tried
 _NEAR = 1e-6  # violation per largest coefficient, and relative change by a step, of a near solution
@@ -30,10 +31,10 @@ _CERTIFIED = 1e-10  # largest residual of the optimality conditions of an exact 
 _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 _LAST = float(_STEPS)
 
-PathFunctions = Callable[
-    [Int[np.ndarray, " k"], Float[np.ndarray, " k"]], Float[np.ndarray, "k order"]
+PathRows = Callable[
+    [Int[np.ndarray, " k"], Float[np.ndarray, " k"]], tuple[Float[np.ndarray, "k order"], ...]
 ]
-"""phi_n at positions s, each on the path of that index."""
+"""phi_n at positions s, each on the path of that index, with its first and second derivative."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,14 +62,14 @@ class HostConstraint:
         on_y: coefficients of each path per unknown, E = on_y y, shape (paths, order, n).
         grid: rows posed from the start, of unit length, shape (m, n).
         table: of the functions that must not be negative; None where the rows are all there is.
-        exact: the functions themselves, or None where the table is exact.
+        functions: the functions themselves.
         stations: nodes of the table at which the rows are posed, shape (paths, stations).
     """
 
     on_y: Float[np.ndarray, "paths order n"]
     grid: Float[np.ndarray, "m n"]
     table: PathTable | None = None
-    exact: PathFunctions | None = None
+    functions: PathRows | None = None
     stations: Float[np.ndarray, "paths stations"] | None = None
 
     @classmethod
@@ -88,12 +89,12 @@ class HostConstraint:
         on_y: Float[np.ndarray, "paths order n"],
         table: PathTable,
         grid: Int[np.ndarray, " stations"],
-        exact: PathFunctions | None,
+        functions: PathRows,
     ) -> "HostConstraint":
         """sum_n E_n phi_n >= 0 everywhere on every path."""
         rows = np.asarray(table.value)[:, grid] @ on_y
         return cls(
-            on_y, _unit(rows.reshape(-1, on_y.shape[-1])), table, exact,
+            on_y, _unit(rows.reshape(-1, on_y.shape[-1])), table, functions,
             np.asarray(table.nodes)[:, grid],
         )  # fmt: skip
 
@@ -136,7 +137,8 @@ class HostConstraint:
     ) -> tuple[Points, Float[np.ndarray, "n n"]]:
         """Dips after a Newton step towards g' = 0, and the curvature that moving them adds."""
         assert self.table is not None
-        _, first, second = (self.rows(r, at.path) for r in self.table.rows(at.path, at.s))
+        assert self.functions is not None
+        _, first, second = (self.rows(r, at.path) for r in self.functions(at.path, at.s))
         bend = second @ y
         free = ~self.table.at_node(at.path, at.s) & (bend > 0)
         bend = np.where(free, bend, 1.0)
@@ -144,15 +146,11 @@ class HostConstraint:
         moving = np.where(free, multipliers / bend, 0.0)[:, None] * first
         return dataclasses.replace(at, s=s), moving.T @ first
 
-    def rows_at(self, at: Points, *, exact: bool) -> Float[np.ndarray, "k n"]:
-        """Rows at points, not scaled, of the cubics or of the functions themselves."""
-        if not at.s.size:
+    def rows_at(self, at: Points) -> Float[np.ndarray, "k n"]:
+        """Rows at points, not scaled."""
+        if self.functions is None:
             return self.grid[:0]
-        assert self.table is not None
-        phi = self.table.rows(at.path, at.s)[0]
-        if exact and self.exact is not None:
-            phi = self.exact(at.path, at.s)
-        return self.rows(phi, at.path)
+        return self.rows(self.functions(at.path, at.s)[0], at.path)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -252,7 +250,7 @@ def _search(
     objective: AbstractObjective, constraint: HostConstraint, start: np.ndarray, rows: np.ndarray
 ) -> _Near:
     """Steps until little changes and little is violated."""
-    y, G, active = start, constraint.grid, rows
+    y, G, active, loose = start, constraint.grid, rows, _LOOSE
     for iteration in range(_STEPS):
         at = np.float64(iteration)
         model = objective.model(y, at)
@@ -260,7 +258,7 @@ def _search(
         outside = (G @ y < -_OUTSIDE * np.linalg.norm(y)).any()
         curvature = model.majorant
         if not outside and not objective.quadratic:
-            curvature = curvature + _NEWTON * (model.hessian - curvature)
+            curvature = model.hessian + loose * (curvature - model.hessian)
         step = _Step.of(model, curvature, y, G, active)
         still = True
         if not objective.quadratic:
@@ -269,14 +267,16 @@ def _search(
             still = np.sum((reached - y) ** 2) <= near**2 * np.sum(reached**2)
             if not outside:
                 tried = [y + share * (reached - y) for share in _SHORTENED]
-                reached = min(tried, key=lambda v: objective.value(v, at))
+                best = int(np.argmin([objective.value(v, at) for v in tried]))
+                loose = min(loose * _LOOSER, 1.0) if best else loose / _LOOSER
+                reached = tried[best]
             step = dataclasses.replace(step, y=reached)
         y, active, dips = step.y, step.active, constraint.dips(step.y)
         violated = np.flatnonzero(dips.slack < -_NEAR)
         if step.status is not Status.OPTIMAL or (still and not violated.size):
             break
         deepest = violated[np.argsort(dips.slack[violated])[:_PER_STEP]]
-        G = np.concatenate([G, _unit(constraint.rows_at(dips.at(deepest), exact=False))])
+        G = np.concatenate([G, _unit(constraint.rows_at(dips.at(deepest)))])
     return _Near(step, dips, iteration + 1)
 
 
@@ -291,12 +291,12 @@ def _refined(
     turned = np.zeros_like(step.y)
     # Without a dip that matters the rows at the stations are all there are.
     if dips.s.size or not objective.quadratic:
-        exact, active = False, step.active[step.active < len(grid)]
-        for last in range(_LAST_STEPS + 1):
+        active = step.active[step.active < len(grid)]
+        for _ in range(_LAST_STEPS):
             moved, moving = dips, 0.0
             if dips.s.size:
                 moved, moving = constraint.touching(step.y, dips, multipliers)
-            rows = constraint.rows_at(moved, exact=exact)
+            rows = constraint.rows_at(moved)
             G = np.concatenate([grid, _unit(rows)])
             model = objective.model(step.y, np.float64(_LAST))
             new = _Step.of(model, model.hessian + moving, step.y, G, active)
@@ -307,10 +307,8 @@ def _refined(
             multipliers, dips, active = weights[len(grid) :] / _length(rows), moved, new.active
             change, step = new.y - step.y, new
             turned = moving @ change if dips.s.size else turned
-            if exact:
+            if change @ change <= _STILL * (new.y @ new.y):
                 break
-            still = bool(change @ change <= _STILL * (new.y @ new.y))
-            exact = still or last == _LAST_STEPS - 1
     return _certified(objective, G, len(grid), step, turned, near.steps)
 
 

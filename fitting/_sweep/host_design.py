@@ -36,22 +36,20 @@ class PathConstraint:
             table.nodes[paths], table.value[paths, :, :order], table.slope[paths, :, :order]
         )
 
-        def exact(
+        def rows(
             path: Int[np.ndarray, " k"], s: Float[np.ndarray, " k"]
-        ) -> Float[np.ndarray, "k order"]:
-            return self.at(paths[path], s)[:, :order]
+        ) -> tuple[Float[np.ndarray, "k order"], ...]:
+            return tuple(phi[:, :order] for phi in self.rows(paths[path], s))
 
-        return HostConstraint.along(
-            on_y, some, stations_of(table.nodes), None if self.functions is None else exact
-        )
+        return HostConstraint.along(on_y, some, stations_of(table.nodes), rows)
 
-    def at(
+    def rows(
         self, path: Int[np.ndarray, " k"], s: Float[np.ndarray, " k"]
-    ) -> Float[np.ndarray, "k order"]:
-        """The functions at positions, each on the path of that index."""
+    ) -> tuple[Float[np.ndarray, "k order"], ...]:
+        """The functions at positions of paths, with their first and second derivative."""
         if self.functions is None:
-            return self.table.rows(path, s)[0]
-        return self.functions(path, s) * self.unit
+            return self.table.rows(path, s)
+        return tuple(phi * self.unit for phi in self.functions.rows(path, s))
 
 
 @dataclasses.dataclass(frozen=True)

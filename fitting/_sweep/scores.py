@@ -116,7 +116,7 @@ def _margins(
         E = coefficients[at]
         if np.isfinite(E).all():
             least, s = of.drucker.table.minima(E)
-            phi = of.drucker.at(paths, s[paths, least.argmin(axis=1)])
+            phi = of.drucker.rows(paths, s[paths, least.argmin(axis=1)])[0]
             margins[at] = np.sum(phi * E, axis=1).min()
     return margins
 
