@@ -36,7 +36,8 @@ from fitting._convex.convex_fit import minimise
 from fitting.engine.small_dense import cholesky, inverse_lower
 from fitting._sweep.bootstrap import draw
 from fitting._sweep.fits import Fits, solve_all
-from fitting._sweep.padded import CONSTRAINTS, DEPENDENCES, constraint_of, free, objective_of
+from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES
+from fitting._sweep.padded import constraint_of, free, objective_of
 from fitting._sweep.problem import Design, compressed
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse")

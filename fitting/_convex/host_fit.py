@@ -19,6 +19,7 @@ from .path_table import PathTable
 _PER_STEP = 4  # points that become rows at a time
 _STEPS = 40
 _LOOSE = 0.1  # share of the majorant in the curvature: a tenth of a step is then one with it alone
+_LEAST = 1e-6  # of that share: a curvature that nearly vanishes would drown the rows in rounding
 _LOOSER = 10.0  # by which that grows with a step that is shortened, and falls with a whole one
 _LAST_STEPS = 12  # at most, to make a near solution exact
 _SHORTENED = (1.0, 0.5, 0.25, 0.1, 0.02)  # parts of a step that are tried
@@ -268,7 +269,7 @@ def _search(
             if not outside:
                 tried = [y + share * (reached - y) for share in _SHORTENED]
                 best = int(np.argmin([objective.value(v, at) for v in tried]))
-                loose = min(loose * _LOOSER, 1.0) if best else loose / _LOOSER
+                loose = min(loose * _LOOSER, 1.0) if best else max(loose / _LOOSER, _LEAST)
                 reached = tried[best]
             step = dataclasses.replace(step, y=reached)
         y, active, dips = step.y, step.active, constraint.dips(step.y)
@@ -280,9 +281,7 @@ def _search(
     return _Near(step, dips, iteration + 1)
 
 
-def _refined(
-    objective: AbstractObjective, constraint: HostConstraint, near: _Near
-) -> HostFit:
+def _refined(objective: AbstractObjective, constraint: HostConstraint, near: _Near) -> HostFit:
     """The exact solution near another, and its optimality, measured at the point itself."""
     step, dips, grid = near.step, near.dips, constraint.grid
     if step.status is not Status.OPTIMAL:
@@ -299,7 +298,8 @@ def _refined(
             rows = constraint.rows_at(moved)
             G = np.concatenate([grid, _unit(rows)])
             model = objective.model(step.y, np.float64(_LAST))
-            new = _Step.of(model, model.hessian + moving, step.y, G, active)
+            curvature = model.hessian + _LEAST * (model.majorant - model.hessian)
+            new = _Step.of(model, curvature + moving, step.y, G, active)
             if new.status is not Status.OPTIMAL:
                 return HostFit.without(new.y.size, new.status)
             weights = np.zeros(len(G))

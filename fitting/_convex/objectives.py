@@ -176,9 +176,7 @@ class MeanRmse(AbstractObjective):
     def _size(self) -> Float[AnyArray, " groups"]:
         return self.weight * (self.c**2).sum(axis=1)
 
-    def _norms(
-        self, y: Float[AnyArray, " n"], rounding: Real
-    ) -> tuple[AnyArray, ...]:
+    def _norms(self, y: Float[AnyArray, " n"], rounding: Real) -> tuple[AnyArray, ...]:
         """Residuals, the weight of each group in the mean, and |r_p|, rounded."""
         xp, r = namespace(y), self.W @ y - self.c
         square = self.weight * (r**2).sum(axis=1) + rounding**2 * self._size

@@ -36,9 +36,7 @@ class FixedGeometry(AbstractFamily):
     deadband: Float[np.ndarray, ""]
 
     @classmethod
-    def of(
-        cls, geometry: famjax.AbstractGeometry, deadband: float, order: int
-    ) -> "FixedGeometry":
+    def of(cls, geometry: famjax.AbstractGeometry, deadband: float, order: int) -> "FixedGeometry":
         """Those with a law of that order."""
         names = tuple(f"E_{n}" for n in range(1, order + 1))
         return cls((), names, geometry, np.asarray(deadband, float))

@@ -103,11 +103,22 @@ class Nodes(eqx.Module):
     grid: np.ndarray
 
     @classmethod
-    def of(cls, geometry: famjax.AbstractGeometry, readings: Readings) -> "Nodes":
-        """Those of the actuation paths of a geometry."""
+    def of(
+        cls, geometry: famjax.AbstractGeometry, readings: Readings, *, halvings: int = 0
+    ) -> "Nodes":
+        """Those of the actuation paths of a geometry.
+
+        Args:
+            geometry: fixed.
+            readings: of the force map.
+            halvings: of every cell, each of which brings the cubics closer to the functions.
+        """
         pressure, end = jnp.asarray(readings.pressure), jnp.asarray(readings.path_end)
         functions = DruckerFunctions(geometry, pressure, end, readings.order)
         nodes = nodes_for(functions, readings.pressure.size)
+        for _ in range(halvings):
+            middle = (nodes[:, 1:] + nodes[:, :-1]) / 2
+            nodes = np.sort(np.concatenate([nodes, middle], axis=1), axis=1)
         return cls(nodes, stations_of(nodes))
 
 

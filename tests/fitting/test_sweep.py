@@ -216,7 +216,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_bytes(
 def test_derivatives_in_geometry_and_deadband(swept: Sweep) -> None:
     """Of coefficients held by the Drucker constraint between stations."""
     readings = arrange(DATA, REST, 3)
-    nodes = Nodes.of(geometry(), readings)
+    nodes = Nodes.of(geometry(), readings, halvings=3)
 
     def coefficients(step: jax.Array) -> jax.Array:
         base = geometry()
