@@ -13,9 +13,9 @@ from jaxtyping import Array, Float, Int
 
 import famjax
 
-from ..engine.active_set import nearest_points
 from .._convex.constraint import posed
 from .._convex.convex_fit import minimise
+from ..engine.active_set import nearest_points
 from ..engine.small_dense import cholesky, inverse_lower
 from ..engine.status import Status
 from .fits import over_all

@@ -46,7 +46,8 @@ def sweep_command(
         geometry: of all of them, or one for each.
         deadband: P_d [Pa], of all of them.
         orders: of the law.
-        dependences, constraints: see `sweep`.
+        dependences: see `sweep`.
+        constraints: see `sweep`.
         objective: see `sweep`.
         bootstrap: number of replicates.
         seed: of the replicates.
