@@ -79,7 +79,7 @@ class ChebyshevPaths:
         pieces = max(len(some) for some in found)
         shape = paths, pieces
         starts, widths = np.full(shape, 2.0), np.ones(shape)
-        coefficients = np.zeros((*shape, _DEGREE + 1, terms.shape[-1]))
+        coefficients = np.zeros((*shape, *found[0][0][2].shape))
         for path, some in enumerate(found):
             some.sort(key=lambda piece: piece[0])
             for k, (low, wide, term) in enumerate(some):

@@ -251,9 +251,9 @@ def _search(
     objective: AbstractObjective, constraint: HostConstraint, start: np.ndarray, rows: np.ndarray
 ) -> _Near:
     """Steps until little changes and little is violated."""
-    y, G, active, loose = start, constraint.grid, rows, _LOOSE
-    for iteration in range(_STEPS):
-        at = np.float64(iteration)
+    y, G, active, loose, steps = start, constraint.grid, rows, _LOOSE, 0
+    while True:
+        at = np.float64(steps)
         model = objective.model(y, at)
         # From outside, a step with the majorant leads to a point that is no worse than any inside.
         outside = (G @ y < -_OUTSIDE * np.linalg.norm(y)).any()
@@ -274,11 +274,12 @@ def _search(
             step = dataclasses.replace(step, y=reached)
         y, active, dips = step.y, step.active, constraint.dips(step.y)
         violated = np.flatnonzero(dips.slack < -_NEAR)
-        if step.status is not Status.OPTIMAL or (still and not violated.size):
-            break
+        steps += 1
+        done = (still and not violated.size) or steps == _STEPS
+        if done or step.status is not Status.OPTIMAL:
+            return _Near(step, dips, steps)
         deepest = violated[np.argsort(dips.slack[violated])[:_PER_STEP]]
         G = np.concatenate([G, _unit(constraint.rows_at(dips.at(deepest)))])
-    return _Near(step, dips, iteration + 1)
 
 
 def _refined(objective: AbstractObjective, constraint: HostConstraint, near: _Near) -> HostFit:

@@ -7,7 +7,7 @@ plain dataclasses, whose methods cost nothing to call.
 
 import abc
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -19,9 +19,14 @@ _NEARLY_PERFECT = 1e-4  # of |c_p|
 _RIDGE = 1e-12  # of the curvature of the sum of squares
 
 
-AnyArray = Array | np.ndarray
-Real = Float[AnyArray, ""] | float
-Truth = Bool[AnyArray, ""] | np.bool_
+if TYPE_CHECKING:
+    AnyArray = Any  # all of one kind in a fit, which no checker can know
+    Real = Any
+    Truth = Any
+else:
+    AnyArray = Array | np.ndarray
+    Real = Float[AnyArray, ""] | float
+    Truth = Bool[AnyArray, ""] | np.bool_
 
 
 def namespace(array: Any) -> Any:

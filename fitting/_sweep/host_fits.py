@@ -206,7 +206,7 @@ class HostSolver:
         for left in range(square.size if whole.optimal else 0):
             keep = np.ones(square.size)
             keep[left] = 0.0
-            fit = minimise_on_host(self._aim(some, keep), constraint, whole.y, whole.rows)
+            fit = minimise_on_host(self._aim(some, keep), constraint, some.start, whole.rows)
             if fit.optimal:
                 E = constraint.coefficients(fit.y)[left]
                 residual = self.design.A[left, :, : E.size] @ E - self.design.target[left]
