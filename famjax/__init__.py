@@ -74,14 +74,13 @@ from ._material import (
     PolynomialMaterial as PolynomialMaterial,
     PressurePolynomialMaterial as PressurePolynomialMaterial,
     odd_powers as odd_powers,
+    tangent_modulus as tangent_modulus,
 )
 from ._measured_geometry import (
     AverageDiameterGeometry as AverageDiameterGeometry,
     MeasuredGeometry as MeasuredGeometry,
 )
 from ._monotone import MonotoneMaterial as MonotoneMaterial
-from ._mounted_muscle import MountedMuscle as MountedMuscle
-from ._muscle import Muscle as Muscle
 from ._profile import AbstractProfile as AbstractProfile, FourierProfile as FourierProfile
 from ._profile_family import (
     AbstractProfileFamily as AbstractProfileFamily,
@@ -109,10 +108,33 @@ from ._thread import (
 from ._types import Real as Real
 from ._virtual_work import (
     PressureTerms as PressureTerms,
-    VirtualWorkGeometry as VirtualWorkGeometry,
     pressure_terms as pressure_terms,
     virtual_work_force as virtual_work_force,
     volume_rate as volume_rate,
+)
+from .muscle import (
+    AbstractMuscle as AbstractMuscle,
+    MountedMuscle as MountedMuscle,
+    Muscle as Muscle,
+)
+from .parameters import (
+    Apart as Apart,
+    Declared as Declared,
+    Parametrised as Parametrised,
+    number as number,
+    parameter as parameter,
+    take_apart as take_apart,
+)
+from .terms import (
+    AbstractForceTerm as AbstractForceTerm,
+    BladderAxial as BladderAxial,
+    BladderHoop as BladderHoop,
+    BladderWall as BladderWall,
+    Friction as Friction,
+    PressurisedBraid as PressurisedBraid,
+    Spring as Spring,
+    SumOfTerms as SumOfTerms,
+    VirtualWork as VirtualWork,
 )
 
 __version__ = "0.1.0"
