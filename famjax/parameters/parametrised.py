@@ -1,6 +1,7 @@
 """The base of every class whose numbers can be identified: its parameters by name, and others."""
 
 import dataclasses
+import types
 import typing
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
@@ -11,6 +12,7 @@ import numpy as np
 
 from .._types import Real, RealArray, as_real
 from .declared import Declared, declaration, number, parameter
+from .method import Method
 
 
 _Self = TypeVar("_Self", bound="Parametrised")
@@ -35,6 +37,14 @@ class Parametrised(eqx.Module):
 
     def __eq__(self, other: object) -> bool:
         return self is other
+
+    if not typing.TYPE_CHECKING:
+
+        def __getattribute__(self, name: str) -> Any:
+            found = object.__getattribute__(self, name)
+            if isinstance(found, types.MethodType) and found.__self__ is self:
+                return found if name.startswith("__") else Method(found.__func__, self)
+            return found
 
     def parameters(self) -> dict[str, RealArray]:
         """The present values by name, in the declared units, each of shape ()."""
