@@ -1,5 +1,7 @@
 """A cylinder that stands for a muscle with rounded ends: Tondu & Lopez's factor on contraction."""
 
+import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._assumed_shapes import tondu_lopez_length
@@ -30,8 +32,10 @@ class EndEffectGeometry(AbstractGeometry):
 
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions of the cylinder at active length L [m] and gauge pressure P [Pa]."""
-        shortened = tondu_lopez_length(as_real(length), self.rest_length, self.end_factor)
-        return self.cylinder.dimensions(shortened, pressure).unless(as_real(length) > 0)
+        positive = as_real(length) > 0
+        at = jnp.where(positive, length, jax.lax.stop_gradient(self.rest_length))
+        shortened = tondu_lopez_length(at, self.rest_length, self.end_factor)
+        return self.cylinder.dimensions(shortened, pressure).unless(positive)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m], those of the cylinder mapped back."""

@@ -154,9 +154,12 @@ def cylinder_dimensions(
     """Dimensions of a cylinder of braid radius R [m] and angle theta [rad] at length L [m].
 
     Args:
-        length, radius, braid_angle, thread_length: L, R [m], theta [rad] and B [m], numbers of one
-            shape wherever they are.
-        braid, bladder: of the muscle.
+        length: L [m], a number wherever it is; so are the next three, of one shape.
+        radius: braid radius R [m].
+        braid_angle: theta [rad].
+        thread_length: B [m].
+        braid: of the muscle.
+        bladder: of the muscle.
         reached: whether the braid can be there; what is given elsewhere is of no account.
 
     Returns:
@@ -252,7 +255,10 @@ class EstimatedGeometry(AbstractGeometry):
         diameter, angle, rest = (
             given.get(name, old[name]) for name in ("braid_diameter", "braid_angle", "rest_length")
         )
-        thread, turns = thread_length_from_angle(rest, angle), turns_from_angle(rest, diameter, angle)
+        thread, turns = (
+            thread_length_from_angle(rest, angle),
+            turns_from_angle(rest, diameter, angle),
+        )
         changed = eqx.tree_at(
             lambda g: (g.braid.rest_thread_length, g.braid.turns), changed, (thread, turns)
         )

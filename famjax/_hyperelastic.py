@@ -235,9 +235,7 @@ class OgdenMaterial(AbstractHyperelastic):
         """Shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
         if self.moduli.shape != (1,):
             return super().parameters()
-        return dict(
-            zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True)
-        )
+        return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
 
     def declared(self) -> dict[str, Declared]:
         """The declarations of the same."""
@@ -263,9 +261,7 @@ class OgdenMaterial(AbstractHyperelastic):
 
 
 _ONE_TERM = {
-    "shear_modulus": Declared(
-        "Pa", "shear_modulus", "stress", low=0.0, scale=_STRESS, linear=True
-    ),
+    "shear_modulus": Declared("Pa", "shear_modulus", "stress", low=0.0, scale=_STRESS, linear=True),
     "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=-0.5),
 }
 

@@ -167,7 +167,8 @@ def stresses_between_nodes(
     Args:
         law: the coefficients.
         powers: of the strain up to an order, such as `odd_powers`.
-        axial_strain, hoop_strain: eps_z and eps_c [-].
+        axial_strain: eps_z [-].
+        hoop_strain: eps_c [-].
         pressure: gauge pressure P [Pa].
 
     Returns:

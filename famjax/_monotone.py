@@ -36,13 +36,17 @@ class MonotoneMaterial(AbstractUniaxialLaw):
     law_name: ClassVar[str] = "monotone"
 
     @classmethod
-    def template(cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any) -> "MonotoneMaterial":
+    def template(
+        cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any
+    ) -> "MonotoneMaterial":
         """The law with these knots and the same modulus at each of them."""
         fields.setdefault("moduli", [_STRESS] * len(knots))
         return super().template(knots=knots, **fields)
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
         """The name of a modulus, which says its knot: modulus_at_0.03."""
+        if field != "moduli":
+            return super().parameter_name(field, index)
         return f"modulus_at_{self.knots[index[0]]:g}"
 
     def __check_init__(self) -> None:

@@ -30,6 +30,7 @@ class AbstractMuscle(Parametrised):
     rest_length: eqx.AbstractVar[RealArray]
 
     def __check_init__(self) -> None:
+        """Refuse a batch of muscles."""
         check_one_muscle(self)
 
     @abc.abstractmethod
@@ -140,9 +141,7 @@ def _onset_pressure(
 
     def one(length: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
         none = jnp.zeros_like(top)
-        return longest_equilibrium(
-            lambda pressure: muscle.force(length, pressure), none, top, none
-        )
+        return longest_equilibrium(lambda pressure: muscle.force(length, pressure), none, top, none)
 
     pressure, found = jax.vmap(one)(lengths.ravel(), tops.ravel())
     return pressure.reshape(lengths.shape), found.reshape(lengths.shape)

@@ -10,6 +10,7 @@ from .._material import AbstractMaterial
 from .._types import Real, RealArray, as_real
 from ..terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 from .abstract_muscle import AbstractMuscle
+from .one_muscle import check_one_muscle
 
 
 class Muscle(AbstractMuscle):
@@ -143,6 +144,7 @@ def _pull(
     geometry: AbstractGeometry, terms: SumOfTerms, length: RealArray, pressure: RealArray
 ) -> RealArray:
     """The force [N] of some terms, nan where the muscle cannot be."""
+    check_one_muscle(geometry, terms)  # a stack of muscles was never constructed
     length, pressure = jnp.broadcast_arrays(length, pressure)
     rated = any(term.uses_rates for term in terms.terms)
     at = (geometry.dimensions_with_rates if rated else geometry.dimensions)(length, pressure)

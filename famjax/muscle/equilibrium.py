@@ -80,7 +80,8 @@ def bisected(
 
     Args:
         residual: r(y) of a scalar, of order one.
-        lower, upper: ends of the bracket, shape ().
+        lower: end of the bracket, shape ().
+        upper: the other end.
         tolerance: absolute and relative.
         max_steps: of the bisection.
         flip: r falls from the lower to the upper end.

@@ -1,16 +1,19 @@
 """A muscle between mountings that give way: what a test rig measures."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._types import Real, RealArray, as_real
-from ..parameters import parameter
+from ..parameters import Declared, parameter
 from .abstract_muscle import AbstractMuscle
 from .equilibrium import bisected
 
 _FOUND = 1e-4  # of the rigid force: what is left where a bracket held no root at all
+_ROUNDED = 64  # times the precision
 _HIGHEST_COMPLIANCE = 2e-5  # m/N
 
 
@@ -43,6 +46,14 @@ class MountedMuscle(AbstractMuscle):
         """The muscle's own: without load the mountings do not give way."""
         return self.muscle.length_range()
 
+    def declared(self) -> dict[str, Declared]:
+        """The compliance's declaration and the muscle's, none of them linear.
+
+        The force acts on the length at which the muscle is asked, so it is affine in nothing.
+        """
+        own = super().declared()
+        return {name: dataclasses.replace(one, linear=False) for name, one in own.items()}
+
     @property
     def rest_length(self) -> RealArray:
         """Measured length [m] of zero contraction without load: the muscle's own."""
@@ -70,7 +81,10 @@ def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> R
             tolerance=4 * float(fine.eps),
             max_steps=fine.nmant + 2,
         )
-        found = jnp.abs(residual(share)) < _FOUND
+        # Near zero force what is left is rounding: less than what a rounded length makes of it.
+        nearby = mounted.muscle.force(length * (1 + _ROUNDED * fine.eps), pressure)
+        rounding = jnp.nan_to_num(jnp.abs(nearby - rigid) / jnp.abs(scale))
+        found = jnp.abs(residual(share)) < _FOUND + rounding
         return jnp.where(found & jnp.isfinite(rigid), share * scale, jnp.nan)
 
     return jax.vmap(one)(lengths.ravel(), pressures.ravel()).reshape(lengths.shape)

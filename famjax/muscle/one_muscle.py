@@ -11,13 +11,17 @@ import jax.numpy as jnp
 from ..parameters.declared import declaration
 
 
-def check_one_muscle(muscle: eqx.Module) -> None:
+def check_one_muscle(*parts: eqx.Module) -> None:
     """Refuse declared numbers with more axes than their declaration has.
 
+    Args:
+        parts: a muscle, or parts of one.
+
     Raises:
-        ValueError: a number of the muscle, or of a part of it, is an array where one is meant.
+        ValueError: a number of a part, or of a part of it, is an array where one is meant.
     """
-    _check(muscle, type(muscle).__name__)
+    for part in parts:
+        _check(part, type(part).__name__)
 
 
 def _check(part: eqx.Module, where: str) -> None:
@@ -41,7 +45,7 @@ def _check(part: eqx.Module, where: str) -> None:
                     _check(one, f"{at}[{i}]")
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def _axes(cls: type[eqx.Module]) -> dict[str, int]:
     """Number of axes of every declared number of a class: its annotation's, by default none.
 

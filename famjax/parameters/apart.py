@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from .._types import RealArray
+from .._types import Real, RealArray, as_real
 from .declared import Declared
 from .parametrised import Parametrised
 
@@ -39,12 +39,12 @@ class Apart(eqx.Module, Generic[_Model]):
     offset: Float[Array, " free"]
     scale: Float[Array, " free"]
 
-    def values(self, scaled: Float[Array, " free"]) -> dict[str, RealArray]:
+    def values(self, scaled: Real) -> dict[str, RealArray]:
         """The parameters by name, in their declared units."""
-        values = self.offset + self.scale * scaled
+        values = self.offset + self.scale * as_real(scaled)
         return {name: values[i] for i, name in enumerate(self.names)}
 
-    def muscle(self, scaled: Float[Array, " free"]) -> _Model:
+    def muscle(self, scaled: Real) -> _Model:
         """The model with these scaled parameters, put together again; jit, grad and vmap safe.
 
         It is for the caller to keep `scaled` between `low` and `high`, or to work in R^n with
@@ -52,12 +52,13 @@ class Apart(eqx.Module, Generic[_Model]):
         """
         return self.whole.with_parameters(self.values(scaled))
 
-    def bounded(self, z: Float[Array, " free"]) -> Float[Array, " free"]:
+    def bounded(self, z: Real) -> Float[Array, " free"]:
         """From R^n to the box, smooth and one to one: scaled parameters strictly within bounds.
 
         A logistic curve between two bounds, softplus above or below one, and z itself where there
         is none.
         """
+        z = as_real(z)
         both, below, above = self._finite
         low, high = jnp.where(below, self.low, 0.0), jnp.where(above, self.high, 0.0)
         return jnp.select(
@@ -79,7 +80,9 @@ class Apart(eqx.Module, Generic[_Model]):
         """
         inside = (self.scaled > self.low) & (self.scaled < self.high)
         if not isinstance(inside, Tracer) and not np.all(inside):
-            outside = [n for n, good in zip(self.names, np.asarray(inside), strict=True) if not good]
+            outside = [
+                n for n, good in zip(self.names, np.asarray(inside), strict=True) if not good
+            ]
             raise ValueError(
                 f"{', '.join(outside)}: no point of R^n stands for a value at or beyond its bounds. "
                 "Start strictly within them, or give other bounds"
@@ -174,5 +177,5 @@ def _scale(declared: Declared, value: RealArray) -> RealArray:
 
 
 def _inverse_softplus(x: RealArray) -> RealArray:
-    """z with log(1 + exp(z)) = x > 0."""
+    """Z with log(1 + exp(z)) = x > 0."""
     return x + jnp.log(-jnp.expm1(-x))

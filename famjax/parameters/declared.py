@@ -54,13 +54,13 @@ class Declared(Quantity):
     linear: bool = False
 
     def __post_init__(self) -> None:
+        """Refuse a range that is none."""
         if not self.low <= self.high:
             raise ValueError(
                 f"the range of a parameter goes from low to high, got {self.low} and {self.high}"
             )
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise ValueError(f"the scale of a parameter is finite and > 0, got {self.scale}")
-
 
     def entry(self, name: str, index: tuple[int, ...]) -> "Declared":
         """The declaration of one entry, under its name."""
@@ -92,7 +92,8 @@ def parameter(
         kind: of quantity. By default "pressure" for Pa, "length" for m, "angle" for rad, "force" for
             N, "compliance" for m/N, "strain compliance" for 1/N, and the unit itself for any other.
             Say `kind="stress"` for a stress or a modulus.
-        low, high: sensible range, in `unit`.
+        low: lower end of the sensible range, in `unit`.
+        high: its upper end.
         scale: magnitude, in `unit`; by default taken from the range, or from the value at hand.
         linear: the force is affine in this number and in all others declared so.
         name: if not the field's own; for arrays with places, as in "E_{}", or one for each entry.

@@ -24,28 +24,35 @@ class Method(eqx.Module):
     owner: eqx.Module
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """What the method returns."""
         return self.function(self.owner, *args, **kwargs)
 
     def __hash__(self) -> int:
+        """By identity."""
         return hash((self.function, id(self.owner)))
 
     def __eq__(self, other: object) -> bool:
+        """Whether function and module are the same objects."""
         if not isinstance(other, Method):
             return NotImplemented
         return self.function is other.function and self.owner is other.owner
 
     @property
     def __func__(self) -> Callable[..., Any]:
+        """As of Python's own bound methods."""
         return self.function
 
     @property
     def __self__(self) -> eqx.Module:
+        """As of Python's own bound methods."""
         return self.owner
 
     @property
     def __wrapped__(self) -> Callable[..., Any]:
+        """Python's own bound method, whose signature and documentation are read."""
         return types.MethodType(self.function, self.owner)
 
     @property
     def __name__(self) -> str:
+        """Of the function."""
         return self.function.__name__

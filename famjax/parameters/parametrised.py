@@ -14,7 +14,6 @@ from .._types import Real, RealArray, as_real
 from .declared import Declared, declaration, number, parameter
 from .method import Method
 
-
 _Self = TypeVar("_Self", bound="Parametrised")
 
 
@@ -33,14 +32,17 @@ class Parametrised(eqx.Module):
     """
 
     def __hash__(self) -> int:
+        """By identity."""
         return id(self)
 
     def __eq__(self, other: object) -> bool:
+        """Whether it is the same object."""
         return self is other
 
     if not typing.TYPE_CHECKING:
 
         def __getattribute__(self, name: str) -> Any:
+            """The attribute; a method as one that is a pytree and that jax.jit can look up."""
             found = object.__getattribute__(self, name)
             if isinstance(found, types.MethodType) and found.__self__ is self:
                 return found if name.startswith("__") else Method(found.__func__, self)

@@ -4,6 +4,7 @@ import abc
 from collections.abc import Sequence
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from .._geometry import Dimensions
@@ -32,13 +33,14 @@ class AbstractForceTerm(Parametrised):
             pressure: gauge pressure P [Pa].
         """
 
-    def __add__(self, other: "AbstractForceTerm") -> "SumOfTerms":
+    def __add__(self, other: object) -> "SumOfTerms":
+        """Both terms, as one sum."""
         if not isinstance(other, AbstractForceTerm):
             return NotImplemented
         return SumOfTerms((self, other))
 
-    def __radd__(self, other: int) -> "AbstractForceTerm":
-        # The start of sum([...]).
+    def __radd__(self, other: object) -> "AbstractForceTerm":
+        """The term itself, added to the 0 that sum([...]) starts from."""
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
 
@@ -51,8 +53,11 @@ class SumOfTerms(AbstractForceTerm):
 
     terms: tuple[AbstractForceTerm, ...]
 
-    def __init__(self, terms: Sequence[AbstractForceTerm]) -> None:
+    def __init__(self, terms: Sequence[eqx.Module]) -> None:
         """See the class.
+
+        Args:
+            terms: force terms, one or more.
 
         Raises:
             ValueError: there is no term, or something else among them.
