@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._types import Real, RealArray
+from ._types import Given, Real, RealArray
 from .parameters import Parametrised, parameter
 
 
@@ -72,9 +72,9 @@ class Bladder(Parametrised):
             mid-wall radius; False where the bladder lies under the braid.
     """
 
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    rest_diameter: Float[Array, "..."] = parameter("m", low=0.0, name="bladder_diameter")
-    rest_thickness: Float[Array, "..."] = parameter("m", low=0.0, name="wall_thickness")
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)
+    rest_diameter: Float[Given, "..."] = parameter("m", low=0.0, name="bladder_diameter")
+    rest_thickness: Float[Given, "..."] = parameter("m", low=0.0, name="wall_thickness")
     embedded: bool = eqx.field(static=True, default=False)
 
     @property

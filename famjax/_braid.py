@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import Parametrised, number, parameter
 
 NEUTRAL_ANGLE = math.atan(math.sqrt(0.5))
@@ -171,9 +171,9 @@ class Braid(AbstractBraid):
         thickness: t_braid [m], two threads crossing; the bladder lies below it.
     """
 
-    rest_thread_length: Float[Array, "..."] = parameter("m", low=0.0)
-    turns: Float[Array, "..."] = parameter(low=0.0)
-    thickness: Float[Array, "..."] = number("m", default=0.0)
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m", default=0.0)
 
     @classmethod
     def from_rest(

@@ -18,7 +18,7 @@ from ._catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid
 from ._force import gaylord_force
 from ._geometry import EstimatedGeometry
 from ._material import AbstractMaterial
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .muscle import Muscle
 from .parameters import number
 
@@ -90,13 +90,13 @@ class Combination(eqx.Module):
         rest_length: L0 [m], active length at rest; force against contraction does not depend on it.
     """
 
-    bladder_diameter: Float[Array, "..."] = number("m")
-    bladder_thickness: Float[Array, "..."] = number("m")
-    nominal_diameter: Float[Array, "..."] = number("m")
-    braid_thickness: Float[Array, "..."] = number("m")
-    smallest_diameter: Float[Array, "..."] = number("m")
-    largest_diameter: Float[Array, "..."] = number("m")
-    rest_length: Float[Array, "..."] = number("m", default=1.0)
+    bladder_diameter: Float[Given, "..."] = number("m")
+    bladder_thickness: Float[Given, "..."] = number("m")
+    nominal_diameter: Float[Given, "..."] = number("m")
+    braid_thickness: Float[Given, "..."] = number("m")
+    smallest_diameter: Float[Given, "..."] = number("m")
+    largest_diameter: Float[Given, "..."] = number("m")
+    rest_length: Float[Given, "..."] = number("m", default=1.0)
 
     @classmethod
     def of(

@@ -1,10 +1,10 @@
 """A braid of linear threads known by one number, their compliance, which may be zero."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._braid import AbstractBraid, Braid
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import number, parameter
 
 _HIGHEST_COMPLIANCE = 3e-5  # 1/N
@@ -33,10 +33,10 @@ class CompliantBraid(AbstractBraid):
     9.945
     """
 
-    rest_thread_length: Float[Array, "..."] = parameter("m", low=0.0)
-    turns: Float[Array, "..."] = parameter(low=0.0)
-    thickness: Float[Array, "..."] = number("m")
-    compliance: Float[Array, "..."] = parameter(
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m")
+    compliance: Float[Given, "..."] = parameter(
         "1/N", name="braid_compliance", low=0.0, high=_HIGHEST_COMPLIANCE
     )
 

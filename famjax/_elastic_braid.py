@@ -11,7 +11,7 @@ from ._braid import AbstractBraid, braid_angle_from_length, diameter_from_length
 from ._elastic_root import strain_under_cubic, strain_under_line
 from ._force import gaylord_force
 from ._thread import AbstractThread, thread_tension
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import number, parameter
 
 
@@ -75,10 +75,10 @@ class ElasticBraid(AbstractBraid):
     9.945
     """
 
-    rest_thread_length: Float[Array, "..."] = parameter("m", low=0.0)
-    turns: Float[Array, "..."] = parameter(low=0.0)
-    thickness: Float[Array, "..."] = number("m")
-    n_threads: Float[Array, "..."] = number()
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m")
+    n_threads: Float[Given, "..."] = number()
     thread: AbstractThread
 
     def thread_length(self, length: Real, pressure: Real, *, throw: bool = False) -> RealArray:

@@ -2,11 +2,11 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._assumed_shapes import tondu_lopez_length
 from ._geometry import AbstractGeometry, Dimensions
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import parameter
 
 _LARGEST_FACTOR = 1.4
@@ -28,7 +28,7 @@ class EndEffectGeometry(AbstractGeometry):
     """
 
     cylinder: AbstractGeometry
-    end_factor: Float[Array, "..."] = parameter(low=1.0, high=_LARGEST_FACTOR)
+    end_factor: Float[Given, "..."] = parameter(low=1.0, high=_LARGEST_FACTOR)
 
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions of the cylinder at active length L [m] and gauge pressure P [Pa]."""

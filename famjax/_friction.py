@@ -7,10 +7,10 @@ the muscle shortens: F_ecc = F_mean + F_fr, F_con = F_mean - F_fr.
 import abc
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._geometry import Dimensions
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import Parametrised, number, parameter
 
 
@@ -113,9 +113,9 @@ class ThreadFriction(AbstractFriction):
         original before it is cited.
     """
 
-    coefficient: Float[Array, "..."] = parameter(low=0.0, linear=True, name="friction_coefficient")
-    rest_area: Float[Array, "..."] = number("m2")
-    rest_braid_angle: Float[Array, "..."] = number("rad")
+    coefficient: Float[Given, "..."] = parameter(low=0.0, linear=True, name="friction_coefficient")
+    rest_area: Float[Given, "..."] = number("m2")
+    rest_braid_angle: Float[Given, "..."] = number("rad")
 
     def amplitude(self, at: Dimensions, pressure: Real) -> RealArray:
         """Friction [N] of full sliding, f_s S(theta) P, broadcast shape."""
@@ -131,8 +131,8 @@ class PressureFriction(AbstractFriction):
         per_pressure: c1 [m2], force per pressure.
     """
 
-    constant: Float[Array, "..."] = parameter("N", linear=True, name="friction_constant")
-    per_pressure: Float[Array, "..."] = parameter("m2", linear=True, name="friction_per_pressure")
+    constant: Float[Given, "..."] = parameter("N", linear=True, name="friction_constant")
+    per_pressure: Float[Given, "..."] = parameter("m2", linear=True, name="friction_per_pressure")
 
     def amplitude(self, at: Dimensions, pressure: Real) -> RealArray:
         """Friction [N] of full sliding, c0 + c1 P, broadcast shape."""

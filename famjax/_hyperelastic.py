@@ -12,10 +12,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._material import AbstractMaterial
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import Declared, parameter
 from .parameters.parametrised import checked_values, middle
 
@@ -94,7 +94,7 @@ class NeoHookeanMaterial(AbstractHyperelastic):
     3.500
     """
 
-    shear_modulus: Float[Array, "..."] = parameter(
+    shear_modulus: Float[Given, "..."] = parameter(
         "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
     )
 
@@ -122,10 +122,10 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
         Mooney 1940; Rivlin 1948.
     """
 
-    c10: Float[Array, "..."] = parameter(
+    c10: Float[Given, "..."] = parameter(
         "Pa", kind="stress", scale=_STRESS, linear=True, name="C10"
     )
-    c01: Float[Array, "..."] = parameter(
+    c01: Float[Given, "..."] = parameter(
         "Pa", kind="stress", scale=_STRESS, linear=True, name="C01"
     )
 
@@ -153,7 +153,7 @@ class YeohMaterial(AbstractHyperelastic):
         Yeoh 1993, Rubber Chemistry and Technology 66.
     """
 
-    coefficients: Float[Array, " terms"] = parameter(
+    coefficients: Float[Given, " terms"] = parameter(
         "Pa", kind="stress", scale=_STRESS, linear=True, name="C_{}"
     )
 
@@ -197,10 +197,10 @@ class OgdenMaterial(AbstractHyperelastic):
     0.4225
     """
 
-    moduli: Float[Array, " terms"] = parameter(
+    moduli: Float[Given, " terms"] = parameter(
         "Pa", kind="stress", scale=_STRESS, linear=True, name="mu_{}"
     )
-    exponents: Float[Array, " terms"] = parameter(name="alpha_{}")
+    exponents: Float[Given, " terms"] = parameter(name="alpha_{}")
 
     law_name: ClassVar[str] = "ogden"
 
@@ -333,13 +333,13 @@ class SaturatingMaterial(AbstractUniaxialLaw):
     0 700000
     """
 
-    final_modulus: Float[Array, "..."] = parameter(
+    final_modulus: Float[Given, "..."] = parameter(
         "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
     )
-    saturation_stress: Float[Array, "..."] = parameter(
+    saturation_stress: Float[Given, "..."] = parameter(
         "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
     )
-    strain_scale: Float[Array, "..."] = parameter(low=2e-3, high=0.5)
+    strain_scale: Float[Given, "..."] = parameter(low=2e-3, high=0.5)
 
     law_name: ClassVar[str] = "saturating"
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import Parametrised, number, parameter
 
 _STRESS = 1e6  # Pa
@@ -76,7 +76,7 @@ class PolynomialMaterial(AbstractMaterial):
     232.6 -232.6
     """
 
-    coefficients: Float[Array, " order"] = parameter(
+    coefficients: Float[Given, " order"] = parameter(
         "Pa", kind="stress", scale=_STRESS, linear=True, name="E_{}"
     )
 
@@ -115,8 +115,8 @@ class PressurePolynomialMaterial(AbstractMaterial):
         Robinson et al. 2015; Chambers 2021, section 7.1.
     """
 
-    node_pressures: Float[Array, " nodes"] = number("Pa")
-    node_coefficients: Float[Array, "nodes order"] = parameter(
+    node_pressures: Float[Given, " nodes"] = number("Pa")
+    node_coefficients: Float[Given, "nodes order"] = parameter(
         "Pa", kind="stress", scale=_STRESS, linear=True, name="E_{1}_at_node_{0}"
     )
 

@@ -5,10 +5,10 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._hyperelastic import AbstractUniaxialLaw
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
 from .parameters import parameter
 
 _STRESS = 1e6  # Pa
@@ -29,7 +29,7 @@ class MonotoneMaterial(AbstractUniaxialLaw):
     """
 
     knots: tuple[float, ...] = eqx.field(static=True)
-    moduli: Float[Array, " knots"] = parameter(
+    moduli: Float[Given, " knots"] = parameter(
         "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True, name="modulus_at_{}"
     )
 

@@ -3,18 +3,17 @@
 import abc
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ._types import Real, RealArray, as_real
-from .parameters import number
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Parametrised, number
 
 
-class AbstractProfile(eqx.Module):
+class AbstractProfile(Parametrised):
     """A surface of revolution: diameter D at the part x in [0, 1] of the active length L."""
 
     @abc.abstractmethod
@@ -48,10 +47,10 @@ class FourierProfile(AbstractProfile):
         Chambers 2021, section 4.3, table 4.3.
     """
 
-    a0: Float[Array, ""] = number("m")
-    a: Float[Array, " terms"] = number("m")
-    b: Float[Array, " terms"] = number("m")
-    w: Float[Array, ""] = number()
+    a0: Float[Given, ""] = number("m")
+    a: Float[Given, " terms"] = number("m")
+    b: Float[Given, " terms"] = number("m")
+    w: Float[Given, ""] = number()
 
     def __check_init__(self) -> None:
         if self.a.ndim != 1 or self.a.shape != self.b.shape:

@@ -13,11 +13,11 @@ from jaxtyping import Array, Bool, Float
 from ._assumed_shapes import AbstractAssumedShape
 from ._braid import AbstractBraid, diameter_from_length
 from ._profile import AbstractProfile
-from ._types import Real, RealArray, as_real
-from .parameters import number
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Parametrised, number
 
 
-class AbstractProfileFamily(eqx.Module):
+class AbstractProfileFamily(Parametrised):
     """Diameter D at position x, active length L and gauge pressure P."""
 
     @abc.abstractmethod
@@ -42,7 +42,7 @@ class IsobaricProfile(AbstractProfile):
     """
 
     family: AbstractProfileFamily
-    pressure: Float[Array, ""] = number("Pa")
+    pressure: Float[Given, ""] = number("Pa")
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Braid diameter D [m] at position x [-] of active length L [m], broadcast shape."""
@@ -110,9 +110,9 @@ class MeasuredFamily(AbstractProfileFamily):
         Chambers 2021, section 4.3, for the profiles; the interpolation is de Boor 1978, chapter IV.
     """
 
-    lengths: Float[Array, " profiles"] = number("m")
+    lengths: Float[Given, " profiles"] = number("m")
     profiles: tuple[AbstractProfile, ...]
-    reference_pressure: Float[Array, ""] = number("Pa")
+    reference_pressure: Float[Given, ""] = number("Pa")
     braid: AbstractBraid
     margin: float = eqx.field(static=True)
     _slopes: Float[Array, "profiles profiles"]

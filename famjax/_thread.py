@@ -4,9 +4,9 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ._types import Real, RealArray
+from ._types import Given, Real, RealArray
 from .parameters import Parametrised, number, parameter
 
 
@@ -82,8 +82,8 @@ class LinearThread(AbstractThread):
     0.0055
     """
 
-    modulus: Float[Array, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
-    area: Float[Array, "..."] = number("m2")
+    modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
+    area: Float[Given, "..."] = number("m2")
 
     @property
     def offset_strain(self) -> RealArray:
@@ -119,10 +119,10 @@ class ToeThread(AbstractThread):
     0.0054 8.500
     """
 
-    modulus: Float[Array, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
-    area: Float[Array, "..."] = number("m2")
-    toe_strain: Float[Array, "..."] = parameter(low=0.0)
-    toe_tension: Float[Array, "..."] = parameter("N", low=0.0)
+    modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
+    area: Float[Given, "..."] = number("m2")
+    toe_strain: Float[Given, "..."] = parameter(low=0.0)
+    toe_tension: Float[Given, "..."] = parameter("N", low=0.0)
 
     @property
     def offset_strain(self) -> RealArray:

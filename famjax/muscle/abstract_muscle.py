@@ -1,12 +1,14 @@
 """What everything with a static force offers: stiffness, blocked force, equilibrium lengths, onset."""
 
 import abc
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from .._compiled import compiled
 from .._types import Real, RealArray, as_real
 from ..parameters import Parametrised
 from .equilibrium import longest_equilibrium, required
@@ -27,7 +29,13 @@ class AbstractMuscle(Parametrised):
         rest_length: active length L0 [m] of zero contraction.
     """
 
-    rest_length: eqx.AbstractVar[RealArray]
+    if TYPE_CHECKING:
+
+        @property
+        def rest_length(self) -> RealArray: ...  # noqa: D102
+
+    else:
+        rest_length: eqx.AbstractVar[RealArray]  # a field or a property
 
     def __check_init__(self) -> None:
         """Refuse a batch of muscles."""
@@ -104,12 +112,12 @@ class AbstractMuscle(Parametrised):
         return required(pressure, found, "onset pressure") if throw else pressure
 
 
-@eqx.filter_jit(inline=True)
+@compiled
 def _force(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
     return muscle.force(length, pressure)
 
 
-@eqx.filter_jit(inline=True)
+@compiled
 def _stiffness(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
     lengths, pressures = jnp.broadcast_arrays(length, pressure)
     slope = jax.vmap(jax.value_and_grad(muscle.force))
@@ -117,7 +125,7 @@ def _stiffness(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -
     return jnp.where(jnp.isnan(force), jnp.nan, stiffness).reshape(lengths.shape)
 
 
-@eqx.filter_jit(inline=True)
+@compiled
 def _length_at_load(
     muscle: AbstractMuscle, load: RealArray, pressure: RealArray
 ) -> tuple[RealArray, Bool[Array, "..."]]:
@@ -133,7 +141,7 @@ def _length_at_load(
     return length.reshape(loads.shape), found.reshape(loads.shape)
 
 
-@eqx.filter_jit(inline=True)
+@compiled
 def _onset_pressure(
     muscle: AbstractMuscle, length: RealArray, highest: RealArray
 ) -> tuple[RealArray, Bool[Array, "..."]]:

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from .._compiled import compiled
 from .._geometry import AbstractGeometry, Dimensions
 from .._material import AbstractMaterial
 from .._types import Real, RealArray, as_real
@@ -139,7 +139,7 @@ class Muscle(AbstractMuscle):
         return holding
 
 
-@eqx.filter_jit(inline=True)
+@compiled
 def _pull(
     geometry: AbstractGeometry, terms: SumOfTerms, length: RealArray, pressure: RealArray
 ) -> RealArray:

@@ -2,12 +2,12 @@
 
 import dataclasses
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._compiled import compiled
+from .._types import Given, Real, RealArray, as_real
 from ..parameters import Declared, parameter
 from .abstract_muscle import AbstractMuscle
 from .equilibrium import bisected
@@ -29,7 +29,7 @@ class MountedMuscle(AbstractMuscle):
     """
 
     muscle: AbstractMuscle
-    compliance: Float[Array, "..."] = parameter(
+    compliance: Float[Given, "..."] = parameter(
         "m/N", name="series_compliance", low=0.0, high=_HIGHEST_COMPLIANCE
     )
 
@@ -60,7 +60,7 @@ class MountedMuscle(AbstractMuscle):
         return self.muscle.rest_length
 
 
-@eqx.filter_jit(inline=True)
+@compiled
 def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> RealArray:
     lengths, pressures = jnp.broadcast_arrays(length, pressure)
 

@@ -53,6 +53,6 @@ class Method(eqx.Module):
         return types.MethodType(self.function, self.owner)
 
     @property
-    def __name__(self) -> str:
+    def __name__(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Of the function."""
         return self.function.__name__

@@ -17,10 +17,16 @@ from .method import Method
 _Self = TypeVar("_Self", bound="Parametrised")
 
 
-@typing.dataclass_transform(
-    field_specifiers=(dataclasses.field, eqx.field, parameter, number), frozen_default=True
-)
-class Parametrised(eqx.Module):
+if typing.TYPE_CHECKING:
+
+    @typing.dataclass_transform(field_specifiers=(dataclasses.field, eqx.field, parameter, number))
+    class _Declaring(type(eqx.Module)): ...
+
+else:
+    _Declaring = type(eqx.Module)
+
+
+class Parametrised(eqx.Module, metaclass=_Declaring):
     """A module with declared parameters: its own and those of the modules in its fields.
 
     Of two parameters with one name the later one gets the field that it stands in as prefix, as in
@@ -80,8 +86,9 @@ class Parametrised(eqx.Module):
         Returns:
             The name.
         """
-        [spec] = [declaration(one) for one in dataclasses.fields(self) if one.name == field]
-        return entry_name(spec, field, index)
+        specs = {one.name: declaration(one) for one in dataclasses.fields(self)}
+        spec = specs[field]
+        return entry_name(spec, field, index) if isinstance(spec, Declared) else field
 
     @classmethod
     def template(cls: type[_Self], **fields: Any) -> _Self:
@@ -224,7 +231,7 @@ def _replaced(module: _Module, values: Mapping[str, RealArray]) -> _Module:
         if isinstance(place.entry, str):
             inner.setdefault((place.field, place.at), {})[place.entry] = value
         else:
-            old = arrays.get(place.field, getattr(module, place.field))
+            old: Any = arrays.get(place.field, getattr(module, place.field))
             arrays[place.field] = old.at[place.entry].set(value) if place.entry else value
     for field, array in arrays.items():
         module = _with(module, field, array)
@@ -256,8 +263,9 @@ def _template(cls: type[_Family], fields: Mapping[str, Any]) -> _Family:
         if field.name in given or not field.init or has_default:
             continue
         spec = declaration(field)
-        axes = getattr(field.type, "dims", ())
-        if not isinstance(spec, Declared) or (axes and field.type.index_variadic is None):
+        annotation: Any = field.type
+        array = bool(getattr(annotation, "dims", ())) and annotation.index_variadic is None
+        if not isinstance(spec, Declared) or array:
             raise ValueError(
                 f"the field {field.name!r} of {cls.__name__} has no default and is no scalar "
                 f"parameter: give it, as in template({cls.__name__}, {field.name}=...)"

@@ -3,9 +3,9 @@
 import math
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
 from ._model import PeerModel, around_rest, at_positive
@@ -39,13 +39,13 @@ class Bolen(PeerModel):
     335.3
     """
 
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    largest_contraction: Float[Array, "..."] = number()
-    largest_force: Float[Array, "..."] = parameter("N", linear=True)
-    c0: Float[Array, "..."] = parameter(low=0.0, high=5.0)
-    c1: Float[Array, "..."] = parameter(low=0.1, high=50.0)
-    c2: Float[Array, "..."] = parameter(low=0.0, high=20.0)
-    reference_pressure: Float[Array, "..."] = number("Pa", default=620 * KILOPASCAL)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    largest_contraction: Float[Given, "..."] = number()
+    largest_force: Float[Given, "..."] = parameter("N", linear=True)
+    c0: Float[Given, "..."] = parameter(low=0.0, high=5.0)
+    c1: Float[Given, "..."] = parameter(low=0.1, high=50.0)
+    c2: Float[Given, "..."] = parameter(low=0.0, high=20.0)
+    reference_pressure: Float[Given, "..."] = number("Pa", default=620 * KILOPASCAL)
 
     @classmethod
     def published(cls, muscle: str, *, rest_length: float, largest_contraction: float) -> "Bolen":

@@ -2,9 +2,9 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ._model import PeerModel, around_rest, at_positive, known
 
@@ -23,11 +23,11 @@ class Wickramatunge(PeerModel):
         Wickramatunge & Leephakpreeda 2010. General knowledge, not read again.
     """
 
-    slack_length: Float[Array, "..."] = parameter("m", low=0.0)
-    coefficients: Float[Array, " 4"] = parameter(
+    slack_length: Float[Given, "..."] = parameter("m", low=0.0)
+    coefficients: Float[Given, " 4"] = parameter(
         ("N/m", "N/m/Pa2", "N/m2/Pa", "N/m3"), linear=True, name=("k0", "k1", "k2", "k3")
     )
-    resting_length: Float[Array, "..."] | None = parameter(
+    resting_length: Float[Given, "..."] | None = parameter(
         "m", low=0.0, name="rest_length", default=None
     )
 
@@ -67,11 +67,11 @@ class Hildebrandt(PeerModel):
         Hildebrandt, Sawodny, Neumann & Hartmann 2002. General knowledge, not read again.
     """
 
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    pressure_coefficients: Float[Array, " 3"] = parameter(
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    pressure_coefficients: Float[Given, " 3"] = parameter(
         "m2", linear=True, name=("a0", "a1", "a2")
     )
-    force_coefficients: Float[Array, " 5"] = parameter(
+    force_coefficients: Float[Given, " 5"] = parameter(
         "N", linear=True, name=("b0", "b1", "b2", "b3", "b4")
     )
 
@@ -102,8 +102,8 @@ class PolynomialSurface(PeerModel):
         Sarosi et al. 2017 quote one of degree five, 21 coefficients. General knowledge.
     """
 
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    coefficients: Float[Array, " terms"] = parameter("N", linear=True)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    coefficients: Float[Given, " terms"] = parameter("N", linear=True)
     degree: int = eqx.field(static=True)
 
     def __check_init__(self) -> None:

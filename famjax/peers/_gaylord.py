@@ -1,11 +1,11 @@
 """The braid alone: Gaylord's force, the same with stretching threads, and with a wall."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._braid import AbstractBraid, Braid, braid_angle_from_length, diameter_from_length
 from .._force import gaylord_force
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ._model import PeerModel, braid_range, known
 
@@ -34,9 +34,9 @@ class Gaylord(PeerModel):
     """
 
     braid: AbstractBraid
-    deadband_pressure: Float[Array, "..."] = parameter("Pa", default=0.0)
-    force_offset: Float[Array, "..."] = parameter("N", linear=True, default=0.0)
-    resting_length: Float[Array, "..."] | None = parameter(
+    deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
+    force_offset: Float[Given, "..."] = parameter("N", linear=True, default=0.0)
+    resting_length: Float[Given, "..."] | None = parameter(
         "m", low=0.0, name="rest_length", default=None
     )
 
@@ -79,8 +79,8 @@ class ChouHannaford(PeerModel):
     """
 
     braid: Braid
-    wall_thickness: Float[Array, "..."] = parameter("m", low=0.0)
-    resting_length: Float[Array, "..."] | None = parameter(
+    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
+    resting_length: Float[Given, "..."] | None = parameter(
         "m", low=0.0, name="rest_length", default=None
     )
 

@@ -2,12 +2,12 @@
 
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._compiled import compiled
+from .._types import Given, Real, RealArray, as_real
 from ..muscle.equilibrium import bisected
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
@@ -47,15 +47,15 @@ class Hunt(PeerModel):
     134
     """
 
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    largest_contraction: Float[Array, "..."] = number()
-    offset_pressure: Float[Array, "..."] = parameter("Pa")
-    tangent_pressure: Float[Array, "..."] = parameter("Pa", low=0.0)
-    tangent_slope: Float[Array, "..."] = parameter(low=0.1, high=10.0)
-    tangent_offset: Float[Array, "..."] = parameter()
-    contraction_per_force: Float[Array, "..."] = parameter("1/N", kind="1/N", high=0.0)
-    pressure_per_force: Float[Array, "..."] = parameter("Pa/N", low=0.0)
-    hysteresis_pressure: Float[Array, "..."] = number("Pa", default=0.0)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    largest_contraction: Float[Given, "..."] = number()
+    offset_pressure: Float[Given, "..."] = parameter("Pa")
+    tangent_pressure: Float[Given, "..."] = parameter("Pa", low=0.0)
+    tangent_slope: Float[Given, "..."] = parameter(low=0.1, high=10.0)
+    tangent_offset: Float[Given, "..."] = parameter()
+    contraction_per_force: Float[Given, "..."] = parameter("1/N", kind="1/N", high=0.0)
+    pressure_per_force: Float[Given, "..."] = parameter("Pa/N", low=0.0)
+    hysteresis_pressure: Float[Given, "..."] = number("Pa", default=0.0)
 
     @classmethod
     def published(cls, *, rest_length: float, largest_contraction: float) -> "Hunt":
@@ -127,7 +127,7 @@ class Hunt(PeerModel):
         return jnp.where(inside, upper - width * share, jnp.nan)
 
 
-@eqx.filter_jit(inline=True)
+@compiled
 def _forces(model: Hunt, length: RealArray, pressure: RealArray) -> RealArray:
     eps, P = jnp.broadcast_arrays(1 - length / model.rest_length, pressure)
     return jax.vmap(model._root)(eps.ravel(), P.ravel()).reshape(eps.shape)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._braid import Braid
-from .._types import Real, RealArray
+from .._types import Given, Real, RealArray
 from ..parameters import parameter
 from ..units import DEGREE, MEGAPASCAL
 from ._gaylord import Gaylord
@@ -47,10 +47,10 @@ class Martens(PeerModel):
     """
 
     braid: Braid
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    rest_diameter: Float[Array, "..."] = parameter("m", low=0.0)
-    wall_thickness: Float[Array, "..."] = parameter("m", low=0.0)
-    coefficients: Float[Array, " 4"] = parameter(
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    rest_diameter: Float[Given, "..."] = parameter("m", low=0.0)
+    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
+    coefficients: Float[Given, " 4"] = parameter(
         ("Pa", "Pa/m", "Pa/m2", "Pa/m3"), linear=True, name=("c0", "c1", "c2", "c3")
     )
 

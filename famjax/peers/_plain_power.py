@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._material import AbstractMaterial, PressurePolynomialMaterial, stresses_between_nodes
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 
 
@@ -21,8 +21,8 @@ class PlainPowerMaterial(AbstractMaterial):
         node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
     """
 
-    node_pressures: Float[Array, " nodes"] = number("Pa")
-    node_coefficients: Float[Array, "nodes order"] = parameter(
+    node_pressures: Float[Given, " nodes"] = number("Pa")
+    node_coefficients: Float[Given, "nodes order"] = parameter(
         "Pa", kind="stress", scale=1e6, linear=True, name="E_{1}_at_node_{0}"
     )
 

@@ -1,9 +1,9 @@
 """Sarosi's empirical force functions of contraction and pressure."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ..units import BAR
 from ._model import PeerModel, around_rest, at_positive
@@ -40,13 +40,13 @@ class Sarosi(PeerModel):
     1507 89
     """
 
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    a1: Float[Array, "..."] = parameter("m2", linear=True)
-    a2: Float[Array, "..."] = parameter("N", linear=True)
-    a3: Float[Array, "..."] = parameter(low=-300.0, high=-1.0)
-    a4: Float[Array, "..."] = parameter("m2", linear=True)
-    a5: Float[Array, "..."] = parameter("m2", linear=True)
-    a6: Float[Array, "..."] = parameter("N", linear=True)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    a1: Float[Given, "..."] = parameter("m2", linear=True)
+    a2: Float[Given, "..."] = parameter("N", linear=True)
+    a3: Float[Given, "..."] = parameter(low=-300.0, high=-1.0)
+    a4: Float[Given, "..."] = parameter("m2", linear=True)
+    a5: Float[Given, "..."] = parameter("m2", linear=True)
+    a6: Float[Given, "..."] = parameter("N", linear=True)
 
     @classmethod
     def published(cls, muscle: str, *, rest_length: float) -> "Sarosi":

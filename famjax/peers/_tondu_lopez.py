@@ -1,11 +1,11 @@
 """The braid alone with corrected contraction: Tondu and Lopez, and Kerscher after them."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._assumed_shapes import tondu_lopez_length
 from .._braid import Braid
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ..units import BAR
 from ._gaylord import Gaylord
@@ -31,10 +31,10 @@ class TonduLopez(PeerModel):
     """
 
     braid: Braid
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0)
-    k_far: Float[Array, "..."] = parameter(low=0.5, high=3.0, default=1.0)
-    k_rise: Float[Array, "..."] = parameter(low=0.0, high=20.0, default=0.0)
-    deadband_pressure: Float[Array, "..."] = parameter("Pa", default=0.0)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    k_far: Float[Given, "..."] = parameter(low=0.5, high=3.0, default=1.0)
+    k_rise: Float[Given, "..."] = parameter(low=0.0, high=20.0, default=0.0)
+    deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
@@ -66,9 +66,9 @@ class Kerscher(PeerModel):
     """
 
     muscle: TonduLopez
-    factor_rise: Float[Array, "..."] = parameter(linear=True)
-    factor_rate: Float[Array, "..."] = parameter(low=0.0, high=100.0)
-    factor_far: Float[Array, "..."] = parameter(linear=True)
+    factor_rise: Float[Given, "..."] = parameter(linear=True)
+    factor_rate: Float[Given, "..."] = parameter(low=0.0, high=100.0)
+    factor_far: Float[Given, "..."] = parameter(linear=True)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""

@@ -3,11 +3,12 @@
 from typing import ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Float
 
 from .._force import gaylord_force
 from .._geometry import Dimensions
-from .._types import Real, RealArray
+from .._types import Given, Real, RealArray
 from ..parameters import parameter
 from .abstract import AbstractForceTerm
 
@@ -24,7 +25,7 @@ class PressurisedBraid(AbstractForceTerm):
         Gaylord 1958; Chambers 2021, equation 6.1.
     """
 
-    deadband_pressure: Float[Array, "..."] = parameter(
+    deadband_pressure: Float[Given, "..."] = parameter(
         "Pa", low=0.0, high=_HIGHEST_DEADBAND, default=0.0
     )
 
@@ -49,7 +50,7 @@ class VirtualWork(AbstractForceTerm):
         Chou & Hannaford 1996.
     """
 
-    deadband_pressure: Float[Array, "..."] = parameter(
+    deadband_pressure: Float[Given, "..."] = parameter(
         "Pa", low=0.0, high=_HIGHEST_DEADBAND, default=0.0
     )
     at_thread_length: bool = eqx.field(static=True, default=False)
@@ -76,4 +77,4 @@ class VirtualWork(AbstractForceTerm):
                 )
             B, L = at.thread_length, at.length
             rate = rate - at.rates.thread_length * 2 * B * at.volume / ((B - L) * (B + L))
-        return -(pressure - self.deadband_pressure) * rate
+        return jnp.asarray(-(pressure - self.deadband_pressure) * rate)

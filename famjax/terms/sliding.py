@@ -1,10 +1,10 @@
 """Friction as a force term, in a given direction of motion."""
 
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._friction import AbstractFriction
 from .._geometry import Dimensions
-from .._types import Real, RealArray
+from .._types import Given, Real, RealArray
 from ..parameters import number
 from .abstract import AbstractForceTerm
 
@@ -22,7 +22,7 @@ class Friction(AbstractForceTerm):
     """
 
     law: AbstractFriction
-    direction: Float[Array, "..."] = number()
+    direction: Float[Given, "..."] = number()
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """Friction's part of the pull [N], broadcast shape; positive when lengthening."""

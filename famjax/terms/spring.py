@@ -1,10 +1,10 @@
 """A spring beside the muscle, as of a mounting."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._geometry import Dimensions
-from .._types import Real, RealArray
+from .._types import Given, Real, RealArray
 from ..parameters import parameter
 from .abstract import AbstractForceTerm
 
@@ -19,9 +19,9 @@ class Spring(AbstractForceTerm):
         preload: F_0 [N].
     """
 
-    stiffness: Float[Array, "..."] = parameter("N/m", low=0.0)
-    rest_length: Float[Array, "..."] = parameter("m", low=0.0, name="spring_length")
-    preload: Float[Array, "..."] = parameter("N", linear=True, name="spring_preload", default=0.0)
+    stiffness: Float[Given, "..."] = parameter("N/m", low=0.0)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0, name="spring_length")
+    preload: Float[Given, "..."] = parameter("N", linear=True, name="spring_preload", default=0.0)
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The spring's pull [N], broadcast shape; negative where it is compressed."""

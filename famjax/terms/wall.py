@@ -1,6 +1,8 @@
 """The bladder's part of the pull: the axial stress in its wall, and the hoop stress."""
 
+import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
 from .._force import bladder_axial_force, bladder_hoop_force
 from .._geometry import Dimensions
@@ -9,24 +11,40 @@ from .._types import Real, RealArray, as_real
 from .abstract import AbstractForceTerm
 
 
-def wall_stresses(
-    material: AbstractMaterial, at: Dimensions, pressure: Real
-) -> tuple[RealArray, RealArray]:
-    """Axial means of the true stresses (sigma_z, sigma_c) [Pa] in the wall, broadcast shape.
+class _Wall(eqx.Module):
+    """Axial means of the true stresses in the wall.
 
-    Args:
-        material: stress law.
-        at: dimensions, with the hoop strain at stations along the axis.
-        pressure: gauge pressure P [Pa].
-
-    Returns:
-        The two means.
+    Attributes:
+        axial, hoop: sigma_z and sigma_c [Pa]; 0 where the law does not know the state.
+        known: whether it does.
     """
-    axial, hoop = material.stresses(
-        at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
-    )
-    weights = at.station_weights
-    return jnp.sum(weights * axial, axis=-1), jnp.sum(weights * hoop, axis=-1)
+
+    axial: RealArray
+    hoop: RealArray
+    known: Bool[Array, "..."]
+
+    @classmethod
+    def of(cls, material: AbstractMaterial, at: Dimensions, pressure: Real) -> "_Wall":
+        """The means at these dimensions and gauge pressure P [Pa]."""
+        stresses = material.stresses(
+            at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
+        )
+        known = jnp.all(jnp.isfinite(stresses[0] + stresses[1]), axis=-1)
+        axial, hoop = (
+            jnp.sum(at.station_weights * jnp.where(known[..., None], stress, 0.0), axis=-1)
+            for stress in stresses
+        )
+        return cls(axial, hoop, known)
+
+    def axial_force(self, at: Dimensions) -> RealArray:
+        """Pull [N] of the axial stress."""
+        pull = bladder_axial_force(self.axial, at.bladder_volume, at.length)
+        return jnp.where(self.known, pull, jnp.nan)
+
+    def hoop_force(self, at: Dimensions) -> RealArray:
+        """Pull [N] lost to the hoop stress."""
+        pull = bladder_hoop_force(self.hoop, at.thickness, at.length, at.radius, at.turns)
+        return jnp.where(self.known, pull, jnp.nan)
 
 
 class BladderAxial(AbstractForceTerm):
@@ -43,8 +61,7 @@ class BladderAxial(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The pull [N], broadcast shape; negative where the shortened bladder pushes."""
-        axial, _ = wall_stresses(self.material, at, pressure)
-        return bladder_axial_force(axial, at.bladder_volume, at.length)
+        return _Wall.of(self.material, at, pressure).axial_force(at)
 
 
 class BladderHoop(AbstractForceTerm):
@@ -61,8 +78,7 @@ class BladderHoop(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The pull [N], broadcast shape; negative where the stretched bladder holds the braid."""
-        _, hoop = wall_stresses(self.material, at, pressure)
-        return bladder_hoop_force(hoop, at.thickness, at.length, at.radius, at.turns)
+        return _Wall.of(self.material, at, pressure).hoop_force(at)
 
 
 class BladderWall(AbstractForceTerm):
@@ -81,7 +97,5 @@ class BladderWall(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The bladder's pull [N], broadcast shape; negative where it resists."""
-        axial, hoop = wall_stresses(self.material, at, pressure)
-        return bladder_axial_force(axial, at.bladder_volume, at.length) + bladder_hoop_force(
-            hoop, at.thickness, at.length, at.radius, at.turns
-        )
+        wall = _Wall.of(self.material, at, pressure)
+        return wall.axial_force(at) + wall.hoop_force(at)

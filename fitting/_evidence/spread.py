@@ -60,7 +60,7 @@ def force_std(
     length: Float[np.ndarray, " n"],
     pressure: Float[np.ndarray, " n"],
     *,
-    of: Callable[[famjax.MountedMuscle], famjax.Muscle | famjax.MountedMuscle],
+    of: Callable[[famjax.MountedMuscle], famjax.AbstractMuscle],
     length_std: float = 0.0,
 ) -> Float[np.ndarray, " n"]:
     """Standard deviation [N] of a force, by linear theory.

@@ -142,10 +142,10 @@ def _forces(
     compliance = document.get("series_compliance_m_per_N") or 0.0
     mounted = famjax.MountedMuscle(fit.muscle, compliance)
 
-    def alone(mounted: famjax.MountedMuscle) -> famjax.Muscle:
+    def alone(mounted: famjax.MountedMuscle) -> famjax.AbstractMuscle:
         return mounted.muscle if rest_length is None else _cut(mounted.muscle, rest_length)
 
-    def in_rig(mounted: famjax.MountedMuscle) -> famjax.Muscle | famjax.MountedMuscle:
+    def in_rig(mounted: famjax.MountedMuscle) -> famjax.AbstractMuscle:
         muscle = alone(mounted)
         return famjax.MountedMuscle(muscle, mounted.compliance) if compliance else muscle
 
@@ -177,7 +177,7 @@ def _forces(
     return rows
 
 
-def _cut(muscle: famjax.Muscle, rest_length: float) -> famjax.Muscle:
+def _cut(muscle: famjax.AbstractMuscle, rest_length: float) -> famjax.Muscle:
     """Another muscle of the series."""
     if not (math.isfinite(rest_length) and rest_length > 0):
         raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
