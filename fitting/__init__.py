@@ -3,7 +3,6 @@
 import importlib
 from typing import Any
 
-from .engine.qp import Optimum as Optimum, Status as Status, solve_qp as solve_qp
 from ._data.csv import (
     bundled_names as bundled_names,
     load_bundled as load_bundled,
@@ -105,6 +104,7 @@ from ._search.result import (
     Identification as Identification,
 )
 from ._sweep.sweep import Sweep as Sweep, SweepRow as SweepRow, sweep as sweep
+from .engine.qp import Optimum as Optimum, Status as Status, solve_qp as solve_qp
 
 __famjax__ = "0.1.0"
 

@@ -106,6 +106,12 @@ def summary_as_dict(
     }
 
 
+def versions() -> dict[str, str]:
+    """Versions of the program and of what its numbers depend on."""
+    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"famjax": famjax.__version__, "python": platform.python_version(), **packages}
+
+
 def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dict[str, Any]:
     """The whole content of `fit.json`, in SI."""
     data = result.data
@@ -114,14 +120,9 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
         for name in ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
         if (values := getattr(data, name)) is not None
     }
-    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {
         "schema": SCHEMA,
-        "versions": {
-            "famjax": famjax.__version__,
-            "python": platform.python_version(),
-            **versions,
-        },
+        "versions": versions(),
         "data": {
             "source": data.source,
             "sha256": data.sha256,

@@ -7,14 +7,14 @@ import numpy as np
 
 import famjax
 
-from ..engine.status import Status
 from .._data.force_data import ForceData
 from .._errors import InputError
 from .._model.geometry_source import AbstractGeometrySource
 from .._model.laws import AbstractLaw, MooneyRivlinLaw, OgdenLaw, PolynomialLaw
 from .._model.parameters import Entry
-from ..engine.program import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
 from ..engine.problem import Problem
+from ..engine.program import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
+from ..engine.status import Status
 
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 

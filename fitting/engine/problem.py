@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .host_qp import HostOptimum, solve_host_qp
-from .program import Aside, Constraint, MapInputs, Program, Response
+from .program import Aside, Constraint, MapInputs, Program
 from .status import Status
 
 _REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
@@ -119,7 +119,10 @@ class Part:
             # An index beyond the offsets would be clipped to the last: all offsets are zero here.
             at = self.program.at(
                 dataclasses.replace(
-                    self.inputs, length=length[here], pressure=pressure[here], force=nothing,
+                    self.inputs,
+                    length=length[here],
+                    pressure=pressure[here],
+                    force=nothing,
                     length_index=np.zeros(count, int),
                 )  # fmt: skip
             )
@@ -311,7 +314,10 @@ class Problem:
             columns, d_force = gain[:, None] * columns, gain * d_force
             d_columns = gain[:, None] * d_columns
         q, many = part.at.size, paths * value.rows.shape[1]
-        rows, d_rows = value.rows[:paths].reshape(many, n), slope.rows[:, :paths].reshape(q, many, n)
+        rows, d_rows = (
+            value.rows[:paths].reshape(many, n),
+            slope.rows[:, :paths].reshape(q, many, n),
+        )
         values = value.values[:paths].reshape(many)
         d_values = slope.values[:, :paths].reshape(q, many)
         return Linear(
@@ -382,7 +388,9 @@ class Problem:
             own = x[part.coefficients]
             here = slice(reading, reading + part.force.size)
             reading = here.stop
-            np.add.at(d_residual[here].T, part.at, part.weight * (one.d_force + one.d_columns @ own))
+            np.add.at(
+                d_residual[here].T, part.at, part.weight * (one.d_force + one.d_columns @ own)
+            )
             there = slice(row, row + len(one.rows))
             row = there.stop
             np.add.at(d_slack[there].T, part.at, one.d_rows @ own + one.d_values)
