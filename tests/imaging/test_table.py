@@ -2,6 +2,7 @@
 
 import csv
 import io
+import sys
 
 import numpy as np
 import pytest
@@ -166,8 +167,23 @@ def test_xarray_reads_the_netcdf_with_units_profiles_and_provenance(tmp_path):
         assert float(middle) == pytest.approx(found.diameter[10, 100])
 
 
-def test_scipy_alone_reads_the_netcdf(tmp_path):
+@pytest.mark.parametrize(
+    "found",
+    [
+        table(provenance={"recipe": "tone = 'ü'"}),
+        Table.from_rows([Row("ä.jpg", error="NoMuscle: none")]),
+        Table.from_rows([row(1, 0.2), row(2, 0.21, np.nan)], rest_length=0.22),
+    ],
+)
+def test_the_netcdf_is_what_xarray_writes_to_the_last_bit(found):
     pytest.importorskip("xarray")
+    content = io.BytesIO()
+    found.to_xarray().to_netcdf(content, engine="scipy", format="NETCDF3_64BIT")
+    assert found.netcdf_bytes() == content.getvalue()
+
+
+def test_scipy_alone_writes_and_reads_the_netcdf(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
     from scipy.io import netcdf_file
 
     found = table()
