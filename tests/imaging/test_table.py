@@ -1,6 +1,7 @@
 """The table of a campaign and its files, read back by other programs."""
 
 import csv
+import importlib.util
 import io
 import sys
 
@@ -191,6 +192,12 @@ def test_scipy_alone_writes_and_reads_the_netcdf(tmp_path, monkeypatch):
     with netcdf_file(path, mmap=False) as data:
         np.testing.assert_array_equal(data.variables["length_m"][:], found["length"])
         assert data.variables["length_m"].units == b"m"
+
+
+def test_a_dataset_without_xarray_names_the_extra(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImagingError, match=r"famjax\[tables\]"):
+        table().to_xarray()
 
 
 def test_a_table_that_cannot_be_written_says_so(tmp_path):
