@@ -13,6 +13,8 @@ from ._table import Table
 from ._units import SYSTEMS, factor
 
 _PROFILES = 40  # drawn at most, evenly over the contraction
+_MARGINS = {"left": 0.07, "right": 0.98, "top": 0.95, "bottom": 0.07, "wspace": 0.25, "hspace": 0.3}
+"""Of the four axes: a layout by matplotlib's solver costs as much time as all else of the figure."""
 _QUALITY = (
     "blur_px", "tape_sd_px", "residual_rms", "outlier_fraction", "misfit", "kappa", "axis_kink",
     "saturated",
@@ -32,9 +34,9 @@ def plot_table(table: Table, system: str = "us", limits: Limits | None = None) -
         A figure, not shown; save it with `savefig`. Pictures that failed are marked below the
         quality.
     """
-    figure = Figure(figsize=(11, 8), layout="constrained")
+    figure = Figure(figsize=(11, 8))
     FigureCanvasAgg(figure)
-    (profiles, length), (quality, diameter) = figure.subplots(2, 2)
+    (profiles, length), (quality, diameter) = figure.subplots(2, 2, gridspec_kw=_MARGINS)
     unit = SYSTEMS[system]["length"]
     per_unit = factor(unit, "length")
     _draw_profiles(figure, profiles, table, unit, per_unit)
