@@ -91,21 +91,21 @@ def regular_strips(luma: NDArray[np.uint8]) -> list[Line]:
 
 def square_direction(luma: NDArray[np.uint8]) -> float:
     """Direction [rad] of the gradients modulo a quarter turn, in [-pi/4, pi/4]."""
-    soft = cv2.GaussianBlur(luma, (0, 0), 1.5).astype(np.float32)
+    soft = cv2.GaussianBlur(luma, (0, 0), 1.5)
     gx, gy = (
-        np.asarray(cv2.Sobel(soft, cv2.CV_32F, *order), np.float32) for order in ((1, 0), (0, 1))
+        np.asarray(cv2.Sobel(soft, cv2.CV_16S, *order), np.int16) for order in ((1, 0), (0, 1))
     )
     least = np.percentile(_power(gx[::4, ::4], gy[::4, ::4]), 90)
     fourth = []
     for top in range(0, luma.shape[0], _BAND):
-        du, dv = gx[top : top + _BAND], gy[top : top + _BAND]
+        du, dv = (slope[top : top + _BAND].astype(np.float32) for slope in (gx, gy))
         power = _power(du, dv)
         strong = power > least
         fourth.append((du[strong] + 1j * dv[strong]) ** 4 / power[strong])
     return float(np.angle(np.sum(np.concatenate(fourth))) / 4)
 
 
-def _power(gx: NDArray[np.float32], gy: NDArray[np.float32]) -> NDArray[np.float64]:
+def _power(gx: NDArray[np.number], gy: NDArray[np.number]) -> NDArray[np.float64]:
     return gx.astype(float) ** 2 + gy.astype(float) ** 2
 
 
