@@ -86,7 +86,7 @@ def measure(
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given.
     workers
-        Number of processes; one for each core unless given.
+        Number of processes; unless given one for each core, and none for up to four pictures.
     units
         Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
