@@ -1,6 +1,7 @@
 """`famjax measure`."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -85,7 +86,7 @@ def measure(
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given.
     workers
-        Number of processes; one for each core unless given.
+        Number of processes; unless given one for each core, and none for up to four pictures.
     units
         Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
@@ -99,6 +100,8 @@ def measure(
     """
     from time import monotonic  # noqa: PLC0415
 
+    # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from imaging import ImagingError  # noqa: PLC0415
     from imaging._measure_command import as_document, measure_command  # noqa: PLC0415
     from imaging._measure_options import command_recipe  # noqa: PLC0415
