@@ -1,10 +1,8 @@
 """`famjax doctor`."""
 
 from .. import __version__
-from .app import app
 
 
-@app.command
 def doctor() -> int:
     """Report versions, devices, precision and name clashes; exit code 1 if something is wrong."""
     from .._doctor import problems, versions  # noqa: PLC0415
