@@ -8,7 +8,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import design as design, peers as peers, units as units
+    from . import (
+        compile_options as compile_options,
+        design as design,
+        peers as peers,
+        units as units,
+    )
     from ._assumed_shapes import (
         AbstractAssumedShape as AbstractAssumedShape,
         CircularArcEnds as CircularArcEnds,
@@ -199,7 +204,7 @@ _NAMES = {
     ),
 }
 """The public names of each module; a module is imported when one of its names is first used."""
-_NAMESPACES = ("design", "peers", "units")
+_NAMESPACES = ("compile_options", "design", "peers", "units")
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 
 if not TYPE_CHECKING:

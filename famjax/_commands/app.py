@@ -50,7 +50,7 @@ def command_line(arguments: Sequence[str]) -> App:
     """
     command, of_rig = [*arguments, "", ""][:2]
     app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown")
-    _register(app, __package__, COMMANDS, command)
+    _register(app, __name__.rpartition(".")[0], COMMANDS, command)
     rig_app = App(name="rig", help=rig.HELP, help_format="markdown")
     _register(rig_app, rig.__name__, rig.COMMANDS, of_rig)
     app.command(rig_app)
