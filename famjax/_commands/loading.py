@@ -9,13 +9,15 @@ if TYPE_CHECKING:
 
 
 def load_fitting():
-    """The fitting package, with JAX in float64."""
+    """The fitting package, with JAX in float64 and its compiled programs kept."""
     from .. import require  # noqa: PLC0415
+    from .compilation_cache import switch_on  # noqa: PLC0415
 
     fitting = require("fitting")
     import jax  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
+    switch_on()
     return fitting
 
 
