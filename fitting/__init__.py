@@ -89,9 +89,7 @@ if TYPE_CHECKING:
     from ._rubber.tensile_record import TensileRecord as TensileRecord
     from ._rubber.thread_fit import ThreadFit as ThreadFit, fit_thread as fit_thread
     from ._saved.fit_file import (
-        SavedFit as SavedFit,
         fit_as_dict as fit_as_dict,
-        load_fit as load_fit,
         series_as_dict as series_as_dict,
         summary_as_dict as summary_as_dict,
     )
@@ -102,6 +100,7 @@ if TYPE_CHECKING:
     from ._saved.plot import plot_fit as plot_fit
     from ._saved.predict import predict as predict
     from ._saved.report import html_report as html_report, write_fit as write_fit
+    from ._saved.saved_fit import SavedFit as SavedFit, load_fit as load_fit
     from ._search.identify import identify as identify, identify_together as identify_together
     from ._search.result import (
         Certificate as Certificate,
@@ -155,11 +154,12 @@ _NAMES = {
     "_rubber.tensile_cycle": ("TensileCycle",),
     "_rubber.tensile_record": ("TensileRecord",),
     "_rubber.thread_fit": ("ThreadFit", "fit_thread"),
-    "_saved.fit_file": ("SavedFit", "fit_as_dict", "load_fit", "series_as_dict", "summary_as_dict"),
+    "_saved.fit_file": ("fit_as_dict", "series_as_dict", "summary_as_dict"),
     "_saved.muscle_card": ("muscle_as_dict", "muscle_from_dict"),
     "_saved.plot": ("plot_fit",),
     "_saved.predict": ("predict",),
     "_saved.report": ("html_report", "write_fit"),
+    "_saved.saved_fit": ("SavedFit", "load_fit"),
     "_search.identify": ("identify", "identify_together"),
     "_search.result": ("Certificate", "Errors", "Estimate", "Identification"),
     "_sweep.sweep": ("Sweep", "SweepRow", "sweep"),

@@ -5,13 +5,9 @@ parameters and C their covariance, J C J^T is that of the numbers. It is kept as
 root of it: directions of one standard deviation each, independent of one another.
 """
 
-from collections.abc import Callable
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 import famjax
@@ -20,6 +16,7 @@ from .._model.geometry_source import EstimatedSource
 from .._search.result import Identification
 from .._search.search import solve
 from .bootstrap import Bootstrap
+from .pull import flatten
 
 _NEGLIGIBLE = 1e-12  # of the largest variance of independent directions: rounding
 
@@ -46,55 +43,12 @@ def muscle_spread(
     def slopes(at: Float[Array, " p"]) -> Float[Array, "numbers p"]:
         def numbers(at: Float[Array, " p"]) -> Float[Array, " numbers"]:
             muscle = problem.muscles(at[:q], at[q:].reshape(x.shape))[k]
-            return _flat(famjax.MountedMuscle(muscle, problem.parts[k].compliance(at[:q])))[0]
+            return flatten(famjax.MountedMuscle(muscle, problem.parts[k].compliance(at[:q])))[0]
 
         return jax.jacfwd(numbers)(at)
 
     covariance = result.covariance if drawn is None else _covariance(result, drawn)
     return (np.asarray(slopes(jnp.concatenate([parameters, x.ravel()]))) @ _root(covariance)).T
-
-
-def force_std(
-    mounted: famjax.MountedMuscle,
-    spread: Float[np.ndarray, "directions numbers"],
-    length: Float[np.ndarray, " n"],
-    pressure: Float[np.ndarray, " n"],
-    *,
-    of: Callable[[famjax.MountedMuscle], famjax.Muscle | famjax.MountedMuscle],
-    length_std: float = 0.0,
-) -> Float[np.ndarray, " n"]:
-    """Standard deviation [N] of a force, by linear theory.
-
-    Args:
-        mounted: the identified muscle in its rig.
-        spread: from `muscle_spread`.
-        length: active lengths [m].
-        pressure: gauge pressures [Pa].
-        of: what pulls, made of the mounted muscle: itself, the muscle alone, or another length.
-        length_std: standard deviation of the lengths [m].
-    """
-    flat, unflat = _flat(mounted)
-    L, P = jnp.asarray(length), jnp.asarray(pressure)
-
-    @jax.jit
-    def variance(flat: Float[Array, " numbers"]) -> Float[Array, " n"]:
-        def along(direction: Float[Array, " numbers"]) -> Float[Array, " n"]:
-            return jax.jvp(lambda f: of(unflat(f)).force(L, P), (flat,), (direction,))[1]
-
-        stiffness = jax.jvp(lambda L: of(unflat(flat)).force(L, P), (L,), (jnp.ones_like(L),))[1]
-        total = (length_std * stiffness) ** 2
-        return total + jnp.sum(jax.vmap(along)(jnp.asarray(spread)) ** 2, axis=0)
-
-    return np.sqrt(np.asarray(variance(flat)))
-
-
-def _flat(
-    mounted: famjax.MountedMuscle,
-) -> tuple[Float[Array, " numbers"], Callable[[Float[Array, " numbers"]], famjax.MountedMuscle]]:
-    """All numbers of a mounted muscle in one row, and the way back."""
-    numbers, rest = eqx.partition(mounted, eqx.is_inexact_array)
-    flat, unflat = ravel_pytree(numbers)
-    return flat, lambda changed: eqx.combine(unflat(changed), rest)
 
 
 def _part_of(result: Identification) -> int:
