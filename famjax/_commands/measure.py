@@ -8,11 +8,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .app import app, print_rows
 from .progress import progress_bar
+from .rows import print_rows
 
 
-@app.command
 def measure(
     *photos: str,
     ruler: Path | None = None,

@@ -1,19 +1,25 @@
 """Units at the boundary: the unit is in the name of a column, a key or an option."""
 
-import functools
+from math import pi
+
+from famjax.units import INCH, LBF, PSI
 
 from .._errors import InputError
 
-UNITS: dict[str, tuple[str, ...]] = {
-    "force": ("N", "kN", "lbf", "kgf"),
-    "pressure": ("Pa", "kPa", "MPa", "bar", "psi"),
-    "length": ("m", "cm", "mm", "in"),
-    "stress": ("Pa", "kPa", "MPa", "GPa", "psi"),
-    "angle": ("rad", "deg"),
-    "compliance": ("m/N", "mm/N", "in/lbf"),
-    "strain compliance": ("1/N", "1/kN", "1/lbf"),
-    "number": ("",),
+_STANDARD_GRAVITY = 9.80665  # m/s2, by definition
+
+_FACTORS: dict[str, dict[str, float]] = {
+    "force": {"N": 1.0, "kN": 1e3, "lbf": LBF, "kgf": _STANDARD_GRAVITY},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": PSI},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": INCH},
+    "stress": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "psi": PSI},
+    "angle": {"rad": 1.0, "deg": pi / 180},
+    "compliance": {"m/N": 1.0, "mm/N": 1e-3, "in/lbf": INCH / LBF},
+    "strain compliance": {"1/N": 1.0, "1/kN": 1e-3, "1/lbf": 1 / LBF},
+    "number": {"": 1.0},
 }
+
+UNITS: dict[str, tuple[str, ...]] = {kind: tuple(units) for kind, units in _FACTORS.items()}
 """Units known for each kind of quantity; the first is the SI unit used inside."""
 
 SYSTEMS: dict[str, dict[str, str]] = {
@@ -27,7 +33,6 @@ SYSTEMS: dict[str, dict[str, str]] = {
 """Unit systems of a report: the unit of each kind."""
 
 
-@functools.cache
 def factor(unit: str, kind: str) -> float:
     """The multiplier that takes a value in `unit` to SI.
 
@@ -48,12 +53,7 @@ def factor(unit: str, kind: str) -> float:
         raise InputError(
             f"{unit!r} is not a known unit of {kind}; known are: {', '.join(UNITS[kind])}"
         )
-    if unit == UNITS[kind][0]:
-        return 1.0
-    import pint  # noqa: PLC0415 -- slow to load, and only needed where units are read
-
-    registry = pint.get_application_registry()
-    return float(registry.Quantity(1.0, unit).to(UNITS[kind][0]).magnitude)
+    return _FACTORS[kind][unit]
 
 
 def to_si(value: float, unit: str, kind: str) -> float:

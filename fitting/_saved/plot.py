@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import famjax
+from famjax.compile_options import quick_jit
 
 from .._data.units import SYSTEMS, factor
 from .._search.result import Identification
-from ..engine.quick_jit import quick_jit
 
 _COLOURS = mpl.colormaps["viridis"]
 _BEYOND = 1.25  # the law is drawn to this multiple of the strain range

@@ -182,7 +182,7 @@ def _active_sentences(found: Optimal) -> tuple[str, ...]:
     """One sentence for each active row of the convex fit."""
     problem, first, sentences = found.problem, 0, []
     active = np.sort(found.point.optimum.rows)
-    for place, part in enumerate(problem.parts):
+    for place in range(len(problem.parts)):
         count = len(found.point.linear[place].rows)
         here = active[(active >= first) & (active < first + count)]
         sentences += [_path_sentence(found, place, int(row) - first) for row in here]

@@ -187,9 +187,7 @@ class Batched(eqx.Module):
             points = slice(force.shape[0])
             return x, (A[points] @ x - b[points]) / self._weights() + force
 
-        x0, reached = jax.lax.stop_gradient(
-            jax.lax.fori_loop(0, _REACHES, refit, (x0, reached))
-        )
+        x0, reached = jax.lax.stop_gradient(jax.lax.fori_loop(0, _REACHES, refit, (x0, reached)))
         return self._convex(*self._programme(p, x0, force, factor, reached)), x0, reached
 
     def _weights(self) -> Float[Array, " points"]:
@@ -230,12 +228,14 @@ class Batched(eqx.Module):
             A = jnp.zeros((first - here.start, n)).at[:, part.coefficients].set(columns)
             rows = found.rows.reshape(-1, own.shape[0])
             G = jnp.zeros((rows.shape[0], n)).at[:, part.coefficients].set(rows)
-            blocks.append((
-                weight[:, None] * A,
-                weight * (force[here] - offset),
-                G,
-                rows @ own - found.values.ravel(),
-            ))
+            blocks.append(
+                (
+                    weight[:, None] * A,
+                    weight * (force[here] - offset),
+                    G,
+                    rows @ own - found.values.ravel(),
+                )
+            )
         A, b, G, h = (jnp.concatenate(leaves) for leaves in zip(*blocks, strict=True))
         return (
             jnp.concatenate([A, self.prior_rows[0]]),

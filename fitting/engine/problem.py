@@ -124,7 +124,7 @@ class Part:
                     pressure=pressure[here],
                     force=nothing,
                     length_index=np.zeros(count, int),
-                )  # fmt: skip
+                )
             )
             reached = nothing
             for _ in range(_REACHES):
@@ -407,8 +407,8 @@ class Problem:
         if optimum.x.size:
             readings = len(self.force)
             r = A @ point.x - b
-            l = np.zeros(len(G))
-            l[optimum.rows] = optimum.multipliers
+            multipliers = np.zeros(len(G))
+            multipliers[optimum.rows] = optimum.multipliers
             q, n = len(self.names), optimum.x.size
             dA_r, dG_l, row, reading = np.zeros((q, n)), np.zeros((q, n)), 0, 0
             for part, one in zip(self.parts, point.linear, strict=True):
@@ -418,8 +418,8 @@ class Problem:
                 dA_r[at] += np.einsum("qkn,k->qn", one.d_columns, part.weight * r[here])
                 there = slice(row, row + len(one.rows))
                 row = there.stop
-                if l[there].any():
-                    dG_l[at] += np.einsum("qmn,m->qn", one.d_rows, l[there])
+                if multipliers[there].any():
+                    dG_l[at] += np.einsum("qmn,m->qn", one.d_rows, multipliers[there])
             dr = np.zeros((len(free), len(b)))
             dr[:, :readings] = d_residual[:readings].T
             dx = optimum.sensitivity(G, dA_r[free], dr, d_slack.T, dG_l[free], A)

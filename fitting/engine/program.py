@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import famjax
+from famjax.compile_options import quick_options
 
 from .family import AbstractFamily
-from .quick_jit import QUICK_COMPILATION
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
 PressureDependence = Literal["fixed", "linear", "free"]
@@ -171,7 +171,10 @@ def force_and_constraint(
     """What the rig measures [N] and the constraint's values [Pa], with nothing made linear.
 
     Args:
-        family, constraint, at, p: as in `response`.
+        family: what is fitted.
+        constraint: on the coefficients.
+        at: readings and paths.
+        p: `family.nonlinear`, then one offset for each length that has one.
         x: coefficients.
         compliant_steps: Newton steps for the force in a compliant rig, from `at.force`; two at the
             solution have its first and second derivatives.
@@ -291,7 +294,7 @@ class _Compiled:
     def __init__(self, treedef: Any, static: tuple, constraint: Constraint) -> None:
         self._layouts: dict[tuple[int, ...], tuple[Any, list[tuple[int, ...]]]] = {}
         self._static, self._treedef, self._constraint = static, treedef, constraint
-        self._jitted = jax.jit(self._packed, compiler_options=dict(QUICK_COMPILATION))
+        self._jitted = jax.jit(self._packed, compiler_options=quick_options())
 
     def __call__(
         self, arrays: list[Array | None], p: np.ndarray, x0: np.ndarray, reached: np.ndarray

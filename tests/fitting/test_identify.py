@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Callable
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -20,8 +19,8 @@ from fitting import (
     identify,
 )
 from fitting._model.parameters import complete_table
-from fitting.engine.program import CONSTRAINTS
 from fitting._search.build import pose
+from fitting.engine.program import CONSTRAINTS
 
 OBJECTIVE = 1e-6  # relative agreement with an independent convex solver that the project promises
 ROUNDING = 1e-9  # certificates in float64
