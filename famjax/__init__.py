@@ -11,7 +11,10 @@ if TYPE_CHECKING:
     from . import (
         compile_options as compile_options,
         design as design,
+        muscle as muscle,
+        parameters as parameters,
         peers as peers,
+        terms as terms,
         units as units,
     )
     from ._assumed_shapes import (
@@ -83,14 +86,13 @@ if TYPE_CHECKING:
         PolynomialMaterial as PolynomialMaterial,
         PressurePolynomialMaterial as PressurePolynomialMaterial,
         odd_powers as odd_powers,
+        tangent_modulus as tangent_modulus,
     )
     from ._measured_geometry import (
         AverageDiameterGeometry as AverageDiameterGeometry,
         MeasuredGeometry as MeasuredGeometry,
     )
     from ._monotone import MonotoneMaterial as MonotoneMaterial
-    from ._mounted_muscle import MountedMuscle as MountedMuscle
-    from ._muscle import Muscle as Muscle
     from ._profile import AbstractProfile as AbstractProfile, FourierProfile as FourierProfile
     from ._profile_family import (
         AbstractProfileFamily as AbstractProfileFamily,
@@ -118,10 +120,33 @@ if TYPE_CHECKING:
     from ._types import Real as Real
     from ._virtual_work import (
         PressureTerms as PressureTerms,
-        VirtualWorkGeometry as VirtualWorkGeometry,
         pressure_terms as pressure_terms,
         virtual_work_force as virtual_work_force,
         volume_rate as volume_rate,
+    )
+    from .muscle import (
+        AbstractMuscle as AbstractMuscle,
+        MountedMuscle as MountedMuscle,
+        Muscle as Muscle,
+    )
+    from .parameters import (
+        Apart as Apart,
+        Declared as Declared,
+        Parametrised as Parametrised,
+        number as number,
+        parameter as parameter,
+        take_apart as take_apart,
+    )
+    from .terms import (
+        AbstractForceTerm as AbstractForceTerm,
+        BladderAxial as BladderAxial,
+        BladderHoop as BladderHoop,
+        BladderWall as BladderWall,
+        Friction as Friction,
+        PressurisedBraid as PressurisedBraid,
+        Spring as Spring,
+        SumOfTerms as SumOfTerms,
+        VirtualWork as VirtualWork,
     )
 
 __version__ = "0.1.0"
@@ -178,11 +203,10 @@ _NAMES = {
         "PolynomialMaterial",
         "PressurePolynomialMaterial",
         "odd_powers",
+        "tangent_modulus",
     ),
     "_measured_geometry": ("AverageDiameterGeometry", "MeasuredGeometry"),
     "_monotone": ("MonotoneMaterial",),
-    "_mounted_muscle": ("MountedMuscle",),
-    "_muscle": ("Muscle",),
     "_profile": ("AbstractProfile", "FourierProfile"),
     "_profile_family": (
         "AbstractProfileFamily",
@@ -197,14 +221,26 @@ _NAMES = {
     "_types": ("Real",),
     "_virtual_work": (
         "PressureTerms",
-        "VirtualWorkGeometry",
         "pressure_terms",
         "virtual_work_force",
         "volume_rate",
     ),
+    "muscle": ("AbstractMuscle", "MountedMuscle", "Muscle"),
+    "parameters": ("Apart", "Declared", "Parametrised", "number", "parameter", "take_apart"),
+    "terms": (
+        "AbstractForceTerm",
+        "BladderAxial",
+        "BladderHoop",
+        "BladderWall",
+        "Friction",
+        "PressurisedBraid",
+        "Spring",
+        "SumOfTerms",
+        "VirtualWork",
+    ),
 }
 """The public names of each module; a module is imported when one of its names is first used."""
-_NAMESPACES = ("compile_options", "design", "peers", "units")
+_NAMESPACES = ("compile_options", "design", "muscle", "parameters", "peers", "terms", "units")
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 
 if not TYPE_CHECKING:
