@@ -223,7 +223,8 @@ class Machine:
             process = subprocess.Popen(argv, cwd=where, env=around, stdout=out, stderr=err)
             _, status, used = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
-            out.seek(0), err.seek(0)
+            for stream in (out, err):
+                stream.seek(0)
             said, wrong = out.read(), err.read().strip().splitlines()
         if process.returncode:
             last = wrong[-1] if wrong else "nothing on standard error"
