@@ -19,7 +19,7 @@ def residual(parameters, pressure, length, force):
     """Model minus measured force [N]; coefficients in MPa."""
     v = parameters.valuesdict()
     geometry = LOW + np.array([v[name] for name in NAMES]) * (HIGH - LOW)
-    braid, columns = parts(*geometry, pressure, length)
+    braid, columns = parts(geometry, pressure, length)
     return braid + 1e6 * columns @ [v["E_1"], v["E_2"], v["E_3"]] - force
 
 

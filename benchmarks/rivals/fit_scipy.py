@@ -24,8 +24,9 @@ def load(path):
     return pressure[force > 0], length[force > 0], force[force > 0]
 
 
-def parts(diameter, angle, deadband, pressure, length):
+def parts(geometry, pressure, length):
     """The braid's force and the columns of E_1, E_2, E_3; threads inside the rubber."""
+    diameter, angle, deadband = geometry
     thread = REST_LENGTH / np.sin(angle)
     turns = thread * np.cos(angle) / (np.pi * diameter)
     radius = np.sqrt(thread**2 - length**2) / (2 * np.pi * turns)
@@ -43,7 +44,7 @@ def parts(diameter, angle, deadband, pressure, length):
 
 def residual(unit, pressure, length, force):
     """Model minus measured force with the best coefficients for this geometry [N]."""
-    braid, columns = parts(*(LOW + unit * (HIGH - LOW)), pressure, length)
+    braid, columns = parts(LOW + unit * (HIGH - LOW), pressure, length)
     size = np.linalg.norm(columns, axis=0)
     best = np.linalg.lstsq(columns / size, force - braid, rcond=None)[0]
     return braid + columns / size @ best - force
