@@ -10,6 +10,8 @@ from typing import Any
 from promise import Case, Cost, Promise
 
 HERE = Path(__file__).resolve().parent
+SIZE = (2650, 1100)
+"""Rows and columns of the pictures."""
 
 
 def photograph(section: str, what: str, *, least: bool = False) -> Callable[[Case], float]:
@@ -19,9 +21,7 @@ def photograph(section: str, what: str, *, least: bool = False) -> Callable[[Cas
         import imaging_accuracy  # noqa: PLC0415 -- OpenCV
 
         more = (100,) if section == "own_errors" else ()
-        rows = case.once(
-            section, lambda: list(getattr(imaging_accuracy, section)((1100, 2650), *more))
-        )
+        rows = case.once(section, lambda: list(getattr(imaging_accuracy, section)(SIZE, *more)))
         found = [row.found for row in rows if row.what.startswith(what)]
         return min(found) if least else max(found)
 
