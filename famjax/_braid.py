@@ -162,7 +162,6 @@ class AbstractBraid(Parametrised):
         )
 
 
-
 class Braid(AbstractBraid):
     """A braid of inextensible threads.
 

@@ -113,9 +113,7 @@ class ThreadFriction(AbstractFriction):
         original before it is cited.
     """
 
-    coefficient: Float[Array, "..."] = parameter(
-        low=0.0, linear=True, name="friction_coefficient"
-    )
+    coefficient: Float[Array, "..."] = parameter(low=0.0, linear=True, name="friction_coefficient")
     rest_area: Float[Array, "..."] = number("m2")
     rest_braid_angle: Float[Array, "..."] = number("rad")
 

@@ -252,7 +252,10 @@ class EstimatedGeometry(AbstractGeometry):
         diameter, angle, rest = (
             given.get(name, old[name]) for name in ("braid_diameter", "braid_angle", "rest_length")
         )
-        thread, turns = thread_length_from_angle(rest, angle), turns_from_angle(rest, diameter, angle)
+        thread, turns = (
+            thread_length_from_angle(rest, angle),
+            turns_from_angle(rest, diameter, angle),
+        )
         changed = eqx.tree_at(
             lambda g: (g.braid.rest_thread_length, g.braid.turns), changed, (thread, turns)
         )

@@ -37,6 +37,8 @@ class AbstractHyperelastic(AbstractMaterial):
         Ogden 1997, Non-linear Elastic Deformations, section 4.3.
     """
 
+    depends_on_pressure: ClassVar[bool] = False
+
     @abc.abstractmethod
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
         """Energy W [J/m3] per volume at lambda_z, lambda_c [-], both > 0, broadcast shape."""
@@ -235,9 +237,7 @@ class OgdenMaterial(AbstractHyperelastic):
         """Shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
         if self.moduli.shape != (1,):
             return super().parameters()
-        return dict(
-            zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True)
-        )
+        return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
 
     def declared(self) -> dict[str, Declared]:
         """The declarations of the same."""
@@ -263,9 +263,7 @@ class OgdenMaterial(AbstractHyperelastic):
 
 
 _ONE_TERM = {
-    "shear_modulus": Declared(
-        "Pa", "shear_modulus", "stress", low=0.0, scale=_STRESS, linear=True
-    ),
+    "shear_modulus": Declared("Pa", "shear_modulus", "stress", low=0.0, scale=_STRESS, linear=True),
     "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=-0.5),
 }
 
@@ -281,6 +279,7 @@ class AbstractUniaxialLaw(AbstractMaterial):
     """
 
     directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
 
     @abc.abstractmethod
     def potential(self, strain: Real) -> RealArray:

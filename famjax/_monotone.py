@@ -36,7 +36,9 @@ class MonotoneMaterial(AbstractUniaxialLaw):
     law_name: ClassVar[str] = "monotone"
 
     @classmethod
-    def template(cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any) -> "MonotoneMaterial":
+    def template(
+        cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any
+    ) -> "MonotoneMaterial":
         """The law with these knots and the same modulus at each of them."""
         fields.setdefault("moduli", [_STRESS] * len(knots))
         return super().template(knots=knots, **fields)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ._braid import AbstractBraid
 from ._force import gaylord_force
-from ._geometry import AbstractGeometry, Dimensions
+from ._geometry import AbstractGeometry
 from ._profile_family import AbstractProfileFamily
 from ._profile_measures import Meridian
 from ._types import Real, RealArray, as_real

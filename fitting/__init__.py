@@ -25,15 +25,11 @@ if TYPE_CHECKING:
         AbstractGeometrySource as AbstractGeometrySource,
         EstimatedSource as EstimatedSource,
         KnownSource as KnownSource,
+        WrappedSource as WrappedSource,
     )
     from ._model.laws import (
-        LAWS as LAWS,
-        AbstractLaw as AbstractLaw,
-        MonotoneLaw as MonotoneLaw,
-        MooneyRivlinLaw as MooneyRivlinLaw,
-        OgdenLaw as OgdenLaw,
-        PolynomialLaw as PolynomialLaw,
-        SaturatingLaw as SaturatingLaw,
+        Law as Law,
+        known_laws as known_laws,
     )
     from ._model.parameters import Parameter as Parameter
     from ._peers.compare import (
@@ -125,13 +121,8 @@ _NAMES = {
     "_evidence.validation": ("Validation", "validate"),
     "_model.geometry_source": ("AbstractGeometrySource", "EstimatedSource", "KnownSource"),
     "_model.laws": (
-        "LAWS",
-        "AbstractLaw",
-        "MonotoneLaw",
-        "MooneyRivlinLaw",
-        "OgdenLaw",
-        "PolynomialLaw",
-        "SaturatingLaw",
+        "Law",
+        "known_laws",
     ),
     "_model.parameters": ("Parameter",),
     "_peers.compare": ("Comparison", "comparable_models", "compare"),

@@ -140,9 +140,7 @@ def _onset_pressure(
 
     def one(length: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
         none = jnp.zeros_like(top)
-        return longest_equilibrium(
-            lambda pressure: muscle.force(length, pressure), none, top, none
-        )
+        return longest_equilibrium(lambda pressure: muscle.force(length, pressure), none, top, none)
 
     pressure, found = jax.vmap(one)(lengths.ravel(), tops.ravel())
     return pressure.reshape(lengths.shape), found.reshape(lengths.shape)

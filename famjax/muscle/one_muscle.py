@@ -41,7 +41,7 @@ def _check(part: eqx.Module, where: str) -> None:
                     _check(one, f"{at}[{i}]")
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def _axes(cls: type[eqx.Module]) -> dict[str, int]:
     """Number of axes of every declared number of a class: its annotation's, by default none.
 

@@ -79,7 +79,9 @@ class Apart(eqx.Module, Generic[_Model]):
         """
         inside = (self.scaled > self.low) & (self.scaled < self.high)
         if not isinstance(inside, Tracer) and not np.all(inside):
-            outside = [n for n, good in zip(self.names, np.asarray(inside), strict=True) if not good]
+            outside = [
+                n for n, good in zip(self.names, np.asarray(inside), strict=True) if not good
+            ]
             raise ValueError(
                 f"{', '.join(outside)}: no point of R^n stands for a value at or beyond its bounds. "
                 "Start strictly within them, or give other bounds"
@@ -174,5 +176,5 @@ def _scale(declared: Declared, value: RealArray) -> RealArray:
 
 
 def _inverse_softplus(x: RealArray) -> RealArray:
-    """z with log(1 + exp(z)) = x > 0."""
+    """Z with log(1 + exp(z)) = x > 0."""
     return x + jnp.log(-jnp.expm1(-x))

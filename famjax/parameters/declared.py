@@ -61,7 +61,6 @@ class Declared(Quantity):
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise ValueError(f"the scale of a parameter is finite and > 0, got {self.scale}")
 
-
     def entry(self, name: str, index: tuple[int, ...]) -> "Declared":
         """The declaration of one entry, under its name."""
         if isinstance(self.unit, str):

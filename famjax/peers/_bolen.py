@@ -74,9 +74,7 @@ class Bolen(PeerModel):
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         e = (1 - as_real(length) / self.rest_length) / self.largest_contraction
         bell = as_real(pressure) / self.reference_pressure * jnp.exp(-self.c2 * e**2)
-        return at_positive(
-            length, self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell)
-        )
+        return at_positive(length, self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From half the rest length to a tenth above it."""

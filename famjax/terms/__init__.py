@@ -7,7 +7,11 @@
 """
 
 from .abstract import AbstractForceTerm as AbstractForceTerm, SumOfTerms as SumOfTerms
-from .sliding import Friction as Friction
 from .pressurised import PressurisedBraid as PressurisedBraid, VirtualWork as VirtualWork
+from .sliding import Friction as Friction
 from .spring import Spring as Spring
-from .wall import BladderAxial as BladderAxial, BladderHoop as BladderHoop, BladderWall as BladderWall
+from .wall import (
+    BladderAxial as BladderAxial,
+    BladderHoop as BladderHoop,
+    BladderWall as BladderWall,
+)

@@ -1,14 +1,29 @@
 """Units at the boundary: the unit is in the name of a column, a key or an option."""
 
+from collections.abc import Callable, Mapping
 from math import pi
+from typing import Generic, TypeVar
 
 from famjax.units import INCH, LBF, PSI
 
 from .._errors import InputError
 
+_T = TypeVar("_T")
 _STANDARD_GRAVITY = 9.80665  # m/s2, by definition
 
-_FACTORS: dict[str, dict[str, float]] = {
+
+class _OfKinds(dict[str, _T], Generic[_T]):
+    """By kind of quantity; a kind that is not known is an SI unit by itself, such as N/m."""
+
+    def __init__(self, known: Mapping[str, _T], of_unit: Callable[[str], _T]) -> None:
+        super().__init__(known)
+        self._of_unit = of_unit
+
+    def __missing__(self, kind: str) -> _T:
+        return self._of_unit(kind)
+
+
+_KNOWN: dict[str, dict[str, float]] = {
     "force": {"N": 1.0, "kN": 1e3, "lbf": LBF, "kgf": _STANDARD_GRAVITY},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": PSI},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": INCH},
@@ -19,11 +34,12 @@ _FACTORS: dict[str, dict[str, float]] = {
     "number": {"": 1.0},
 }
 
-UNITS: dict[str, tuple[str, ...]] = {kind: tuple(units) for kind, units in _FACTORS.items()}
+_FACTORS = _OfKinds(_KNOWN, lambda unit: {unit: 1.0})
+UNITS = _OfKinds({kind: tuple(units) for kind, units in _KNOWN.items()}, lambda unit: (unit,))
 """Units known for each kind of quantity; the first is the SI unit used inside."""
 
-SYSTEMS: dict[str, dict[str, str]] = {
-    system: dict(zip(UNITS, units, strict=True))
+SYSTEMS: dict[str, _OfKinds[str]] = {
+    system: _OfKinds(dict(zip(_KNOWN, units, strict=True)), lambda unit: unit)
     for system, units in {
         "si": ("N", "Pa", "m", "Pa", "rad", "m/N", "1/N", ""),
         "metric": ("N", "kPa", "mm", "MPa", "deg", "mm/N", "1/kN", ""),

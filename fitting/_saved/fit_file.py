@@ -82,7 +82,7 @@ def summary_as_dict(
         "condition": finite_or_none(certificate.condition),
         "n_starts": certificate.n_starts,
         "n_starts_agreeing": certificate.n_agreeing,
-        "law": type(result.law).__name__,
+        "law": result.law.name,
         "order": result.order,
         "n_parameters": result.n_parameters,
         "series_compliance_m_per_N": result.series_compliance,

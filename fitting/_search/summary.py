@@ -10,7 +10,7 @@ from jaxtyping import Float
 import famjax
 
 from .._data.force_data import ForceData
-from .._model.laws import AbstractLaw
+from .._model.laws import Law
 from .._model.parameters import Entry
 from ..engine.descent import End
 from ..engine.margin import Margin, constraint_margin
@@ -37,7 +37,7 @@ class Asked:
         constraint, dependence, box, seed: as given.
     """
 
-    law: AbstractLaw
+    law: Law
     constraint: Constraint
     dependence: PressureDependence
     box: str

@@ -266,9 +266,7 @@ class _Paths(eqx.Module):
 
     def slope(self, model: Any) -> Float[Array, "paths stations"]:
         material = bladder_of(model)
-        if material is None or getattr(
-            material, "directions_interact", isinstance(material, famjax.AbstractHyperelastic)
-        ):
+        if material is None or material.directions_interact:
             return jnp.full(self.shares.shape, jnp.nan)
         strain = self.shares * self.largest[:, None]
         return jax.jvp(
