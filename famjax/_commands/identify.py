@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.table import Table
 
 from .loading import load_fitting, load_map
-from .progress import progress_bar
 from .rows import print_rows
 
 if TYPE_CHECKING:
@@ -112,6 +111,8 @@ def fit(
         parse_priors,
         parse_specimen,
     )
+
+    from .progress import progress_bar  # noqa: PLC0415
 
     check_output(output)
     measured = load_map(
