@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 
 from .loading import load_fitting, load_map
-from .progress import progress_bar
 from .rows import print_rows
 
 if TYPE_CHECKING:
@@ -115,6 +114,8 @@ def fit(
         parse_priors,
         parse_specimen,
     )
+
+    from .progress import progress_bar  # noqa: PLC0415
 
     check_output(output)
     if ":" in law:
