@@ -11,18 +11,14 @@ jax.config.update("jax_enable_x64", True)
 data = fitting.load_bundled("DMSP-20-300")
 F, L, P = (jnp.asarray(c[data.loaded]) for c in (data.force, data.length, data.pressure))
 
-rest, wall = data.specimen.rest_length, data.specimen.wall_thickness
-braid = famjax.Braid.from_rest(diameter=0.0225, braid_angle=1.1, length=rest)
-bladder = famjax.Bladder(rest, 0.0225, wall, embedded=True)
-start = famjax.Muscle(
-    famjax.EstimatedGeometry(braid, bladder), famjax.PolynomialMaterial([4e6, -5e6, 5e6]), 30e3
-)
+braid = famjax.Braid.from_rest(diameter=0.0225, braid_angle=1.1, length=0.296)
+shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.296, 0.0225, 0.0018, embedded=True))
+start = famjax.Muscle(shape, famjax.PolynomialMaterial([4e6, -5e6, 5e6]), 30e3)
 apart = famjax.take_apart(
     start,
     free=["braid_diameter", "braid_angle", "deadband_pressure", "E_1", "E_2", "E_3"],
-    bounds={"braid_diameter": (0.020, 0.0236), "braid_angle": (1.047, 1.222),
-            "deadband_pressure": (0.0, 1e5)},
-)  # fmt: skip
+    bounds={"braid_diameter": (0.020, 0.0236), "braid_angle": (1.047, 1.222)},
+)
 
 
 def residual(z, _):

@@ -1,6 +1,6 @@
 """A bladder law of one's own: Gent's, which stiffens towards a limit, identified and saved.
 
-    python examples/own_law.py            # or: famjax fit --law own_law:Gent  in this folder
+python examples/own_law.py            # or: famjax fit --law own_law:Gent  in this folder
 """
 
 import jax
@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 import famjax
 
-jax.config.update("jax_enable_x64", True)  # before anything is computed
+jax.config.update("jax_enable_x64", True)
 
 
 class Gent(famjax.AbstractHyperelastic):
@@ -19,20 +19,19 @@ class Gent(famjax.AbstractHyperelastic):
     stretch_limit: Float[Array, ""] = famjax.parameter(low=2.0, high=30.0)
 
     def energy(self, axial_stretch, hoop_stretch):
-        """Energy [J/m3] per volume of rubber."""
+        """W [J/m3]."""
         excess = axial_stretch**2 + hoop_stretch**2 + (axial_stretch * hoop_stretch) ** -2 - 3
-        return -self.shear_modulus * self.stretch_limit / 2 * jnp.log1p(-excess / self.stretch_limit)
+        return (
+            -self.shear_modulus * self.stretch_limit / 2 * jnp.log1p(-excess / self.stretch_limit)
+        )
 
-    @property
-    def initial_shear_modulus(self):
-        """Shear modulus [Pa] at zero strain."""
-        return self.shear_modulus
+    initial_shear_modulus = property(lambda self: self.shear_modulus)
 
 
 if __name__ == "__main__":
     import fitting
 
     result = fitting.identify(fitting.load_bundled("DMSP-20-300"), law=Gent)
-    for name in ("shear_modulus", "stretch_limit", "deadband_pressure"):
-        print(name, f"{result.estimate(name).value:.4g} +- {result.estimate(name).stderr:.2g}")
+    for one in result.estimates:
+        print(one.name, f"{one.value:.4g} +- {one.stderr:.2g}")
     print(f"RMSE {result.errors.rmse:.3f} N, stable: {result.certificate.stability_margin > 0}")
