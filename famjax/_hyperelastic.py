@@ -37,6 +37,8 @@ class AbstractHyperelastic(AbstractMaterial):
         Ogden 1997, Non-linear Elastic Deformations, section 4.3.
     """
 
+    depends_on_pressure: ClassVar[bool] = False
+
     @abc.abstractmethod
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
         """Energy W [J/m3] per volume at lambda_z, lambda_c [-], both > 0, broadcast shape."""
@@ -277,6 +279,7 @@ class AbstractUniaxialLaw(AbstractMaterial):
     """
 
     directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
 
     @abc.abstractmethod
     def potential(self, strain: Real) -> RealArray:

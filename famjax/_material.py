@@ -40,10 +40,13 @@ class AbstractMaterial(Parametrised):
     Class variables:
         directions_interact: the stress in one direction depends on the strain in the other, so that
             the law has no one-dimensional tangent modulus.
+        depends_on_pressure: the stresses depend on the pressure, so that stability is asked for at
+            every pressure.
         law_name: by which the command line knows the law; "" for laws that it does not.
     """
 
     directions_interact: ClassVar[bool] = True
+    depends_on_pressure: ClassVar[bool] = True
     law_name: ClassVar[str] = ""
 
     @abc.abstractmethod
@@ -81,6 +84,7 @@ class PolynomialMaterial(AbstractMaterial):
     )
 
     directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
     law_name: ClassVar[str] = "polynomial"
 
     @classmethod

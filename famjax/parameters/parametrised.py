@@ -224,16 +224,19 @@ def _child(child: eqx.Module) -> tuple[dict[str, RealArray], dict[str, Declared]
 def _replaced(module: _Module, values: Mapping[str, RealArray]) -> _Module:
     """The module with other values; no constructor runs again."""
     places = _places(module)
-    arrays: dict[str, RealArray] = {}
+    entries: dict[str, dict[tuple[int, ...], RealArray]] = {}
     inner: dict[tuple[str, int | None], dict[str, RealArray]] = {}
     for name, value in values.items():
         place = places[name]
         if isinstance(place.entry, str):
             inner.setdefault((place.field, place.at), {})[place.entry] = value
         else:
-            old: Any = arrays.get(place.field, getattr(module, place.field))
-            arrays[place.field] = old.at[place.entry].set(value) if place.entry else value
-    for field, array in arrays.items():
+            entries.setdefault(place.field, {})[place.entry] = value
+    for field, new in entries.items():
+        old = getattr(module, field)
+        # One stack of all entries, not one scatter for each: less to compile.
+        every = [new.get(index, old[index]) for index in np.ndindex(jnp.shape(old))]
+        array = jnp.stack(every).reshape(jnp.shape(old)) if jnp.ndim(old) else every[0]
         module = _with(module, field, array)
     for (field, at), of_child in inner.items():
         held = getattr(module, field)

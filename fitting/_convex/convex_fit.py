@@ -16,11 +16,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .active_set import NearestPoint, nearest_point
+from ..engine.active_set import NearestPoint, nearest_point
+from ..engine.small_dense import cholesky, inverse_lower
+from ..engine.status import Status
 from .constraint import Constraint, Dips, Points, posed
 from .objectives import AbstractObjective, Model
-from .small_dense import cholesky, inverse_lower
-from .status import Status
 
 SPARE = 12
 """Rows kept for points between the grid."""

@@ -3,13 +3,12 @@
 import dataclasses
 from collections.abc import Callable
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from .._errors import InputError
 from .._search.result import Identification
-from .refit import Readings, refit
+from .refit import force_error, refit
 from .validation import check_nothing_own
 
 RESAMPLES = ("residual", "length", "specimen")
@@ -82,20 +81,16 @@ def bootstrap(
         raise InputError(f"a bootstrap needs two replicates or more, got {replicates}")
     if resample == "specimen":
         check_nothing_own(result)
-    search = result.search
-    readings = Readings.of(search).repeated(replicates)
-    rng = np.random.default_rng(seed)
+    problem, rng = result.problem, np.random.default_rng(seed)
     if resample == "residual":
-        drawn = jnp.asarray(_drawn_forces(result, replicates, rng))
-        readings = dataclasses.replace(readings, force=drawn)
+        forces = _drawn_forces(result, replicates, rng)
+        drawn = [problem.with_readings(force=force) for force in forces]
     else:
         weights = np.sqrt(_drawn_counts(result, resample, replicates, rng))
-        readings = dataclasses.replace(readings, weights=readings.weights * weights)
-    start = np.tile(result.unit_optimum, (replicates, 1))
-    found = refit(search, readings, start, progress)
-    moving = list(search.free)
-    laws = found.x.reshape(replicates, -1)
-    samples = np.concatenate([found.parameters[:, moving], laws], axis=1)
+        forces = np.tile(problem.force, (replicates, 1))
+        drawn = [problem.with_readings(factor=weight) for weight in weights]
+    found = refit(drawn, [result.end.u[None]] * replicates, progress)
+    samples = np.concatenate([found.parameters[:, problem.free], found.x], axis=1)
     good = found.converged & np.isfinite(samples).all(axis=1)
     if good.sum() < 2:
         raise InputError(
@@ -103,36 +98,27 @@ def bootstrap(
             "the parameters; use resample='residual', or fix parameters"
         )
     return Bootstrap(
-        names=tuple(search.names[k] for k in moving) + _coefficient_names(result, laws.shape[1]),
+        names=tuple(problem.names[k] for k in problem.free) + _coefficient_names(result),
         samples=samples[good],
         failed=int((~good).sum()),
-        forces=np.asarray(found.residual + readings.force)[good],
+        forces=(found.residual + forces)[good],
     )
 
 
-def _coefficient_names(result: Identification, count: int) -> tuple[str, ...]:
-    names = tuple(result.law.coefficients)
-    nodes = count // len(names)
-    return (
-        names if nodes == 1 else tuple(f"{n}_at_node_{k + 1}" for k in range(nodes) for n in names)
-    )
-
-
-def _residuals(result: Identification) -> Float[np.ndarray, " points"]:
-    """Model minus reading at the optimum, of all specimens of the search."""
-    search = result.search
-    one = Readings.of(search).repeated(1)
-    return np.asarray(refit(search, one, result.unit_optimum[None]).residual[0])
+def _coefficient_names(result: Identification) -> tuple[str, ...]:
+    names = result.problem.linear
+    nodes = len(names) // result.order
+    if nodes == 1:
+        return names
+    return tuple(f"{name}_at_node_{k // result.order + 1}" for k, name in enumerate(names))
 
 
 def _drawn_forces(
     result: Identification, replicates: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "replicates points"]:
     """The model's forces with standardised residuals drawn with replacement."""
-    parts = result.search.problem.parts
-    force = np.concatenate([np.asarray(part.force) for part in parts])
-    scale = np.concatenate([1 / np.asarray(part.weights).max(axis=0) for part in parts])
-    residual = _residuals(result)
+    force, scale = result.problem.force, 1 / result.problem.weight
+    residual = force_error(result.problem, result.end)
     standard = residual / scale
     freedom = max(result.degrees_of_freedom, 1)
     standard = (standard - standard.mean()) * np.sqrt(residual.size / freedom)
@@ -144,13 +130,9 @@ def _drawn_counts(
     result: Identification, resample: str, replicates: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "replicates points"]:
     """How often each reading is drawn when whole groups are."""
-    parts = result.search.problem.parts
-    keys = [
-        np.stack([np.full(part.force.shape[0], float(k)),
-                  np.asarray(part.length_level) if resample == "length" else np.zeros(part.force.shape[0])])
-        for k, part in enumerate(parts)
-    ]  # fmt: skip
-    groups, label = np.unique(np.concatenate(keys, axis=1), axis=1, return_inverse=True)
+    which = np.repeat(np.arange(len(result.problem.parts), dtype=float), result.readings_of_parts)
+    level = result.problem.levels("length") if resample == "length" else np.zeros(which.size)
+    groups, label = np.unique(np.stack([which, level]), axis=1, return_inverse=True)
     count = groups.shape[1]
     if count < 3:
         raise InputError(

@@ -80,7 +80,7 @@ def _kinds(result: Identification) -> tuple[str, ...]:
         "pressure": np.unique(data.pressures.level[loaded]).size > 1,
         "length": np.unique(data.lengths.level[loaded]).size > 1,
     }
-    several["pressure"] &= result.search.problem.blocks == 1
+    several["pressure"] &= result.dependence != "free"
     return tuple(kind for kind, possible in several.items() if possible)
 
 

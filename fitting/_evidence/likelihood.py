@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from .._errors import InputError
 from .._search.result import Estimate, Identification
-from .refit import Readings, refit
+from .refit import refit
 
 Class = Literal["identified", "one-sided", "flat", "stopped by a bound", "stopped by a constraint"]
 
@@ -50,7 +50,7 @@ class Profile:
 
 def profile(
     result: Identification,
-    names: Sequence[str] | None = None,
+    names: str | Sequence[str] | None = None,
     *,
     points: int = 9,
     progress: Callable[[int, int], None] | None = None,
@@ -59,7 +59,7 @@ def profile(
 
     Args:
         result: from `identify`.
-        names: parameters; all that were identified unless given.
+        names: a parameter, or several; all that were identified unless given.
         points: values to either side of the optimum, to three standard errors or to a bound.
         progress: called with (parameters done, parameters).
 
@@ -70,8 +70,11 @@ def profile(
         InputError: an unknown or held parameter, or coefficients that depend on pressure.
     """
     free = {e.name: e for e in result.estimates if not e.fixed}
-    if result.search.problem.nodes > 1:  # one law of several cannot be held by itself
-        free = {name: e for name, e in free.items() if name in result.search.names}
+    problem = result.problem
+    if len(problem.linear) > result.order:  # one law of several cannot be held by itself
+        free = {name: e for name, e in free.items() if name in problem.names}
+    if isinstance(names, str):
+        names = (names,)
     chosen = list(free) if names is None else list(names)
     unknown = [name for name in chosen if name not in free]
     if unknown:
@@ -149,23 +152,19 @@ def _side(
 
 def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.ndarray, " values"]:
     """Best cost with the parameter held at each value, from the optimum of all."""
-    search, readings = result.search, Readings.of(result.search).repeated(len(values))
-    optimum = np.tile(result.unit_optimum, (len(values), 1))
-    if name in search.names:
-        place = search.names.index(name)
-        held = dataclasses.replace(
-            readings,
-            low=readings.low.at[:, place].set(values),
-            high=readings.high.at[:, place].set(values),
-        )
+    problem, u = result.problem, result.end.u
+    if name in problem.names:
+        place = problem.names.index(name)
+        u, ends = u[problem.free != place], ("low", "high")
     else:
-        place = tuple(search.problem.law.coefficients).index(name)
-        held = dataclasses.replace(
-            readings,
-            coefficient_min=readings.coefficient_min.at[:, place].set(values),
-            coefficient_max=readings.coefficient_max.at[:, place].set(values),
-        )
-    found = refit(search, held, optimum)
+        place, ends = problem.linear.index(name), ("coefficient_min", "coefficient_max")
+    held = []
+    for value in values:
+        changed = {end: getattr(problem, end).copy() for end in ends}
+        for limits in changed.values():
+            limits[place] = value
+        held.append(dataclasses.replace(problem, **changed))
+    found = refit(held, [u[None]] * len(values))
     return np.where(found.converged, found.cost, np.nan)
 
 

@@ -5,20 +5,10 @@ parameters and C their covariance, J C J^T is that of the numbers. It is kept as
 root of it: directions of one standard deviation each, independent of one another.
 """
 
-from collections.abc import Callable
-
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-import famjax
-
-from .._model.geometry_source import EstimatedSource
 from .._search.result import Identification
-from .._search.search import solve
 from .bootstrap import Bootstrap
 
 _NEGLIGIBLE = 1e-12  # of the largest variance of independent directions: rounding
@@ -37,79 +27,25 @@ def muscle_spread(
         One row for each independent direction, of the arrays of `famjax.MountedMuscle(muscle,
         compliance)` one after another; no rows where there are no standard errors.
     """
-    search, q = result.search, len(result.search.names)
-    problem, parameters = search.problem, search.parameters(jnp.asarray(result.unit_optimum))
-    x = solve(problem, parameters).x
-    k = _part_of(result)
-
-    @jax.jit
-    def slopes(at: Float[Array, " p"]) -> Float[Array, "numbers p"]:
-        def numbers(at: Float[Array, " p"]) -> Float[Array, " numbers"]:
-            muscle = problem.muscles(at[:q], at[q:].reshape(x.shape))[k]
-            return _flat(famjax.MountedMuscle(muscle, problem.parts[k].compliance(at[:q])))[0]
-
-        return jax.jacfwd(numbers)(at)
-
+    problem, point = result.problem, result.end.point
+    part, q = problem.parts[result.place], len(problem.names)
+    own = point.x[part.coefficients]
+    value, slope, _ = part.program(
+        point.parameters[part.at], own, point.linear[result.place].reached
+    )
+    slopes = np.zeros((value.numbers.size + 1, q + point.x.size))
+    np.add.at(slopes[:-1].T, part.at, slope.numbers)
+    slopes[:-1, q + part.coefficients] = value.number_columns
+    if part.compliance is not None:
+        slopes[-1, part.compliance] = 1.0
     covariance = result.covariance if drawn is None else _covariance(result, drawn)
-    return (np.asarray(slopes(jnp.concatenate([parameters, x.ravel()]))) @ _root(covariance)).T
-
-
-def force_std(
-    mounted: famjax.MountedMuscle,
-    spread: Float[np.ndarray, "directions numbers"],
-    length: Float[np.ndarray, " n"],
-    pressure: Float[np.ndarray, " n"],
-    *,
-    of: Callable[[famjax.MountedMuscle], famjax.AbstractMuscle],
-    length_std: float = 0.0,
-) -> Float[np.ndarray, " n"]:
-    """Standard deviation [N] of a force, by linear theory.
-
-    Args:
-        mounted: the identified muscle in its rig.
-        spread: from `muscle_spread`.
-        length: active lengths [m].
-        pressure: gauge pressures [Pa].
-        of: what pulls, made of the mounted muscle: itself, the muscle alone, or another length.
-        length_std: standard deviation of the lengths [m].
-    """
-    flat, unflat = _flat(mounted)
-    L, P = jnp.asarray(length), jnp.asarray(pressure)
-
-    @jax.jit
-    def variance(flat: Float[Array, " numbers"]) -> Float[Array, " n"]:
-        def along(direction: Float[Array, " numbers"]) -> Float[Array, " n"]:
-            return jax.jvp(lambda f: of(unflat(f)).force(L, P), (flat,), (direction,))[1]
-
-        stiffness = jax.jvp(lambda L: of(unflat(flat)).force(L, P), (L,), (jnp.ones_like(L),))[1]
-        total = (length_std * stiffness) ** 2
-        return total + jnp.sum(jax.vmap(along)(jnp.asarray(spread)) ** 2, axis=0)
-
-    return np.sqrt(np.asarray(variance(flat)))
-
-
-def _flat(
-    mounted: famjax.MountedMuscle,
-) -> tuple[Float[Array, " numbers"], Callable[[Float[Array, " numbers"]], famjax.MountedMuscle]]:
-    """All numbers of a mounted muscle in one row, and the way back."""
-    numbers, rest = eqx.partition(mounted, eqx.is_inexact_array)
-    flat, unflat = ravel_pytree(numbers)
-    return flat, lambda changed: eqx.combine(unflat(changed), rest)
-
-
-def _part_of(result: Identification) -> int:
-    """Which of the specimens identified together this is."""
-    parts = result.search.problem.parts
-    if len(parts) == 1:
-        return 0
-    names = [p.source.specimen.name for p in parts if isinstance(p.source, EstimatedSource)]
-    return names.index(result.data.specimen.name)
+    return (slopes @ _root(covariance)).T
 
 
 def _covariance(result: Identification, drawn: Bootstrap) -> Float[np.ndarray, "p p"]:
     """The covariance of bootstrap replicates, with nan for what they hold."""
-    search = result.search
-    moving = [*search.free, *range(len(search.names), len(result.covariance))]
+    problem = result.problem
+    moving = [*problem.free, *range(len(problem.names), len(result.covariance))]
     covariance = np.full_like(result.covariance, np.nan)
     covariance[np.ix_(moving, moving)] = np.cov(drawn.samples.T)
     return covariance

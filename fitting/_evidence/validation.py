@@ -9,7 +9,7 @@ from jaxtyping import Float
 from .._errors import InputError
 from .._search.result import Identification
 from .._search.search import latin_hypercube
-from .refit import Readings, Refit, best_starts, refit
+from .refit import Refit, refit
 
 GROUPS = ("pressure", "length", "specimen")
 
@@ -61,33 +61,27 @@ def validate(
         InputError: fewer than two groups, an unknown kind of group, or free coefficients that
             cannot predict a pressure.
     """
-    search = result.search
+    problem = result.problem
     if groups not in GROUPS:
         raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
-    if groups == "pressure" and search.problem.blocks > 1:
+    if groups == "pressure" and result.dependence == "free":
         raise InputError("coefficients free in pressure say nothing of a pressure that is left out")
     if starts < 1:
         raise InputError(f"at least one start is needed for each group, got {starts}")
     if groups == "specimen":
         check_nothing_own(result)
-    parts = search.problem.parts
     if groups == "specimen":
-        label = np.concatenate([np.full(p.force.shape[0], float(k)) for k, p in enumerate(parts)])
+        label = np.repeat(np.arange(len(problem.parts), dtype=float), result.readings_of_parts)
     else:
-        label = np.concatenate([np.asarray(getattr(part, f"{groups}_level")) for part in parts])
+        label = problem.levels(groups)
     values = np.unique(label)
     if values.size < 2:
         raise InputError(f"leaving one {groups} out needs two or more; there is {values.size}")
     out = label == values[:, None]
-    found = best_starts(
-        refit(
-            search,
-            _without(Readings.of(search), np.repeat(out, starts, axis=0)),
-            _starts(result, values.size, starts),
-            progress,
-        ),
-        starts,
-    )
+    cube = latin_hypercube(len(problem.free), starts, result.seed + 1)
+    cube[0] = result.end.u
+    without = [problem.with_readings(factor=1.0 * ~left_out) for left_out in out]
+    found = refit(without, [cube] * values.size, progress)
     square = np.where(out, found.residual, 0.0) ** 2
     group_rmse = np.sqrt(square.sum(axis=1) / out.sum(axis=1))
     inner = slice(1, -1)
@@ -109,22 +103,10 @@ def check_nothing_own(result: Identification) -> None:
     Raises:
         InputError: parameters or coefficients are its own.
     """
-    own = [result.search.names[k] for k in result.search.free if "[" in result.search.names[k]]
-    if own or result.search.problem.nodes > 1:
+    problem = result.problem
+    own = [problem.names[k] for k in problem.free if "[" in problem.names[k]]
+    if own or len(problem.linear) > result.order:
         raise InputError(
             f"{own[0] if own else 'the law'} is a specimen's own, so nothing is known of it without "
             "its readings: identify the specimens with own=() and own_law=False"
         )
-
-
-def _without(readings: Readings, out: np.ndarray) -> Readings:
-    """A batch of the readings, each without some."""
-    batch = readings.repeated(len(out))
-    return dataclasses.replace(batch, weights=batch.weights * ~out)
-
-
-def _starts(result: Identification, groups: int, starts: int) -> Float[np.ndarray, "batch p"]:
-    """The optimum and a Latin hypercube, for every group."""
-    cube = latin_hypercube(len(result.search.free), starts, result.seed + 1)
-    cube[0] = result.unit_optimum
-    return np.tile(cube, (groups, 1))

@@ -1,30 +1,27 @@
-"""Fits of peers: variable projection, with many starts and many subsets of a map in one call."""
+"""Fits of peers by the engine of every fit: many starts, and refits to parts of a map."""
 
 import dataclasses
-import functools
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 import famjax
 
-from .._convex.qp import solve_qp
 from .._data.force_data import ForceData
 from .._errors import InputError
-from .._search.box import minimise_in_box
-from .._search.quick_jit import QUICK_COMPILATION
 from .._search.search import latin_hypercube
+from ..engine.descent import descend
+from ..engine.problem import Part, Point, Problem
+from ..engine.program import MapInputs
 from .cross_validation import CrossValidation, check_groups, group_labels, held_out_errors
 from .families import peer_families
-from .family import Model, PeerFamily
+from .family import FamilyOfPeer, Model, PeerFamily
 
-_CHUNK = 16  # fits of one compiled call
 _MAX_STEPS = 150
-_RIDGE = 1e-9  # of columns of unit length
+_RIDGE = 1e-9  # of columns of unit length: far below any reading's weight
 _DEPENDENT = 1e-7  # part of a column of unit length that the others do not explain
 _FOLD_STARTS = 8  # of the refits; the first is the fit to the whole map
 _AS_GOOD = 1e-3  # parts of the cost by which two refits may differ and be called equally good
@@ -45,6 +42,7 @@ class PeerFit:
         converged: whether the best descent ended at a stationary point.
         determined: whether the readings determine all linear parameters; if not, the values are
             the smallest that fit.
+        problem: as it was posed.
     """
 
     name: str
@@ -54,6 +52,7 @@ class PeerFit:
     predicted: Float[np.ndarray, " points"]
     converged: bool
     determined: bool
+    problem: Problem = dataclasses.field(repr=False)
 
     @property
     def model(self) -> Model:
@@ -65,26 +64,29 @@ class PeerFit:
         return self.model.force(length, pressure)
 
 
-class _Readings(eqx.Module):
-    """The loaded readings of a force map [m, Pa, N]."""
+@dataclasses.dataclass(frozen=True)
+class _End:
+    """Where one fit ended, in SI.
 
-    length: Float[Array, " points"]
-    pressure: Float[Array, " points"]
-    force: Float[Array, " points"]
+    Attributes:
+        nonlinear, linear: parameters.
+        cost: half the weighted sum of squares.
+        converged: whether the end is stationary.
+        determined: whether the readings determine all linear parameters.
+        predicted: force [N] at the loaded readings, whatever their weights.
+    """
+
+    nonlinear: Float[np.ndarray, " p"]
+    linear: Float[np.ndarray, " q"]
+    cost: float
+    converged: bool
+    determined: bool
+    predicted: Float[np.ndarray, " points"]
 
 
-class _Ends(eqx.Module):
-    """Where the fits of a batch ended, in SI."""
-
-    nonlinear: Float[Array, "*batch p"]
-    linear: Float[Array, "*batch q"]
-    cost: Float[Array, "*batch"]
-    converged: Bool[Array, "*batch"]
-    determined: Bool[Array, "*batch"]
-    predicted: Float[Array, "*batch points"]
-
-
-def fit_peer(name: str, data: ForceData, *, starts: int = 32, seed: int = 0) -> PeerFit:
+def fit_peer(
+    name: str | PeerFamily, data: ForceData, *, starts: int = 32, seed: int = 0
+) -> PeerFit:
     """The peer of that name that fits the loaded readings of a map best, by least squares.
 
     Parameters in which the force is linear are solved for, by orthogonal factorisation or, where
@@ -92,7 +94,7 @@ def fit_peer(name: str, data: ForceData, *, starts: int = 32, seed: int = 0) -> 
     taken. The others are sought in their box from many starts.
 
     Args:
-        name: one of `peer_families(data)`.
+        name: one of `peer_families(data)`, or a family of your own.
         data: the force map; slack readings are censored. Readings count with 1/std, if given.
         starts: number of starts.
         seed: of the starts.
@@ -112,36 +114,41 @@ def fit_peer(name: str, data: ForceData, *, starts: int = 32, seed: int = 0) -> 
         )
     if starts < 1:
         raise InputError(f"at least one start is needed, got {starts}")
-    registry = peer_families(data)
-    if name not in registry:
-        raise InputError(f"unknown peer {name!r}; known for this map: {', '.join(registry)}")
-    family = registry[name]
+    family = name if isinstance(name, PeerFamily) else _known(name, data)
     points = int(data.loaded.sum())
     if points < len(family.parameters):
         raise InputError(
             f"{family.label} has {len(family.parameters)} parameters and the map {points} loaded "
             "readings: give more readings or choose a peer with fewer parameters"
         )
-    box_starts = _starts(family, starts, seed)
-    weights = np.tile(_weights(data), (len(box_starts), 1))
-    ends = _fit_all(family, data, weights, box_starts)
-    if not np.isfinite(ends.cost).any():
+    problem = _posed(family, data)
+    ends = [_fitted(problem, start) for start in _starts(family, starts, seed)]
+    costs = np.array([end.cost for end in ends])
+    if not np.isfinite(costs).any():
         raise InputError(
             f"{family.label} has no finite force at some reading, wherever it was started: its "
             "form may not hold for a muscle longer than at rest; check lengths and rest length"
         )
-    best = int(np.nanargmin(ends.cost))
-    nonlinear, linear = np.asarray(ends.nonlinear)[best], np.asarray(ends.linear)[best]
-    values = dict(zip(_names(family), (*nonlinear.tolist(), *linear.tolist()), strict=True))
+    best = ends[int(np.nanargmin(costs))]
+    numbers = (*best.nonlinear.tolist(), *best.linear.tolist())
+    values = dict(zip(problem.names + problem.linear, numbers, strict=True))
     return PeerFit(
-        name=name,
+        name=family.label if isinstance(name, PeerFamily) else name,
         family=family,
         values=values,
         at_bound=_bounds_reached(family, values),
-        predicted=np.asarray(ends.predicted)[best],
-        converged=bool(np.asarray(ends.converged)[best]),
-        determined=bool(np.asarray(ends.determined)[best]),
+        predicted=best.predicted,
+        converged=best.converged,
+        determined=best.determined,
+        problem=problem,
     )
+
+
+def _known(name: str, data: ForceData) -> PeerFamily:
+    registry = peer_families(data)
+    if name not in registry:
+        raise InputError(f"unknown peer {name!r}; known for this map: {', '.join(registry)}")
+    return registry[name]
 
 
 def cross_validate_peer(
@@ -169,21 +176,19 @@ def cross_validate_peer(
         raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
     check_groups(data, groups)
     labels = group_labels(data, groups)[data.loaded]
-    levels = np.unique(labels)
     starts = _fold_starts(fit, seed)
-    without = _weights(data) * (labels != levels[:, None])
-    many = np.repeat(without, len(starts), axis=0)
-    ends = _fit_all(fit.family, data, many, np.tile(starts, (len(levels), 1)))
     predicted, ambiguous = np.full(labels.size, math.nan), []
-    for row, level in enumerate(levels):
+    for level in np.unique(labels):
         held = labels == level
-        fold = slice(row * len(starts), (row + 1) * len(starts))
-        cost, force = np.asarray(ends.cost)[fold], np.asarray(ends.predicted)[fold][:, held]
+        problem = fit.problem.with_readings(factor=1.0 * ~held)
+        ends = [_fitted(problem, start) for start in starts]
+        cost = np.array([end.cost for end in ends])
         good = np.flatnonzero(cost <= (1 + _AS_GOOD) * np.nanmin(cost, initial=math.inf))
         if good.size:
-            predicted[held] = force[good[-1]]
-            apart = np.ptp(force[good], axis=0).max() > _DISAGREE * data.max_force
-            if apart or not np.asarray(ends.determined)[fold][good].all():
+            force = np.stack([ends[k].predicted[held] for k in good])
+            predicted[held] = force[-1]
+            apart = np.ptp(force, axis=0).max() > _DISAGREE * data.max_force
+            if apart or not all(ends[k].determined for k in good):
                 ambiguous.append(float(level))
     errors = held_out_errors(data, "length" if groups == "length" else "pressure", predicted)
     return dataclasses.replace(errors, ambiguous=tuple(ambiguous))
@@ -205,14 +210,77 @@ def _starts(family: PeerFamily, count: int, seed: int) -> Float[np.ndarray, "sta
     return latin_hypercube(searched, count if searched else 1, seed)
 
 
-def _names(family: PeerFamily) -> tuple[str, ...]:
-    return tuple(p.name for p in (*family.nonlinear, *family.linear))
+def _posed(family: PeerFamily, data: ForceData) -> Problem:
+    """The problem of fitting a peer to the loaded readings of a map."""
+    at = data.loaded
+    nothing = np.zeros(1)
+    inputs = MapInputs(
+        data.length[at], data.pressure[at], data.force[at], np.zeros(at.sum(), int),
+        nothing, nothing, np.zeros((1, 0)),
+    )  # fmt: skip
+    weight = 1 / data.force_std[at] if data.force_std is not None else np.ones(at.sum())
+    names, linear = (tuple(p.name for p in of) for of in (family.nonlinear, family.linear))
+    low, high = (np.array([getattr(p, end) for p in family.nonlinear]) for end in ("low", "high"))
+    levels = {"pressure": data.pressures.level[at], "length": data.lengths.level[at]}
+    part = Part.of(
+        data.specimen.name, FamilyOfPeer(names, linear, family.build), inputs, data.force[at],
+        weight, range(len(names)), range(len(linear)), levels, "none",
+    )  # fmt: skip
+    return Problem(
+        parts=(part,),
+        names=names,
+        low=low,
+        high=high,
+        linear=linear,
+        coefficient_min=np.array([p.low for p in family.linear]),
+        coefficient_max=np.array([p.high for p in family.linear]),
+        ridge=_RIDGE if names else 0.0,
+    )
 
 
-def _weights(data: ForceData) -> Float[np.ndarray, " points"]:
-    if data.force_std is None:
-        return np.ones(int(data.loaded.sum()))
-    return 1 / data.force_std[data.loaded]
+def _fitted(problem: Problem, start: Float[np.ndarray, " p"]) -> _End:
+    """The fit from one start."""
+    if not problem.names:
+        return _linear_fit(problem)
+    end = descend(problem, start, max_steps=_MAX_STEPS)
+    linear = end.point.linear[0]
+    return _End(
+        nonlinear=end.point.parameters,
+        linear=end.point.x,
+        cost=end.cost,
+        converged=end.converged,
+        determined=_determined(problem, end.point),
+        predicted=linear.force + linear.columns @ end.point.x,
+    )
+
+
+def _linear_fit(problem: Problem) -> _End:
+    """The least-squares solution where nothing is searched; the smallest where there are many."""
+    point = problem.solve(np.zeros(0))
+    A, b, _, _ = point.programme
+    size = np.linalg.norm(A, axis=0)
+    size[size == 0] = 1.0
+    found, _, rank, _ = np.linalg.lstsq(A / size, b)
+    residual, linear = A @ (found / size) - b, point.linear[0]
+    return _End(
+        nonlinear=np.zeros(0),
+        linear=found / size,
+        cost=float(residual @ residual) / 2,
+        converged=True,
+        determined=rank == A.shape[1],
+        predicted=linear.force + linear.columns @ (found / size),
+    )
+
+
+def _determined(problem: Problem, point: Point) -> bool:
+    """Whether the readings tell the linear parameters apart; bounded ones are taken as told."""
+    limits = np.concatenate([problem.coefficient_min, problem.coefficient_max])
+    if not problem.linear or np.isfinite(limits).any():
+        return True
+    A = point.programme[0]
+    size = np.linalg.norm(A, axis=0)
+    triangle = np.linalg.qr(A / np.where(size > 0, size, 1.0), mode="r")
+    return bool(np.abs(np.diagonal(triangle)).min() > _DEPENDENT)
 
 
 def _bounds_reached(family: PeerFamily, values: dict[str, float]) -> tuple[str, ...]:
@@ -224,89 +292,3 @@ def _bounds_reached(family: PeerFamily, values: dict[str, float]) -> tuple[str, 
         if min(distances, default=math.inf) <= margin:
             reached.append(p.name)
     return tuple(reached)
-
-
-def _fit_all(family: PeerFamily, data: ForceData, weights: np.ndarray, starts: np.ndarray) -> _Ends:
-    """Fits with these weights from these starts, in chunks so that one compilation serves all."""
-    loaded = data.loaded
-    readings = _Readings(
-        *(jnp.asarray(c[loaded]) for c in (data.length, data.pressure, data.force))
-    )
-    chunks: list[_Ends] = []
-    for first in range(0, len(starts), _CHUNK):
-        rows = np.minimum(np.arange(first, first + _CHUNK), len(starts) - 1)
-        ended = _fit_chunk(family, readings, jnp.asarray(weights[rows]), jnp.asarray(starts[rows]))
-        kept = slice(min(_CHUNK, len(starts) - first))
-        chunks.append(jax.tree.map(lambda leaf, kept=kept: np.asarray(leaf)[kept], ended))
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *chunks)
-
-
-@functools.partial(jax.jit, static_argnums=0, compiler_options=QUICK_COMPILATION)
-def _fit_chunk(
-    family: PeerFamily,
-    readings: _Readings,
-    weights: Float[Array, "batch points"],
-    starts: Float[Array, "batch p"],
-) -> _Ends:
-    low = jnp.asarray([p.low for p in family.nonlinear], starts.dtype)
-    high = jnp.asarray([p.high for p in family.nonlinear], starts.dtype)
-
-    def one(weights: Float[Array, " points"], start: Float[Array, " p"]) -> _Ends:
-        def residual(u: Float[Array, " p"]) -> Float[Array, " points"]:
-            *_, predicted = _project(family, readings, weights, low + u * (high - low))
-            return weights * (predicted - readings.force)
-
-        end = minimise_in_box(residual, start, max_steps=_MAX_STEPS)
-        nonlinear = low + end.u * (high - low)
-        linear, determined, predicted = _project(family, readings, weights, nonlinear)
-        return _Ends(nonlinear, linear, end.cost, end.converged, determined, predicted)
-
-    return jax.vmap(one)(weights, starts)
-
-
-def _project(
-    family: PeerFamily,
-    readings: _Readings,
-    weights: Float[Array, " points"],
-    nonlinear: Float[Array, " p"],
-) -> tuple[Float[Array, " q"], Bool[Array, ""], Float[Array, " points"]]:
-    """The best linear parameters, whether they are determined, and the force [N] with them."""
-    names = [p.name for p in family.linear]
-    given = dict(zip((p.name for p in family.nonlinear), nonlinear, strict=True))
-
-    def force(linear: Float[Array, " q"]) -> Float[Array, " points"]:
-        model = family.build({**given, **dict(zip(names, linear, strict=True))})
-        return model.force(readings.length, readings.pressure)
-
-    zero = jnp.zeros(len(names), weights.dtype)
-    offset = force(zero)
-    if not names:
-        return zero, jnp.array(True), offset
-    columns = jax.jacfwd(force)(zero)  # the force is affine in them: this is all there is
-    A, b = weights[:, None] * columns, weights * (readings.force - offset)
-    linear, determined = _solve(family, A, b)
-    return linear, determined, offset + columns @ linear
-
-
-def _solve(
-    family: PeerFamily, A: Float[Array, "points q"], b: Float[Array, " points"]
-) -> tuple[Float[Array, " q"], Bool[Array, ""]]:
-    """The least-squares solution, within the bounds of the linear parameters if they have any."""
-    size = jnp.linalg.norm(A, axis=0)
-    size = jnp.where(size > 0, size, 1.0)
-    if not family.nonlinear:
-        solution, _, rank, _ = jnp.linalg.lstsq(A / size, b)
-        return solution / size, rank == A.shape[1]
-    # Far below any reading's weight: what a subset of the readings leaves open stays small.
-    A = jnp.concatenate([A / size, _RIDGE * jnp.eye(size.shape[0], dtype=A.dtype)])
-    b = jnp.concatenate([b, jnp.zeros_like(size)])
-    limits = np.array([[p.low, -p.high] for p in family.linear]).T.ravel()
-    bounded = np.flatnonzero(np.isfinite(limits))
-    if bounded.size:
-        unit = np.eye(size.shape[0])
-        rows = jnp.asarray(np.concatenate([unit, -unit])[bounded])
-        scaled = jnp.asarray(limits[bounded]) * jnp.tile(size, 2)[bounded]
-        return solve_qp(A, b, rows, scaled).x / size, jnp.array(True)
-    Q, R = jnp.linalg.qr(A)
-    smallest = jnp.min(jnp.abs(jnp.diagonal(R)))
-    return jax.scipy.linalg.solve_triangular(R, Q.T @ b) / size, smallest > _DEPENDENT

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from famjax import AbstractThread, LinearThread, ToeThread
 
 from .._errors import InputError
-from .._search.uncertainty import covariance
+from ..engine.covariance import covariance
 
 LAWS = ("linear", "toe")
 """Thread laws that can be fitted."""

@@ -1,37 +1,37 @@
-"""From force maps and a parameter table to the problem and the box in which it is searched."""
+"""From force maps and a parameter table to the problem that the engine solves."""
 
 import math
 from collections.abc import Mapping, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
-from .._data.force_data import ForceData
-from .._model.geometry_source import AbstractGeometrySource, EstimatedSource
-from .._model.laws import AbstractLaw
-from .._model.parameters import Entry, base_name, names_of
-from .._model.part import Part
-from .._model.problem import Constraint, PressureDependence, Prior, Problem
-from .search import Search
+import famjax
 
-STATIONS = 49
-"""Stations along the actuation path at which the constraint is posed from the start."""
+from .._data.force_data import ForceData
+from .._model.geometry_source import AbstractGeometrySource
+from .._model.laws import Law
+from .._model.muscle_family import MuscleFamily
+from .._model.parameters import Entry, base_name, names_of
+from ..engine.problem import Part, Prior, Problem
+from ..engine.program import STATIONS, Constraint, MapInputs
+
 EXCHANGES = 8
 """Spare stations, filled with the points between the others where the constraint is violated."""
 
 
-def build_search(
+def pose(
     data: Sequence[ForceData],
     sources: Sequence[AbstractGeometrySource],
     table: Mapping[str, Entry],
-    law: AbstractLaw,
+    law: Law,
     *,
+    terms: famjax.SumOfTerms | None = None,
     constraint: Constraint,
-    dependence: PressureDependence,
+    dependence: str,
     own_law: bool = False,
     noise: float = 1.0,
-) -> Search:
-    """The search for the parameters of a table.
+) -> Problem:
+    """The problem of identifying the parameters of a table.
 
     Args:
         data: one force map for each specimen; several only with a law fixed in pressure.
@@ -39,6 +39,7 @@ def build_search(
         table: all parameters, the coefficients last; a name that ends in `[specimen]` is that
             specimen's own.
         law: family of the law.
+        terms: further force terms, or None.
         constraint: on the coefficients.
         dependence: of the coefficients on pressure.
         own_law: whether each specimen has its own coefficients.
@@ -46,27 +47,33 @@ def build_search(
             the readings have standard deviations of their own.
 
     Returns:
-        The search, with every nonlinear parameter in the order of the table.
+        The problem, with every nonlinear parameter in the order of the table.
     """
     linear = tuple(law.coefficients)
     names = tuple(name for name in table if name not in linear)
-    parts = tuple(
-        _part(one, source, names, dependence, (k, len(data)) if own_law else (0, 1))
-        for k, (one, source) in enumerate(zip(data, sources, strict=True))
-    )
-    problem = Problem(
-        parts=tuple(part.tabulated() for part in parts),
-        law=law,
-        shape=tuple(names.index(name) for name in law.shape),
-        coefficient_min=jnp.asarray([table[name].min for name in linear]),
-        coefficient_max=jnp.asarray([table[name].max for name in linear]),
+    parts, order = [], len(linear)
+    for k, (one, source) in enumerate(zip(data, sources, strict=True)):
+        first = k * order if own_law else 0
+        parts.append(_part(one, source, law, terms, names, dependence, first, constraint))
+    nodes = (len(data) if own_law else 1) if dependence == "fixed" else parts[0].family.n_nodes
+    low, high = (np.array(ends) for ends in zip(*(_interval(table[n]) for n in names), strict=True))
+    return Problem(
+        parts=tuple(parts),
+        names=names,
+        low=low,
+        high=high,
+        linear=linear * nodes,
+        coefficient_min=np.array([table[name].min for name in linear] * nodes),
+        coefficient_max=np.array([table[name].max for name in linear] * nodes),
         priors=_priors(names, table),
-        coefficient_priors=_priors(linear, table),
-        prior_weight=jnp.asarray(noise, float),
+        coefficient_priors=tuple(
+            Prior(prior.place + node * order, prior.mean, prior.std)
+            for node in range(nodes)
+            for prior in _priors(linear, table)
+        ),
+        noise=noise,
         constraint=constraint,
     )
-    low, high = (np.array(ends) for ends in zip(*(_interval(table[n]) for n in names), strict=True))
-    return Search.in_box(problem, names, low, high)
 
 
 def _interval(entry: Entry) -> tuple[float, float]:
@@ -88,9 +95,12 @@ def _priors(names: Sequence[str], table: Mapping[str, Entry]) -> tuple[Prior, ..
 def _part(
     data: ForceData,
     source: AbstractGeometrySource,
+    law: Law,
+    terms: famjax.SumOfTerms | None,
     names: Sequence[str],
-    dependence: PressureDependence,
-    own: tuple[int, int],
+    dependence: str,
+    first: int,
+    constraint: Constraint,
 ) -> Part:
     """One force map as a part of the problem.
 
@@ -99,57 +109,41 @@ def _part(
     shortest length. A law fixed in pressure has one path, to the shortest length in the map.
     """
     loaded = data.loaded
-    pressure, length = data.pressure[loaded], data.length[loaded]
-    pressure_level, length_level = data.pressures.level[loaded], data.lengths.level[loaded]
-    levels = np.unique(pressure_level)
-    weights = 1 / data.force_std[loaded] if data.force_std is not None else np.ones(pressure.size)
-    ends = np.array([_path_end(data, level) for level in levels])
-    if dependence == "fixed":
-        node, nodes = own
-        weights = weights[None]
-        basis = np.eye(nodes)[np.full(pressure.size, node)]
-        # Where threads stretch the strains depend on pressure too, and that monotonically.
-        at = [0, -1] if _stretches(source, names) else [-1]
-        path_pressure = levels[None, at]
-        path_end = np.full(path_pressure.shape, data.length.min())
-        path_basis = np.tile(np.eye(nodes)[node], (*path_pressure.shape, 1))
-    elif dependence == "linear":
-        weights = weights[None]
-        basis = _linear_basis(pressure, levels)
-        path_pressure, path_end = levels[None], ends[None]
-        path_basis = _linear_basis(levels, levels)[None]
-    else:
-        weights = weights * (pressure_level == levels[:, None])
-        basis = np.ones((pressure.size, 1))
-        path_pressure, path_end = levels[:, None], ends[:, None]
-        path_basis = np.ones((levels.size, 1, 1))
-    stations = np.concatenate([np.linspace(0, 1, STATIONS), np.zeros(EXCHANGES)])
     mine = own_names(names, data.specimen.name)
     offsets = names_of(mine, like="length_offset")
-    return Part(
-        force=jnp.asarray(data.force[loaded]),
-        pressure=jnp.asarray(pressure),
-        length=jnp.asarray(length),
-        weights=jnp.asarray(weights),
-        basis=jnp.asarray(basis),
-        pressure_level=jnp.asarray(pressure_level),
-        length_level=jnp.asarray(length_level),
-        length_index=jnp.asarray(np.unique(length_level, return_inverse=True)[1]),
-        path_pressure=jnp.asarray(path_pressure),
-        path_basis=jnp.asarray(path_basis),
-        path_end=jnp.asarray(path_end),
-        stations=jnp.asarray(np.broadcast_to(stations, (*path_end.shape, stations.size))),
-        source=source,
-        rest_length=data.specimen.rest_length,
-        where=tuple((base_name(n), names.index(n)) for n in mine if n not in offsets),
-        offsets=tuple(names.index(n) for n in offsets),
+    at = [names.index(n) for n in mine if n not in offsets] + [names.index(n) for n in offsets]
+    levels = np.unique(data.pressures.level[loaded])
+    nodes = {"fixed": None, "linear": levels[[0, -1]], "free": levels}[dependence]
+    searched = tuple(base_name(n) for n in mine if n not in offsets)
+    family = MuscleFamily.of(
+        data.specimen, source, law, searched, terms, nodes, nearest=dependence == "free"
     )
-
-
-def _stretches(source: AbstractGeometrySource, names: Sequence[str]) -> bool:
-    """Whether dimensions depend on pressure."""
-    inextensible = isinstance(source, EstimatedSource) and source.thread is None
-    return not inextensible or any(base_name(n) == "braid_compliance" for n in names)
+    if dependence == "fixed":
+        # Where threads stretch the strains depend on pressure too, and that monotonically.
+        path_pressure = levels[[0, -1]] if family.stretches else levels[-1:]
+        if law.material.depends_on_pressure:
+            path_pressure = levels
+        path_end = np.full(path_pressure.shape, data.length.min())
+    else:
+        path_pressure = levels
+        path_end = np.array([path_end_at(data, level) for level in levels])
+    stations = np.concatenate([np.linspace(0, 1, STATIONS - EXCHANGES), np.zeros(EXCHANGES)])
+    inputs = MapInputs(
+        length=data.length[loaded],
+        pressure=data.pressure[loaded],
+        force=data.force[loaded],
+        length_index=np.unique(data.lengths.level[loaded], return_inverse=True)[1],
+        path_pressure=path_pressure,
+        path_end=path_end,
+        stations=np.tile(stations, (path_end.size, 1)),
+    )
+    weight = 1 / data.force_std[loaded] if data.force_std is not None else np.ones(loaded.sum())
+    coefficients = range(first, first + len(family.linear))
+    levels = {"pressure": data.pressures.level[loaded], "length": data.lengths.level[loaded]}
+    return Part.of(
+        data.specimen.name, family, inputs, data.force[loaded], weight, at, coefficients, levels,
+        constraint,
+    )  # fmt: skip
 
 
 def own_names(names: Sequence[str], specimen: str) -> tuple[str, ...]:
@@ -157,13 +151,8 @@ def own_names(names: Sequence[str], specimen: str) -> tuple[str, ...]:
     return tuple(n for n in names if "[" not in n or n.endswith(f"[{specimen}]"))
 
 
-def _linear_basis(pressure: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Shares of the coefficients at the lowest and the highest pressure, shape (..., 2)."""
-    share = (pressure - levels[0]) / (levels[-1] - levels[0]) if levels.size > 1 else 0 * pressure
-    return np.stack([1 - share, share], axis=-1)
-
-
-def _path_end(data: ForceData, level: float) -> float:
+def path_end_at(data: ForceData, level: float) -> float:
+    """Shortest length [m] of the actuation path at a pressure level [Pa]."""
     at = data.pressures.level == level
     shortest_loaded = data.length[at & data.loaded].min()
     slack = data.length[at & ~data.loaded & (data.length < shortest_loaded)]

@@ -3,109 +3,80 @@
 import math
 from collections.abc import Mapping
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
-
-import famjax
+from jaxtyping import Float
 
 from .._data.force_data import ForceData
-from .._model.geometry_source import EstimatedSource
 from .._model.parameters import Entry
-from .._model.part import Part
-from .._model.problem import Problem
 from .build import own_names
 from .optimal import Optimal
 from .result import Estimate
 
+_DERIVED_KINDS = {"thread_length": "length"}  # anything else is a number
+
 
 def coefficient_stderr(found: Optimal) -> Float[np.ndarray, "nodes order"]:
-    return found.spread.stderr[len(found.search.names) :].reshape(found.coefficients.shape)
+    """Standard errors [Pa] of the coefficients."""
+    return found.spread.stderr[len(found.problem.names) :].reshape(found.coefficients.shape)
 
 
 def estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...]:
     """Every nonlinear parameter, then the coefficients of every node."""
-    linear = tuple(found.problem.law.coefficients)
-    names = found.search.names + linear * len(found.coefficients)
-    values = np.concatenate([found.parameters, found.coefficients.ravel()])
+    names = found.problem.names + found.problem.linear
+    values = np.concatenate([found.point.parameters, found.coefficients.ravel()])
     ends = np.array([(table[name].min, table[name].max) for name in names])
     rounding = 1e-9 * np.abs(found.coefficients).max()
     stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= rounding
     stopped[: len(found.at_bound)] = found.at_bound
     return tuple(
-        _estimate(name, float(value), errors, table[name], bool(at_bound))
-        for name, value, errors, at_bound in zip(
-            names,
-            values,
-            zip(found.spread.stderr, found.spread.sandwich_stderr, strict=True),
-            stopped,
-            strict=True,
+        Estimate(
+            name=name,
+            value=float(value),
+            stderr=float(stderr),
+            sandwich_stderr=float(sandwich),
+            min=table[name].min,
+            max=table[name].max,
+            at_bound=bool(at_bound) and not table[name].fixed,
+            fixed=table[name].fixed,
+            kind=table[name].kind,
+            prior=table[name].prior,
         )
-    )
-
-
-def _estimate(
-    name: str, value: float, errors: tuple[float, float], entry: Entry, stopped: bool
-) -> Estimate:
-    return Estimate(
-        name=name,
-        value=value,
-        stderr=float(errors[0]),
-        sandwich_stderr=float(errors[1]),
-        min=entry.min,
-        max=entry.max,
-        at_bound=stopped and not entry.fixed,
-        fixed=entry.fixed,
-        kind=entry.kind,
-        prior=entry.prior,
+        for name, value, stderr, sandwich, at_bound in zip(
+            names, values, found.spread.stderr, found.spread.sandwich_stderr, stopped, strict=True
+        )
     )
 
 
 def concerning(
-    estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, problem: Problem
+    estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, found: Optimal
 ) -> tuple[Estimate, ...]:
-    """The estimates that concern one specimen; a law with several nodes is told elsewhere."""
-    count = len(estimates) - problem.n_coefficients
-    mine = own_names([e.name for e in estimates[:count]], data.specimen.name)
+    """The estimates that concern one specimen; of a law with several nodes, none of them."""
+    count = len(found.problem.names)
+    mine = own_names(found.problem.names, data.specimen.name)
     geometry = tuple(e for e in estimates[:count] if e.name in mine)
-    laws = of_nodes(estimates, problem)[nodes]
+    laws = of_nodes(estimates, found)[nodes]
     return geometry + (laws[0] if len(laws) == 1 else ())
 
 
-def of_nodes(estimates: tuple[Estimate, ...], problem: Problem) -> tuple[tuple[Estimate, ...], ...]:
+def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Estimate, ...], ...]:
     """The coefficients of every node."""
-    count, order = len(estimates) - problem.n_coefficients, problem.order
-    return tuple(estimates[k : k + order] for k in range(count, len(estimates), order))
+    first, order = len(found.problem.names), found.order
+    return tuple(estimates[k : k + order] for k in range(first, len(estimates), order))
 
 
-def derived(found: Optimal, part: Part) -> tuple[Estimate, ...]:
-    """Thread length and turns of an estimated geometry, with errors by the delta method."""
-    source = part.source
-    if not isinstance(source, EstimatedSource):
+def derived(found: Optimal, place: int) -> tuple[Estimate, ...]:
+    """What follows from a specimen's parameters, with errors by the delta method."""
+    part, linear = found.problem.parts[place], found.point.linear[place]
+    names = part.family.derived_names
+    if not names:
         return ()
-
-    def quantities(parameters: Float[Array, " q"]) -> Float[Array, " 2"]:
-        geometry = source.geometry(part.values(parameters))
-        if isinstance(geometry, famjax.EndEffectGeometry):
-            geometry = geometry.cylinder
-        assert isinstance(geometry, famjax.EstimatedGeometry)
-        return jnp.stack([geometry.braid.rest_thread_length, geometry.braid.turns])
-
-    slopes = np.asarray(jax.jit(jax.jacfwd(quantities))(found.parameters))
-    count = len(found.search.names)
-    matrix = found.spread.matrix[:count, :count]
+    matrix = found.spread.matrix[np.ix_(part.at, part.at)]
     known = np.isfinite(np.diag(matrix))
     matrix = np.where(known[:, None] & known, matrix, 0.0)
-    variance = np.einsum("ij,jk,ik->i", slopes, matrix, slopes)
-    stderr = np.where(variance > 0, np.sqrt(variance), math.nan)
+    variance = np.einsum("id,ij,jd->d", linear.d_derived, matrix, linear.d_derived)
+    stderr = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), math.nan)
     return tuple(
-        Estimate(name, float(value), float(error), 0.0, math.inf, False, False, kind)
-        for name, kind, value, error in zip(
-            ("thread_length", "turns"),
-            ("length", "number"),
-            quantities(found.parameters),
-            stderr,
-            strict=True,
-        )
-    )
+        Estimate(name, float(value), float(error), 0.0, math.inf, False, False,
+                 _DERIVED_KINDS.get(name, "number"))
+        for name, value, error in zip(names, linear.derived, stderr, strict=True)
+    )  # fmt: skip

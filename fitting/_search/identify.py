@@ -10,11 +10,17 @@ import famjax
 
 from .._data.force_data import ForceData
 from .._errors import InputError
-from .._model.geometry_source import AbstractGeometrySource, EstimatedSource, KnownSource
-from .._model.laws import AbstractLaw, law_named
+from .._model.geometry_source import (
+    AbstractGeometrySource,
+    EstimatedSource,
+    KnownSource,
+    WrappedSource,
+)
+from .._model.laws import Law, LawGiven, law_named
 from .._model.parameters import Entry, Parameter, complete_table
-from .build import EXCHANGES, build_search
+from .build import EXCHANGES, pose
 from .checks import (
+    check_affine,
     check_count,
     check_lengths,
     check_options,
@@ -23,16 +29,24 @@ from .checks import (
     check_source,
     known_bounds,
 )
+from .optimal import optimal
 from .result import Identification
-from .robust import check_objective, descend_huber, reweighted
-from .search import best_of, descend, latin_hypercube, refine
-from .summary import summarise
+from .robust import check_objective, descend_huber
+from .search import best_of, descend_all, latin_hypercube, refine
+from .summary import Asked, summarise
+
+Geometry = (
+    AbstractGeometrySource
+    | famjax.AbstractGeometry
+    | Callable[[famjax.AbstractGeometry], famjax.AbstractGeometry]
+)
+"""What a geometry may be given as."""
 
 
 def identify(
     data: ForceData,
     *,
-    law: str | AbstractLaw = "polynomial",
+    law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
     dependence: str = "fixed",
@@ -41,7 +55,8 @@ def identify(
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
     objective: str = "sum_of_squares",
-    geometry: AbstractGeometrySource | famjax.AbstractGeometry | None = None,
+    geometry: Geometry | None = None,
+    terms: famjax.AbstractForceTerm | None = None,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -55,7 +70,9 @@ def identify(
 
     Args:
         data: the force map; slack readings are censored.
-        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", or a law.
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", "neo-hookean",
+            "yeoh"; or a class of your own, derived from `famjax.AbstractMaterial`, whose numbers
+            are declared by `famjax.parameter`, as a class, an instance, or "module:Class".
         order: of the polynomial law, 1 to 8; 3 unless given.
         constraint: "none", "positive" (every coefficient >= 0), "slope" (rising stress on the
             strain range) or "drucker" (positive second-order work along the actuation path). It
@@ -76,7 +93,11 @@ def identify(
             not their square; validation and uncertainty keep the weights found.
         geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
             braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
-            such as a `famjax.MeasuredGeometry`: as it is, and only the deadband is identified.
+            such as a `famjax.MeasuredGeometry`: as it is, and of it only what `bounds` or
+            `parameters` name is identified. A function, or class, that makes a geometry of the
+            estimated one: its declared parameters take part where they are named.
+        terms: further force terms, such as `famjax.Spring`; their declared parameters take part
+            where they are named. A term with a `deadband_pressure` takes the place of Gaylord's.
         starts: number of starts, Latin hypercube over the box.
         seed: of the starts.
         progress: called with (starts done, starts) as the descents end.
@@ -91,18 +112,38 @@ def identify(
     References:
         Golub & Pereyra 1973 (variable projection); Chambers 2021, chapter 7.
     """
-    given = dict(bounds or {})
+    given, chosen = dict(bounds or {}), law_named(law, order)
+    named = {**given, **(parameters or {})}
+    source = _source(data, geometry, tuple(named))
+    if isinstance(source, KnownSource):
+        given |= known_bounds(data, source.known, named)
+    further = None if terms is None else famjax.SumOfTerms((terms,))
+    declared = {**source.declared, **({} if further is None else further.declared())}
+    table = complete_table(
+        data.specimen, box, {**chosen.shape, **chosen.coefficients}, given, parameters or {},
+        {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()},
+    )  # fmt: skip
+    return _identified(
+        (data,), (source,), table, chosen, terms=further, constraint=constraint,
+        dependence=dependence, box=box, noise=noise, objective=objective, starts=starts, seed=seed,
+        progress=progress,
+    )[0]  # fmt: skip
+
+
+def _source(
+    data: ForceData, geometry: Geometry | None, named: tuple[str, ...]
+) -> AbstractGeometrySource:
+    """What the dimensions follow from, with those of its parameters that are named."""
+    if geometry is None:
+        return EstimatedSource(data.specimen)
+    if isinstance(geometry, AbstractGeometrySource):
+        return geometry
     if isinstance(geometry, famjax.AbstractGeometry):
-        given |= known_bounds(data, geometry, {**given, **(parameters or {})})
-        geometry = KnownSource(geometry)
-    chosen = law_named(law, order)
-    rows = {**chosen.shape, **chosen.coefficients}
-    table = complete_table(data.specimen, box, rows, given, parameters or {})
-    source = EstimatedSource(data.specimen) if geometry is None else geometry
-    request = Request(
-        (data,), (source,), table, chosen, constraint, dependence, box, noise, objective
-    )
-    return request.run(starts, seed, progress)[0]
+        known = KnownSource(geometry)
+        return KnownSource(geometry, tuple(n for n in known.declared if n in named))
+    wrapped = WrappedSource(EstimatedSource(data.specimen), geometry)
+    own = tuple(n for n in wrapped.declared if n in named)
+    return WrappedSource(wrapped.inner, geometry, own)
 
 
 def identify_together(
@@ -110,7 +151,7 @@ def identify_together(
     *,
     own: Sequence[str] = ("deadband_pressure",),
     own_law: bool = False,
-    law: str | AbstractLaw = "polynomial",
+    law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
     box: str = "physical",
@@ -167,10 +208,11 @@ def identify_together(
         else:
             table[name] = _shared(name, entry, [of[name] for of in tables])
     sources = tuple(EstimatedSource(one.specimen) for one in data)
-    request = Request(
-        tuple(data), sources, table, chosen, constraint, "fixed", box, noise, objective, own_law
-    )
-    return request.run(starts, seed, progress)
+    return _identified(
+        tuple(data), sources, table, chosen, constraint=constraint, dependence="fixed", box=box,
+        noise=noise, objective=objective, starts=starts, seed=seed, own_law=own_law,
+        progress=progress,
+    )  # fmt: skip
 
 
 def _shared(name: str, entry: Entry, of_each: Sequence[Entry]) -> Entry:
@@ -184,94 +226,76 @@ def _shared(name: str, entry: Entry, of_each: Sequence[Entry]) -> Entry:
     return dataclasses.replace(entry, min=low, max=high)
 
 
-@dataclasses.dataclass(frozen=True)
-class Request:
-    """What is to be identified, complete and checked; `run` does it.
-
-    Attributes:
-        data: force maps.
-        sources: what their geometries follow from.
-        table: all parameters in SI, the coefficients last.
-        law: family of the law.
-        constraint, dependence, box: as given.
-        noise: of a reading [N], or None.
-        objective: as given.
-        own_law: whether each specimen has its own coefficients.
-    """
-
-    data: tuple[ForceData, ...]
-    sources: tuple[AbstractGeometrySource, ...]
-    table: dict[str, Entry]
-    law: AbstractLaw
-    constraint: str
-    dependence: str
-    box: str
-    noise: float | None
-    objective: str
-    own_law: bool = False
-
-    def run(
-        self, starts: int, seed: int, progress: Callable[[int, int], None] | None
-    ) -> tuple[Identification, ...]:
-        """The identifications, one for each force map."""
-        if not jax.config.read("jax_enable_x64"):
-            raise RuntimeError(
-                "identification needs float64, and JAX computes in float32 by default. Put this "
-                "line before any other use of JAX: "
-                'jax.config.update("jax_enable_x64", True)'
-            )
-        constraint, dependence = check_options(self.law, self.constraint, self.dependence, starts)
-        check_objective(self.objective)
-        weighted = [data.force_std is not None for data in self.data]
-        if any(weighted) and not all(weighted):
-            raise InputError(
-                "some specimens have standard deviations of their forces (force_std) and some have "
-                "not: readings identified together are weighed alike, so give them to all or none"
-            )
-        table = self._with_offsets()
-        for data, source in zip(self.data, self.sources, strict=True):
-            own = {
-                name.removesuffix(f"[{data.specimen.name}]"): entry
-                for name, entry in table.items()
-                if "[" not in name or name.endswith(f"[{data.specimen.name}]")
-            }
-            check_source(source, self.table)
-            check_lengths(data, own)
-            check_priors(data, own, self.noise)
-        check_count(self.data, self.law, dependence, table, own_law=self.own_law)
-        search = build_search(
-            self.data,
-            self.sources,
-            table,
-            self.law,
-            constraint=constraint,
-            dependence=dependence,
-            own_law=self.own_law,
-            noise=self.noise or 1.0,
+def _identified(
+    data: tuple[ForceData, ...],
+    sources: tuple[AbstractGeometrySource, ...],
+    table: dict[str, Entry],
+    law: Law,
+    *,
+    terms: famjax.SumOfTerms | None = None,
+    constraint: str,
+    dependence: str,
+    box: str,
+    noise: float | None,
+    objective: str,
+    starts: int,
+    seed: int,
+    own_law: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Identification, ...]:
+    """The identifications, one for each force map, of a table that is complete."""
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError(
+            "identification needs float64, and JAX computes in float32 by default. Put this "
+            "line before any other use of JAX: "
+            'jax.config.update("jax_enable_x64", True)'
         )
-        check_solvable(search)
-        cube, robust = latin_hypercube(len(search.free), starts, seed), None
-        if self.objective == "huber":
-            best, ends, robust = descend_huber(search, cube, progress)
-            search = reweighted(search, robust.weight)
-        else:
-            ends = descend(search, cube, progress)
-            best = best_of(ends)
-        best, search = refine(search, best, EXCHANGES)
-        return summarise(
-            self.data, search, best, ends, table, dependence=dependence, box=self.box, seed=seed,
-            robust=robust,
-        )  # fmt: skip
+    posed, form = check_options(law, constraint, dependence, starts)
+    check_objective(objective)
+    weighted = [one.force_std is not None for one in data]
+    if any(weighted) and not all(weighted):
+        raise InputError(
+            "some specimens have standard deviations of their forces (force_std) and some have "
+            "not: readings identified together are weighed alike, so give them to all or none"
+        )
+    full = _with_offsets(table, data, law)
+    for one, source in zip(data, sources, strict=True):
+        own = {
+            name.removesuffix(f"[{one.specimen.name}]"): entry
+            for name, entry in full.items()
+            if "[" not in name or name.endswith(f"[{one.specimen.name}]")
+        }
+        check_source(source, table)
+        check_lengths(one, own)
+        check_priors(one, own, noise)
+    check_count(data, law, form, full, own_law=own_law)
+    problem = pose(
+        data, sources, full, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
+        noise=noise or 1.0,
+    )  # fmt: skip
+    check_affine(problem)
+    check_solvable(problem)
+    cube, robust = latin_hypercube(len(problem.free), starts, seed), None
+    if objective == "huber":
+        best, ends, robust = descend_huber(problem, cube, progress)
+        problem = problem.with_readings(factor=robust.weight)
+    else:
+        ends = descend_all(problem, cube, progress)
+        best = best_of(ends)
+    best, problem = refine(problem, best, EXCHANGES)
+    found = optimal(problem, best, law.order, robust)
+    asked = Asked(law, posed, form, box, seed)
+    return summarise(data, found, ends, full, asked, robust)
 
-    def _with_offsets(self) -> dict[str, Entry]:
-        """The table with one offset for each distinct length in place of `length_offset`."""
-        if "length_offset" not in self.table:
-            return self.table
-        one = self.table["length_offset"]
-        table = {n: entry for n, entry in self.table.items() if n != "length_offset"}
-        linear = {n: table.pop(n) for n in self.law.coefficients}
-        for data in self.data:
-            tag = f"[{data.specimen.name}]" if len(self.data) > 1 else ""
-            for length in np.unique(data.lengths.level[data.loaded]):
-                table[f"length_offset_at_{length * 1e3:.12g}mm{tag}"] = one
-        return table | linear
+
+def _with_offsets(table: dict[str, Entry], data: Sequence[ForceData], law: Law) -> dict[str, Entry]:
+    """The table with one offset for each distinct length in place of `length_offset`."""
+    if "length_offset" not in table:
+        return table
+    full = {n: entry for n, entry in table.items() if n != "length_offset"}
+    linear = {n: full.pop(n) for n in law.coefficients}
+    for one in data:
+        tag = f"[{one.specimen.name}]" if len(data) > 1 else ""
+        for length in np.unique(one.lengths.level[one.loaded]):
+            full[f"length_offset_at_{length * 1e3:.12g}mm{tag}"] = table["length_offset"]
+    return full | linear

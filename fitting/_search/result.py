@@ -4,18 +4,16 @@ import dataclasses
 import math
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 import famjax
 
 from .._data.force_data import ForceData
-from .._model.laws import AbstractLaw
-from .._model.problem import Constraint, PressureDependence
-from .search import Search
+from .._model.laws import Law
+from ..engine.descent import End
+from ..engine.problem import Part, Point, Problem
+from ..engine.program import Constraint, PressureDependence
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +91,8 @@ class Certificate:
             Drucker-stable when >= 0.
         slope_margin: smallest tangent modulus of the law on the strain range used [Pa].
         constraint_margin: smallest slack [Pa] of the constraint that was asked for; nan for none.
+        between_stations: by how much the margins may be lower than found, in parts of the largest
+            modulus: the tail of the interpolant whose minima they are; rounding for polynomials.
         n_starts: descents made.
         n_agreeing: of them, those that ended within 1e-6 of the best objective.
     """
@@ -104,6 +104,7 @@ class Certificate:
     stability_margin: float
     slope_margin: float
     constraint_margin: float
+    between_stations: float
     n_starts: int
     n_agreeing: int
 
@@ -140,8 +141,10 @@ class Identification:
             specimens together.
         covariance: of the nonlinear parameters of the search and then the coefficients [SI], by
             linear theory; nan for what is held, at a bound or not identifiable.
-        search: the problem as it was posed, for validation and uncertainty.
-        unit_optimum: the free nonlinear parameters at the optimum, in parts of their bounds.
+        problem: as it was posed, for validation and uncertainty.
+        end: the end of the best descent; `end.u` are the free nonlinear parameters at the optimum,
+            in parts of their bounds.
+        place: which of the problem's parts this specimen is.
     """
 
     data: ForceData
@@ -161,7 +164,7 @@ class Identification:
     active_constraints: tuple[str, ...]
     starts: Float[np.ndarray, " starts"]
     start_parameters: Float[np.ndarray, "starts q"]
-    law: AbstractLaw
+    law: Law
     constraint: Constraint
     dependence: PressureDependence
     box: str
@@ -171,13 +174,19 @@ class Identification:
     warnings: tuple[str, ...]
     degrees_of_freedom: int
     covariance: Float[np.ndarray, "k k"] = dataclasses.field(repr=False)
-    search: Search = dataclasses.field(repr=False)
-    unit_optimum: Float[np.ndarray, " p"] = dataclasses.field(repr=False)
+    problem: Problem = dataclasses.field(repr=False)
+    end: End = dataclasses.field(repr=False)
+    place: int = dataclasses.field(repr=False)
 
     @property
     def order(self) -> int:
         """Number of coefficients of the law."""
         return self.law.order
+
+    @property
+    def readings_of_parts(self) -> list[int]:
+        """Number of loaded readings of each specimen that was identified together."""
+        return [part.force.size for part in self.problem.parts]
 
     @property
     def n_parameters(self) -> int:
@@ -186,23 +195,21 @@ class Identification:
         return sum(not e.fixed for e in (*self.estimates, *nodes))
 
     def predict(
-        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " n"]:
-        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped."""
-        model = self.muscle
-        if self.series_compliance:
-            model = famjax.MountedMuscle(model, jnp.asarray(self.series_compliance))
-        return np.asarray(_force(model, length, pressure))
+        self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped.
+
+        Lengths and pressures are broadcast against each other.
+        """
+        part, point = self.problem.parts[self.place], self.end.point
+        own = point.parameters[part.at[: len(part.family.nonlinear)]]
+        shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))
+        L, P = (np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (length, pressure))
+        return part.predict(own, point.x[part.coefficients], L, P).reshape(shape)
 
     def model_force(self) -> Float[np.ndarray, " n"]:
         """The model's force [N] at every reading, slack ones included, lengths corrected."""
-        length = np.array(self.data.length)
-        if self.length_offsets.size:
-            level = self.data.lengths.level
-            known = np.unique(level[self.data.loaded])
-            for at, offset in zip(known, self.length_offsets, strict=True):
-                length[level == at] += offset
-        return self.predict(length, self.data.pressure)
+        return force_at_readings(self.data, self.problem.parts[self.place], self.end.point)
 
     def estimate(self, name: str) -> Estimate:
         """The estimate of that name.
@@ -217,6 +224,17 @@ class Identification:
         raise KeyError(f"no parameter {name!r}; there are {', '.join(names)}")
 
 
-@eqx.filter_jit
-def _force(model: famjax.Muscle | famjax.MountedMuscle, length: Any, pressure: Any) -> jax.Array:
-    return model.force(length, pressure)
+def force_at_readings(data: ForceData, part: Part, point: Point) -> Float[np.ndarray, " n"]:
+    """Force [N] of a fit at every reading of a map, slack ones included, lengths corrected.
+
+    Args:
+        data: the map.
+        part: of the problem that was fitted to it.
+        point: the fit.
+    """
+    length, level = np.array(data.length), data.lengths.level
+    searched, offsets = np.split(point.parameters[part.at], [len(part.family.nonlinear)])
+    if offsets.size:
+        for at, offset in zip(np.unique(level[data.loaded]), offsets, strict=True):
+            length[level == at] += offset
+    return part.predict(searched, point.x[part.coefficients], length, data.pressure)

@@ -5,17 +5,16 @@ squares with weights min(1, d/|r|) are stationary too, and every step towards it
 1981, section 7.8). So the descent, its bounds and its certified convex fit stay what they are.
 """
 
+import dataclasses
 from collections.abc import Callable
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._errors import InputError
-from .box import BoxOptimum
-from .quick_jit import quick_jit
-from .search import Search, best_of, descend
+from ..engine.descent import End
+from ..engine.problem import Problem
+from .search import best_of, descend_all
 
 OBJECTIVES = ("sum_of_squares", "huber")
 
@@ -28,7 +27,8 @@ _SETTLED = 1e-9  # largest change of a weight
 _ROUNDING = 1e-9  # of the root mean square force: a spread below is none
 
 
-class Robust(eqx.Module):
+@dataclasses.dataclass(frozen=True)
+class Robust:
     """What Huber's objective makes of the readings.
 
     Attributes:
@@ -46,26 +46,16 @@ def check_objective(objective: str) -> None:
         raise InputError(f"the objective is one of {', '.join(OBJECTIVES)}, got {objective!r}")
 
 
-def reweighted(search: Search, weight: Float[np.ndarray, " points"]) -> Search:
-    """The search with factors on the weights of its readings."""
-    parts, first = [], 0
-    for part in search.problem.parts:
-        here = slice(first, first + part.force.shape[0])
-        first = here.stop
-        parts.append(eqx.tree_at(lambda p: p.weights, part, part.weights * weight[here]))
-    return eqx.tree_at(lambda s: s.problem.parts, search, tuple(parts))
-
-
 def descend_huber(
-    search: Search, starts: np.ndarray, progress: Callable[[int, int], None] | None
-) -> tuple[BoxOptimum, BoxOptimum, Robust]:
+    problem: Problem, starts: np.ndarray, progress: Callable[[int, int], None] | None
+) -> tuple[End, list[End], Robust]:
     """The optimum of Huber's objective.
 
     The threshold is 1.345 standard deviations of the noise, estimated from the median of the
     residuals as the first rounds go, and kept in those that follow.
 
     Args:
-        search: with the readings' own weights.
+        problem: with the readings' own weights.
         starts: points of the unit box.
         progress: called with (starts done, starts) in the first round.
 
@@ -75,23 +65,24 @@ def descend_huber(
     Raises:
         InputError: the weights did not settle.
     """
-    points = sum(part.force.shape[0] for part in search.problem.parts)
+    points = problem.force.size
     weight, threshold = np.ones(points), np.inf
-    ends = descend(search, starts, progress)
+    ends = descend_all(problem, starts, progress)
     best = best_of(ends)
     for done in range(_ROUNDS):
-        residual = np.asarray(_residual(search, reweighted(search, weight), best.u))
+        # In the readings' own weights again.
+        residual = best.point.residual[:points] / weight
         if done < _SCALED:
-            threshold = _TUNED * _noise(search, residual)
+            threshold = _TUNED * _noise(problem, residual)
         old, weight = weight, huber_weight(residual, threshold)
         if done > _SCALED and np.abs(weight - old).max() <= _SETTLED:
             return best, ends, Robust(weight, threshold)
-        changed = reweighted(search, weight)
+        changed = problem.with_readings(factor=weight)
         if done < _FROM_ALL:
-            ends = descend(changed, starts, None)
+            ends = descend_all(changed, starts)
             best = best_of(ends)
         else:
-            best = best_of(descend(changed, np.asarray(best.u)[None], None))
+            best = best_of(descend_all(changed, best.u[None]))
     raise InputError(
         f"Huber's weights did not settle in {_ROUNDS} rounds: the readings leave several fits "
         "equally good. Fix parameters by bounds, or use objective='sum_of_squares'"
@@ -120,19 +111,8 @@ def pseudo_residual(
     )
 
 
-def _noise(search: Search, residual: Float[np.ndarray, " points"]) -> float:
-    force = np.concatenate([np.asarray(p.force * p.weights.max(0)) for p in search.problem.parts])
+def _noise(problem: Problem, residual: Float[np.ndarray, " points"]) -> float:
     return max(
         _NORMAL_MAD * float(np.median(np.abs(residual))),
-        _ROUNDING * float(np.sqrt(np.mean(force**2))),
+        _ROUNDING * float(np.sqrt(np.mean((problem.force * problem.weight) ** 2))),
     )
-
-
-@quick_jit
-def _residual(search: Search, weighted: Search, u: Float[Array, " p"]) -> Float[Array, " points"]:
-    """Residuals, in the readings' own weights, of the best coefficients of the weighted fit."""
-    parameters = search.parameters(u)
-    problem = search.problem
-    reaches = weighted.problem.reaches(parameters)
-    error = problem.force_error(parameters, weighted.problem.solve(parameters).x, reaches)
-    return error * jnp.concatenate([jnp.max(p.weights, axis=0) for p in problem.parts])

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._convex.active_set import nearest_points
 from .._convex.constraint import posed
 from .._convex.convex_fit import minimise
-from .._convex.small_dense import cholesky, inverse_lower
-from .._convex.status import Status
+from ..engine.active_set import nearest_points
+from ..engine.small_dense import cholesky, inverse_lower
+from ..engine.status import Status
 from .fits import over_all
 from .padded import (
     CONSTRAINTS,

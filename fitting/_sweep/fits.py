@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .._convex.convex_fit import ConvexFit, minimise
-from .._convex.status import Status
+from ..engine.status import Status
 from .padded import (
     CONSTRAINTS,
     Unknowns,

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._convex.constraint import Constraint
 from .._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
 from .._convex.path_functions import AbstractPathFunctions
-from .._convex.qp import inverse_upper
+from ..engine.qp import inverse_upper
 from .problem import Design, compressed
 
 CONSTRAINTS = ("none", "positive", "slope", "drucker")

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fitting._search.box import minimise_in_box
+from fitting.engine.box import minimise_in_box
 
 
 def _curve(u: jnp.ndarray) -> jnp.ndarray:

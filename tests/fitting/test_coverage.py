@@ -9,9 +9,9 @@ from scipy import stats
 
 import famjax
 from fitting import ForceData, Parameter, Specimen, identify
-from fitting._evidence.refit import Readings, refit, with_readings
+from fitting._evidence.refit import refit
 from fitting._search.optimal import joint_derivatives
-from fitting._search.uncertainty import covariance
+from fitting.engine.covariance import covariance
 
 pytestmark = pytest.mark.slow
 
@@ -33,19 +33,14 @@ def test_intervals_cover_over_200_replicates() -> None:
     data = _data()
     exact = identify(data, starts=8)
     truth = np.array([e.value for e in exact.estimates])
-    search = exact.search
     noise = np.random.default_rng(11).normal(0, NOISE, (REPLICATES, data.force.size))
-    batch = Readings.of(search).repeated(REPLICATES)
-    batch = dataclasses.replace(batch, force=batch.force + noise)
-    found = refit(search, batch, np.tile(exact.unit_optimum, (REPLICATES, 1)))
+    batch = [exact.problem.with_readings(force=exact.problem.force + drawn) for drawn in noise]
+    found = refit(batch, [exact.end.u[None]] * REPLICATES)
     assert found.converged.all()
-    values = np.concatenate([found.parameters, found.x[:, 0]], axis=1)
+    values = np.concatenate([found.parameters, found.x], axis=1)
     errors = []
-    for k in range(REPLICATES):
-        one = with_readings(search, dataclasses.replace(Readings.of(search), force=batch.force[k]))
-        residual, jacobian, _ = map(
-            np.asarray, joint_derivatives(one.problem, found.parameters[k], found.x[k])
-        )
+    for problem, parameters in zip(batch, found.parameters, strict=True):
+        residual, jacobian, _ = joint_derivatives(problem, problem.solve(parameters))
         held = np.zeros(jacobian.shape[1], bool)
         errors.append(covariance(jacobian, residual, np.zeros((0, held.size)), held).stderr)
     pulls = np.abs(values - truth) / np.array(errors)

@@ -13,7 +13,7 @@ from fitting._convex.convex_fit import ConvexFit, minimise
 from fitting._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
 from fitting._convex.path_functions import SlopeFunctions
 from fitting._convex.path_table import PathTable, nodes_for
-from fitting._convex.status import Status
+from fitting.engine.status import Status
 
 ORDER, GROUPS, READINGS = 4, 3, 25
 OBJECTIVE = 5e-7  # relative; Clarabel's accuracy, and 2000 points in place of the interval

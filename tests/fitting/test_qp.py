@@ -55,7 +55,7 @@ def test_positive_coefficients_agree_with_nnls(seed: int) -> None:
 
 def test_certificate_exposes_a_wrong_point() -> None:
     """The certificate must not be a formality: spoil the problem after solving and it shows."""
-    from fitting._convex.qp import _certificate
+    from fitting.engine.qp import _certificate
 
     A, b, G, h = (jnp.asarray(v) for v in polynomial_problem(np.random.default_rng(1), 3))
     best = solve(A, b, G, h)

@@ -130,7 +130,7 @@ def test_the_saved_series_predicts_the_same(series: Series, saved: Path) -> None
 def _by_hand(one: Identification, rest: float, length: float, length_std: float) -> float:
     """The delta method with central differences of the truth's own construction."""
     names = ("braid_diameter", "braid_angle", "series_compliance", "C10", "C01")
-    places = [[*one.search.names, *one.law.coefficients].index(name) for name in names]
+    places = [[*one.problem.names, *one.law.coefficients].index(name) for name in names]
     values = np.array([one.estimate(name).value for name in names])
     covariance = np.nan_to_num(one.covariance[np.ix_(places, places)])
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fitting._search.uncertainty import covariance
+from fitting.engine.covariance import covariance
 
 EXACT = 1e-10
 

@@ -1,0 +1,1 @@
+"""The fit: families of models, constraints, objectives, certificate; one problem, two drivers."""

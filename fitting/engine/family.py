@@ -1,0 +1,47 @@
+"""A family of models: named numbers in, a model with a force out; some numbers linear in the force."""
+
+import abc
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+Values = Mapping[str, Any]
+"""Numbers [SI] by name."""
+
+RIG = ("series_compliance",)
+"""Parameters of the rig, which no model sees: the compliance c [m/N] in series with the muscle."""
+
+
+class AbstractFamily(eqx.Module):
+    """Models of one specimen as a function of named numbers.
+
+    Whatever is an array in it may differ from one specimen to another without a new program; what
+    is static (names, classes) may not.
+
+    Attributes:
+        nonlinear: names of the numbers that are searched, in order.
+        linear: names of those in which the force is affine, in order.
+    """
+
+    nonlinear: eqx.AbstractVar[tuple[str, ...]]
+    linear: eqx.AbstractVar[tuple[str, ...]]
+
+    @abc.abstractmethod
+    def build(self, values: Values) -> Any:
+        """The model of these values: whatever has `force(length, pressure)`."""
+
+    @abc.abstractmethod
+    def rest_length(self, values: Values) -> Float[Array, ""]:
+        """Active length L0 [m] at which every actuation path starts."""
+
+    @property
+    def derived_names(self) -> tuple[str, ...]:
+        """Names of what `derived` returns."""
+        return ()
+
+    def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
+        """What else a reader wants to know of the model; differentiable."""
+        del values
+        return ()
