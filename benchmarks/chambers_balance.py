@@ -9,8 +9,9 @@ from chambers_reference import PRESSURES, muscles, printed
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from famjax import Muscle, bladder_axial_force, bladder_hoop_force, gaylord_force, volume_rate
-from fitting.engine.quick_jit import quick_jit
+from famjax import Muscle, bladder_axial_force, bladder_hoop_force, gaylord_force
+from famjax.compile_options import quick_jit
+from famjax.terms import VirtualWork
 
 PRINTED_FREE = 0.353
 """Contraction of tables 6.1 and 6.2."""
@@ -72,7 +73,7 @@ def balance(
         pressure: gauge pressure [psi].
 
     Returns:
-        Quantities in in, deg, psi and lbf, and the rates dV/dL [in2] of the outline's volume.
+        Quantities in in, deg, psi and lbf.
     """
     c, P = np.broadcast_arrays(np.asarray(contraction, float), np.asarray(pressure, float))
     calls = -(-c.size // _POINTS)
@@ -89,9 +90,8 @@ def balance(
 def _balance(
     muscle: Muscle, contraction: Float[Array, " n"], pressure: Float[Array, " n"]
 ) -> dict[str, Float[Array, " n"]]:
-    geometry = muscle.geometry
-    length = geometry.rest_length * (1 - contraction)
-    at = geometry.dimensions(length, pressure)
+    length = muscle.rest_length * (1 - contraction)
+    at = muscle.geometry.dimensions_with_rates(length, pressure)
     axial, hoop = muscle.material.stresses(
         at.axial_strain[..., None], at.hoop_strain, pressure[..., None]
     )
@@ -118,9 +118,9 @@ def _balance(
         "bladder force": axial_force + hoop_force,
         "Gaylord force": gaylord,
         "total force": gaylord + axial_force + hoop_force,
-        "dV/dL at constant pressure": volume_rate(geometry, length, pressure),
-        "dV/dL at constant thread length": volume_rate(
-            geometry, length, pressure, braid=geometry.braid
+        "-P dV/dL at constant pressure": VirtualWork().force(at, pressure),
+        "-P dV/dL at constant thread length": VirtualWork(at_thread_length=True).force(
+            at, pressure
         ),
         **moments,
     }

@@ -5,11 +5,11 @@ import functools
 import jax
 import numpy as np
 from chambers_reference import PRESSURES, Row, Table, elastic_braid, printed
+from jaxtyping import Array, Float
 
-from famjax import ElasticBraid, units
-from famjax._elastic_braid import BraidStretch
+from famjax import BraidStretch, units
+from famjax.compile_options import quick_jit
 from fitting._rubber.in_situ import InSitu, thread_in_situ
-from fitting.engine.quick_jit import quick_jit
 
 FROM_PRINT = {"B": 0.001, "theta": 0.03}
 """Tolerance [in, deg] of what follows from the printed D: 0.0005 in of D, and the print's digit."""
@@ -104,12 +104,13 @@ def _moduli() -> list[Row]:
 @functools.cache
 def stretch(softness: float = 1.0) -> BraidStretch:
     """The braid at the resting length at `SWEPT`, with and without stretch; NumPy arrays."""
-    return jax.tree.map(np.asarray, _stretched(elastic_braid(softness)))
+    return jax.tree.map(np.asarray, _stretched(np.array(softness)))
 
 
 @quick_jit
-def _stretched(braid: ElasticBraid) -> BraidStretch:
-    return braid.stretch(printed()["specimen"]["active_length_in"], SWEPT)
+def _stretched(softness: Float[Array, ""]) -> BraidStretch:
+    rest = printed()["specimen"]["active_length_in"]
+    return elastic_braid(softness).stretch(rest, SWEPT)
 
 
 def _model() -> list[Row]:

@@ -8,6 +8,7 @@ from chambers_reference import Row, Table, printed
 from jaxtyping import Array, Float
 
 from famjax import units
+from famjax.compile_options import quick_jit
 from famjax.design import (
     Feasibility,
     compression_sensitivity,
@@ -19,7 +20,6 @@ from famjax.design import (
     safety_factor,
     swaged_bore,
 )
-from fitting.engine.quick_jit import quick_jit
 
 ANGLE = 0.05
 """Tolerance [deg]: half the last digit of tables 2.2 and 2.3."""

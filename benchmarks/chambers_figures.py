@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from famjax._elastic_braid import BraidState
+from famjax import BraidState
 
 _STYLES: dict[str, dict[str, Any]] = {
     "estimated inelastic": {"color": "C0", "ls": "--"},

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from chambers_figures import FIGURES
-from chambers_notes import NOT_COMPUTED, NOTES
+from chambers_notes import NOT_COMPUTED, NOTES, PAGE
 from chambers_reference import Row
 from matplotlib.figure import Figure
 
@@ -30,7 +30,7 @@ def write(
     synthetic: list[Row] | None = None,
     begin: Callable[[str], None] | None = None,
 ) -> list[Path]:
-    """The page `reproduce.html` in the folder, which is made if need be; written whole or not.
+    """The page `PAGE` in the folder, which is made if need be; written whole or not.
 
     Args:
         folder: of the page.
@@ -42,16 +42,14 @@ def write(
         The files written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "reproduce.html"
+    path = folder / PAGE
     draft = path.with_suffix(".html.part")
     draft.write_text(_page(rows, synthetic or [], begin), encoding="utf-8")
     os.replace(draft, path)
     return [path]
 
 
-def _page(
-    rows: list[Row], synthetic: list[Row], begin: Callable[[str], None] | None
-) -> str:
+def _page(rows: list[Row], synthetic: list[Row], begin: Callable[[str], None] | None) -> str:
     tables = {
         table: list(group)
         for table, group in itertools.groupby(
@@ -155,9 +153,7 @@ def _not_computed() -> str:
     return f"<h2>Not computed</h2><ul>{lines}</ul>"
 
 
-def _figure(
-    caption: str, draw: Callable[[], Figure], begin: Callable[[str], None] | None
-) -> str:
+def _figure(caption: str, draw: Callable[[], Figure], begin: Callable[[str], None] | None) -> str:
     if begin is not None:
         begin(f"figure: {draw.__name__.replace('_', ' ')}")
     stream = io.BytesIO()

@@ -27,8 +27,9 @@ from famjax import (
     MeasuredGeometry,
     Muscle,
     PressurePolynomialMaterial,
+    Real,
 )
-from fitting.engine.quick_jit import quick_jit
+from famjax.compile_options import quick_jit
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
 """Gauge pressures [psi] at which the work prints its tables of forces."""
@@ -100,7 +101,7 @@ def inelastic_braid() -> Braid:
     return Braid(of["thread_length_B_in"], of["turns_N"], of["braid_thickness_in"])
 
 
-def elastic_braid(softness: float = 1.0) -> ElasticBraid:
+def elastic_braid(softness: Real = 1.0) -> ElasticBraid:
     """The specimen's braid with the modulus found in situ, 11.6e6 psi over `softness`."""
     of, braid = printed()["specimen"], inelastic_braid()
     modulus = of["thread_modulus_in_situ_linear_psi"] / softness
@@ -154,7 +155,7 @@ def latex() -> PressurePolynomialMaterial:
     It is written as a law that is linear in pressure, so that those meet its compiled programs.
     """
     E = printed()["latex"]["E_psi"]
-    return PressurePolynomialMaterial(ENDS, [E, E])
+    return PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E]))
 
 
 GEOMETRIES = ("estimated inelastic", "estimated elastic", "measured average diameter", "measured")

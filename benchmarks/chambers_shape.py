@@ -11,7 +11,7 @@ from chambers_reference import Row, Table, inelastic_braid, printed, profile, tr
 from jaxtyping import Array, Float
 
 from famjax import EllipticToroidEnds, FourierProfile, Meridian, diameter_from_length, tube_volume
-from fitting.engine.quick_jit import quick_jit
+from famjax.compile_options import quick_jit
 
 VOLUME = 0.0005
 """Tolerance [in3]: half the last digit of the printed volumes."""

@@ -26,11 +26,7 @@ def over_contraction() -> dict[str, dict[str, Float[np.ndarray, " contractions"]
     found = {}
     for name, muscle in muscles().items():
         at = balance(muscle, CONTRACTIONS, PRESSURE)
-        found[name] = {
-            GAYLORD: at["Gaylord force"],
-            AT_PRESSURE: -PRESSURE * at["dV/dL at constant pressure"],
-            AT_THREAD_LENGTH: -PRESSURE * at["dV/dL at constant thread length"],
-        }
+        found[name] = {term: at[term] for term in (GAYLORD, AT_PRESSURE, AT_THREAD_LENGTH)}
     return found
 
 

@@ -31,6 +31,7 @@ import dataclasses
 import functools
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 from chambers_balance import balance, free_contraction
 from chambers_reference import ENDS, geometries, printed
@@ -231,7 +232,8 @@ def _linear(
 def _muscle(E: Float[np.ndarray, " n"], change: ArrayLike = 0.0) -> Muscle:
     """The measured geometry with the law E_n(P) = E_n + s_n (P - 55 psi) / (45 psi)."""
     nodes = np.array(ENDS)
-    law = PressurePolynomialMaterial(nodes, E + _share(nodes)[:, None] * change)
+    coefficients = E + _share(nodes)[:, None] * change
+    law = PressurePolynomialMaterial(jnp.asarray(nodes), jnp.asarray(coefficients))
     return Muscle(geometries()["measured"], law)
 
 

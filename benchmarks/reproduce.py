@@ -16,15 +16,12 @@ import chambers_identification
 import chambers_shape
 import chambers_virtual_work
 import jax
-from chambers_notes import NOT_COMPUTED, NOTES
+from chambers_notes import NOT_COMPUTED, NOTES, PAGE as PAGE
 from chambers_reference import Row, Table
 
 Progress = Callable[[int, int, str], None]
 """Called before each table and figure, with the number of those done, of all, and its name; within
 the fits of chapter 7 again, and once at the end."""
-
-PAGE = "reproduce.html"
-"""Name of the page's file."""
 
 CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
     ("chapter 2", chambers_design.TABLES),

@@ -43,7 +43,7 @@ def reproduce(
     from importlib import import_module  # noqa: PLC0415
 
     benchmark = import_module("reproduce")
-    with progress_bar(every=0) as progress:
+    with progress_bar(every=0.0) as progress:
         task = progress.add_task("reproducing", total=None)
 
         def show(done: int, total: int, name: str) -> None:
