@@ -3,6 +3,7 @@
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from chambers_reference import PRESSURES, Row, Table, elastic_braid, printed
 from jaxtyping import Array, Float
@@ -104,7 +105,7 @@ def _moduli() -> list[Row]:
 @functools.cache
 def stretch(softness: float = 1.0) -> BraidStretch:
     """The braid at the resting length at `SWEPT`, with and without stretch; NumPy arrays."""
-    return jax.tree.map(np.asarray, _stretched(np.array(softness)))
+    return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness)))
 
 
 @quick_jit
