@@ -120,6 +120,11 @@ def _unstack(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     return lambda x: tuple(np.moveaxis(full(x, shape), axis, 0))
 
 
+def _split(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+    axis, shape, ends = params["axis"], shapes[0], np.cumsum(params["sizes"])[:-1]
+    return lambda x: tuple(np.split(full(x, shape), ends, axis=axis))
+
+
 def _reduce(function: Operation) -> Rule:
     def rule(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
         axes, shape = tuple(params["axes"]), shapes[0]
@@ -243,6 +248,20 @@ def _scan(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     return scan
 
 
+def _cond(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+    branches = params["branches"]
+
+    def cond(which: np.ndarray, *x: np.ndarray) -> tuple[np.ndarray, ...]:
+        taken = np.unique(np.clip(which.astype(int), 0, len(branches) - 1))
+        found = branches[taken[0]].run(*x)
+        for branch in taken[1:]:
+            other = branches[branch].run(*x)
+            found = [np.where(which == branch, a, b) for a, b in zip(other, found, strict=True)]
+        return tuple(found)
+
+    return cond
+
+
 def _same(x: np.ndarray) -> np.ndarray:
     return x
 
@@ -279,6 +298,7 @@ RULES: dict[str, Rule] = {
     "concatenate": _concatenate,
     "stack": _stack,
     "unstack": _unstack,
+    "split": _split,
     "reduce_sum": _reduce(np.sum),
     "reduce_prod": _reduce(np.prod),
     "reduce_max": _reduce(np.max),
@@ -290,6 +310,7 @@ RULES: dict[str, Rule] = {
     "dot_general": _dot_general,
     "iota": _iota,
     "gather": _gather,
+    "cond": _cond,
     "while": _while,
     "scan": _scan,
 }  # fmt: skip

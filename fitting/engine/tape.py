@@ -6,6 +6,7 @@ before it could have begun. Only what is asked for is computed.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -24,12 +25,14 @@ _KEPT = {
     "broadcast_in_dim": ("shape", "broadcast_dimensions"), "squeeze": ("dimensions",),
     "transpose": ("permutation",), "rev": ("dimensions",), "concatenate": ("dimension",),
     "slice": ("start_indices", "limit_indices", "strides"), "stack": ("axis",),
-    "unstack": ("axis",), "dot_general": ("dimension_numbers",),
+    "unstack": ("axis",), "split": ("axis", "sizes"), "dot_general": ("dimension_numbers",),
     "iota": ("dtype", "shape", "dimension"), "cumsum": ("axis", "reverse"),
     "cumprod": ("axis", "reverse"), "while": ("cond_nconsts", "body_nconsts"),
     "scan": ("length", "num_carry", "num_consts", "reverse"),
 }  # fmt: skip
-_NESTED = {"while": {"cond": "cond_jaxpr", "body": "body_jaxpr"}, "scan": {"body": "jaxpr"}}
+_NESTED = {
+    "while": {"cond": "cond_jaxpr", "body": "body_jaxpr"}, "scan": {"body": "jaxpr"}, "cond": {},
+}  # fmt: skip
 
 
 class UnknownPrimitive(Exception):
@@ -90,6 +93,7 @@ class _Recorder:
         self.constants: dict[int, np.ndarray] = {}
         self.steps: list[Step] = []
         self._seen: dict[Any, tuple[int, ...]] = {}
+        self._within: set[str] = set()
 
     def slot(self, shape: Iterable[int]) -> int:
         self.shapes.append(tuple(int(n) for n in shape))
@@ -126,15 +130,31 @@ class _Recorder:
 
         for eqn in jaxpr.eqns:
             name, operands = eqn.primitive.name, tuple(read(atom) for atom in eqn.invars)
-            if name in _INLINED:
-                inner = eqn.params[_INLINED[name]]
+            if name in _INLINED or name not in RULES:
+                inner = eqn.params[_INLINED[name]] if name in _INLINED else self._made_of(eqn)
                 inner, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
                 found = self.follow(inner, constants, operands)
+                self._within.discard(name)
             else:
                 shapes = [var.aval.shape for var in eqn.outvars]
                 found = self.step(name, operands, _params(name, eqn.params), shapes)
             places.update(zip(eqn.outvars, found, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
+
+
+    def _made_of(self, eqn: Any) -> Any:
+        """The operations that a library's own primitive stands for, traced."""
+        primitive = eqn.primitive
+        if primitive.name in self._within or primitive.impl is None:
+            raise UnknownPrimitive(primitive.name)
+        self._within.add(primitive.name)
+        examples = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
+        made = functools.partial(primitive.impl, **eqn.params)
+        made = getattr(eqn.params.get("_prim"), "expand", made)
+        try:
+            return jax.make_jaxpr(made)(*examples)
+        except NotImplementedError as error:
+            raise UnknownPrimitive(primitive.name) from error
 
 
 def _tape(closed: Any) -> Tape:
@@ -146,8 +166,6 @@ def _tape(closed: Any) -> Tape:
 
 def _params(name: str, params: dict[str, Any]) -> dict[str, Any]:
     """What the rule of a primitive needs of its parameters, as plain numbers and tapes."""
-    if name not in RULES:
-        raise UnknownPrimitive(name)
     if name == "gather":
         numbers, mode = params["dimension_numbers"], params["mode"]
         if numbers.operand_batching_dims or numbers.start_indices_batching_dims:
@@ -156,12 +174,17 @@ def _params(name: str, params: dict[str, Any]) -> dict[str, Any]:
                 ("offset_dims", "collapsed_slice_dims", "start_index_map")}  # fmt: skip
         kept |= {"slice_sizes": params["slice_sizes"], "fills": "FILL" in str(mode)}
     else:
-        kept = {key: params[key] for key in _KEPT.get(name, ())}
+        names = _KEPT.get(name, ())
+        if not params.keys() >= set(names):
+            raise UnknownPrimitive(name)
+        kept = {key: params[key] for key in names}
         if name.startswith("reduce_"):
             kept["axes"] = params["axes"]
     if name == "reshape" and params["dimensions"] is not None:
         raise UnknownPrimitive(name)
-    nested = {key: _tape(params[of]) for key, of in _NESTED.get(name, {}).items()}
+    nested: dict[str, Any] = {key: _tape(params[of]) for key, of in _NESTED.get(name, {}).items()}
+    if name == "cond":
+        nested["branches"] = tuple(_tape(branch) for branch in params["branches"])
     return {key: _simple(value) for key, value in kept.items()} | nested
 
 
