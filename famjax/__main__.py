@@ -9,7 +9,7 @@ os.environ.setdefault("PJRT_NPROC", "16")
 try:
     from cyclopts import CycloptsError
 
-    from ._commands import app
+    from ._commands.app import command_line
 except ImportError as missing:
     sys.exit(
         f"the famjax command needs its extra 'app' ({missing}); install it with\n"
@@ -24,10 +24,13 @@ def main(arguments: list[str] | None = None) -> None:
     """
     from fitting import InputError  # noqa: PLC0415
 
-    from .design import CatalogueError  # noqa: PLC0415
+    from ._catalogue import CatalogueError  # noqa: PLC0415
 
+    words = sys.argv[1:] if arguments is None else arguments
     try:
-        code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        code = command_line(words)(
+            words, exit_on_error=False, print_error=False, result_action="return_value"
+        )
     except CycloptsError as error:
         print(f"famjax: {error}\nTry 'famjax --help'.", file=sys.stderr)
         sys.exit(2)

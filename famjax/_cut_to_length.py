@@ -7,8 +7,8 @@ import jax.numpy as jnp
 
 from ._end_effect import EndEffectGeometry
 from ._geometry import AbstractGeometry, EstimatedGeometry
-from ._muscle import Muscle
 from ._types import Real, RealArray, as_real
+from .muscle import Muscle
 
 
 def cut_to_length(muscle: Muscle, rest_length: Real) -> Muscle:

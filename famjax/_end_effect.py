@@ -1,11 +1,13 @@
 """A cylinder that stands for a muscle with rounded ends: Tondu & Lopez's factor on contraction."""
 
-import equinox as eqx
 from jaxtyping import Array, Float
 
 from ._assumed_shapes import tondu_lopez_length
 from ._geometry import AbstractGeometry, Dimensions
 from ._types import Real, RealArray, as_real
+from .parameters import parameter
+
+_LARGEST_FACTOR = 1.4
 
 
 class EndEffectGeometry(AbstractGeometry):
@@ -24,12 +26,12 @@ class EndEffectGeometry(AbstractGeometry):
     """
 
     cylinder: AbstractGeometry
-    end_factor: Float[Array, "..."] = eqx.field(converter=as_real)
+    end_factor: Float[Array, "..."] = parameter(low=1.0, high=_LARGEST_FACTOR)
 
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions of the cylinder at active length L [m] and gauge pressure P [Pa]."""
         shortened = tondu_lopez_length(as_real(length), self.rest_length, self.end_factor)
-        return self.cylinder.dimensions(shortened, pressure)
+        return self.cylinder.dimensions(shortened, pressure).unless(as_real(length) > 0)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m], those of the cylinder mapped back."""

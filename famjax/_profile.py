@@ -11,6 +11,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ._types import Real, RealArray, as_real
+from .parameters import number
 
 
 class AbstractProfile(eqx.Module):
@@ -47,10 +48,10 @@ class FourierProfile(AbstractProfile):
         Chambers 2021, section 4.3, table 4.3.
     """
 
-    a0: Float[Array, ""] = eqx.field(converter=as_real)
-    a: Float[Array, " terms"] = eqx.field(converter=as_real)
-    b: Float[Array, " terms"] = eqx.field(converter=as_real)
-    w: Float[Array, ""] = eqx.field(converter=as_real)
+    a0: Float[Array, ""] = number("m")
+    a: Float[Array, " terms"] = number("m")
+    b: Float[Array, " terms"] = number("m")
+    w: Float[Array, ""] = number()
 
     def __check_init__(self) -> None:
         if self.a.ndim != 1 or self.a.shape != self.b.shape:

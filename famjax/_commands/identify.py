@@ -8,14 +8,14 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from .app import app, load_fitting, load_map, print_rows
+from .loading import load_fitting, load_map
 from .progress import progress_bar
+from .rows import print_rows
 
 if TYPE_CHECKING:
     from fitting import Evidence, Identification
 
 
-@app.command
 def fit(
     data: str = "DMSP-20-300",
     *,
@@ -174,7 +174,6 @@ def _print_fit(result: "Identification", units: str, evidence: "Evidence") -> No
     console.print(verdict(result), style="bold", markup=False)
 
 
-@app.command
 def predict(
     fit_json: Path,
     *,

@@ -7,11 +7,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from .app import app, load_fitting, print_rows
+from .loading import load_fitting
 from .progress import progress_bar
+from .rows import print_rows
 
 
-@app.command
 def reproduce(
     *,
     output: Path = Path("famjax-reproduce"),

@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..engine.qp import unit_rows
 from .path_functions import AbstractPathFunctions
 from .path_table import PathTable
-from ..engine.qp import unit_rows
 
 _MATTERS = 1e-4  # slack per largest coefficient, far above what cubics may miss at a corner
 

@@ -17,10 +17,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..engine.active_set import NearestPoint, nearest_point
-from .constraint import Constraint, Dips, Points, posed
-from .objectives import AbstractObjective, Model
 from ..engine.small_dense import cholesky, inverse_lower
 from ..engine.status import Status
+from .constraint import Constraint, Dips, Points, posed
+from .objectives import AbstractObjective, Model
 
 SPARE = 12
 """Rows kept for points between the grid."""

@@ -37,6 +37,8 @@ _BRAID = Part(famjax.AbstractBraid, untyped=famjax.Braid)
 _MEASURED = {"family": Part(famjax.MeasuredFamily), "bladder": _BLADDER, "order": ""}
 _THREAD = {"modulus": "Pa", "area": "m2"}
 _BRAID_AT_REST = {"rest_thread_length": "m", "turns": "", "thickness": "m"}
+_DEADBAND = {"deadband_pressure": "Pa"}
+_WALL = {"material": Part(famjax.AbstractMaterial)}
 _ENDS = {"middle_diameter": "m", "end_diameter": "m", "end_length": "m"}
 
 PARTS: dict[type[eqx.Module], Fields] = {
@@ -49,10 +51,6 @@ PARTS: dict[type[eqx.Module], Fields] = {
     famjax.EstimatedGeometry: {"braid": _BRAID, "bladder": _BLADDER},
     famjax.MeasuredGeometry: _MEASURED,
     famjax.AverageDiameterGeometry: _MEASURED,
-    famjax.VirtualWorkGeometry: {
-        "geometry": Part(famjax.AbstractGeometry),
-        "braid": Part(famjax.AbstractBraid, optional=True),
-    },
     famjax.EndEffectGeometry: {"cylinder": Part(famjax.AbstractGeometry), "end_factor": ""},
     famjax.Bladder: {
         "rest_length": "m",
@@ -100,4 +98,20 @@ PARTS: dict[type[eqx.Module], Fields] = {
         "strain_scale": "",
     },
     famjax.MonotoneMaterial: {"knots": "", "moduli": "Pa"},
+    # Force terms.
+    famjax.PressurisedBraid: _DEADBAND,
+    famjax.VirtualWork: {**_DEADBAND, "at_thread_length": ""},
+    famjax.BladderAxial: _WALL,
+    famjax.BladderHoop: _WALL,
+    famjax.BladderWall: _WALL,
+    famjax.Spring: {"stiffness": "N_per_m", "rest_length": "m", "preload": "N"},
+    famjax.Friction: {"law": Part(famjax.AbstractFriction), "direction": ""},
+    famjax.ThreadFriction: {"coefficient": "", "rest_area": "m2", "rest_braid_angle": "rad"},
+    famjax.PressureFriction: {"constant": "N", "per_pressure": "m2"},
 }
+
+MUSCLE_OF_TERMS: Fields = {
+    "geometry": Part(famjax.AbstractGeometry),
+    "terms": Part(famjax.AbstractForceTerm, many=True),
+}
+"""A muscle with other terms than a pressurised braid and the wall of one material."""

@@ -10,7 +10,7 @@ from jaxtyping import Float
 import famjax
 
 from .._data.force_data import ForceData
-from .._model.laws import AbstractLaw
+from .._model.laws import Law
 from ..engine.descent import End
 from ..engine.problem import Part, Point, Problem
 from ..engine.program import Constraint, PressureDependence
@@ -164,7 +164,7 @@ class Identification:
     active_constraints: tuple[str, ...]
     starts: Float[np.ndarray, " starts"]
     start_parameters: Float[np.ndarray, "starts q"]
-    law: AbstractLaw
+    law: Law
     constraint: Constraint
     dependence: PressureDependence
     box: str

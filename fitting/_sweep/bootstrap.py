@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..engine.active_set import nearest_points
 from .._convex.constraint import posed
 from .._convex.convex_fit import minimise
+from ..engine.active_set import nearest_points
 from ..engine.small_dense import cholesky, inverse_lower
 from ..engine.status import Status
 from .fits import over_all

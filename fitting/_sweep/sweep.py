@@ -14,10 +14,10 @@ from jaxtyping import Array, Float, Int
 
 import famjax
 
-from ..engine.status import Status
 from .._data.force_data import ForceData
 from .._errors import InputError
 from .._saved.resumable import ResumableFile
+from ..engine.status import Status
 from .bootstrap import draw, replicate_all
 from .fits import Fits, solve_all
 from .padded import CONSTRAINTS, DEPENDENCES, OBJECTIVES

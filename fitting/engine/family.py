@@ -1,14 +1,11 @@
 """A family of models: named numbers in, a model with a force out; some numbers linear in the force."""
 
 import abc
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
-
-import famjax
 
 Values = Mapping[str, Any]
 """Numbers [SI] by name."""

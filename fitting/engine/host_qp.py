@@ -69,7 +69,9 @@ class HostOptimum:
         stationarity = (A.T @ residual - self.multipliers @ G[self.rows]) / self.scale
         weights = self.multipliers * size[self.rows]
         largest = max(
-            np.abs(stationarity).max(initial=0.0), -slack.min(initial=0.0), -weights.min(initial=0.0)
+            np.abs(stationarity).max(initial=0.0),
+            -slack.min(initial=0.0),
+            -weights.min(initial=0.0),
         )
         excess = self.inverse.T @ (stationarity * self.scale)
         gap = weights @ slack[self.rows] + excess @ excess / 2
@@ -87,7 +89,7 @@ class HostOptimum:
         dG_l: Float[np.ndarray, "q n"],
         A: Float[np.ndarray, "k n"],
     ) -> Float[np.ndarray, "q n"]:
-        """dx along q directions, by the implicit function theorem on the active set.
+        """Dx along q directions, by the implicit function theorem on the active set.
 
         Args:
             G: constraint rows.
@@ -136,9 +138,7 @@ def solve_host_qp(
             empty, *nowhere, np.full(b.size, np.nan), np.eye(n), scale, np.nan, Status.STALLED
         )
     if n == 0:
-        return HostOptimum(
-            np.zeros(0), *nowhere, -b, np.zeros((0, 0)), scale, 1.0, Status.OPTIMAL
-        )
+        return HostOptimum(np.zeros(0), *nowhere, -b, np.zeros((0, 0)), scale, 1.0, Status.OPTIMAL)
     Q, R = np.linalg.qr(A / scale)
     diagonal = np.abs(np.diagonal(R))
     norm = np.linalg.norm(R)
@@ -155,9 +155,7 @@ def solve_host_qp(
     rows = G @ inverse
     size = np.sqrt(np.einsum("mn,mn->m", rows, rows))
     size[size == 0] = 1.0
-    y, active, multipliers, status = nearest_point(
-        rows / size[:, None], h / size, Q.T @ b, guess
-    )
+    y, active, multipliers, status = nearest_point(rows / size[:, None], h / size, Q.T @ b, guess)
     x = inverse @ y if status is Status.OPTIMAL else np.full(n, np.nan)
     return HostOptimum(
         x, active, multipliers / size[active], A @ x - b, inverse, scale, condition, status

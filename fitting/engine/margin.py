@@ -38,9 +38,7 @@ def constraint_margin(
     Returns:
         One margin for each part. The law is stable where the value is >= 0.
     """
-    return [
-        _margin(part, point, place, kind) for place, part in enumerate(problem.parts)
-    ]
+    return [_margin(part, point, place, kind) for place, part in enumerate(problem.parts)]
 
 
 def _margin(part: Part, point: Point, place: int, kind: str) -> Margin:

@@ -116,9 +116,12 @@ class Part:
             # An index beyond the offsets would be clipped to the last: all offsets are zero here.
             at = self.program.at(
                 dataclasses.replace(
-                    self.inputs, length=length[here], pressure=pressure[here], force=nothing,
+                    self.inputs,
+                    length=length[here],
+                    pressure=pressure[here],
+                    force=nothing,
                     length_index=np.zeros(count, int),
-                )  # fmt: skip
+                )
             )
             reached = nothing
             for _ in range(REACHES):

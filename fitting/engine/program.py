@@ -22,8 +22,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import famjax
+from famjax.compile_options import quick_options
 
-from .quick_jit import QUICK_COMPILATION
 from .family import AbstractFamily
 from .tape import UnknownPrimitive, record
 
@@ -162,6 +162,49 @@ def response(
     return Response(force, columns, values, rows, told, numbers, number_columns), aside
 
 
+def force_and_constraint(
+    family: AbstractFamily,
+    constraint: Constraint,
+    at: MapInputs,
+    p: Float[Array, " q"],
+    x: Float[Array, " n"],
+    compliant_steps: int = 0,
+) -> tuple[Float[Array, " points"], Float[Array, " rows"]]:
+    """What the rig measures [N] and the constraint's values [Pa], with nothing made linear.
+
+    Args:
+        family: what is fitted.
+        constraint: on the coefficients.
+        at: readings and paths.
+        p: `family.nonlinear`, then one offset for each length that has one.
+        x: coefficients.
+        compliant_steps: Newton steps for the force in a compliant rig, from `at.force`; two at the
+            solution have its first and second derivatives.
+    """
+    known = len(family.nonlinear)
+    searched = dict(zip(family.nonlinear, p[:known], strict=True))
+    model = family.build({**searched, **dict(zip(family.linear, x, strict=True))})
+    length, pressure = jnp.asarray(at.length), jnp.asarray(at.pressure)
+    if p.shape[0] > known:
+        length = length + p[known:][at.length_index]
+    rest, end = family.rest_length(searched), jnp.asarray(at.path_end)
+    compliance = searched.get("series_compliance")
+    if compliance is None:
+        force = model.force(length, pressure)
+    else:
+        end = jnp.minimum(end, jnp.min(length - compliance * at.force))
+        force = jnp.asarray(at.force)
+        for _ in range(compliant_steps):
+            muscle, stiffness = jax.jvp(
+                lambda L: model.force(L, pressure),
+                (length - compliance * force,),
+                (jnp.ones_like(length),),
+            )
+            force = force + (muscle - force) / (1 + compliance * stiffness)
+    paths = _Paths.of(model, rest, end, at)
+    return force, paths.constraint(model, constraint).ravel()
+
+
 def flat(model: Any) -> Float[Array, " l"]:
     """All numbers of a model, leaf by leaf."""
     leaves = jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
@@ -225,11 +268,13 @@ class _Paths(eqx.Module):
 
     def slope(self, model: Any) -> Float[Array, "paths stations"]:
         material = bladder_of(model)
-        if material is None or getattr(material, 'directions_interact', isinstance(material, famjax.AbstractHyperelastic)):
+        if material is None or material.directions_interact:
             return jnp.full(self.shares.shape, jnp.nan)
         strain = self.shares * self.largest[:, None]
         return jax.jvp(
-            lambda e: material.stresses(e, e, self.pressure[:, None])[0], (strain,), (jnp.ones_like(strain),)
+            lambda e: material.stresses(e, e, self.pressure[:, None])[0],
+            (strain,),
+            (jnp.ones_like(strain),),
         )[1]
 
 
@@ -272,7 +317,7 @@ class _Traced:
 
             self._compiled = jax.jit(
                 jax.vmap(packed, in_axes=(None, 0, 0, 0)),
-                compiler_options=dict(QUICK_COMPILATION),
+                compiler_options=quick_options(),
             )
         self._shapes = [leaf.shape for leaf in shape]
 
