@@ -25,7 +25,8 @@ import famjax
 from famjax.compile_options import quick_options
 
 from .family import AbstractFamily
-from .tape import UnknownPrimitive, record
+from . import tape_store
+from .tape import UnknownPrimitiveError, record
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
 PressureDependence = Literal["fixed", "linear", "free"]
@@ -302,24 +303,29 @@ class _Traced:
     """
 
     def __init__(
-        self, function: Callable[..., tuple[Response, Response, Aside]], examples: tuple[Any, ...]
+        self,
+        function: Callable[..., tuple[Response, Response, Aside]],
+        examples: tuple[Any, ...],
+        key: str | None,
     ) -> None:
+        def leaves(*arguments: Any) -> list[Array]:
+            return jax.tree.leaves(function(*arguments))
+
+        def packed(*arguments: Any) -> Array:
+            return jnp.concatenate([leaf.ravel() for leaf in leaves(*arguments)])
+
         self._runs: dict[bool, Callable[..., list[np.ndarray]]] = {}
+        self._tape = tape_store.load(key)
+        if self._tape is not None:
+            return
         try:
-            self._tape, shape = record(lambda *a: jax.tree.leaves(function(*a)), *examples)
-        except UnknownPrimitive:
-            self._tape, shape = None, jax.eval_shape(
-                lambda *a: jax.tree.leaves(function(*a)), *examples
-            )
-
-            def packed(*a: Any) -> Array:
-                return jnp.concatenate([leaf.ravel() for leaf in jax.tree.leaves(function(*a))])
-
+            self._tape = record(leaves, *examples)
+            tape_store.save(key, self._tape)
+        except UnknownPrimitiveError:
+            self._shapes = [leaf.shape for leaf in jax.eval_shape(leaves, *examples)]
             self._compiled = jax.jit(
-                jax.vmap(packed, in_axes=(None, 0, 0, 0)),
-                compiler_options=quick_options(),
+                jax.vmap(packed, in_axes=(None, 0, 0, 0)), compiler_options=quick_options()
             )
-        self._shapes = [leaf.shape for leaf in shape]
 
     def __call__(
         self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], *, complete: bool
@@ -367,7 +373,7 @@ class _Traced:
 @functools.lru_cache(maxsize=256)
 def _traced(
     treedef: Any, static: tuple, constraint: Constraint, shapes: tuple[tuple[int, ...], ...],
-    sizes: tuple[int, int, int],
+    sizes: tuple[int, int, int], family_key: str | None,
 ) -> _Traced:  # fmt: skip
     def function(
         arrays: list[Array], p: Array, x0: Array, reached: Array
@@ -386,7 +392,8 @@ def _traced(
         return jax.ShapeDtypeStruct(shape, np.dtype(kind))
 
     arrays = [array(shape, kind) for *shape, kind in shapes]
-    return _Traced(function, (arrays, *(array((size,)) for size in sizes)))
+    key = None if family_key is None else tape_store.identity(family_key, constraint, shapes, sizes)
+    return _Traced(function, (arrays, *(array((size,)) for size in sizes)), key)
 
 
 class Program:
@@ -399,6 +406,7 @@ class Program:
         self._arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
         static = tuple(None if eqx.is_array_like(leaf) else (leaf,) for leaf in leaves)
         self._key = treedef, static, constraint, tuple((*a.shape, a.dtype.str) for a in self._arrays)
+        self._family_key = tape_store.identity(family.identity)
 
     def at(self, inputs: MapInputs) -> "Program":
         """The same program at other readings and paths of the same sizes; nothing is traced."""
@@ -440,7 +448,7 @@ class Program:
         force = np.zeros((len(reached), self._size))
         force[:, : self._points] = reached
         sizes = p.shape[1], x0.shape[1], self._size
-        return _traced(*self._key, sizes)(self._arrays, (p, x0, force), complete=complete)
+        return _traced(*self._key, sizes, self._family_key)(self._arrays, (p, x0, force), complete=complete)
 
 
 def _padded(at: MapInputs, size: int | None = None) -> MapInputs:

@@ -35,7 +35,7 @@ _NESTED = {
 }  # fmt: skip
 
 
-class UnknownPrimitive(Exception):
+class UnknownPrimitiveError(Exception):
     """A primitive without a rule in NumPy: the function has to be compiled."""
 
 
@@ -77,14 +77,13 @@ class Tape:
         return _runner(self, outputs)
 
 
-def record(function: Callable[..., Any], *examples: Any) -> tuple[Tape, Any]:
-    """The tape of a function of arrays, and the shapes of its result as a tree.
+def record(function: Callable[..., Any], *examples: Any) -> Tape:
+    """The tape of a function of arrays.
 
     Raises:
-        UnknownPrimitive: it holds an operation that has no rule.
+        UnknownPrimitiveError: it holds an operation that has no rule.
     """
-    traced, shape = jax.make_jaxpr(function, return_shape=True)(*examples)
-    return _tape(traced), shape
+    return _tape(jax.make_jaxpr(function)(*examples))
 
 
 class _Recorder:
@@ -146,7 +145,7 @@ class _Recorder:
         """The operations that a library's own primitive stands for, traced."""
         primitive = eqn.primitive
         if primitive.name in self._within or primitive.impl is None:
-            raise UnknownPrimitive(primitive.name)
+            raise UnknownPrimitiveError(primitive.name)
         self._within.add(primitive.name)
         examples = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
         made = functools.partial(primitive.impl, **eqn.params)
@@ -154,7 +153,7 @@ class _Recorder:
         try:
             return jax.make_jaxpr(made)(*examples)
         except NotImplementedError as error:
-            raise UnknownPrimitive(primitive.name) from error
+            raise UnknownPrimitiveError(primitive.name) from error
 
 
 def _tape(closed: Any) -> Tape:
@@ -169,19 +168,19 @@ def _params(name: str, params: dict[str, Any]) -> dict[str, Any]:
     if name == "gather":
         numbers, mode = params["dimension_numbers"], params["mode"]
         if numbers.operand_batching_dims or numbers.start_indices_batching_dims:
-            raise UnknownPrimitive(name)
+            raise UnknownPrimitiveError(name)
         kept = {place: getattr(numbers, place) for place in
                 ("offset_dims", "collapsed_slice_dims", "start_index_map")}  # fmt: skip
         kept |= {"slice_sizes": params["slice_sizes"], "fills": "FILL" in str(mode)}
     else:
         names = _KEPT.get(name, ())
         if not params.keys() >= set(names):
-            raise UnknownPrimitive(name)
+            raise UnknownPrimitiveError(name)
         kept = {key: params[key] for key in names}
         if name.startswith("reduce_"):
             kept["axes"] = params["axes"]
     if name == "reshape" and params["dimensions"] is not None:
-        raise UnknownPrimitive(name)
+        raise UnknownPrimitiveError(name)
     nested: dict[str, Any] = {key: _tape(params[of]) for key, of in _NESTED.get(name, {}).items()}
     if name == "cond":
         nested["branches"] = tuple(_tape(branch) for branch in params["branches"])
