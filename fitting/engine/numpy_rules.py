@@ -111,6 +111,28 @@ def _concatenate(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operatio
     return lambda *x: np.concatenate(_together(x, shapes), axis=params["dimension"])
 
 
+def _pad(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+    config, shape = params["padding_config"], shapes[0]
+    size = tuple(low + high + n + max(n - 1, 0) * inner
+                 for n, (low, high, inner) in zip(shape, config, strict=True))  # fmt: skip
+    # A negative width cuts off; so the whole is spread out first and then cut.
+    spread = [slice(max(low, 0), None, inner + 1) for low, _, inner in config]
+
+    def pad(x: np.ndarray, value: np.ndarray) -> np.ndarray:
+        x, value = _together((x, value), (shape, ()))
+        whole = tuple(n + max(-low, 0) + max(-high, 0)
+                      for n, (low, high, _) in zip(size, config, strict=True))  # fmt: skip
+        found = np.broadcast_to(value, (*whole, value.shape[-1])).copy()
+        at = tuple(slice(s.start, s.start + n * s.step, s.step) if n else slice(0)
+                   for s, n in zip(spread, shape, strict=True))  # fmt: skip
+        found[at] = x
+        cut = tuple(slice(max(-low, 0), max(-low, 0) + n)
+                    for n, (low, _, _) in zip(size, config, strict=True))  # fmt: skip
+        return found[cut]
+
+    return pad
+
+
 def _stack(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     return lambda *x: np.stack(_together(x, shapes), axis=params["axis"])
 
@@ -296,6 +318,7 @@ RULES: dict[str, Rule] = {
     "rev": lambda params, shapes: lambda x: np.flip(full(x, shapes[0]), params["dimensions"]),
     "slice": _slice,
     "concatenate": _concatenate,
+    "pad": _pad,
     "stack": _stack,
     "unstack": _unstack,
     "split": _split,

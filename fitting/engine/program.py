@@ -372,7 +372,7 @@ class _Traced:
 
 @functools.lru_cache(maxsize=256)
 def _traced(
-    treedef: Any, static: tuple, constraint: Constraint, shapes: tuple[tuple[int, ...], ...],
+    treedef: Any, static: tuple, constraint: Constraint, shapes: tuple[tuple[tuple[int, ...], str], ...],
     sizes: tuple[int, int, int], family_key: str | None,
 ) -> _Traced:  # fmt: skip
     def function(
@@ -391,7 +391,7 @@ def _traced(
     def array(shape: tuple[int, ...], kind: str = "f8") -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct(shape, np.dtype(kind))
 
-    arrays = [array(shape, kind) for *shape, kind in shapes]
+    arrays = [array(shape, kind) for shape, kind in shapes]
     key = None if family_key is None else tape_store.identity(family_key, constraint, shapes, sizes)
     return _Traced(function, (arrays, *(array((size,)) for size in sizes)), key)
 
@@ -405,7 +405,7 @@ class Program:
         leaves, treedef = jax.tree.flatten((family, padded))
         self._arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
         static = tuple(None if eqx.is_array_like(leaf) else (leaf,) for leaf in leaves)
-        self._key = treedef, static, constraint, tuple((*a.shape, a.dtype.str) for a in self._arrays)
+        self._key = treedef, static, constraint, tuple((a.shape, a.dtype.str) for a in self._arrays)
         self._family_key = tape_store.identity(family.identity)
 
     def at(self, inputs: MapInputs) -> "Program":
@@ -434,8 +434,8 @@ class Program:
     def of_members(
         self,
         p: Float[np.ndarray, "members q"],
-        x0: Float[np.ndarray, "members n"],
-        reached: Float[np.ndarray, "members points"],
+        x0: Float[np.ndarray, "#members n"],
+        reached: Float[np.ndarray, "#members points"],
         *,
         complete: bool = False,
     ) -> tuple[Response, Response, Aside]:

@@ -25,7 +25,7 @@ _KEPT = {
     "broadcast_in_dim": ("shape", "broadcast_dimensions"), "squeeze": ("dimensions",),
     "transpose": ("permutation",), "rev": ("dimensions",), "concatenate": ("dimension",),
     "slice": ("start_indices", "limit_indices", "strides"), "stack": ("axis",),
-    "unstack": ("axis",), "split": ("axis", "sizes"), "dot_general": ("dimension_numbers",),
+    "pad": ("padding_config",), "unstack": ("axis",), "split": ("axis", "sizes"), "dot_general": ("dimension_numbers",),
     "iota": ("dtype", "shape", "dimension"), "cumsum": ("axis", "reverse"),
     "cumprod": ("axis", "reverse"), "while": ("cond_nconsts", "body_nconsts"),
     "scan": ("length", "num_carry", "num_consts", "reverse"),
