@@ -63,7 +63,7 @@ def refit(
     costs[~np.isfinite(costs)] = np.inf
     first = np.searchsorted(which, np.arange(len(problems)))
     ends = [
-        tried[start + int(np.argmin(of_one))]
+        tried[int(start) + int(np.argmin(of_one))]
         for start, of_one in zip(first, np.split(costs, first[1:]), strict=True)
     ]
     return Refit(

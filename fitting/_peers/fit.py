@@ -228,8 +228,8 @@ def _posed(family: PeerFamily, data: ForceData) -> Problem:
     low, high = (np.array([getattr(p, end) for p in family.nonlinear]) for end in ("low", "high"))
     levels = {"pressure": data.pressures.level[at], "length": data.lengths.level[at]}
     part = Part.of(
-        data.specimen.name, FamilyOfPeer(names, linear, family.build, family.origin), inputs, data.force[at],
-        weight, range(len(names)), range(len(linear)), levels, "none",
+        data.specimen.name, FamilyOfPeer(names, linear, family.build, family.origin), inputs,
+        data.force[at], weight, range(len(names)), range(len(linear)), levels, "none",
     )  # fmt: skip
     return Problem(
         parts=(part,),

@@ -67,8 +67,11 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
         The end of the last descent with everything known of its fit, and the problem with the
         stations placed.
     """
-    for exchange in range(spare if problem.constraint in {"drucker", "slope"} else 0):
-        found = constraint_margin(problem, best.point, problem.constraint)
+    kind = problem.constraint
+    for exchange in range(spare):
+        if kind not in {"drucker", "slope"}:
+            break
+        found = constraint_margin(problem, best.point, kind)
         lowest = min(float(one.value.min()) for one in found)
         if lowest >= -FEASIBLE * np.abs(best.point.x).max():
             break

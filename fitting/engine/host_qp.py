@@ -199,7 +199,7 @@ class HostOptima:
         d_slack: Float[np.ndarray, "b m q"],
         dG_l: Float[np.ndarray, "b q n"],
     ) -> Float[np.ndarray, "b q n"]:
-        """dx along q directions, by the implicit function theorem on the active set.
+        """Dx along q directions, by the implicit function theorem on the active set.
 
         Args:
             G: constraint rows.
@@ -216,7 +216,9 @@ class HostOptima:
             system = np.zeros((here.size, n + count, n + count))
             system[:, :n, :n] = np.eye(n)
             system[:, :n, n:], system[:, n:, :n] = -N.transpose(0, 2, 1), N
-            both = np.concatenate([right[here].transpose(0, 2, 1), -d_slack[here[:, None], rows]], 1)
+            both = np.concatenate(
+                [right[here].transpose(0, 2, 1), -d_slack[here[:, None], rows]], 1
+            )
             right[here] = np.linalg.solve(system, both)[:, :n].transpose(0, 2, 1)
         return right @ self.inverse.transpose(0, 2, 1)
 
@@ -231,7 +233,10 @@ def solve_host_qps(
     """The minimisers of several programmes, as by `solve_host_qp` one after another.
 
     Args:
-        A, b, G, h: as there, with a leading axis.
+        A: design matrices.
+        b: data.
+        G: constraint rows.
+        h: constraint offsets.
         guesses: active rows of neighbouring programmes, to start from.
 
     Returns:

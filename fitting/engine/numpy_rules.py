@@ -5,7 +5,6 @@ members share it. So every rule is what it would be for one member, and the inne
 over the batch. An axis along which an array is constant may have length 1 instead of its own.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -31,10 +30,10 @@ def _together(arrays: Sequence[np.ndarray], shapes: Sequence[Shape]) -> list[np.
 
 
 def _plain(function: Operation) -> Rule:
-    return lambda params, shapes: function
+    return lambda *_: function
 
 
-def _integer_pow(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+def _integer_pow(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     exponent = params["y"]
 
     def power(x: np.ndarray) -> np.ndarray:
@@ -62,7 +61,7 @@ def _select(which: np.ndarray, *cases: np.ndarray) -> np.ndarray:
     return np.choose(which, cases)
 
 
-def _convert(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+def _convert(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     dtype = np.dtype(params["new_dtype"])
     return lambda x: x.astype(dtype, copy=False)
 
@@ -104,7 +103,9 @@ def _slice(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     if not all(cut.stop > cut.start for cut in cuts):
         return lambda x: full(x, shapes[0])[tuple(cuts)]
     # A constant axis stays one.
-    return lambda x: x[tuple(c if n > 1 else slice(None) for c, n in zip(cuts, x.shape))]
+    return lambda x: x[
+        tuple(c if n > 1 else slice(None) for c, n in zip(cuts, x.shape[:-1], strict=True))
+    ]
 
 
 def _concatenate(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
@@ -179,7 +180,7 @@ def _dot_general(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operatio
     return lambda x, y: np.einsum(formula, full(x, a), full(y, b))
 
 
-def _iota(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+def _iota(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     shape, dimension = params["shape"], params["dimension"]
     along = [1] * (len(shape) + 1)
     along[dimension] = shape[dimension]
@@ -228,7 +229,7 @@ def _clamp(low: np.ndarray, x: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(x, low), high)
 
 
-def _while(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+def _while(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     of_condition, of_body = params["cond_nconsts"], params["body_nconsts"]
     condition, body = params["cond"].run, params["body"].run
 
@@ -253,11 +254,12 @@ def _scan(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     body, order = params["body"], range(length)[:: -1 if params["reverse"] else 1]
 
     def scan(*x: np.ndarray) -> tuple[np.ndarray, ...]:
-        carry, rows = list(x[consts : consts + carried]), []
-        along = [full(a, s) for a, s in zip(x[consts + carried :], shapes[consts + carried :])]
+        first, rows = consts + carried, []
+        carry = x[consts:first]
+        along = [full(a, s) for a, s in zip(x[first:], shapes[first:], strict=True)]
         for k in order:
             found = body.run(*x[:consts], *carry, *(a[k] for a in along))
-            carry = found[:carried]
+            carry = tuple(found[:carried])
             rows.append(found[carried:])
         if params["reverse"]:
             rows.reverse()
@@ -270,7 +272,7 @@ def _scan(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     return scan
 
 
-def _cond(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+def _cond(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     branches = params["branches"]
 
     def cond(which: np.ndarray, *x: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -24,8 +24,8 @@ from jaxtyping import Array, Float, Int
 import famjax
 from famjax.compile_options import quick_options
 
-from .family import AbstractFamily
 from . import tape_store
+from .family import AbstractFamily
 from .tape import UnknownPrimitiveError, record
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
@@ -286,12 +286,8 @@ def bladder_of(model: Any) -> famjax.AbstractMaterial | None:
     return getattr(model, "material", None)
 
 
-_ALL = (Response(*(True,) * 7), Response(*(True,) * 7), Aside(*(True,) * 6))
-_OF_DESCENTS = (
-    Response(True, True, True, True, False, False, False),
-    Response(True, True, True, True, False, False, False),
-    Aside(True, False, False, False, False, False),
-)
+_FIELDS = (*Response._fields, *Response._fields, *Aside._fields)
+_OF_DESCENTS = {"force", "columns", "values", "rows", "stiffness"}
 _MEMBERS = 16
 """Members that a compiled program evaluates at once."""
 
@@ -334,17 +330,16 @@ class _Traced:
         if self._tape is None:
             found: list[Any] = self._compiled_leaves(arrays, varying)
         else:
-            wanted = jax.tree.leaves(_ALL if complete else _OF_DESCENTS)
-            places = [place for place, want in enumerate(wanted) if want]
+            places = [k for k, name in enumerate(_FIELDS) if complete or name in _OF_DESCENTS]
             if complete not in self._runs:
                 self._runs[complete] = self._tape.function(places)
             values = self._runs[complete](
                 *(array[..., None] for array in arrays), *(np.moveaxis(v, 0, -1) for v in varying)
             )
-            found, members = [None] * len(wanted), max(len(v) for v in varying)
+            found, members = [None] * len(_FIELDS), max(len(v) for v in varying)
             for place, value in zip(places, values, strict=True):
-                value = np.broadcast_to(value, (*value.shape[:-1], members))
-                found[place] = np.ascontiguousarray(np.moveaxis(value, -1, 0))
+                of_each = np.broadcast_to(value, (*value.shape[:-1], members))
+                found[place] = np.ascontiguousarray(np.moveaxis(of_each, -1, 0))
         split = len(Response._fields)
         return (
             Response(*found[:split]), Response(*found[split : 2 * split]), Aside(*found[2 * split :])
@@ -442,13 +437,17 @@ class Program:
         """The same for several members at once, along a first axis.
 
         Args:
-            p, x0, reached: a single row of `x0` or `reached` serves all members.
+            p: parameters.
+            x0: coefficients; a single row serves all members.
+            reached: forces [N]; likewise.
             complete: all there is; otherwise only what a descent needs, the rest being None.
         """
         force = np.zeros((len(reached), self._size))
         force[:, : self._points] = reached
         sizes = p.shape[1], x0.shape[1], self._size
-        return _traced(*self._key, sizes, self._family_key)(self._arrays, (p, x0, force), complete=complete)
+        return _traced(*self._key, sizes, self._family_key)(
+            self._arrays, (p, x0, force), complete=complete
+        )
 
 
 def _padded(at: MapInputs, size: int | None = None) -> MapInputs:

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 
 from .host_qp import HostOptima, solve_host_qps
 from .point import Linear, Point
+from .program import Aside
 from .status import Status
 
 if TYPE_CHECKING:
@@ -66,14 +67,13 @@ class Points:
 
 
 def _row(linear: Linear, k: int) -> Linear:
-    aside = type(linear.aside)(*(None if v is None else v[k].copy() for v in linear.aside))
-    values = {
-        field.name: None if value is None else value[k].copy()
-        for field in dataclasses.fields(Linear)
-        if field.name != "aside"
-        for value in [getattr(linear, field.name)]
-    }
-    return Linear(aside=aside, **values)
+    """The linear model of one member."""
+    aside: Any = [None if value is None else np.array(value[k]) for value in linear.aside]
+    values: dict[str, Any] = {"aside": Aside(*aside)}
+    for name in (field.name for field in dataclasses.fields(Linear) if field.name != "aside"):
+        value = getattr(linear, name)
+        values[name] = None if value is None else value[k].copy()
+    return Linear(**values)
 
 
 class Stack:
@@ -82,7 +82,9 @@ class Stack:
     def __init__(self, problems: Sequence["Problem"]) -> None:
         self.like = like = problems[0]
         self.free = like.free
-        self._force = [np.stack([p.parts[k].force for p in problems]) for k in range(len(like.parts))]
+        self._force = [
+            np.stack([p.parts[k].force for p in problems]) for k in range(len(like.parts))
+        ]
         self._weight = [
             np.stack([p.parts[k].weight for p in problems]) for k in range(len(like.parts))
         ]
@@ -138,7 +140,9 @@ class Stack:
                 one.force + np.einsum("bkn,bn->bk", one.columns, found.x[:, part.coefficients])
                 for one, part in zip(found.linear, parts, strict=True)
             ]
-            change = np.max([np.abs(a - b).max(axis=1) for a, b in zip(reached, after, strict=True)], 0)
+            change = np.max(
+                [np.abs(a - b).max(axis=1) for a, b in zip(reached, after, strict=True)], 0
+            )
             size = np.max([np.abs(a).max(axis=1) for a in after], axis=0)
             solved = found.optima.status == Status.OPTIMAL
             moving = moving[(solved & ~(change <= REACHED * size))[moving]]
@@ -226,11 +230,11 @@ class Stack:
         if n:
             readings = sum(part.force.size for part in like.parts)
             r = (A @ points.x[:, :, None])[:, :, 0] - b
-            l = np.zeros(G.shape[:2])
+            push = np.zeros(G.shape[:2])
             for k, (rows, multipliers) in enumerate(
                 zip(optima.rows, optima.multipliers, strict=True)
             ):
-                l[k, rows] = multipliers
+                push[k, rows] = multipliers
             dA_r = np.zeros((len(members), len(like.names), n))
             dG_l, row, reading = np.zeros_like(dA_r), 0, 0
             for part, one, weight in zip(like.parts, points.linear, weights, strict=True):
@@ -240,8 +244,8 @@ class Stack:
                 dA_r[at] += ((weight * r[:, here])[:, None, None] @ one.d_columns)[:, :, 0]
                 there = slice(row, row + one.rows.shape[1])
                 row = there.stop
-                if l[:, there].any():
-                    dG_l[at] += (l[:, None, None, there] @ one.d_rows)[:, :, 0]
+                if push[:, there].any():
+                    dG_l[at] += (push[:, None, None, there] @ one.d_rows)[:, :, 0]
             dr_A = d_residual[:, :readings].transpose(0, 2, 1) @ A[:, :readings]
             dx = optima.sensitivity(G, dA_r[:, free] + dr_A, d_slack, dG_l[:, free])
             rows = b.shape[1] - (n if like.ridge else 0)
@@ -287,9 +291,10 @@ def _linear(
 ) -> Linear:
     """The linear models of a part about x0 and the forces that the rig is taken at."""
     rigid = part.compliance is None
-    value, slope, aside = part.program.of_members(
+    found: Any = part.program.of_members(
         parameters[:, part.at], x0, reached[:1] if rigid else reached, complete=complete
     )
+    value, slope, aside = found
     count, points, n = len(parameters), part.force.size, x0.shape[1]
     paths = part.inputs.path_end.size
     force, columns = value.force[:, :points], value.columns[:, :points]

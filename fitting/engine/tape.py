@@ -25,7 +25,8 @@ _KEPT = {
     "broadcast_in_dim": ("shape", "broadcast_dimensions"), "squeeze": ("dimensions",),
     "transpose": ("permutation",), "rev": ("dimensions",), "concatenate": ("dimension",),
     "slice": ("start_indices", "limit_indices", "strides"), "stack": ("axis",),
-    "pad": ("padding_config",), "unstack": ("axis",), "split": ("axis", "sizes"), "dot_general": ("dimension_numbers",),
+    "pad": ("padding_config",), "unstack": ("axis",), "split": ("axis", "sizes"),
+    "dot_general": ("dimension_numbers",),
     "iota": ("dtype", "shape", "dimension"), "cumsum": ("axis", "reverse"),
     "cumprod": ("axis", "reverse"), "while": ("cond_nconsts", "body_nconsts"),
     "scan": ("length", "num_carry", "num_consts", "reverse"),
@@ -66,11 +67,10 @@ class Tape:
     constants: dict[int, np.ndarray]
     steps: tuple[Step, ...]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "run", _runner(self, range(len(self.outputs))))
-
-    run: Callable[..., list[np.ndarray]] = dataclasses.field(init=False, repr=False, compare=False)
-    """All results of all arguments, the batch along the last axis."""
+    @functools.cached_property
+    def run(self) -> Callable[..., list[np.ndarray]]:
+        """All results of all arguments, the batch along the last axis."""
+        return _runner(self, range(len(self.outputs)))
 
     def function(self, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
         """The function of all arguments whose results are those at some places only."""
@@ -139,7 +139,6 @@ class _Recorder:
                 found = self.step(name, operands, _params(name, eqn.params), shapes)
             places.update(zip(eqn.outvars, found, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
-
 
     def _made_of(self, eqn: Any) -> Any:
         """The operations that a library's own primitive stands for, traced."""

@@ -27,18 +27,17 @@ _PACKAGES = ("famjax", "fitting")
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "numpy", "optimistix")
 _KEPT = 512  # files; the oldest go first
 
-_folder: Path | None = None
+_folders: list[Path] = []
 
 
 def keep_tapes(folder: Path | None) -> None:
     """Tapes are kept in this folder from now on, or nowhere; only the owner may write there."""
-    global _folder
-    _folder = folder
+    _folders[:] = [] if folder is None else [folder]
 
 
 def identity(*parts: Any) -> str | None:
     """A digest of what a tape follows from; None where it is not kept."""
-    if _folder is None:
+    if not _folders:
         return None
     try:
         text = json.dumps([_described(part) for part in parts])
@@ -49,24 +48,25 @@ def identity(*parts: Any) -> str | None:
 
 def load(key: str | None) -> Tape | None:
     """The tape of this identity, if it is there."""
-    if _folder is None or key is None:
+    if not _folders or key is None:
         return None
     try:
-        return _tape(json.loads((_folder / f"{key}.json").read_text()))
+        return _tape(json.loads((_folders[0] / f"{key}.json").read_text()))
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
 def save(key: str | None, tape: Tape) -> None:
     """Keep a tape; where the folder cannot be written it is not kept."""
-    if _folder is None or key is None:
+    if not _folders or key is None:
         return
+    folder = _folders[0]
     try:
-        _folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=_folder, suffix=".part", delete=False) as file:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False) as file:
             json.dump(_document(tape), file)
-        os.replace(file.name, _folder / f"{key}.json")
-        files = sorted(_folder.glob("*.json"), key=lambda path: path.stat().st_mtime)
+        os.replace(file.name, folder / f"{key}.json")
+        files = sorted(folder.glob("*.json"), key=lambda path: path.stat().st_mtime)
         for path in files[:-_KEPT]:
             path.unlink(missing_ok=True)
     except OSError:

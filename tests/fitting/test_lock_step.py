@@ -36,7 +36,8 @@ def test_descents_in_step_end_where_each_ends_alone(problem):
     alone = [descend(p, start) for p in problems for start in starts]
     for one, other in zip(many, alone, strict=True):
         np.testing.assert_allclose(one.u, other.u, rtol=0, atol=WELL_CONDITIONED)
-        assert one.converged and other.converged
+        assert one.converged
+        assert other.converged
         assert one.steps == other.steps
 
 
