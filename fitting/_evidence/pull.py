@@ -64,7 +64,7 @@ def pull(
     if spread is None:
         numbers = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
         spread = np.zeros((0, sum(np.size(one) for one in numbers)))
-    gives_way = bool(np.any(mounted.compliance))
+    gives_way = bool(np.asarray(mounted.compliance).any())
     of = None if rest_length is None else np.asarray(rest_length)
     parts = []
     for start in range(0, len(length), ROWS):
@@ -99,11 +99,14 @@ def _pull(
             return famjax.MountedMuscle(one, changed.compliance).force(length, pressure)
         return one.force(length, pressure)
 
-    found, along = jax.linearize(force, flat, jnp.asarray(length))
+    def along(direction: Array, lengths: Array) -> tuple[Array, Array]:
+        return jax.jvp(force, (flat, jnp.asarray(length)), (direction, lengths))
+
     # One direction more: all lengths together by their standard deviation.
     directions = jnp.concatenate([spread, jnp.zeros((1, flat.size))])
     lengths = jnp.zeros((len(directions), len(length))).at[-1].set(length_std)
-    std = jnp.sqrt(jnp.sum(jax.vmap(along)(directions, lengths) ** 2, axis=0))
+    found, slopes = jax.vmap(along, out_axes=(None, 0))(directions, lengths)
+    std = jnp.sqrt(jnp.sum(slopes**2, axis=0))
     muscle_force = alone(mounted).force(length, pressure) if gives_way else found
     return found, muscle_force, std
 

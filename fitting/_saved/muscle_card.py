@@ -9,7 +9,16 @@ import numpy as np
 import famjax
 
 from .._errors import InputError
-from .card_parts import MUSCLE_OF_TERMS, PARTS, Fields, Part
+from .card_parts import (
+    MUSCLE,
+    MUSCLE_OF_TERMS,
+    Fields,
+    Part,
+    fields_of,
+    known_types,
+    type_read,
+    type_written,
+)
 
 
 def muscle_as_dict(muscle: famjax.Muscle) -> dict[str, Any]:
@@ -48,18 +57,13 @@ def _of_terms(card: Any) -> Any:
 def _fields_of(part: famjax.Muscle) -> Fields:
     """The fields of a muscle's card: its material and deadband, or its terms if it has others."""
     usual = [famjax.BladderWall, famjax.PressurisedBraid]
-    return PARTS[famjax.Muscle] if [*map(type, part.terms.terms)] == usual else MUSCLE_OF_TERMS
+    return MUSCLE if [*map(type, part.terms.terms)] == usual else MUSCLE_OF_TERMS
 
 
 def _written(part: Any, where: str) -> dict[str, Any]:
     """A part as an object: its type and its fields."""
-    if type(part) not in PARTS:
-        known = ", ".join(cls.__name__ for cls in PARTS)
-        raise InputError(
-            f"no card format for {where}, a {type(part).__name__}; there is one for {known}"
-        )
-    card: dict[str, Any] = {"type": type(part).__name__}
-    fields = _fields_of(part) if isinstance(part, famjax.Muscle) else PARTS[type(part)]
+    card: dict[str, Any] = {"type": type_written(type(part))}
+    fields = _fields_of(part) if isinstance(part, famjax.Muscle) else fields_of(type(part))
     for name, form in fields.items():
         value, at = getattr(part, name), f"{where}.{name}"
         value = value.terms if isinstance(value, famjax.SumOfTerms) else value
@@ -85,7 +89,8 @@ def _read(card: Any, form: Part, where: str) -> Any:
     if not isinstance(card, dict):
         raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
     cls = _class(card, form, where)
-    fields = MUSCLE_OF_TERMS if cls is famjax.Muscle and "terms" in card else PARTS[cls]
+    of_muscle = MUSCLE_OF_TERMS if "terms" in card else MUSCLE
+    fields = of_muscle if cls is famjax.Muscle else fields_of(cls)
     forms = {_key(name, form): (name, form) for name, form in fields.items()}
     missing = [key for key in forms if key not in card]
     if missing:
@@ -114,18 +119,12 @@ def _class(card: dict[str, Any], form: Part, where: str) -> type:
     """The class that an object says it is, among those that may stand there."""
     if "type" not in card and form.untyped is not None:
         return form.untyped
-    known = {cls.__name__: cls for cls in PARTS if issubclass(cls, form.base)}
     if "type" not in card:
         raise InputError(
-            f"the muscle card has no entry 'type' in {where}; one of {', '.join(known)}"
+            f"the muscle card has no entry 'type' in {where}; one of "
+            f"{', '.join(known_types(form.base))}"
         )
-    cls = known.get(str(card["type"]))
-    if cls is None:
-        raise InputError(
-            f"{where} of the muscle card is of the unknown type {card['type']!r}; known are "
-            f"{', '.join(known)}"
-        )
-    return cls
+    return type_read(card["type"], form.base, where)
 
 
 def _value(value: Any, form: str | Part, annotation: Any, where: str) -> Any:

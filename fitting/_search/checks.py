@@ -204,6 +204,33 @@ def _check_strained_everywhere(data: ForceData, order: int, levels: np.ndarray) 
         )
 
 
+_AFFINE = 1e-7  # of the largest column: rounding of a force that is affine
+
+
+def check_affine(problem: Problem) -> None:
+    """The force must be affine in the coefficients that are declared linear.
+
+    It is evaluated: the derivatives at no coefficients and at others must be the same.
+    """
+    middle = problem.low + (problem.high - problem.low) / 2
+    for part in problem.parts:
+        p, n = middle[part.at], part.coefficients.size
+        none = part.program(p, np.zeros(n), part.force)[0].columns
+        size = np.nanmax(np.abs(none), axis=0, initial=0.0)
+        force = np.abs(part.force).max()
+        other = np.where(size > 0, force / np.where(size > 0, size, 1.0), 1.0) * (1 + np.arange(n))
+        with_them = part.program(p, other, part.force)[0].columns
+        change = np.nanmax(np.abs(with_them - none), axis=0, initial=0.0)
+        bent = np.flatnonzero(change > _AFFINE * np.nanmax(np.abs([none, with_them]), initial=0.0))
+        if bent.size:
+            names = [part.family.linear[k].partition("@")[0] for k in bent]
+            raise InputError(
+                f"{', '.join(dict.fromkeys(names))}: declared linear, but the force is not affine "
+                "in it. Declare it without linear=True and with a finite range, low and high, and "
+                "it is searched"
+            )
+
+
 def check_solvable(problem: Problem) -> None:
     """The convex fit must have a solution in the middle of the box."""
     point = problem.solve(problem.low + (problem.high - problem.low) / 2)

@@ -20,6 +20,7 @@ from .._model.laws import Law, LawGiven, law_named
 from .._model.parameters import Entry, Parameter, complete_table
 from .build import EXCHANGES, pose
 from .checks import (
+    check_affine,
     check_count,
     check_lengths,
     check_options,
@@ -272,6 +273,7 @@ def _identified(
         data, sources, full, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
         noise=noise or 1.0,
     )  # fmt: skip
+    check_affine(problem)
     check_solvable(problem)
     cube, robust = latin_hypercube(len(problem.free), starts, seed), None
     if objective == "huber":

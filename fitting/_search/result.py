@@ -195,9 +195,12 @@ class Identification:
         return sum(not e.fixed for e in (*self.estimates, *nodes))
 
     def predict(
-        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " n"]:
-        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped."""
+        self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped.
+
+        Lengths and pressures are broadcast against each other.
+        """
         part, point = self.problem.parts[self.place], self.end.point
         own = point.parameters[part.at[: len(part.family.nonlinear)]]
         shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))

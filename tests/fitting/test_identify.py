@@ -14,10 +14,10 @@ from fitting import (
     ForceData,
     Identification,
     InputError,
-    PolynomialLaw,
     Specimen,
     identify,
 )
+from fitting._model.laws import law_named
 from fitting._model.parameters import complete_table
 from fitting._search.build import pose
 from fitting.engine.program import CONSTRAINTS
@@ -103,7 +103,7 @@ def test_convex_fit_agrees_with_clarabel(
 ) -> None:
     """Every order and constraint, and every dependence, at one geometry, block by block."""
     data = readings(known_muscle(SOFTENING), noise=8.0)
-    law = PolynomialLaw(order)
+    law = law_named("polynomial", order)
     problem = pose(
         [data],
         [EstimatedSource(SPECIMEN)],
