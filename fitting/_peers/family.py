@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -52,12 +52,14 @@ class PeerFamily:
         parameters: what is fitted.
         build: the model of the values [SI] by name.
         note: what a reader of the table should know.
+        origin: name and context from which the registry makes it; None for a family of one's own.
     """
 
     label: str
     parameters: tuple[PeerParameter, ...]
     build: Callable[[Values], Model]
     note: str = ""
+    origin: "tuple[str, PeerContext] | None" = None
 
     @classmethod
     def of(
@@ -125,11 +127,18 @@ class FamilyOfPeer(AbstractFamily):
     Attributes:
         nonlinear, linear: names of its parameters.
         make: the model of the values by name.
+        origin: see `PeerFamily`.
     """
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
     linear: tuple[str, ...] = eqx.field(static=True)
     make: Callable[[Values], Model] = eqx.field(static=True)
+    origin: "tuple[str, PeerContext] | None" = eqx.field(static=True)
+
+    @property
+    def identity(self) -> Any:
+        """Where the registry has it from, or the function that makes it."""
+        return (self.nonlinear, self.linear, self.origin or self.make)
 
     def build(self, values: Values) -> Model:
         """The model of these values."""

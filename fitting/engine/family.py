@@ -37,6 +37,11 @@ class AbstractFamily(eqx.Module):
         """Active length L0 [m] at which every actuation path starts."""
 
     @property
+    def identity(self) -> Any:
+        """What the models follow from, besides the numbers in arrays: by it tapes are kept."""
+        return self
+
+    @property
     def derived_names(self) -> tuple[str, ...]:
         """Names of what `derived` returns."""
         return ()

@@ -1,18 +1,19 @@
-"""The one compiled program of a fit: a model's force and constraint, linear in its coefficients.
+"""The one program of a fit: a model's force and constraint, linear in its coefficients.
 
 At nonlinear parameters p and coefficients x0 it gives
 
     F(x) = force + columns (x - x0),   g(x) = rows (x - x0) + values >= 0,
 
-with the derivatives of all of these in p. Everything else of a fit happens on the host. The program
-depends on the structure of the family and on the shapes of its inputs, which are padded to buckets:
-another map, specimen or bound is another input.
+with the derivatives of all of these in p, for several members at once. Everything else of a fit
+happens on the host. The program depends on the structure of the family and on the shapes of its
+inputs, which are padded to buckets: another map, specimen or bound is another input.
 """
 
 import copy
 import functools
 import math
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -23,7 +24,9 @@ from jaxtyping import Array, Float, Int
 import famjax
 from famjax.compile_options import quick_options
 
+from . import tape_store
 from .family import AbstractFamily
+from .tape import UnknownPrimitiveError, record
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
 PressureDependence = Literal["fixed", "linear", "free"]
@@ -55,7 +58,7 @@ class MapInputs(eqx.Module):
     stations: Float[np.ndarray, "paths stations"]
 
 
-class Response(eqx.Module):
+class Response(NamedTuple):
     """The linear model at a point; its derivatives in the parameters have the same form.
 
     Attributes:
@@ -77,7 +80,7 @@ class Response(eqx.Module):
     number_columns: Float[Array, "l n"]
 
 
-class Aside(eqx.Module):
+class Aside(NamedTuple):
     """What needs no derivative.
 
     Attributes:
@@ -283,69 +286,128 @@ def bladder_of(model: Any) -> famjax.AbstractMaterial | None:
     return getattr(model, "material", None)
 
 
-class _Compiled:
-    """The jitted program of one structure; JAX keeps an executable for each shape.
+_FIELDS = (*Response._fields, *Response._fields, *Aside._fields)
+_OF_DESCENTS = {"force", "columns", "values", "rows", "stiffness"}
+_MEMBERS = 16
+"""Members that a compiled program evaluates at once."""
 
-    All results come as one vector: unpacking it on the host is cheaper than twenty transfers.
+
+class _Traced:
+    """The program of one structure and size, with the members of a batch along a last axis.
+
+    It is done in NumPy; with an operation that has no rule there it is compiled.
     """
 
-    def __init__(self, treedef: Any, static: tuple, constraint: Constraint) -> None:
-        self._layouts: dict[tuple[int, ...], tuple[Any, list[tuple[int, ...]]]] = {}
-        self._static, self._treedef, self._constraint = static, treedef, constraint
-        self._jitted = jax.jit(self._packed, compiler_options=quick_options())
+    def __init__(
+        self,
+        function: Callable[..., tuple[Response, Response, Aside]],
+        examples: tuple[Any, ...],
+        key: str | None,
+    ) -> None:
+        def leaves(*arguments: Any) -> list[Array]:
+            return jax.tree.leaves(function(*arguments))
+
+        def packed(*arguments: Any) -> Array:
+            return jnp.concatenate([leaf.ravel() for leaf in leaves(*arguments)])
+
+        self._runs: dict[bool, Callable[..., list[np.ndarray]]] = {}
+        self._tape = tape_store.load(key)
+        if self._tape is not None:
+            return
+        try:
+            self._tape = record(leaves, *examples)
+            tape_store.save(key, self._tape)
+        except UnknownPrimitiveError:
+            self._shapes = [leaf.shape for leaf in jax.eval_shape(leaves, *examples)]
+            self._compiled = jax.jit(
+                jax.vmap(packed, in_axes=(None, 0, 0, 0)), compiler_options=quick_options()
+            )
 
     def __call__(
-        self, arrays: list[Array | None], p: np.ndarray, x0: np.ndarray, reached: np.ndarray
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], *, complete: bool
     ) -> tuple[Response, Response, Aside]:
-        packed = np.asarray(self._jitted(arrays, p, x0, reached))
-        treedef, shapes = self._layouts[_sizes(arrays, p, x0, reached)]
-        leaves, first = [], 0
-        for shape in shapes:
-            size = math.prod(shape)
-            leaves.append(packed[first : first + size].reshape(shape))
-            first += size
-        return jax.tree.unflatten(treedef, leaves)
+        """Members along the first axis, of arguments and of results."""
+        if self._tape is None:
+            found: list[Any] = self._compiled_leaves(arrays, varying)
+        else:
+            places = [k for k, name in enumerate(_FIELDS) if complete or name in _OF_DESCENTS]
+            if complete not in self._runs:
+                self._runs[complete] = self._tape.function(places)
+            values = self._runs[complete](
+                *(array[..., None] for array in arrays), *(np.moveaxis(v, 0, -1) for v in varying)
+            )
+            found, members = [None] * len(_FIELDS), max(len(v) for v in varying)
+            for place, value in zip(places, values, strict=True):
+                of_each = np.broadcast_to(value, (*value.shape[:-1], members))
+                found[place] = np.ascontiguousarray(np.moveaxis(of_each, -1, 0))
+        split = len(Response._fields)
+        return (
+            Response(*found[:split]), Response(*found[split : 2 * split]), Aside(*found[2 * split :])
+        )  # fmt: skip
 
-    def _packed(self, arrays: list[Array | None], p: Array, x0: Array, reached: Array) -> Array:
-        leaves = [s if a is None else a for a, s in zip(arrays, self._static, strict=True)]
-        family, at = jax.tree.unflatten(self._treedef, leaves)
-
-        def of_parameters(p: Array) -> tuple[Response, Aside]:
-            return response(family, self._constraint, at, p, x0, reached)
-
-        value, slopes, aside = jax.linearize(of_parameters, p, has_aux=True)
-        found = value, jax.vmap(slopes)(jnp.eye(p.shape[0])), aside
-        parts, treedef = jax.tree.flatten(found)
-        self._layouts[_sizes(arrays, p, x0, reached)] = treedef, [part.shape for part in parts]
-        return jnp.concatenate([part.ravel() for part in parts])
-
-
-def _sizes(arrays: list[Array | None], *more: Array | np.ndarray) -> tuple[int, ...]:
-    return tuple(a.size for a in (*arrays, *more) if a is not None)
+    def _compiled_leaves(
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...]
+    ) -> list[np.ndarray]:
+        members = max(len(v) for v in varying)
+        size = -(-members // _MEMBERS) * _MEMBERS
+        rows = np.minimum(np.arange(size), members - 1)
+        padded = [v[rows] if len(v) > 1 else np.repeat(v, size, axis=0) for v in varying]
+        packed = np.concatenate(
+            [
+                np.asarray(self._compiled(arrays, *(v[k : k + _MEMBERS] for v in padded)))
+                for k in range(0, size, _MEMBERS)
+            ]
+        )[:members]
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes])
+        parts = np.split(packed, ends[:-1], axis=1)
+        return [
+            part.reshape(members, *shape) for part, shape in zip(parts, self._shapes, strict=True)
+        ]
 
 
 @functools.lru_cache(maxsize=256)
-def _compiled(treedef: Any, static: tuple, constraint: Constraint) -> _Compiled:
-    return _Compiled(treedef, static, constraint)
+def _traced(
+    treedef: Any, static: tuple, constraint: Constraint, shapes: tuple[tuple[tuple[int, ...], str], ...],
+    sizes: tuple[int, int, int], family_key: str | None,
+) -> _Traced:  # fmt: skip
+    def function(
+        arrays: list[Array], p: Array, x0: Array, reached: Array
+    ) -> tuple[Response, Response, Aside]:
+        given = iter(arrays)
+        leaves = [next(given) if kept is None else kept[0] for kept in static]
+        family, at = jax.tree.unflatten(treedef, leaves)
+
+        def of_parameters(p: Array) -> tuple[Response, Aside]:
+            return response(family, constraint, at, p, x0, reached)
+
+        value, slopes, aside = jax.linearize(of_parameters, p, has_aux=True)
+        return value, jax.vmap(slopes)(jnp.eye(p.shape[0])), aside
+
+    def array(shape: tuple[int, ...], kind: str = "f8") -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct(shape, np.dtype(kind))
+
+    arrays = [array(shape, kind) for shape, kind in shapes]
+    key = None if family_key is None else tape_store.identity(family_key, constraint, shapes, sizes)
+    return _Traced(function, (arrays, *(array((size,)) for size in sizes)), key)
 
 
 class Program:
-    """The linear model of a family at the readings and paths of one map, compiled."""
+    """The linear model of a family at the readings and paths of one map."""
 
     def __init__(self, family: AbstractFamily, constraint: Constraint, at: MapInputs) -> None:
         self._points, padded = at.length.size, _padded(at)
         self._size = padded.length.size
         leaves, treedef = jax.tree.flatten((family, padded))
-        arrays = [np.asarray(leaf) if eqx.is_array_like(leaf) else None for leaf in leaves]
-        static = tuple(leaf if a is None else None for a, leaf in zip(arrays, leaves, strict=True))
-        self._evaluate = _compiled(treedef, static, constraint)
-        self._arrays = [None if a is None else jnp.asarray(a) for a in arrays]
+        self._arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
+        static = tuple(None if eqx.is_array_like(leaf) else (leaf,) for leaf in leaves)
+        self._key = treedef, static, constraint, tuple((a.shape, a.dtype.str) for a in self._arrays)
+        self._family_key = tape_store.identity(family.identity)
 
     def at(self, inputs: MapInputs) -> "Program":
-        """The same program at other readings and paths of the same sizes; nothing is compiled."""
+        """The same program at other readings and paths of the same sizes; nothing is traced."""
         other = copy.copy(self)
         other._points = inputs.length.size
-        own = [jnp.asarray(leaf) for leaf in jax.tree.leaves(_padded(inputs, self._size))]
+        own = [np.asarray(leaf) for leaf in jax.tree.leaves(_padded(inputs, self._size))]
         other._arrays = [*self._arrays[: len(self._arrays) - len(own)], *own]
         return other
 
@@ -361,9 +423,31 @@ class Program:
         reached: Float[np.ndarray, " points"],
     ) -> tuple[Response, Response, Aside]:
         """Values, derivatives in p (leading axis of parameters), and what has none."""
-        force = np.zeros(self._size)
-        force[: self._points] = reached
-        return self._evaluate(self._arrays, p, x0, force)
+        found = self.of_members(p[None], x0[None], reached[None], complete=True)
+        return jax.tree.map(lambda leaf: leaf[0], found)
+
+    def of_members(
+        self,
+        p: Float[np.ndarray, "members q"],
+        x0: Float[np.ndarray, "#members n"],
+        reached: Float[np.ndarray, "#members points"],
+        *,
+        complete: bool = False,
+    ) -> tuple[Response, Response, Aside]:
+        """The same for several members at once, along a first axis.
+
+        Args:
+            p: parameters.
+            x0: coefficients; a single row serves all members.
+            reached: forces [N]; likewise.
+            complete: all there is; otherwise only what a descent needs, the rest being None.
+        """
+        force = np.zeros((len(reached), self._size))
+        force[:, : self._points] = reached
+        sizes = p.shape[1], x0.shape[1], self._size
+        return _traced(*self._key, sizes, self._family_key)(
+            self._arrays, (p, x0, force), complete=complete
+        )
 
 
 def _padded(at: MapInputs, size: int | None = None) -> MapInputs:
