@@ -5,8 +5,6 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
-import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ._implicit import over_slope
@@ -121,6 +119,10 @@ def _newton(
     def solve(
         function: Callable[[RealArray], RealArray], start: RealArray
     ) -> tuple[RealArray, RealArray]:
+        # A quarter of a second to import, which only elastic threads need.
+        import lineax as lx  # noqa: PLC0415
+        import optimistix as optx  # noqa: PLC0415
+
         solution = optx.root_find(
             lambda y, _: function(y),
             optx.Newton(rtol=tolerance, atol=tolerance),

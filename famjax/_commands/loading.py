@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def load_fitting():
-    """The fitting package, with JAX in float64 and its compiled programs kept."""
+    """The fitting package, with JAX in float64; programs and tapes of fits are kept on disk."""
     from .. import require  # noqa: PLC0415
     from .compilation_cache import switch_on  # noqa: PLC0415
 
@@ -17,7 +17,10 @@ def load_fitting():
     import jax  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
-    switch_on()
+    if folder := switch_on():
+        from fitting.engine.tape_store import keep_tapes  # noqa: PLC0415
+
+        keep_tapes(Path(folder) / "famjax-tapes")
     return fitting
 
 

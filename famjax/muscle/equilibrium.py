@@ -5,7 +5,6 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Bool
 
 from .._implicit import over_slope
@@ -91,6 +90,8 @@ def bisected(
     """
 
     def solve(function: Callable[[RealArray], RealArray], start: RealArray) -> RealArray:
+        import optimistix as optx  # noqa: PLC0415 -- slow to load, and only needed for a root
+
         return optx.root_find(
             lambda y, _: function(y),
             optx.Bisection(rtol=tolerance, atol=tolerance, flip=flip),

@@ -56,7 +56,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
 
     def parameters(self) -> dict[str, RealArray]:
         """The present values by name, in the declared units, each of shape ()."""
-        return {name: place.value for name, place in _places(self).items()}
+        return _values(self)
 
     def declared(self) -> dict[str, Declared]:
         """The declarations by name: unit, kind, range, scale, linearity."""
@@ -159,14 +159,12 @@ class _Place(NamedTuple):
 
     Attributes:
         declared: with its name.
-        value: [unit], shape ().
         field: of the module.
         at: place of the child module in a field that holds several, else None.
         entry: the index in an array, or the name within the child.
     """
 
     declared: Declared
-    value: RealArray
     field: str
     at: int | None
     entry: tuple[int, ...] | str
@@ -184,14 +182,32 @@ def _places(module: eqx.Module) -> dict[str, _Place]:
                     if isinstance(module, Parametrised)
                     else entry_name(spec, field.name, index)
                 )
-                found[name] = _Place(spec.entry(name, index), value[index], field.name, None, index)
+                found[name] = _Place(spec.entry(name, index), field.name, None, index)
         for at, child in _children(value):
             label = field.name if at is None else f"{field.name}_{at + 1}"
-            values, declared = _child(child)
-            for inner, one in declared.items():
+            for inner, one in _declared(child).items():
                 name = inner if inner not in found else f"{label}.{inner}"
                 own = dataclasses.replace(one, name=name)
-                found[name] = _Place(own, values[inner], field.name, at, inner)
+                found[name] = _Place(own, field.name, at, inner)
+    return found
+
+
+def _values(module: eqx.Module) -> dict[str, RealArray]:
+    """Every parameter's present value, by name."""
+    found: dict[str, RealArray] = {}
+    of_children: dict[tuple[str, int | None], dict[str, RealArray]] = {}
+    for name, place in _places(module).items():
+        held = getattr(module, place.field)
+        if not isinstance(place.entry, str):
+            found[name] = held[place.entry] if place.entry else held
+            continue
+        at = place.field, place.at
+        if at not in of_children:
+            child = held if place.at is None else held[place.at]
+            of_children[at] = (
+                child.parameters() if isinstance(child, Parametrised) else _values(child)
+            )
+        found[name] = of_children[at][place.entry]
     return found
 
 
@@ -213,12 +229,11 @@ def _children(value: Any) -> Iterator[tuple[int | None, eqx.Module]]:
                 yield at, one
 
 
-def _child(child: eqx.Module) -> tuple[dict[str, RealArray], dict[str, Declared]]:
-    """Values and declarations of a child, which may be a module that knows of neither."""
+def _declared(child: eqx.Module) -> dict[str, Declared]:
+    """Declarations of a child, which may be a module that knows of none itself."""
     if isinstance(child, Parametrised):
-        return child.parameters(), child.declared()
-    places = _places(child).items()
-    return {name: p.value for name, p in places}, {name: p.declared for name, p in places}
+        return child.declared()
+    return {name: place.declared for name, place in _places(child).items()}
 
 
 def _replaced(module: _Module, values: Mapping[str, RealArray]) -> _Module:

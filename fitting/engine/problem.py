@@ -95,7 +95,7 @@ class Part:
         length: Float[np.ndarray, " k"],
         pressure: Float[np.ndarray, " k"],
     ) -> Float[np.ndarray, " k"]:
-        """What the rig would measure [N] at measured lengths and pressures, by the compiled program.
+        """What the rig would measure [N] at measured lengths and pressures, by the program of the fit.
 
         Args:
             parameters: the part's own [SI], without offsets of lengths.
@@ -103,41 +103,20 @@ class Part:
             length: as measured [m].
             pressure: gauge [Pa].
         """
-        size, force = self.program.size, np.empty(length.size)
         p = np.zeros(self.at.size)
         p[: parameters.size] = parameters
-        compliance = 0.0
-        if self.compliance is not None:
-            compliance = parameters[list(self.at).index(self.compliance)]
-        for first in range(0, length.size, size):
-            here = slice(first, first + size)
-            count = length[here].size
-            nothing = np.zeros(count)
-            # An index beyond the offsets would be clipped to the last: all offsets are zero here.
-            at = self.program.at(
-                dataclasses.replace(
-                    self.inputs,
-                    length=length[here],
-                    pressure=pressure[here],
-                    force=nothing,
-                    length_index=np.zeros(count, int),
-                )
-            )
-            reached = nothing
-            for _ in range(REACHES):
-                value, _, aside = at(p, x, reached)
-                muscle = value.force[:count]
-                if self.compliance is None:
-                    reached = muscle
-                    break
-                move = (muscle - reached) / (1 + compliance * aside.stiffness[:count])
-                reached = reached + move
-                if not np.nanmax(np.abs(move), initial=0.0) > REACHED * np.nanmax(
-                    np.abs(reached), initial=0.0
-                ):
-                    break
-            force[here] = reached
-        return force
+        reached = np.zeros(length.size)
+        if self.compliance is None:
+            return self.program.forces(p, x, length, pressure, reached)[0]
+        compliance = parameters[list(self.at).index(self.compliance)]
+        for _ in range(REACHES):
+            muscle, stiffness = self.program.forces(p, x, length, pressure, reached)
+            move = (muscle - reached) / (1 + compliance * stiffness)
+            reached = reached + move
+            largest = np.nanmax(np.abs(reached), initial=0.0)
+            if not np.nanmax(np.abs(move), initial=0.0) > REACHED * largest:
+                break
+        return reached
 
 
 @dataclasses.dataclass(frozen=True)

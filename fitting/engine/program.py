@@ -287,7 +287,8 @@ def bladder_of(model: Any) -> famjax.AbstractMaterial | None:
 
 
 _FIELDS = (*Response._fields, *Response._fields, *Aside._fields)
-_OF_DESCENTS = {"force", "columns", "values", "rows", "stiffness"}
+_OF_DESCENTS = frozenset({"force", "columns", "values", "rows", "stiffness"})
+_ALL = frozenset(_FIELDS)
 _MEMBERS = 16
 """Members that a compiled program evaluates at once."""
 
@@ -310,7 +311,7 @@ class _Traced:
         def packed(*arguments: Any) -> Array:
             return jnp.concatenate([leaf.ravel() for leaf in leaves(*arguments)])
 
-        self._runs: dict[bool, Callable[..., list[np.ndarray]]] = {}
+        self._runs: dict[tuple[int, ...], Callable[..., list[np.ndarray]]] = {}
         self._tape = tape_store.load(key)
         if self._tape is not None:
             return
@@ -324,19 +325,15 @@ class _Traced:
             )
 
     def __call__(
-        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], *, complete: bool
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], fields: frozenset[str]
     ) -> tuple[Response, Response, Aside]:
-        """Members along the first axis, of arguments and of results."""
+        """Members along the first axis, of arguments and of results; what is not asked is None."""
         if self._tape is None:
             found: list[Any] = self._compiled_leaves(arrays, varying)
         else:
-            places = [k for k, name in enumerate(_FIELDS) if complete or name in _OF_DESCENTS]
-            if complete not in self._runs:
-                self._runs[complete] = self._tape.function(places)
-            values = self._runs[complete](
-                *(array[..., None] for array in arrays), *(np.moveaxis(v, 0, -1) for v in varying)
-            )
             found, members = [None] * len(_FIELDS), max(len(v) for v in varying)
+            places = tuple(k for k, name in enumerate(_FIELDS) if name in fields)
+            values = self._on_tape([array[..., None] for array in arrays], varying, places)
             for place, value in zip(places, values, strict=True):
                 of_each = np.broadcast_to(value, (*value.shape[:-1], members))
                 found[place] = np.ascontiguousarray(np.moveaxis(of_each, -1, 0))
@@ -344,6 +341,37 @@ class _Traced:
         return (
             Response(*found[:split]), Response(*found[split : 2 * split]), Aside(*found[2 * split :])
         )  # fmt: skip
+
+    def forces(
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Force and stiffness alone, each of shape (members, points).
+
+        Args:
+            arrays: of the family and the inputs, with members along a last axis, which may be one.
+            varying: p, x0 and the forces reached, with members along the first axis.
+        """
+        places = _FIELDS.index("force"), _FIELDS.index("stiffness")
+        members = len(varying[-1])
+        if self._tape is not None:
+            found = self._on_tape(arrays, varying, places)
+            shape = (varying[-1].shape[1], members)
+            force, stiffness = (np.broadcast_to(value, shape).T for value in found)
+            return force, stiffness
+        singles = [
+            self._compiled_leaves([a[..., min(k, a.shape[-1] - 1)] for a in arrays],
+                                  (varying[0], varying[1], varying[2][k : k + 1]))
+            for k in range(members)
+        ]  # fmt: skip
+        force, stiffness = (np.concatenate([one[place] for one in singles]) for place in places)
+        return force, stiffness
+
+    def _on_tape(
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], places: tuple[int, ...]
+    ) -> list[np.ndarray]:
+        if places not in self._runs:
+            self._runs[places] = self._tape.function(list(places))
+        return self._runs[places](*arrays, *(np.moveaxis(v, 0, -1) for v in varying))
 
     def _compiled_leaves(
         self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...]
@@ -446,8 +474,39 @@ class Program:
         force[:, : self._points] = reached
         sizes = p.shape[1], x0.shape[1], self._size
         return _traced(*self._key, sizes, self._family_key)(
-            self._arrays, (p, x0, force), complete=complete
+            self._arrays, (p, x0, force), _ALL if complete else _OF_DESCENTS
         )
+
+    def forces(
+        self,
+        p: Float[np.ndarray, " q"],
+        x0: Float[np.ndarray, " n"],
+        length: Float[np.ndarray, " k"],
+        pressure: Float[np.ndarray, " k"],
+        reached: Float[np.ndarray, " k"],
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Force [N] and stiffness [N/m] of the muscle at any number of readings, all at once.
+
+        Args:
+            p: parameters; offsets of lengths are zero.
+            x0: coefficients.
+            length, pressure: of the readings [m, Pa].
+            reached: forces [N] by which a compliant rig gives way.
+        """
+        count, size = length.size, self._size
+        members = -(-count // size)
+
+        def folded(values: np.ndarray) -> np.ndarray:
+            return np.pad(values, (0, members * size - count), mode="edge").reshape(members, size)
+
+        own = [folded(length).T, folded(pressure).T, np.zeros((size, 1)), np.zeros((size, 1), int)]
+        last = len(self._arrays) - 7  # of `MapInputs`, of which the first four are of readings
+        arrays = [a[..., None] for a in self._arrays]
+        arrays[last : last + 4] = own
+        force, stiffness = _traced(*self._key, (p.size, x0.size, size), self._family_key).forces(
+            arrays, (p[None], x0[None], folded(reached))
+        )
+        return force.ravel()[:count], stiffness.ravel()[:count]
 
 
 def _padded(at: MapInputs, size: int | None = None) -> MapInputs:
