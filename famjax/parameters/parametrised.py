@@ -250,7 +250,7 @@ def _replaced(module: _Module, values: Mapping[str, RealArray]) -> _Module:
     for field, new in entries.items():
         old = getattr(module, field)
         # One stack of all entries, not one scatter for each: less to compile.
-        every = [new.get(index, old[index]) for index in np.ndindex(jnp.shape(old))]
+        every = [new[index] if index in new else old[index] for index in np.ndindex(jnp.shape(old))]
         array = jnp.stack(every).reshape(jnp.shape(old)) if jnp.ndim(old) else every[0]
         module = _with(module, field, array)
     for (field, at), of_child in inner.items():

@@ -87,7 +87,7 @@ def _pull(
 ) -> tuple[Array, Array, Array]:
     flat, unflat = flatten(mounted)
 
-    def alone(mounted: famjax.MountedMuscle) -> famjax.Muscle:
+    def alone(mounted: famjax.MountedMuscle) -> famjax.AbstractMuscle:
         if rest_length is None:
             return mounted.muscle
         return famjax.cut_to_length(mounted.muscle, rest_length)

@@ -115,7 +115,7 @@ def _muscle(found: Optimal, place: int) -> famjax.Muscle:
     value = part.program(
         point.parameters[part.at], point.x[part.coefficients], point.linear[place].reached
     )[0]
-    return part.family.final(unflat(part.family, value.numbers))
+    return part.family.final(unflat(part.family, np.asarray(value.numbers)))
 
 
 def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:

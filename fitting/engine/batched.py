@@ -5,6 +5,8 @@ inside a larger computation has to be differentiable: both are made here of the 
 (`program.response`), the same convex core and the same outer search, and agree with the host.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -27,7 +29,7 @@ class _Part(eqx.Module):
 
     family: AbstractFamily
     inputs: MapInputs
-    weight: Float[Array, " points"]
+    weight: Float[Array | np.ndarray, " points"]
     at: Int[np.ndarray, " q"]
     coefficients: Int[np.ndarray, " n"]
     compliance: int | None = eqx.field(static=True)
@@ -64,12 +66,16 @@ class Batched(eqx.Module):
     """
 
     parts: tuple[_Part, ...]
-    low: Float[Array, " q"]
-    high: Float[Array, " q"]
+    low: Float[Array | np.ndarray, " q"]
+    high: Float[Array | np.ndarray, " q"]
     free: tuple[int, ...] = eqx.field(static=True)
-    limits: tuple[Float[Array, "m n"], Float[Array, " m"]]
-    prior_rows: tuple[Float[Array, "k n"], Float[Array, " k"]]
-    priors: tuple[Int[np.ndarray, " r"], Float[Array, " r"], Float[Array, " r"]]
+    limits: tuple[Float[Array | np.ndarray, "m n"], Float[Array | np.ndarray, " m"]]
+    prior_rows: tuple[Float[Array | np.ndarray, "k n"], Float[Array | np.ndarray, " k"]]
+    priors: tuple[
+        Int[Array | np.ndarray, " r"],
+        Float[Array | np.ndarray, " r"],
+        Float[Array | np.ndarray, " r"],
+    ]
     constraint: Constraint = eqx.field(static=True)
     ridge: float = eqx.field(static=True)
 
@@ -210,7 +216,7 @@ class Batched(eqx.Module):
     ) -> tuple[Array, Array, Array, Array]:
         """A, b, G and h of the convex programme, as `Problem` poses it."""
         n, first = x0.shape[0], 0
-        blocks: list[tuple[Array, Array, Array, Array]] = []
+        blocks: list[tuple[Any, ...]] = []
         for part in self.parts:
             here = slice(first, first + part.weight.shape[0])
             first = here.stop

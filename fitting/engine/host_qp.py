@@ -142,7 +142,7 @@ def solve_host_qp(
     Q, R = np.linalg.qr(A / scale)
     diagonal = np.abs(np.diagonal(R))
     norm = np.linalg.norm(R)
-    condition = np.inf
+    condition, inverse = np.inf, np.eye(n)
     if diagonal.min() > _EPS * norm:
         inverse = np.linalg.inv(R)
         condition = float(norm * np.linalg.norm(inverse))
@@ -276,7 +276,7 @@ def solve_host_qps(
     normals, offsets = normals / size[:, :, None], h / size
     slack = (normals @ centre[:, :, None])[:, :, 0] - offsets
     noise = 32 * _EPS * (np.linalg.norm(centre, axis=1)[:, None] + np.abs(offsets))
-    for one in np.flatnonzero(good & (slack < -noise).any(axis=1)):
+    for one in np.flatnonzero(good & np.any(np.less(slack, -noise), axis=1)).tolist():
         guess = None if guesses is None else guesses[one]
         y[one], rows[one], found, status[one] = nearest_point(
             normals[one], offsets[one], centre[one], guess

@@ -369,6 +369,7 @@ class _Traced:
     def _on_tape(
         self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], places: tuple[int, ...]
     ) -> list[np.ndarray]:
+        assert self._tape is not None
         if places not in self._runs:
             self._runs[places] = self._tape.function(list(places))
         return self._runs[places](*arrays, *(np.moveaxis(v, 0, -1) for v in varying))
