@@ -3,13 +3,15 @@
 import dataclasses
 import functools
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from chambers_reference import PRESSURES, muscles, printed
 from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
 
 from famjax import Muscle, bladder_axial_force, bladder_hoop_force, gaylord_force
+from famjax.compile_options import quick_jit
+from famjax.terms import VirtualWork
 
 PRINTED_FREE = 0.353
 """Contraction of tables 6.1 and 6.2."""
@@ -51,13 +53,45 @@ class Terms:
         return self.values[quantity][-1]
 
 
-@eqx.filter_jit
+_POINTS = 1024
+"""States of one call of the compiled balance."""
+
+_KNOWN = 0.367
+"""Contraction up to which all shapes are known: 0.35, and a twentieth of it by extrapolation."""
+
+
 def balance(
-    muscle: Muscle, contraction: Float[Array, "..."], pressure: Float[Array, "..."]
-) -> dict[str, Float[Array, "..."]]:
-    """The terms of the force balance, strains and their moments included, broadcast shape."""
-    length = muscle.geometry.rest_length * (1 - contraction)
-    at = muscle.geometry.dimensions(length, pressure)
+    muscle: Muscle, contraction: ArrayLike, pressure: ArrayLike
+) -> dict[str, Float[np.ndarray, "..."]]:
+    """The terms of the force balance, strains and their moments included, broadcast shape.
+
+    Every geometry has one compiled program, whatever the number of states.
+
+    Args:
+        muscle: in inch and psi.
+        contraction: (L0 - L) / L0 [-].
+        pressure: gauge pressure [psi].
+
+    Returns:
+        Quantities in in, deg, psi and lbf.
+    """
+    c, P = np.broadcast_arrays(np.asarray(contraction, float), np.asarray(pressure, float))
+    calls = -(-c.size // _POINTS)
+    # What fills up the last call repeats states that are there.
+    states = [np.resize(values, (calls, _POINTS)) for values in (c, P)]
+    found = [_balance(muscle, *state) for state in zip(*states, strict=True)]
+    return {
+        name: np.concatenate([np.asarray(one[name]) for one in found])[: c.size].reshape(c.shape)
+        for name in found[0]
+    }
+
+
+@quick_jit
+def _balance(
+    muscle: Muscle, contraction: Float[Array, " n"], pressure: Float[Array, " n"]
+) -> dict[str, Float[Array, " n"]]:
+    length = muscle.rest_length * (1 - contraction)
+    at = muscle.geometry.dimensions_with_rates(length, pressure)
     axial, hoop = muscle.material.stresses(
         at.axial_strain[..., None], at.hoop_strain, pressure[..., None]
     )
@@ -84,21 +118,42 @@ def balance(
         "bladder force": axial_force + hoop_force,
         "Gaylord force": gaylord,
         "total force": gaylord + axial_force + hoop_force,
+        "-P dV/dL at constant pressure": VirtualWork().force(at, pressure),
+        "-P dV/dL at constant thread length": VirtualWork(at_thread_length=True).force(
+            at, pressure
+        ),
         **moments,
     }
 
 
-@eqx.filter_jit
-def free_contraction(muscle: Muscle, pressure: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Contraction of zero force at each pressure [psi]."""
-    return muscle.free_contraction(pressure)
+def free_contraction(muscle: Muscle, pressure: ArrayLike) -> Float[np.ndarray, " n"]:
+    """Contraction of zero force at each pressure [psi], the least one from rest.
+
+    The range to `_KNOWN` is divided, and the first part in which the force falls through zero
+    again, until its ends are neighbouring numbers. `Muscle.free_contraction` gives the same; this
+    needs no program beside that of the balance.
+
+    Raises:
+        RuntimeError: the force does not fall through zero.
+    """
+    P = np.asarray(pressure, float)[:, None]
+    share = np.linspace(0, 1, _POINTS // P.size)
+    first, last = np.zeros_like(P), np.full_like(P, _KNOWN)
+    while np.any(np.nextafter(first, last) < last):
+        c = first + (last - first) * share
+        force = balance(muscle, c, P)["total force"]
+        falls = (force[:, :-1] > 0) & (force[:, 1:] <= 0)
+        if not falls.any(axis=1).all():
+            raise RuntimeError("the force does not fall through zero at every pressure")
+        cell = falls.argmax(axis=1)[:, None]
+        first, last = (np.take_along_axis(c, at, axis=1) for at in (cell, cell + 1))
+    return last[:, 0]
 
 
 @functools.cache
 def free_contractions() -> dict[str, Float[np.ndarray, " pressures"]]:
     """Free contraction of each geometry at `PRESSURES`: where its own model's force is zero."""
-    pressures = jnp.array(PRESSURES)
-    return {name: np.asarray(free_contraction(m, pressures)) for name, m in muscles().items()}
+    return {name: free_contraction(muscle, PRESSURES) for name, muscle in muscles().items()}
 
 
 @functools.cache
@@ -112,7 +167,5 @@ def terms() -> dict[str, Terms]:
     for name, muscle in muscles().items():
         own = free_contractions()[name][:, None]
         contraction = np.hstack([own * share, tested * share, places])
-        pressures = np.broadcast_to(np.array(PRESSURES)[:, None], contraction.shape)
-        values = balance(muscle, jnp.asarray(contraction), jnp.asarray(pressures))
-        found[name] = Terms(contraction, {key: np.asarray(v) for key, v in values.items()})
+        found[name] = Terms(contraction, balance(muscle, contraction, np.array(PRESSURES)[:, None]))
     return found

@@ -1,15 +1,15 @@
 """Chapter 5: the threads' stretch at the resting length."""
 
-import numpy as np
-from chambers_reference import (
-    PRESSURES,
-    Row,
-    elastic_braid,
-    printed,
-)
+import functools
 
-from famjax import units
-from famjax._elastic_braid import BraidStretch
+import jax
+import jax.numpy as jnp
+import numpy as np
+from chambers_reference import PRESSURES, Row, Table, elastic_braid, printed
+from jaxtyping import Array, Float
+
+from famjax import BraidStretch, units
+from famjax.compile_options import quick_jit
 from fitting._rubber.in_situ import InSitu, thread_in_situ
 
 FROM_PRINT = {"B": 0.001, "theta": 0.03}
@@ -28,13 +28,8 @@ LINEAR = 0.025
 SOFT = 10.0
 """Stiffness of Kevlar over that of the soft braid."""
 
-SWEPT = (0.0, *PRESSURES)
-"""Gauge pressures [psi] of table 5.2."""
-
-
-def rows() -> list[Row]:
-    """Thread area, tables 5.1 and 5.2, the moduli found in situ, and the soft braid."""
-    return [*_area(), *_from_diameters(), *_moduli(), *_model(), *_stretch()]
+SWEPT = np.linspace(0, 100, 51)
+"""Gauge pressures [psi] of the sweep; those of tables 5.1 and 5.2 are among them."""
 
 
 def _area() -> list[Row]:
@@ -107,23 +102,29 @@ def _moduli() -> list[Row]:
     return found
 
 
-def stretch(pressures: np.ndarray, softness: float = 1.0) -> BraidStretch:
-    """The braid at the resting length over pressure [psi], with and without stretch."""
+@functools.cache
+def stretch(softness: float = 1.0) -> BraidStretch:
+    """The braid at the resting length at `SWEPT`, with and without stretch; NumPy arrays."""
+    return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness)))
+
+
+@quick_jit
+def _stretched(softness: Float[Array, ""]) -> BraidStretch:
     rest = printed()["specimen"]["active_length_in"]
-    return elastic_braid(softness).stretch(rest, pressures)
+    return elastic_braid(softness).stretch(rest, SWEPT)
 
 
 def _model() -> list[Row]:
     """The model from B0 = 9.89 in, against the diameters that were photographed."""
     table = printed()["elastic_braid"]["pressure_psi"]
-    state = stretch(np.array(table, float)).elastic
+    state = stretch().elastic
     columns = {
-        "D": np.asarray(state.diameter),
-        "B": np.asarray(state.thread_length),
+        "D": state.diameter,
+        "B": state.thread_length,
         "theta": np.rad2deg(state.braid_angle),
     }
     return [
-        _row_5_1(symbol, f"{symbol} of the model, {P} psi", column[k], k, MODEL)
+        _row_5_1(symbol, f"{symbol} of the model, {P} psi", column[_at(P)], k, MODEL)
         for k, P in enumerate(table)
         for symbol, column in columns.items()
     ]
@@ -133,18 +134,33 @@ def _stretch() -> list[Row]:
     """Table 5.2, and the same for the soft braid."""
     found = []
     for table, label, softness in (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT)):
-        both = stretch(np.array(SWEPT), softness)
+        both = stretch(softness)
         for name, state in (("with stretch", both.elastic), ("without stretch", both.inelastic)):
             columns = (
-                ("B", "in", np.asarray(state.thread_length)),
-                ("D", "in", np.asarray(state.diameter)),
+                ("B", "in", state.thread_length),
+                ("D", "in", state.diameter),
                 ("theta", "deg", np.rad2deg(state.braid_angle)),
-                ("Gaylord's force", "lbf", np.asarray(state.gaylord_force)),
-                ("thread tension", "lbf", np.asarray(state.tension)),
+                ("Gaylord's force", "lbf", state.gaylord_force),
+                ("thread tension", "lbf", state.tension),
             )
             found += [
-                Row(table, f"{label}{quantity} {name}, {P:g} psi", float(values[k]), unit)
-                for k, P in enumerate(SWEPT)
+                Row(table, f"{label}{quantity} {name}, {P:g} psi", float(values[_at(P)]), unit)
+                for P in (0.0, *PRESSURES)
                 for quantity, unit, values in columns
             ]
     return found
+
+
+def _at(pressure: float) -> int:
+    """Where a pressure [psi] is in `SWEPT`."""
+    return SWEPT.tolist().index(pressure)
+
+
+TABLES: tuple[Table, ...] = (
+    ("section 5: thread area", _area),
+    ("table 5.1: threads at the printed diameters", _from_diameters),
+    ("section 5: moduli in situ", _moduli),
+    ("table 5.1: the elastic braid", _model),
+    ("table 5.2: with and without stretch", _stretch),
+)
+"""In the order of the page's sections."""

@@ -3,9 +3,12 @@
 import itertools
 import math
 
-from chambers_reference import Row, printed
+import numpy as np
+from chambers_reference import Row, Table, printed
+from jaxtyping import Array, Float
 
 from famjax import units
+from famjax.compile_options import quick_jit
 from famjax.design import (
     Feasibility,
     compression_sensitivity,
@@ -25,9 +28,12 @@ FITTING = 0.001
 """Tolerance [in]: the last digit of table 2.4, whose rule is derived and not copied."""
 
 
-def rows() -> list[Row]:
-    """Tables 2.2 to 2.4 and the safety factors."""
-    return [*_jamming_angles(), *_braid_angles(), *_end_fitting(), *_safety()]
+_angle_rad = quick_jit(fam_angle)
+
+
+def _angle(diameter: float, nominal: float) -> float:
+    """Braid angle [deg]."""
+    return math.degrees(_angle_rad(np.array(diameter), np.array(nominal)))
 
 
 def _jamming_angles() -> list[Row]:
@@ -37,7 +43,7 @@ def _jamming_angles() -> list[Row]:
         for diameter, angle in zip(
             braid["diameter_range_in"], braid["angle_range_deg"], strict=True
         ):
-            computed = math.degrees(fam_angle(diameter, nominal))
+            computed = _angle(diameter, nominal)
             entry = f"{nominal} in braid, angle at {diameter} in"
             found.append(Row("2.2", entry, computed, "deg", angle, ANGLE))
     return found
@@ -53,7 +59,7 @@ def _braid_angles() -> list[Row]:
     for (nominal, angles), (k, diameter) in itertools.product(
         columns.items(), enumerate(table["fam_diameter_in"])
     ):
-        computed = math.degrees(fam_angle(diameter, nominal))
+        computed = _angle(diameter, nominal)
         verdict = feasibility(diameter * units.INCH, offered[nominal])
         remark = "" if verdict is Feasibility.FEASIBLE else f" ({verdict})"
         entry = f"{nominal} in braid on {diameter} in{remark}"
@@ -64,14 +70,21 @@ def _braid_angles() -> list[Row]:
     return found
 
 
-def _end_fitting() -> list[Row]:
+@quick_jit
+def _fittings() -> tuple[Float[Array, ""], ...]:
+    """Diameters [in] under braid and bladder, and the change of compression [-]."""
     of, specimen = printed()["end_fitting"], printed()["specimen"]
     braid, wall = specimen["braid_thickness_in"], specimen["bladder_thickness_in"]
     tube = of["swage_tube_od_in"]
     bore = swaged_bore(tube, of["swage_tube_thickness_in"], of["swage_reduction"])
     on_braid = fitting_diameter_on_braid(bore, braid, of["braid_compression"])
     on_bladder = fitting_diameter_on_bladder(bore, braid, wall, of["bladder_compression"])
-    per_thousandth = 0.001 * compression_sensitivity(bore, on_braid, braid)
+    return on_braid, on_bladder, 0.001 * compression_sensitivity(bore, on_braid, braid)
+
+
+def _end_fitting() -> list[Row]:
+    of = printed()["end_fitting"]
+    on_braid, on_bladder, per_thousandth = _fittings()
     under_braid, under_bladder = (
         of[f"internal_fitting_od_{layer}_in"] for layer in ("braid", "bladder")
     )
@@ -105,3 +118,12 @@ def _safety() -> list[Row]:
         Row("2.5", "burst pressure over 100 psi", burst, "1"),
         Row("2.5", "tensile failure over the largest blocked force at 100 psi", pull, "1"),
     ]
+
+
+TABLES: tuple[Table, ...] = (
+    ("table 2.2: angles at which braids jam", _jamming_angles),
+    ("table 2.3: angles of braids on bladders", _braid_angles),
+    ("table 2.4: inner fittings", _end_fitting),
+    ("table 2.5: safety factors", _safety),
+)
+"""In the order of the work."""

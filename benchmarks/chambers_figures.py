@@ -1,5 +1,6 @@
 """The figures of the reference work, redrawn from the computed terms; no pyplot."""
 
+from collections.abc import Callable
 from typing import Any
 
 import chambers_braid
@@ -7,13 +8,13 @@ import chambers_virtual_work
 import matplotlib as mpl
 import numpy as np
 from chambers_balance import OWN, PRINTED_FREE, terms
-from chambers_reference import PRESSURES, printed, profile, transcribed_profile
-from chambers_shape import synthetic_profiles
+from chambers_reference import PRESSURES, printed
+from chambers_shape import SHAPE_X, printed_diameter, shapes, synthetic_profiles
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from famjax._elastic_braid import BraidState
+from famjax import BraidState
 
 _STYLES: dict[str, dict[str, Any]] = {
     "estimated inelastic": {"color": "C0", "ls": "--"},
@@ -22,21 +23,6 @@ _STYLES: dict[str, dict[str, Any]] = {
     "measured": {"color": "C3", "ls": "-"},
 }
 _SHADES = mpl.colormaps["viridis"](np.linspace(0, 0.9, 5))
-
-
-def figures() -> dict[str, Figure]:
-    """Every figure of the page, by its caption."""
-    return {
-        "Profiles at 100 psi, table 4.3 corrected and made symmetric; thin: corrected only.": profiles(),
-        "SYNTHETIC profiles behind our table 4.2: elliptic ends, a cylinder.": synthetic(),
-        "Braid at the resting length over pressure: Kevlar, and a braid of one tenth its "
-        "stiffness; circles: table 5.1.": stretch(),
-        "Strains at 100 psi, axial means of the powers 1 to 4 (axial: magnitudes).": strains(),
-        "Bladder thickness and true stresses at 100 psi.": stresses(),
-        "Terms of the force balance at 100 psi.": force_terms(),
-        "Total force at 20 to 100 psi and the tested blocked forces and free contractions.": forces(),
-        "Pressure term at 100 psi: Gaylord's force, and -P dV/dL at constant thread length.": work(),
-    }
 
 
 def _axes(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
@@ -56,12 +42,11 @@ def _legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
 def profiles() -> Figure:
     """Diameter over position at the five contractions."""
     figure, ((axes,),) = _axes(1, 1, (7.5, 3.8))
-    x = np.linspace(0, 1, 301)
-    for row, shade in zip(printed()["profile_100psi"], _SHADES, strict=True):
-        whole = transcribed_profile(row)
+    rows, used = printed()["profile_100psi"], shapes()["used"]["D"]
+    for row, D, shade in zip(rows, used, _SHADES, strict=True):
         label = f"{100 * row['contraction']:.4g} %"
-        axes.plot(x, whole.diameter(x, 1.0), color=shade, lw=0.6)
-        axes.plot(x, profile(row).diameter(x, 1.0), color=shade, label=label)
+        axes.plot(SHAPE_X, printed_diameter(row, SHAPE_X, corrected=True), color=shade, lw=0.6)
+        axes.plot(SHAPE_X, D, color=shade, label=label)
     axes.set(xlabel="position x along the active length", ylabel="diameter, in", ylim=(0, None))
     axes.legend(title="contraction", frameon=False, loc="lower center", ncols=5)
     return figure
@@ -81,9 +66,9 @@ def synthetic() -> Figure:
 def stretch() -> Figure:
     """B, D, theta and Gaylord's force over pressure."""
     figure, axes = _axes(1, 4, (12, 3.4))
-    P = np.linspace(0, 100, 51)
-    soft = chambers_braid.stretch(P, chambers_braid.SOFT).elastic
-    kevlar = chambers_braid.stretch(P)
+    P = chambers_braid.SWEPT
+    soft = chambers_braid.stretch(chambers_braid.SOFT).elastic
+    kevlar = chambers_braid.stretch()
     lines: tuple[tuple[str, BraidState, dict[str, Any]], ...] = (
         ("inelastic", kevlar.inelastic, {"color": "0.5", "ls": ":"}),
         ("Kevlar", kevlar.elastic, {"color": "C0"}),
@@ -186,13 +171,16 @@ def forces() -> Figure:
 def work() -> Figure:
     """Gaylord's force against virtual work."""
     figure, ((left, right),) = _axes(1, 2, (10, 4.0))
-    for name, both in chambers_virtual_work.over_contraction().items():
-        at, style = np.asarray(both.contraction), _STYLES[name]
-        force = np.asarray(both.virtual_work_at_thread_length)
-        left.plot(at, force, label=f"{name}, -P dV/dL", **style)
-        right.plot(at, force - np.asarray(both.gaylord), **style)
+    at = chambers_virtual_work.CONTRACTIONS
+    for name, of in chambers_virtual_work.over_contraction().items():
+        force, gaylord = (
+            of[key]
+            for key in (chambers_virtual_work.AT_THREAD_LENGTH, chambers_virtual_work.GAYLORD)
+        )
+        left.plot(at, force, label=f"{name}, -P dV/dL", **_STYLES[name])
+        right.plot(at, force - gaylord, **_STYLES[name])
         if name == "measured":
-            left.plot(at, both.gaylord, color="black", lw=1, label="measured, Gaylord")
+            left.plot(at, gaylord, color="black", lw=1, label="measured, Gaylord")
     for row in printed()["profile_100psi"]:
         right.axvline(row["contraction"], color="0.8", lw=0.8, zorder=0)
     left.set(xlabel="contraction", ylabel="pressure term, lbf")
@@ -200,3 +188,17 @@ def work() -> Figure:
     right.set_title("grey: measured profiles, between them a spline", fontsize=9)
     _legend(figure, left, 3)
     return figure
+
+
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "Profiles at 100 psi, table 4.3 corrected and made symmetric; thin: corrected only.": profiles,
+    "SYNTHETIC profiles behind our table 4.2: elliptic ends, a cylinder.": synthetic,
+    "Braid at the resting length over pressure: Kevlar, and a braid of one tenth its "
+    "stiffness; circles: table 5.1.": stretch,
+    "Strains at 100 psi, axial means of the powers 1 to 4 (axial: magnitudes).": strains,
+    "Bladder thickness and true stresses at 100 psi.": stresses,
+    "Terms of the force balance at 100 psi.": force_terms,
+    "Total force at 20 to 100 psi and the tested blocked forces and free contractions.": forces,
+    "Pressure term at 100 psi: Gaylord's force, and -P dV/dL at constant thread length.": work,
+}
+"""What draws each figure of the page, by its caption."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from chambers_balance import LAST, PRINTED, PRINTED_FREE, TESTED, free_contractions, terms
-from chambers_reference import PRESSURES, Row, printed
+from chambers_reference import PRESSURES, Row, Table, printed
 
 from famjax import tube_volume
 
@@ -38,20 +38,6 @@ STATES = {
     "tested free": "at the tested free contraction",
     "maximum": "at the maximum",
 }
-
-
-def rows() -> list[Row]:
-    """The latex specimen, tables 6.1 to 6.9, 6.11 and 6.12, and the summary's differences."""
-    return [
-        *_latex(),
-        *_strains(),
-        *_thinnest(),
-        *_gaylord(),
-        *_over_contraction(),
-        *_headline(),
-        *_blocked(),
-        *_free(),
-    ]
 
 
 def _latex() -> list[Row]:
@@ -222,3 +208,16 @@ def _free() -> list[Row]:
             entry = f"{name}, {P:g} psi, free contraction minus the tested {tested}"
             found.append(Row("6.12", entry, float(contractions[row]) - tested, "1"))
     return found
+
+
+TABLES: tuple[Table, ...] = (
+    ("section 6: latex specimen", _latex),
+    ("tables 6.1 and 6.2: strains", _strains),
+    ("table 6.4: least thickness", _thinnest),
+    ("table 6.3: Gaylord's force", _gaylord),
+    ("tables 6.3 to 6.9: terms of the balance", _over_contraction),
+    ("section 6: summary", _headline),
+    ("table 6.11: blocked force", _blocked),
+    ("table 6.12: free contraction", _free),
+)
+"""In the order of the work."""

@@ -7,12 +7,12 @@ lbf and psi.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from chambers_balance import balance
-from chambers_reference import Row, geometries, muscles, printed
+from chambers_reference import Row, Table, geometries, muscles, printed
 from identification_problem import GEOMETRY, force_map
 
 from fitting import Sweep, SweepRow, sweep
@@ -20,22 +20,33 @@ from fitting import Sweep, SweepRow, sweep
 _MARK = "SYNTHETIC"
 
 
-def rows() -> list[Row]:
-    """Every printed error of chapter 7, and ours on the SYNTHETIC isobars; none has a tolerance."""
-    return [*_constraints(), *_hocking(), *_third_order(), *_best_fit()]
+def tables(part: Callable[[int, int], None] | None = None) -> tuple[Table, ...]:
+    """Every printed error of chapter 7, and ours on the SYNTHETIC isobars; none has a tolerance.
 
+    Args:
+        part: called with the parts of the sweep that are done, and all.
+    """
 
-@functools.cache
-def _sweep() -> Sweep:
-    """The fits of orders 3 and 4, in inch, psi and lbf."""
-    return sweep(force_map(), geometries()[GEOMETRY], orders=(3, 4), objective="mean_rmse")
+    @functools.cache
+    def fits() -> Sweep:
+        return sweep(
+            force_map(), geometries()[GEOMETRY], orders=(3, 4), objective="mean_rmse", progress=part
+        )
 
-
-def _fit(dependence: str, order: int, constraint: str) -> SweepRow:
-    wanted = (dependence, order, constraint)
-    (found,) = (
-        row for row in _sweep().rows if (row.dependence, row.order, row.constraint) == wanted
+    return (
+        (
+            "chapter 7, table 7.2: fits, and constraints of order 4",
+            lambda: _constraints(fits()),
+        ),
+        ("chapter 7, section 7: order 4, free in pressure", lambda: _hocking(fits())),
+        ("chapter 7, tables 7.3 and 7.4: order 3 beside the latex", lambda: _third_order(fits())),
+        ("chapter 7, table 7.6: the best fit", lambda: _best_fit(fits())),
     )
+
+
+def _fit(fits: Sweep, dependence: str, order: int, constraint: str) -> SweepRow:
+    wanted = (dependence, order, constraint)
+    (found,) = (row for row in fits.rows if (row.dependence, row.order, row.constraint) == wanted)
     return found
 
 
@@ -43,10 +54,8 @@ def _latex_errors() -> dict[str, float]:
     """Mean MAE and RMSE [lbf] of the latex law of chapter 6, which is not fitted."""
     data = force_map()
     rest = data.specimen.rest_length
-    terms = balance(
-        muscles()[GEOMETRY], jnp.asarray(1 - data.length / rest), jnp.asarray(data.pressure)
-    )
-    residual = np.asarray(terms["total force"]) - data.force
+    terms = balance(muscles()[GEOMETRY], 1 - data.length / rest, data.pressure)
+    residual = terms["total force"] - data.force
     at = [residual[data.pressure == P] for P in np.unique(data.pressure)]
     return {
         "mae": float(np.mean([np.abs(e).mean() for e in at])),
@@ -54,11 +63,8 @@ def _latex_errors() -> dict[str, float]:
     }
 
 
-def _averages(
-    table: str, label: str, of: tuple[str, int, str], published: dict[str, Any]
-) -> list[Row]:
+def _averages(table: str, label: str, fit: SweepRow, published: dict[str, Any]) -> list[Row]:
     """Mean absolute errors over pressures, where the work prints them."""
-    fit = _fit(*of)
     figures = (
         ("blocked_error_lbf", "mean |blocked force error|", fit.blocked_error, "lbf"),
         (
@@ -76,25 +82,26 @@ def _averages(
     ]
 
 
-def _constraints() -> list[Row]:
+def _constraints(fits: Sweep) -> list[Row]:
     """Table 7.2: fourth order, linear in pressure."""
     found = []
     for entry in printed()["constraint_result"]:
         constraint = "none" if entry["name"] == "free" else entry["name"]
         label = f"order 4, linear, {constraint}"
-        found += _averages("7.2", label, ("linear", 4, constraint), entry)
+        found += _averages("7.2", label, _fit(fits, "linear", 4, constraint), entry)
     return found
 
 
-def _hocking() -> list[Row]:
+def _hocking(fits: Sweep) -> list[Row]:
     """Fourth order, free at every pressure, no constraint."""
     label = "order 4, free in pressure, none"
-    return _averages("7, Hocking", label, ("free", 4, "none"), printed()["hocking"])
+    fit = _fit(fits, "free", 4, "none")
+    return _averages("7, Hocking", label, fit, printed()["hocking"])
 
 
-def _third_order() -> list[Row]:
+def _third_order(fits: Sweep) -> list[Row]:
     """Tables 7.3 and 7.4: third order, fixed in pressure, beside the latex of chapter 6."""
-    of, fit = printed()["fixed_third_order"], _fit("fixed", 3, "none")
+    of, fit = printed()["fixed_third_order"], _fit(fits, "fixed", 3, "none")
     found = [
         Row("7.3", f"{_MARK}, order 3, fixed, E_{n}", float(ours), "psi", theirs)
         for n, (ours, theirs) in enumerate(
@@ -112,9 +119,9 @@ def _third_order() -> list[Row]:
     return found
 
 
-def _best_fit() -> list[Row]:
+def _best_fit(fits: Sweep) -> list[Row]:
     """Table 7.6: third order, linear in pressure, Drucker's constraint."""
-    of, fit = printed()["best_fit"], _fit("linear", 3, "drucker")
+    of, fit = printed()["best_fit"], _fit(fits, "linear", 3, "drucker")
     label = f"{_MARK}, order 3, linear, drucker"
     figures = (
         ("blocked_error_lbf", "blocked force error", fit.blocked_error_by_pressure, "lbf"),
@@ -125,7 +132,7 @@ def _best_fit() -> list[Row]:
     )  # fmt: skip
     found = []
     for key, name, ours, unit in figures:
-        at = dict(zip(_sweep().pressures[0].round(6), ours, strict=True))
+        at = dict(zip(fits.pressures[0].round(6), ours, strict=True))
         for P, theirs in zip(of["pressure_psi"], of[key], strict=True):
             found.append(Row("7.6", f"{label}, {P} psi, {name}", float(at[P]), unit, theirs))
     for name, ours in (("mae", fit.mae), ("rmse", fit.rmse)):

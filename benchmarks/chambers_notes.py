@@ -1,5 +1,8 @@
 """What stands beside the figures: how tables were read, why some differ, what cannot be computed."""
 
+PAGE = "reproduce.html"
+"""Name of the page's file."""
+
 NOTES: tuple[tuple[str, str], ...] = (
     (
         "2.4",

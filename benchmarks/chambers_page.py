@@ -5,10 +5,11 @@ import html
 import io
 import itertools
 import os
+from collections.abc import Callable
 from pathlib import Path
 
-from chambers_figures import figures
-from chambers_notes import NOT_COMPUTED, NOTES
+from chambers_figures import FIGURES
+from chambers_notes import NOT_COMPUTED, NOTES, PAGE
 from chambers_reference import Row
 from matplotlib.figure import Figure
 
@@ -23,26 +24,32 @@ nav a{white-space:nowrap}
 """
 
 
-def write(folder: Path, rows: list[Row], synthetic: list[Row] | None = None) -> list[Path]:
-    """The page `reproduce.html` in the folder, which is made if need be; written whole or not.
+def write(
+    folder: Path,
+    rows: list[Row],
+    synthetic: list[Row] | None = None,
+    begin: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """The page `PAGE` in the folder, which is made if need be; written whole or not.
 
     Args:
         folder: of the page.
         rows: published beside computed.
         synthetic: fits of the SYNTHETIC reconstruction beside the printed errors, without verdicts.
+        begin: called with the name of each figure before it is drawn.
 
     Returns:
         The files written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "reproduce.html"
+    path = folder / PAGE
     draft = path.with_suffix(".html.part")
-    draft.write_text(_page(rows, synthetic or []), encoding="utf-8")
+    draft.write_text(_page(rows, synthetic or [], begin), encoding="utf-8")
     os.replace(draft, path)
     return [path]
 
 
-def _page(rows: list[Row], synthetic: list[Row]) -> str:
+def _page(rows: list[Row], synthetic: list[Row], begin: Callable[[str], None] | None) -> str:
     tables = {
         table: list(group)
         for table, group in itertools.groupby(
@@ -69,7 +76,7 @@ def _page(rows: list[Row], synthetic: list[Row]) -> str:
             _table(out, with_table=True),
             _not_computed(),
             "<h2>Figures</h2>",
-            *(_figure(caption, figure) for caption, figure in figures().items()),
+            *(_figure(caption, draw, begin) for caption, draw in FIGURES.items()),
             *(_section(table, group) for table, group in tables.items()),
             _synthetic(synthetic) if synthetic else "",
         ]
@@ -146,9 +153,11 @@ def _not_computed() -> str:
     return f"<h2>Not computed</h2><ul>{lines}</ul>"
 
 
-def _figure(caption: str, figure: Figure) -> str:
+def _figure(caption: str, draw: Callable[[], Figure], begin: Callable[[str], None] | None) -> str:
+    if begin is not None:
+        begin(f"figure: {draw.__name__.replace('_', ' ')}")
     stream = io.BytesIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None})
+    draw().savefig(stream, format="svg", metadata={"Date": None})
     data = base64.b64encode(stream.getvalue()).decode()
     text = html.escape(caption)
     return (

@@ -7,6 +7,7 @@ Everything is in inch, psi, lbf and degrees, as printed. The figures come from
 import dataclasses
 import functools
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,16 @@ from famjax import (
     MeasuredFamily,
     MeasuredGeometry,
     Muscle,
-    PolynomialMaterial,
+    PressurePolynomialMaterial,
+    Real,
 )
+from famjax.compile_options import quick_jit
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
 """Gauge pressures [psi] at which the work prints its tables of forces."""
+
+ENDS = (10.0, 100.0)
+"""Lowest and highest gauge pressure tested [psi]: the nodes of a law that is linear in pressure."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +76,10 @@ class Row:
         return {name: getattr(self, name) for name in names}
 
 
+Table = tuple[str, Callable[[], list[Row]]]
+"""What is computed, in words, and the function that gives its rows."""
+
+
 @functools.cache
 def printed() -> dict[str, Any]:
     """The figures of the reference work; see the comments in the file."""
@@ -91,7 +101,7 @@ def inelastic_braid() -> Braid:
     return Braid(of["thread_length_B_in"], of["turns_N"], of["braid_thickness_in"])
 
 
-def elastic_braid(softness: float = 1.0) -> ElasticBraid:
+def elastic_braid(softness: Real = 1.0) -> ElasticBraid:
     """The specimen's braid with the modulus found in situ, 11.6e6 psi over `softness`."""
     of, braid = printed()["specimen"], inelastic_braid()
     modulus = of["thread_modulus_in_situ_linear_psi"] / softness
@@ -139,23 +149,38 @@ def measured_family() -> MeasuredFamily:
     )
 
 
-@functools.cache
-def geometries() -> dict[str, AbstractGeometry]:
-    """The four geometries of the specimen, by name, in the order of the design."""
+def latex() -> PressurePolynomialMaterial:
+    """The latex of chapter 6, psi: at all pressures the same.
+
+    It is written as a law that is linear in pressure, so that those meet its compiled programs.
+    """
+    E = printed()["latex"]["E_psi"]
+    return PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E]))
+
+
+GEOMETRIES = ("estimated inelastic", "estimated elastic", "measured average diameter", "measured")
+"""Names of the four geometries, in the order of the design."""
+
+
+@quick_jit
+def _build() -> tuple[tuple[AbstractGeometry, ...], PressurePolynomialMaterial]:
+    """The geometries and the latex, in one program; alone each of their sums would be one."""
     family = measured_family()
-    return {
-        "estimated inelastic": EstimatedGeometry(inelastic_braid(), bladder()),
-        "estimated elastic": EstimatedGeometry(elastic_braid(), bladder()),
-        "measured average diameter": AverageDiameterGeometry(family, bladder()),
-        "measured": MeasuredGeometry(family, bladder()),
-    }
+    return (
+        EstimatedGeometry(inelastic_braid(), bladder()),
+        EstimatedGeometry(elastic_braid(), bladder()),
+        AverageDiameterGeometry(family, bladder()),
+        MeasuredGeometry(family, bladder()),
+    ), latex()
 
 
-def latex() -> PolynomialMaterial:
-    """The latex of chapter 6, psi."""
-    return PolynomialMaterial(printed()["latex"]["E_psi"])
-
-
+@functools.cache
 def muscles() -> dict[str, Muscle]:
-    """The four geometries with the latex of chapter 6."""
-    return {name: Muscle(geometry, latex()) for name, geometry in geometries().items()}
+    """The four geometries of the specimen with the latex, by name."""
+    shapes, law = _build()
+    return {name: Muscle(shape, law) for name, shape in zip(GEOMETRIES, shapes, strict=True)}
+
+
+def geometries() -> dict[str, AbstractGeometry]:
+    """The four geometries of the specimen, by name."""
+    return {name: muscle.geometry for name, muscle in muscles().items()}

@@ -1,20 +1,17 @@
 """Chapter 4: volumes, the printed profiles, and how many Fourier terms a profile needs."""
 
+import functools
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from chambers_reference import Row, inelastic_braid, printed, profile, transcribed_profile
+from chambers_reference import Row, Table, inelastic_braid, printed, profile, transcribed_profile
 from jaxtyping import Array, Float
 
-from famjax import (
-    AbstractProfile,
-    EllipticToroidEnds,
-    Meridian,
-    diameter_from_length,
-    tube_volume,
-)
+from famjax import EllipticToroidEnds, FourierProfile, Meridian, diameter_from_length, tube_volume
+from famjax.compile_options import quick_jit
 
 VOLUME = 0.0005
 """Tolerance [in3]: half the last digit of the printed volumes."""
@@ -26,13 +23,11 @@ END_LENGTH, END_ANGLE = 1.1, 1.0
 """Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
 ellipse at the fitting: a finite slope there."""
 
+SHAPE_X = np.linspace(0, 1, 301)
+"""Positions at which the profiles of table 4.3 are drawn."""
+
 _X = np.linspace(0, 1, 401)
 _WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
-
-
-def rows() -> list[Row]:
-    """The volumes, the angle from blocked force, and tables 4.2 and 4.3."""
-    return [*_volumes(), *_angle_from_slope(), *_profiles(), *_fourier_terms()]
 
 
 def _volumes() -> list[Row]:
@@ -73,7 +68,7 @@ def _profiles() -> list[Row]:
     """Table 4.3 as printed, corrected, and as used: corrected and made symmetric."""
     rest = printed()["specimen"]["active_length_in"]
     found = []
-    for row in printed()["profile_100psi"]:
+    for k, row in enumerate(printed()["profile_100psi"]):
         at = f"{100 * row['contraction']:.4g} %"
         for label, corrected in (("as printed", False), ("corrected", True)):
             D = printed_diameter(row, _X, corrected=corrected)
@@ -84,26 +79,46 @@ def _profiles() -> list[Row]:
                 ("largest |D(x) - D(1 - x)|", np.abs(D - D[::-1]).max()),
             )
             found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
-        for label, even in (
-            ("used", profile(row)),
-            ("transcribed w", transcribed_profile(row).symmetrised()),
-        ):
-            length = jnp.asarray(rest * (1 - row["contraction"]))
-            mean, arc, volume = _measures(even, length)
+        for label, of in shapes().items():
             found += [
-                Row("4.3", f"{label}, {at}, w", float(even.w), "1"),
-                Row("4.3", f"{label}, {at}, mean D", float(mean), "in"),
-                Row("4.3", f"{label}, {at}, outline volume", float(volume), "in3"),
-                Row("4.3", f"{label}, {at}, axial strain", float(arc) / rest - 1, "1"),
+                Row("4.3", f"{label}, {at}, w", float(of["w"][k]), "1"),
+                Row("4.3", f"{label}, {at}, mean D", float(of["mean D"][k]), "in"),
+                Row("4.3", f"{label}, {at}, outline volume", float(of["volume"][k]), "in3"),
+                Row("4.3", f"{label}, {at}, axial strain", float(of["arc"][k]) / rest - 1, "1"),
             ]
     return found
 
 
-@eqx.filter_jit
-def _measures(even: AbstractProfile, length: Float[Array, ""]) -> tuple[Float[Array, ""], ...]:
-    """Mean diameter [in], arc length [in] and volume [in3]."""
-    meridian = Meridian.of(even, length)
-    return meridian.mean_diameter, meridian.arc_length, meridian.volume
+@functools.cache
+def shapes() -> dict[str, dict[str, Float[np.ndarray, "profiles ..."]]]:
+    """w, mean D, arc length and volume in inches, and D at `SHAPE_X`, of table 4.3's profiles."""
+    used, transcribed = jax.tree.map(np.asarray, _shapes())
+    return {"used": used, "transcribed w": transcribed}
+
+
+@quick_jit
+def _shapes() -> tuple[dict[str, Float[Array, "profiles ..."]], ...]:
+    rows, rest = printed()["profile_100psi"], printed()["specimen"]["active_length_in"]
+    lengths = jnp.array([rest * (1 - row["contraction"]) for row in rows])
+
+    def measures(even: FourierProfile, length: Float[Array, ""]) -> dict[str, Float[Array, "..."]]:
+        meridian = Meridian.of(even, length)
+        return {
+            "w": even.w,
+            "mean D": meridian.mean_diameter,
+            "arc": meridian.arc_length,
+            "volume": meridian.volume,
+            "D": even.diameter(SHAPE_X, length),
+        }
+
+    def of(profiles: list[FourierProfile]) -> dict[str, Float[Array, "profiles ..."]]:
+        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *profiles)
+        return eqx.filter_vmap(measures)(stacked, lengths)
+
+    return (
+        of([profile(row) for row in rows]),
+        of([transcribed_profile(row).symmetrised() for row in rows]),
+    )
 
 
 def fit_terms(
@@ -125,19 +140,26 @@ def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarra
     return np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
 
 
+CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
+"""Of the synthetic profiles."""
+
+
+@functools.cache
 def synthetic_profiles() -> dict[float, Float[np.ndarray, " n"]]:
     """SYNTHETIC diameters [in] at 201 positions, by contraction: elliptic ends, a cylinder.
 
     The middle follows the braid's triangle, and the ends have the braid's resting diameter.
     """
+    return dict(zip(CONTRACTIONS, np.asarray(_synthetic_diameters()), strict=True))
+
+
+@quick_jit
+def _synthetic_diameters() -> Float[Array, "profiles n"]:
     of, braid = printed()["specimen"], inelastic_braid()
-    profiles = {}
-    for contraction in (0.0, 0.0875, 0.175, 0.2625, 0.35):
-        length = of["active_length_in"] * (1 - contraction)
-        middle = diameter_from_length(length, braid.rest_thread_length, braid.turns)
-        shape = EllipticToroidEnds(middle, of["braid_resting_diameter_in"], END_LENGTH, END_ANGLE)
-        profiles[contraction] = np.asarray(shape.diameter(_X[::2], length))
-    return profiles
+    length = of["active_length_in"] * (1 - jnp.array(CONTRACTIONS)[:, None])
+    middle = diameter_from_length(length, braid.rest_thread_length, braid.turns)
+    shape = EllipticToroidEnds(middle, of["braid_resting_diameter_in"], END_LENGTH, END_ANGLE)
+    return shape.diameter(_X[::2], length)
 
 
 def _fourier_terms() -> list[Row]:
@@ -154,3 +176,12 @@ def _fourier_terms() -> list[Row]:
                 Row("4.2", f"SYNTHETIC profiles, {terms} terms, {name}", float(value), "in")
             )
     return found
+
+
+TABLES: tuple[Table, ...] = (
+    ("section 4: volumes", _volumes),
+    ("section 4: angle from the slope of blocked force", _angle_from_slope),
+    ("table 4.3: profiles", _profiles),
+    ("table 4.2: Fourier terms of a profile", _fourier_terms),
+)
+"""In the order of the page's sections."""

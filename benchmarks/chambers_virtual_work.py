@@ -2,15 +2,10 @@
 
 import functools
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from chambers_balance import terms
-from chambers_reference import Row, elastic_braid, geometries
+from chambers_balance import balance, terms
+from chambers_reference import Row, Table, muscles
 from jaxtyping import Float
-
-from famjax._elastic_braid import ElasticBraid
-from famjax._virtual_work import PressureTerms, pressure_terms
 
 PRESSURE = 100.0
 CONTRACTIONS = np.linspace(0, 0.35, 71)
@@ -18,20 +13,21 @@ CONTRACTIONS = np.linspace(0, 0.35, 71)
 
 TABULATED = (0.0, 0.1, 0.2, 0.3, 0.35)
 
-
-def _braid(name: str) -> ElasticBraid | None:
-    """The elastic braid whose stretch is taken out; the inelastic geometry has none."""
-    return None if name == "estimated inelastic" else elastic_braid()
+GAYLORD = "Gaylord force"
+AT_PRESSURE = "-P dV/dL at constant pressure"
+AT_THREAD_LENGTH = "-P dV/dL at constant thread length"
+"""The pressure's pull by the cylinder, and by virtual work; at constant thread length the work
+that stretches the threads is not counted as the muscle's."""
 
 
 @functools.cache
-def over_contraction() -> dict[str, PressureTerms]:
-    """Both pressure terms of each geometry at `CONTRACTIONS`."""
-    at = eqx.filter_jit(pressure_terms)
-    return {
-        name: at(geometry, jnp.asarray(CONTRACTIONS), PRESSURE, braid=_braid(name))
-        for name, geometry in geometries().items()
-    }
+def over_contraction() -> dict[str, dict[str, Float[np.ndarray, " contractions"]]]:
+    """The pressure terms [lbf] of each geometry at `CONTRACTIONS`."""
+    found = {}
+    for name, muscle in muscles().items():
+        at = balance(muscle, CONTRACTIONS, PRESSURE)
+        found[name] = {term: at[term] for term in (GAYLORD, AT_PRESSURE, AT_THREAD_LENGTH)}
+    return found
 
 
 def _mean(values: Float[np.ndarray, " n"]) -> float:
@@ -39,25 +35,20 @@ def _mean(values: Float[np.ndarray, " n"]) -> float:
     return float(np.trapezoid(values, CONTRACTIONS) / np.ptp(CONTRACTIONS))
 
 
-def rows() -> list[Row]:
+def _work() -> list[Row]:
     """Both terms and their means.
 
     At constant pressure the rate's mean over the range is exact, the difference of two volumes; at
     one contraction the rate is that of the spline between five profiles.
     """
     table, found = "virtual work", []
-    for name, both in over_contraction().items():
-        columns = {
-            "Gaylord force": np.asarray(both.gaylord),
-            "-P dV/dL at constant pressure": np.asarray(both.virtual_work),
-            "-P dV/dL at constant thread length": np.asarray(both.virtual_work_at_thread_length),
-        }
+    for name, columns in over_contraction().items():
         for quantity, values in columns.items():
             for c in TABULATED:
                 force = float(np.interp(c, CONTRACTIONS, values))
                 entry = f"{name}, 100 psi, contraction {c:g}, {quantity}"
                 found.append(Row(table, entry, force, "lbf"))
-        gaylord, work = columns["Gaylord force"], columns["-P dV/dL at constant thread length"]
+        gaylord, work = columns[GAYLORD], columns[AT_THREAD_LENGTH]
         blocked = work[0] + terms()[name].at("bladder force", -1, "rest")
         for entry, value in (
             *(
@@ -69,3 +60,7 @@ def rows() -> list[Row]:
         ):
             found.append(Row(table, f"{name}, 100 psi, {entry}", float(value), "lbf"))
     return found
+
+
+TABLES: tuple[Table, ...] = (("the pressure's pull", _work),)
+"""One."""

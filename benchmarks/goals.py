@@ -3,13 +3,14 @@
 Run `python benchmarks/goals.py` in a clone: it prints one row for each goal, in and out of sample,
 and writes them as JSON with `--json PATH`. What is known of a specimen besides its force map, and
 every choice of model that was made by looking at these maps, is said in the row. A goal counts as
-met by a converged fit of a law that is stable on its path.
+met by a converged fit of a law that is stable on its path. Standard error says which is pursued.
 """
 
 import argparse
 import dataclasses
 import json
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -122,7 +123,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         plain = {name: dataclasses.replace(one, force_std=None) for name, one in read.items()}
         jobs += [(goal, plain[goal.data]) for goal in RAMPS]
     rows = []
-    for goal, data in jobs:
+    for number, (goal, data) in enumerate(jobs, 1):
+        print(f"{number} of {len(jobs)}: {goal.data}, {goal.what}", file=sys.stderr, flush=True)
         row = reach(goal, data)
         rows.append(row)
         figures = ", ".join(

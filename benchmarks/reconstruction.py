@@ -34,10 +34,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 from chambers_balance import balance, free_contraction
-from chambers_reference import geometries, printed
+from chambers_reference import ENDS, geometries, printed
 from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 
-from famjax import Muscle, PolynomialMaterial, units
+from famjax import Muscle, PressurePolynomialMaterial, units
 
 NAME = "SYNTHETIC reconstruction of the 7/8 in FAM of Chambers 2021"
 HYSTERESIS_LBF, HYSTERESIS_LBF_PER_PSI, HYSTERESIS_CONTRACTION = 2.0, 0.1, 0.01
@@ -153,10 +154,10 @@ def write_csv(path: Path, isobars: SyntheticIsobars) -> Path:
 
 @dataclasses.dataclass(frozen=True)
 class _Isobars:
-    """The mean curves, in psi and lbf; shape (pressures,) each, coefficients (pressures, 3)."""
+    """The mean curves, in psi and lbf; shape (pressures,) each."""
 
     pressure: Float[np.ndarray, " p"]
-    coefficients: Float[np.ndarray, "p n"]
+    muscle: Muscle
     blocked_force: Float[np.ndarray, " p"]
     free_contraction: Float[np.ndarray, " p"]
 
@@ -175,9 +176,7 @@ class _Isobars:
         )
 
     def _model(self, contraction: Float[np.ndarray, "p k"]) -> Float[np.ndarray, "p k"]:
-        return np.stack(
-            [_force(*at) for at in zip(self.coefficients, contraction, self.pressure, strict=True)]
-        )
+        return _force(self.muscle, contraction, self.pressure[:, None])
 
 
 @functools.cache
@@ -191,12 +190,12 @@ def _isobars() -> _Isobars:
     model_free = measured_free + np.array([missed[p] for p in tested["pressure_psi"]])
     E = np.array(printed()["fixed_third_order"]["E_optimised_psi"])
     change = _change(E, model_free, known)
-    coefficients = E + change * _share(P)[:, None]
-    own_free = np.array([_free(*at) for at in zip(coefficients, P, strict=True)])
+    muscle = _muscle(E, change)
+    own_free = free_contraction(muscle, P)
     at = np.array([pressures.index(p) for p in tested["pressure_psi"]])
     return _Isobars(
         P,
-        coefficients,
+        muscle,
         _linear(P, known, np.array(tested["blocked_force_lbf"], float)),
         own_free + _linear(P, known, measured_free - own_free[at]),
     )
@@ -214,12 +213,9 @@ def _change(
     Coefficients count by the stress they make at the largest hoop strain, 1.65 (table 6.2).
     """
     size = 1.65 ** np.arange(1, E.size + 1)
-    force = np.array([_force(E, *at) for at in zip(free, pressure, strict=True)])
-    columns = np.array(
-        [
-            [(_force(E + one, *at) - _force(E, *at)) for one in np.eye(E.size)]
-            for at in zip(free, pressure, strict=True)
-        ]
+    force = _force(_muscle(E), free, pressure)
+    columns = np.stack(
+        [_force(_muscle(E + one), free, pressure) - force for one in np.eye(E.size)], axis=1
     )
     u, value, v = np.linalg.svd(columns * _share(pressure)[:, None] / size, full_matrices=False)
     return -(u[:, 0] @ force) / value[0] * v[0] / size
@@ -233,18 +229,16 @@ def _linear(
     return np.interp(x, nodes, values) + np.minimum(x - nodes[0], 0) * slope
 
 
-def _muscle(E: Float[np.ndarray, " n"]) -> Muscle:
-    return Muscle(geometries()["measured"], PolynomialMaterial(jnp.asarray(E)))
+def _muscle(E: Float[np.ndarray, " n"], change: ArrayLike = 0.0) -> Muscle:
+    """The measured geometry with the law E_n(P) = E_n + s_n (P - 55 psi) / (45 psi)."""
+    nodes = np.array(ENDS)
+    coefficients = E + _share(nodes)[:, None] * change
+    law = PressurePolynomialMaterial(jnp.asarray(nodes), jnp.asarray(coefficients))
+    return Muscle(geometries()["measured"], law)
 
 
 def _force(
-    E: Float[np.ndarray, " n"], contraction: Float[np.ndarray, "..."], pressure: float
+    muscle: Muscle, contraction: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
 ) -> Float[np.ndarray, "..."]:
-    """Force [lbf] of the measured geometry."""
-    c = jnp.asarray(contraction)
-    return np.asarray(balance(_muscle(E), c, jnp.full_like(c, pressure))["total force"])
-
-
-def _free(E: Float[np.ndarray, " n"], pressure: float) -> float:
-    """Contraction of the model's zero force."""
-    return float(free_contraction(_muscle(E), jnp.asarray([pressure]))[0])
+    """Force [lbf], broadcast shape."""
+    return balance(muscle, contraction, pressure)["total force"]

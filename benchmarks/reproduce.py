@@ -1,12 +1,12 @@
 """The reference work's printed figures, computed: the code behind `famjax reproduce`.
 
-Chambers 2021, chapters 2, 4, 5 and 6, from the inputs that the work prints. The modules beside this
-one are loaded by plain name, so that its folder must be on `sys.path`.
+Chambers 2021, chapters 2, 4, 5 and 6, from the inputs that the work prints, and on the page chapter
+7 on a synthetic reconstruction. The modules beside this one are loaded by plain name, so that its
+folder must be on `sys.path`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import chambers_braid
@@ -16,39 +16,52 @@ import chambers_identification
 import chambers_shape
 import chambers_virtual_work
 import jax
-from chambers_notes import NOT_COMPUTED, NOTES
-from chambers_reference import Row
+from chambers_notes import NOT_COMPUTED, NOTES, PAGE as PAGE
+from chambers_reference import Row, Table
 
 Progress = Callable[[int, int, str], None]
-"""Called with the number of chapters done, that of all, and the name of the next one."""
+"""Called before each table and figure, with the number of those done, of all, and its name; within
+the fits of chapter 7 again, and once at the end."""
 
-CHAPTERS: tuple[tuple[str, ModuleType], ...] = (
-    ("chapter 2: design", chambers_design),
-    ("chapter 4: shape", chambers_shape),
-    ("chapter 5: braid", chambers_braid),
-    ("chapter 6: forces", chambers_force),
-    ("virtual work", chambers_virtual_work),
+CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
+    ("chapter 2", chambers_design.TABLES),
+    ("chapter 4", chambers_shape.TABLES),
+    ("chapter 5", chambers_braid.TABLES),
+    ("chapter 6", chambers_force.TABLES),
+    ("virtual work", chambers_virtual_work.TABLES),
 )
 
 
-def reproduce(output: Path | None = None, progress: Progress | None = None) -> list[Row]:
+def reproduce(
+    output: Path | None = None, progress: Progress | None = None, *, synthetic: bool = False
+) -> list[Row]:
     """Every figure, in the order of the work, and the page where a folder is given.
 
     Args:
         output: folder for the page, made if need be; None writes nothing.
         progress: see `Progress`.
+        synthetic: whether the page has chapter 7 too, see `synthetic_fits`.
 
     Returns:
-        The rows.
+        The rows, without those of chapter 7.
 
     Raises:
         RuntimeError: JAX is not in float64, in which equilibria are not found to the last digit.
     """
-    found = list(_rows(progress))
-    if output is not None:
-        from chambers_page import write  # noqa: PLC0415 -- matplotlib, only where a page is wanted
+    _check_float64()
+    steps = _Steps(progress)
+    tables = [(f"{chapter}, {name}", table) for chapter, of in CHAPTERS for name, table in of]
+    steps.total = len(tables)
+    if output is None:
+        found = steps.rows(tables)
+    else:
+        from chambers_page import FIGURES, write  # noqa: PLC0415 -- matplotlib, only for a page
 
-        write(output, found)
+        fits = chambers_identification.tables(steps.part) if synthetic else ()
+        steps.total += len(fits) + len(FIGURES)
+        found = steps.rows(tables)
+        write(output, found, steps.rows(fits), steps.begin)
+    steps.end()
     return found
 
 
@@ -57,12 +70,13 @@ def rows(progress: Progress | None = None) -> list[dict[str, Any]]:
 
     `published`, `tolerance` and `within` are None where the figure was not given to us.
     """
-    return [row.as_dict() for row in _rows(progress)]
+    return [row.as_dict() for row in reproduce(None, progress)]
 
 
 def synthetic_fits() -> list[Row]:
     """Chapter 7's printed errors beside fits of the SYNTHETIC reconstruction: no verdicts."""
-    return chambers_identification.rows()
+    _check_float64()
+    return _Steps(None).rows(chambers_identification.tables())
 
 
 def write_page(
@@ -78,9 +92,9 @@ def write_page(
     Returns:
         The files written.
     """
-    from chambers_page import write  # noqa: PLC0415 -- matplotlib, only where a page is wanted
+    from chambers_page import write  # noqa: PLC0415 -- matplotlib, only for a page
 
-    return write(folder, list(_rows(None)) if found is None else found, synthetic)
+    return write(folder, reproduce() if found is None else found, synthetic)
 
 
 def notes() -> list[dict[str, str]]:
@@ -93,14 +107,42 @@ def not_computed() -> list[dict[str, str]]:
     return [{"table": table, "reason": reason} for table, reason in NOT_COMPUTED]
 
 
-def _rows(progress: Progress | None) -> Iterator[Row]:
+class _Steps:
+    """How far the reproduction is."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress = progress
+        self._begun: list[str] = []
+        self.total = 0
+
+    def rows(self, tables: Iterable[Table]) -> list[Row]:
+        """The rows of all tables, each a step."""
+        found = []
+        for name, table in tables:
+            self.begin(name)
+            found += table()
+        return found
+
+    def begin(self, name: str) -> None:
+        """The step before is done, and this one begins."""
+        self._begun.append(name)
+        self._tell(len(self._begun) - 1, name)
+
+    def part(self, done: int, parts: int) -> None:
+        """So many parts of the step are done."""
+        self._tell(len(self._begun) - 1, f"{self._begun[-1]}, part {done} of {parts} done")
+
+    def end(self) -> None:
+        """All is done."""
+        self._tell(self.total, "done")
+
+    def _tell(self, done: int, name: str) -> None:
+        if self._progress is not None:
+            self._progress(done, self.total, name)
+
+
+def _check_float64() -> None:
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError(
             "the reproduction runs in float64: call jax.config.update('jax_enable_x64', True) first"
         )
-    for done, (name, chapter) in enumerate(CHAPTERS):
-        if progress is not None:
-            progress(done, len(CHAPTERS), name)
-        yield from chapter.rows()
-    if progress is not None:
-        progress(len(CHAPTERS), len(CHAPTERS), "done")

@@ -18,7 +18,8 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ._profile import AbstractProfile
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import number
 
 
 class AbstractAssumedShape(AbstractProfile):
@@ -37,7 +38,7 @@ class Cylinder(AbstractAssumedShape):
         Gaylord 1958.
     """
 
-    middle_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
+    middle_diameter: Float[Given, "..."] = number("m")
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m], the same at every position, broadcast shape."""
@@ -58,9 +59,9 @@ class SteppedCylinder(AbstractAssumedShape):
         end_length: length a [m] of each narrow end, 0 < a < L / 2.
     """
 
-    middle_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_length: Float[Array, "..."] = eqx.field(converter=as_real)
+    middle_diameter: Float[Given, "..."] = number("m")
+    end_diameter: Float[Given, "..."] = number("m")
+    end_length: Float[Given, "..."] = number("m")
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape; of the middle at the steps."""
@@ -81,9 +82,9 @@ class ConicFrustumEnds(AbstractAssumedShape):
         end_length: axial length a [m] of each end, 0 < a <= L / 2.
     """
 
-    middle_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_length: Float[Array, "..."] = eqx.field(converter=as_real)
+    middle_diameter: Float[Given, "..."] = number("m")
+    end_diameter: Float[Given, "..."] = number("m")
+    end_length: Float[Given, "..."] = number("m")
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape."""
@@ -105,9 +106,9 @@ class SemiEllipsoidEnds(AbstractAssumedShape):
         end_length: axial length a [m] of each end, 0 < a <= L / 2.
     """
 
-    middle_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_length: Float[Array, "..."] = eqx.field(converter=as_real)
+    middle_diameter: Float[Given, "..."] = number("m")
+    end_diameter: Float[Given, "..."] = number("m")
+    end_length: Float[Given, "..."] = number("m")
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape."""
@@ -136,8 +137,8 @@ class CircularArcEnds(AbstractAssumedShape):
         Kothera et al. 2009.
     """
 
-    middle_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
+    middle_diameter: Float[Given, "..."] = number("m")
+    end_diameter: Float[Given, "..."] = number("m")
 
     @property
     def end_length(self) -> RealArray:
@@ -170,10 +171,10 @@ class EllipticToroidEnds(AbstractAssumedShape):
             the fittings: no derivative at x = 0 and 1 exactly.
     """
 
-    middle_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    end_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    arc_angle: Float[Array, "..."] = eqx.field(converter=as_real, default=math.pi / 2)
+    middle_diameter: Float[Given, "..."] = number("m")
+    end_diameter: Float[Given, "..."] = number("m")
+    end_length: Float[Given, "..."] = number("m")
+    arc_angle: Float[Given, "..."] = number("rad", default=math.pi / 2)
 
     def __check_init__(self) -> None:
         if not isinstance(self.arc_angle, Tracer) and not jnp.all(

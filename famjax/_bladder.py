@@ -7,9 +7,10 @@ threads run inside the rubber, and the braid radius is the mid-wall radius.
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray
+from .parameters import Parametrised, parameter
 
 
 def cylinder_volume(length: Real, radius: Real) -> RealArray:
@@ -60,7 +61,7 @@ def bladder_thickness(length: Real, outer_radius: Real, bladder_volume: Real) ->
     return jnp.asarray(section / (outer_radius + jnp.sqrt(outer_radius**2 - section)))
 
 
-class Bladder(eqx.Module):
+class Bladder(Parametrised):
     """An incompressible rubber tube.
 
     Attributes:
@@ -71,9 +72,9 @@ class Bladder(eqx.Module):
             mid-wall radius; False where the bladder lies under the braid.
     """
 
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    rest_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    rest_thickness: Float[Array, "..."] = eqx.field(converter=as_real)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)
+    rest_diameter: Float[Given, "..."] = parameter("m", low=0.0, name="bladder_diameter")
+    rest_thickness: Float[Given, "..."] = parameter("m", low=0.0, name="wall_thickness")
     embedded: bool = eqx.field(static=True, default=False)
 
     @property
@@ -93,6 +94,19 @@ class Bladder(eqx.Module):
         """Braid radius [m], thickness of the braid not counted, at which the bore closes at L0."""
         solid_radius = jnp.sqrt(self.volume / (jnp.pi * self.rest_length))
         return solid_radius / 2 if self.embedded else solid_radius
+
+    @property
+    def rest_radius(self) -> RealArray:
+        """Outer radius [m] at rest; mid-wall radius where `embedded`."""
+        return self.rest_diameter / 2
+
+    def fits(self, length: Real, radius: Real) -> Bool[Array, "..."]:
+        """Whether the rubber fits in a tube of this length [m] and radius [m] as of `thickness`."""
+        positive = (jnp.asarray(length) > 0) & (radius > 0)
+        if self.embedded:
+            return positive
+        section = self.volume / (jnp.pi * jnp.where(positive, length, self.rest_length))
+        return positive & (jnp.square(radius) >= section)
 
     def thickness(self, length: Real, radius: Real) -> RealArray:
         """Wall thickness t [m] at constant volume.

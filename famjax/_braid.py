@@ -8,10 +8,12 @@ import abc
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Parametrised, number, parameter
 
 NEUTRAL_ANGLE = math.atan(math.sqrt(0.5))
 """Braid angle [rad] at which the force magnification 2 tan(theta)^2 - 1 is zero: 35.26 deg."""
@@ -123,7 +125,7 @@ def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle:
     return jnp.arccos(jnp.cos(known_angle) * diameter / known_diameter)
 
 
-class AbstractBraid(eqx.Module):
+class AbstractBraid(Parametrised):
     """A braid whose threads have some length under load."""
 
     rest_thread_length: eqx.AbstractVar[RealArray]
@@ -133,6 +135,31 @@ class AbstractBraid(eqx.Module):
     @abc.abstractmethod
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
         """Thread length B [m] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+
+    def reach(
+        self, length: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
+        """Length and thread length where there is a triangle of the two, and where there is.
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa].
+
+        Returns:
+            (L, B, reached), of broadcast shape: where 0 < L < B does not hold, L and B are those of
+            a triangle that has nothing to do with the state, so that no nan spoils the derivatives
+            of other states. What is made of them there is to be replaced by nan.
+        """
+        lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        unloaded = jax.lax.stop_gradient(self.rest_thread_length)
+        aside = unloaded / 2
+        found = self.thread_length(jnp.where(lengths > 0, lengths, aside), pressures)
+        reached = (lengths > 0) & (lengths < found)
+        return (
+            jnp.where(reached, lengths, aside),
+            jnp.where(reached, found, unloaded),
+            reached,
+        )
 
 
 class Braid(AbstractBraid):
@@ -144,9 +171,9 @@ class Braid(AbstractBraid):
         thickness: t_braid [m], two threads crossing; the bladder lies below it.
     """
 
-    rest_thread_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    turns: Float[Array, "..."] = eqx.field(converter=as_real)
-    thickness: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0)
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m", default=0.0)
 
     @classmethod
     def from_rest(

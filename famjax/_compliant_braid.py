@@ -1,11 +1,13 @@
 """A braid of linear threads known by one number, their compliance, which may be zero."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._braid import AbstractBraid, Braid
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import number, parameter
+
+_HIGHEST_COMPLIANCE = 3e-5  # 1/N
 
 
 class CompliantBraid(AbstractBraid):
@@ -31,10 +33,12 @@ class CompliantBraid(AbstractBraid):
     9.945
     """
 
-    rest_thread_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    turns: Float[Array, "..."] = eqx.field(converter=as_real)
-    thickness: Float[Array, "..."] = eqx.field(converter=as_real)
-    compliance: Float[Array, "..."] = eqx.field(converter=as_real)
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m")
+    compliance: Float[Given, "..."] = parameter(
+        "1/N", name="braid_compliance", low=0.0, high=_HIGHEST_COMPLIANCE
+    )
 
     @classmethod
     def of(cls, braid: Braid, compliance: Real) -> "CompliantBraid":

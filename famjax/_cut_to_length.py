@@ -7,11 +7,11 @@ import jax.numpy as jnp
 
 from ._end_effect import EndEffectGeometry
 from ._geometry import AbstractGeometry, EstimatedGeometry
-from ._muscle import Muscle
 from ._types import Real, RealArray, as_real
+from .muscle import AbstractMuscle, Muscle
 
 
-def cut_to_length(muscle: Muscle, rest_length: Real) -> Muscle:
+def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
     """The muscle with another rest length, everything else of its construction being the same.
 
     The braid keeps its diameter and angle at rest, so that B0 and N are proportional to L0; bladder
@@ -35,6 +35,11 @@ def cut_to_length(muscle: Muscle, rest_length: Real) -> Muscle:
     >>> print(f"{short.blocked_force(5e5) / long.blocked_force(5e5):.6f}")
     1.000000
     """
+    if not isinstance(muscle, Muscle):
+        raise ValueError(
+            f"only a famjax.Muscle can be cut to another length, got {type(muscle).__name__}: cut "
+            "the muscle that it is made of"
+        )
     new = as_real(rest_length)
     return dataclasses.replace(muscle, geometry=_cut(muscle.geometry, new))
 

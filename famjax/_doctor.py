@@ -19,7 +19,6 @@ _REPORTED = (
     "pyserial",
     "cyclopts",
     "matplotlib",
-    "pint",
 )
 
 

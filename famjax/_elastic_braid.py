@@ -11,7 +11,8 @@ from ._braid import AbstractBraid, braid_angle_from_length, diameter_from_length
 from ._elastic_root import strain_under_cubic, strain_under_line
 from ._force import gaylord_force
 from ._thread import AbstractThread, thread_tension
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import number, parameter
 
 
 class BraidState(eqx.Module):
@@ -74,10 +75,10 @@ class ElasticBraid(AbstractBraid):
     9.945
     """
 
-    rest_thread_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    turns: Float[Array, "..."] = eqx.field(converter=as_real)
-    thickness: Float[Array, "..."] = eqx.field(converter=as_real)
-    n_threads: Float[Array, "..."] = eqx.field(converter=as_real)
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m")
+    n_threads: Float[Given, "..."] = number()
     thread: AbstractThread
 
     def thread_length(self, length: Real, pressure: Real, *, throw: bool = False) -> RealArray:
@@ -182,8 +183,9 @@ class ElasticBraid(AbstractBraid):
         arrays = jnp.broadcast_arrays(*(as_real(argument) for argument in arguments))
         flat, found = jax.vmap(strain)(*(array.ravel() for array in arrays))
         shape = arrays[0].shape
-        stretched = self.rest_thread_length * (1 + flat.reshape(shape))
         found = found.reshape(shape)
+        # No nan takes part in what follows: it would spoil the derivatives of all others.
+        stretched = self.rest_thread_length * (1 + jnp.where(found, flat.reshape(shape), 0.0))
         encloses = stretched > arrays[0]
         if throw:
             stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)

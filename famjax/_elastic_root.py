@@ -1,12 +1,13 @@
 """The strain at which an elastic thread carries a load that grows as the thread gives way."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
-import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
+from ._implicit import over_slope
 from ._thread import AbstractThread
 from ._types import RealArray
 
@@ -110,18 +111,28 @@ def _newton(
     """
     start, unit = jax.lax.stop_gradient((start, 1 / margin**2))
 
-    def residual(y: RealArray, args: tuple[AbstractThread, Float[Array, " 4"]]) -> RealArray:
-        thread, load = args
+    def residual(y: RealArray) -> RealArray:
         return y - thread.strain(jnp.polyval(load, 1 + y * unit)) / unit
 
     tolerance = 4 * float(jnp.finfo(start.dtype).eps)
-    solution = optx.root_find(
-        residual,
-        optx.Newton(rtol=tolerance, atol=tolerance),
-        start / unit,
-        (thread, load),
-        max_steps=_MAX_STEPS,
-        throw=False,
-        tags=frozenset({lx.diagonal_tag}),
-    )
-    return solution.value * unit, solution.result == optx.RESULTS.successful
+
+    def solve(
+        function: Callable[[RealArray], RealArray], start: RealArray
+    ) -> tuple[RealArray, RealArray]:
+        # A quarter of a second to import, which only elastic threads need.
+        import lineax as lx  # noqa: PLC0415
+        import optimistix as optx  # noqa: PLC0415
+
+        solution = optx.root_find(
+            lambda y, _: function(y),
+            optx.Newton(rtol=tolerance, atol=tolerance),
+            start,
+            max_steps=_MAX_STEPS,
+            throw=False,
+            tags=frozenset({lx.diagonal_tag}),
+        )
+        successful = solution.result == optx.RESULTS.successful
+        return solution.value, successful.astype(start.dtype)  # JAX derives no truth values here
+
+    root, converged = jax.lax.custom_root(residual, start / unit, solve, over_slope, has_aux=True)
+    return root * unit, converged > 0

@@ -1,11 +1,15 @@
 """A cylinder that stands for a muscle with rounded ends: Tondu & Lopez's factor on contraction."""
 
-import equinox as eqx
-from jaxtyping import Array, Float
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
 
 from ._assumed_shapes import tondu_lopez_length
 from ._geometry import AbstractGeometry, Dimensions
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import parameter
+
+_LARGEST_FACTOR = 1.4
 
 
 class EndEffectGeometry(AbstractGeometry):
@@ -24,12 +28,14 @@ class EndEffectGeometry(AbstractGeometry):
     """
 
     cylinder: AbstractGeometry
-    end_factor: Float[Array, "..."] = eqx.field(converter=as_real)
+    end_factor: Float[Given, "..."] = parameter(low=1.0, high=_LARGEST_FACTOR)
 
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions of the cylinder at active length L [m] and gauge pressure P [Pa]."""
-        shortened = tondu_lopez_length(as_real(length), self.rest_length, self.end_factor)
-        return self.cylinder.dimensions(shortened, pressure)
+        positive = as_real(length) > 0
+        at = jnp.where(positive, length, jax.lax.stop_gradient(self.rest_length))
+        shortened = tondu_lopez_length(at, self.rest_length, self.end_factor)
+        return self.cylinder.dimensions(shortened, pressure).unless(positive)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m], those of the cylinder mapped back."""

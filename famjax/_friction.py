@@ -6,12 +6,12 @@ the muscle shortens: F_ecc = F_mean + F_fr, F_con = F_mean - F_fr.
 
 import abc
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._geometry import Dimensions
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Parametrised, number, parameter
 
 
 def smooth_sign(velocity: Real, reference_velocity: Real) -> RealArray:
@@ -72,7 +72,7 @@ def crossing_area(n_threads: Real, turns: Real, thread_width: Real, braid_angle:
     return jnp.asarray(crossings * thread_width**2 / jnp.sin(2 * braid_angle))
 
 
-class AbstractFriction(eqx.Module):
+class AbstractFriction(Parametrised):
     """A friction term: an amplitude that the direction of motion multiplies."""
 
     @abc.abstractmethod
@@ -113,9 +113,9 @@ class ThreadFriction(AbstractFriction):
         original before it is cited.
     """
 
-    coefficient: Float[Array, "..."] = eqx.field(converter=as_real)
-    rest_area: Float[Array, "..."] = eqx.field(converter=as_real)
-    rest_braid_angle: Float[Array, "..."] = eqx.field(converter=as_real)
+    coefficient: Float[Given, "..."] = parameter(low=0.0, linear=True, name="friction_coefficient")
+    rest_area: Float[Given, "..."] = number("m2")
+    rest_braid_angle: Float[Given, "..."] = number("rad")
 
     def amplitude(self, at: Dimensions, pressure: Real) -> RealArray:
         """Friction [N] of full sliding, f_s S(theta) P, broadcast shape."""
@@ -131,8 +131,8 @@ class PressureFriction(AbstractFriction):
         per_pressure: c1 [m2], force per pressure.
     """
 
-    constant: Float[Array, "..."] = eqx.field(converter=as_real)
-    per_pressure: Float[Array, "..."] = eqx.field(converter=as_real)
+    constant: Float[Given, "..."] = parameter("N", linear=True, name="friction_constant")
+    per_pressure: Float[Given, "..."] = parameter("m2", linear=True, name="friction_per_pressure")
 
     def amplitude(self, at: Dimensions, pressure: Real) -> RealArray:
         """Friction [N] of full sliding, c0 + c1 P, broadcast shape."""

@@ -5,16 +5,21 @@ rubber, and its true stresses are sigma_i = lambda_i dW/dlambda_i with lambda = 
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._material import AbstractMaterial
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Declared, parameter
+from .parameters.parametrised import checked_values, middle
+
+_STRESS = 1e6  # Pa
 
 
 def _slope(function: Callable[[RealArray], RealArray], at: RealArray) -> RealArray:
@@ -31,6 +36,8 @@ class AbstractHyperelastic(AbstractMaterial):
     References:
         Ogden 1997, Non-linear Elastic Deformations, section 4.3.
     """
+
+    depends_on_pressure: ClassVar[bool] = False
 
     @abc.abstractmethod
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
@@ -89,7 +96,11 @@ class NeoHookeanMaterial(AbstractHyperelastic):
     3.500
     """
 
-    shear_modulus: Float[Array, "..."] = eqx.field(converter=as_real)
+    shear_modulus: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
+    )
+
+    law_name: ClassVar[str] = "neo-hookean"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
         """Energy W [J/m3] per volume, broadcast shape."""
@@ -113,8 +124,14 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
         Mooney 1940; Rivlin 1948.
     """
 
-    c10: Float[Array, "..."] = eqx.field(converter=as_real)
-    c01: Float[Array, "..."] = eqx.field(converter=as_real)
+    c10: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="C10"
+    )
+    c01: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="C01"
+    )
+
+    law_name: ClassVar[str] = "mooney-rivlin"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
         """Energy W [J/m3] per volume, broadcast shape."""
@@ -138,7 +155,17 @@ class YeohMaterial(AbstractHyperelastic):
         Yeoh 1993, Rubber Chemistry and Technology 66.
     """
 
-    coefficients: Float[Array, " terms"] = eqx.field(converter=as_real)
+    coefficients: Float[Given, " terms"] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="C_{}"
+    )
+
+    law_name: ClassVar[str] = "yeoh"
+
+    @classmethod
+    def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
+        """The law of this many terms, by default three."""
+        fields.setdefault("coefficients", [_STRESS] * order)
+        return super().template(**fields)
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
         """Energy W [J/m3] per volume, broadcast shape."""
@@ -172,8 +199,12 @@ class OgdenMaterial(AbstractHyperelastic):
     0.4225
     """
 
-    moduli: Float[Array, " terms"] = eqx.field(converter=as_real)
-    exponents: Float[Array, " terms"] = eqx.field(converter=as_real)
+    moduli: Float[Given, " terms"] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="mu_{}"
+    )
+    exponents: Float[Given, " terms"] = parameter(name="alpha_{}")
+
+    law_name: ClassVar[str] = "ogden"
 
     def __check_init__(self) -> None:
         if self.moduli.shape != self.exponents.shape or self.moduli.ndim == 0:
@@ -194,6 +225,48 @@ class OgdenMaterial(AbstractHyperelastic):
         """Shear modulus [Pa] at zero strain, half the sum of mu_p alpha_p."""
         return jnp.sum(self.moduli * self.exponents, axis=-1) / 2
 
+    @classmethod
+    def template(cls, **fields: Any) -> "OgdenMaterial":
+        """The law of one term, its exponent in the middle of the range."""
+        exponent = middle(_ONE_TERM["ogden_exponent"])
+        fields.setdefault("moduli", [2 * _STRESS / exponent])
+        fields.setdefault("exponents", [exponent])
+        return super().template(**fields)
+
+    def parameters(self) -> dict[str, RealArray]:
+        """Shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
+        if self.moduli.shape != (1,):
+            return super().parameters()
+        return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
+
+    def declared(self) -> dict[str, Declared]:
+        """The declarations of the same."""
+        return super().declared() if self.moduli.shape != (1,) else dict(_ONE_TERM)
+
+    def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
+        """The law with other values; of one term, mu = 2 G / alpha.
+
+        Raises:
+            ValueError: an unknown name, or a value that is an array.
+        """
+        if self.moduli.shape != (1,):
+            return super().with_parameters(values)
+        given = self.parameters() | checked_values(self, values)
+        modulus, exponent = (given[name] for name in _ONE_TERM)
+        if not values:
+            return self
+        return eqx.tree_at(
+            lambda law: (law.moduli, law.exponents),
+            self,
+            ((2 * modulus / exponent)[None], exponent[None]),
+        )
+
+
+_ONE_TERM = {
+    "shear_modulus": Declared("Pa", "shear_modulus", "stress", low=0.0, scale=_STRESS, linear=True),
+    "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=-0.5),
+}
+
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 
@@ -204,6 +277,9 @@ class AbstractUniaxialLaw(AbstractMaterial):
     The law is given by a potential phi(eps) with sigma = dphi/deps, its integral over engineering
     strain. As sigma is a true stress, the energy stored is another integral, W in `energy`.
     """
+
+    directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
 
     @abc.abstractmethod
     def potential(self, strain: Real) -> RealArray:
@@ -260,9 +336,15 @@ class SaturatingMaterial(AbstractUniaxialLaw):
     0 700000
     """
 
-    final_modulus: Float[Array, "..."] = eqx.field(converter=as_real)
-    saturation_stress: Float[Array, "..."] = eqx.field(converter=as_real)
-    strain_scale: Float[Array, "..."] = eqx.field(converter=as_real)
+    final_modulus: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
+    )
+    saturation_stress: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
+    )
+    strain_scale: Float[Given, "..."] = parameter(low=2e-3, high=0.5)
+
+    law_name: ClassVar[str] = "saturating"
 
     def potential(self, strain: Real) -> RealArray:
         """Potential phi [Pa], E_inf eps^2/2 + S (|eps| + s (exp(-|eps|/s) - 1))."""

@@ -1,12 +1,17 @@
 """Stress laws of the bladder. Engineering strain in, true stress out."""
 
 import abc
+from collections.abc import Callable
+from typing import Any, ClassVar
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Parametrised, number, parameter
+
+_STRESS = 1e6  # Pa
 
 
 def odd_powers(strain: Real, order: int) -> Float[Array, "... order"]:
@@ -29,8 +34,20 @@ def odd_powers(strain: Real, order: int) -> Float[Array, "... order"]:
     return jnp.stack(powers, axis=-1)
 
 
-class AbstractMaterial(eqx.Module):
-    """A bladder material in the force balance: two strains in, two true stresses out."""
+class AbstractMaterial(Parametrised):
+    """A bladder material in the force balance: two strains in, two true stresses out.
+
+    Class variables:
+        directions_interact: the stress in one direction depends on the strain in the other, so that
+            the law has no one-dimensional tangent modulus.
+        depends_on_pressure: the stresses depend on the pressure, so that stability is asked for at
+            every pressure.
+        law_name: by which the command line knows the law; "" for laws that it does not.
+    """
+
+    directions_interact: ClassVar[bool] = True
+    depends_on_pressure: ClassVar[bool] = True
+    law_name: ClassVar[str] = ""
 
     @abc.abstractmethod
     def stresses(
@@ -62,7 +79,19 @@ class PolynomialMaterial(AbstractMaterial):
     232.6 -232.6
     """
 
-    coefficients: Float[Array, " order"] = eqx.field(converter=as_real)
+    coefficients: Float[Given, " order"] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="E_{}"
+    )
+
+    directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
+    law_name: ClassVar[str] = "polynomial"
+
+    @classmethod
+    def template(cls, *, order: int = 3, **fields: Any) -> "PolynomialMaterial":
+        """The law of this order, by default the cubic one."""
+        fields.setdefault("coefficients", [_STRESS] * order)
+        return super().template(**fields)
 
     def stress(self, strain: Real) -> RealArray:
         """True stress sigma [Pa] at engineering strain eps [-]; odd, sigma(-eps) = -sigma(eps)."""
@@ -90,8 +119,12 @@ class PressurePolynomialMaterial(AbstractMaterial):
         Robinson et al. 2015; Chambers 2021, section 7.1.
     """
 
-    node_pressures: Float[Array, " nodes"] = eqx.field(converter=as_real)
-    node_coefficients: Float[Array, "nodes order"] = eqx.field(converter=as_real)
+    node_pressures: Float[Given, " nodes"] = number("Pa")
+    node_coefficients: Float[Given, "nodes order"] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="E_{1}_at_node_{0}"
+    )
+
+    directions_interact: ClassVar[bool] = False
 
     def __check_init__(self) -> None:
         if self.node_pressures.shape[0] < 2:
@@ -102,22 +135,83 @@ class PressurePolynomialMaterial(AbstractMaterial):
 
     def coefficients_at(self, pressure: Real) -> Float[Array, "... order"]:
         """Coefficients E_n [Pa] at gauge pressure P [Pa], shape (..., order)."""
-        nodes, values = self.node_pressures, self.node_coefficients
         at = as_real(pressure)
-        cell = jnp.clip(jnp.searchsorted(nodes, at) - 1, 0, nodes.shape[0] - 2)
-        share = ((at - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))[..., None]
-        result = values[cell] + share * (values[cell + 1] - values[cell])
+        return jnp.where(self.known(at)[..., None], self.interpolated(at), jnp.nan)
+
+    def known(self, pressure: Real) -> Bool[Array, "..."]:
+        """Whether the law is known at gauge pressure P [Pa]: between the nodes, or two of them."""
+        at, nodes = as_real(pressure), self.node_pressures
         if nodes.shape[0] == 2:
-            return result
-        known = (at >= nodes[0]) & (at <= nodes[-1])
-        return jnp.where(known[..., None], result, jnp.nan)
+            return jnp.isfinite(at)
+        return (at >= nodes[0]) & (at <= nodes[-1])
 
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
         """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
-        coefficients = self.coefficients_at(pressure)
-        order = coefficients.shape[-1]
-        axial = jnp.sum(odd_powers(axial_strain, order) * coefficients, axis=-1)
-        hoop = jnp.sum(odd_powers(hoop_strain, order) * coefficients, axis=-1)
-        return axial, hoop
+        return stresses_between_nodes(self, odd_powers, axial_strain, hoop_strain, pressure)
+
+    def interpolated(self, at: RealArray) -> Float[Array, "... order"]:
+        """Coefficients E_n [Pa] at a pressure [Pa] at which they are known, shape (..., order)."""
+        nodes, values = self.node_pressures, self.node_coefficients
+        cell = jnp.clip(jnp.searchsorted(nodes, at) - 1, 0, nodes.shape[0] - 2)
+        share = ((at - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))[..., None]
+        return values[cell] + share * (values[cell + 1] - values[cell])
+
+
+def stresses_between_nodes(
+    law: PressurePolynomialMaterial,
+    powers: Callable[[Real, int], Float[Array, "... order"]],
+    axial_strain: Real,
+    hoop_strain: Real,
+    pressure: Real,
+) -> tuple[RealArray, RealArray]:
+    """True stresses [Pa] of coefficients given at pressure nodes, nan where they are not known.
+
+    Args:
+        law: the coefficients.
+        powers: of the strain up to an order, such as `odd_powers`.
+        axial_strain: eps_z [-].
+        hoop_strain: eps_c [-].
+        pressure: gauge pressure P [Pa].
+
+    Returns:
+        (sigma_z, sigma_c) [Pa].
+    """
+    known = law.known(pressure)
+    # Inside the law there is no nan, which would spoil the derivatives of other states.
+    coefficients = law.interpolated(jnp.where(known, pressure, law.node_pressures[0]))
+    order = coefficients.shape[-1]
+
+    def stress(strain: Real) -> RealArray:
+        return jnp.where(known, jnp.sum(powers(strain, order) * coefficients, axis=-1), jnp.nan)
+
+    return stress(axial_strain), stress(hoop_strain)
+
+
+def tangent_modulus(material: AbstractMaterial, strain: Real, pressure: Real = 0.0) -> RealArray:
+    """Tangent modulus dsigma/deps [Pa] of one direction, which a law without interaction has.
+
+    Args:
+        material: stress law whose two directions do not interact.
+        strain: eps [-], engineering.
+        pressure: gauge pressure P [Pa]; ignored by laws that do not depend on it.
+
+    Returns:
+        The modulus [Pa], broadcast shape.
+
+    Raises:
+        ValueError: the two directions of the law interact, so that there is no such modulus.
+
+    >>> print(f"{tangent_modulus(PolynomialMaterial([2.0, 3.0]), 0.5):.1f}")
+    5.0
+    """
+    if material.directions_interact:
+        raise ValueError(
+            f"{type(material).__name__} has no tangent modulus of one direction: its stress depends "
+            "on both strains. Use path_modulus along the path of the muscle, and path stability as "
+            "constraint; a law of one direction says so by directions_interact = False"
+        )
+    strains, pressures = jnp.broadcast_arrays(as_real(strain), as_real(pressure))
+    along = jnp.ones_like(strains)
+    return jax.jvp(lambda e: material.stresses(e, e, pressures)[0], (strains,), (along,))[1]

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
+from jaxtyping import Array, Bool
 
 from ._bladder import Bladder
 from ._braid import AbstractBraid
@@ -52,7 +53,7 @@ class MeasuredGeometry(AbstractGeometry):
 
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
-        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        length, pressure, thread_length, reached = _states(self.family, length, pressure)
         diameter, thickness, axial_strain, hoop_strain, volume = _measures(
             self.family, self.bladder, self.order, length, pressure
         )
@@ -67,7 +68,8 @@ class MeasuredGeometry(AbstractGeometry):
             station_weights=quadrature(self.family.kinks, self.order)[1],
             bladder_volume=self.bladder.volume,
             volume=volume,
-        )
+            thread_length=thread_length,
+        ).unless(reached)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """The family's: the measured lengths, and its margin of extrapolation beyond."""
@@ -104,10 +106,12 @@ class AverageDiameterGeometry(AbstractGeometry):
 
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
-        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        length, pressure, thread_length, reached = _states(self.family, length, pressure)
         radius = _mean_diameter(self.family, self.order, length, pressure) / 2
         angle = _braid_angle(length, 2 * radius, self.braid)
-        return cylinder_dimensions(length, radius, angle, self.braid, self.bladder)
+        return cylinder_dimensions(
+            length, radius, angle, thread_length, self.braid, self.bladder, reached
+        )
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """The family's: the measured lengths, and its margin of extrapolation beyond."""
@@ -117,6 +121,24 @@ class AverageDiameterGeometry(AbstractGeometry):
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction: the bladder's."""
         return self.bladder.rest_length
+
+
+def _states(
+    family: MeasuredFamily, length: Real, pressure: Real
+) -> tuple[RealArray, RealArray, RealArray, Bool[Array, "..."]]:
+    """Lengths [m], pressures [Pa], thread lengths [m], and where the shape is known.
+
+    Elsewhere they are those of a state in the middle of what was measured.
+    """
+    length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+    middle = jax.lax.stop_gradient((family.lengths[0] + family.lengths[-1]) / 2)
+    at = jnp.where(family.knows(length), length, middle)
+    found = family.braid.thread_length(at, pressure)
+    reached = family.knows(length) & (at < found)
+    at = jnp.where(reached, at, middle)
+    measured = jax.lax.stop_gradient(family.reference_pressure)
+    thread_length = jnp.where(reached, found, 2 * at)
+    return at, jnp.where(reached, pressure, measured), thread_length, reached
 
 
 @eqx.filter_jit

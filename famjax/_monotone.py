@@ -1,12 +1,17 @@
 """The monotone law: a tangent modulus given at knots, so that stability is a sign."""
 
+from typing import Any, ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ._hyperelastic import AbstractUniaxialLaw
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import parameter
+
+_STRESS = 1e6  # Pa
 
 
 class MonotoneMaterial(AbstractUniaxialLaw):
@@ -24,7 +29,25 @@ class MonotoneMaterial(AbstractUniaxialLaw):
     """
 
     knots: tuple[float, ...] = eqx.field(static=True)
-    moduli: Float[Array, " knots"] = eqx.field(converter=as_real)
+    moduli: Float[Given, " knots"] = parameter(
+        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True, name="modulus_at_{}"
+    )
+
+    law_name: ClassVar[str] = "monotone"
+
+    @classmethod
+    def template(
+        cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any
+    ) -> "MonotoneMaterial":
+        """The law with these knots and the same modulus at each of them."""
+        fields.setdefault("moduli", [_STRESS] * len(knots))
+        return super().template(knots=knots, **fields)
+
+    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
+        """The name of a modulus, which says its knot: modulus_at_0.03."""
+        if field != "moduli":
+            return super().parameter_name(field, index)
+        return f"modulus_at_{self.knots[index[0]]:g}"
 
     def __check_init__(self) -> None:
         if len(self.knots) < 2 or self.knots[0] != 0 or not np.all(np.diff(self.knots) > 0):

@@ -3,17 +3,17 @@
 import abc
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Parametrised, number
 
 
-class AbstractProfile(eqx.Module):
+class AbstractProfile(Parametrised):
     """A surface of revolution: diameter D at the part x in [0, 1] of the active length L."""
 
     @abc.abstractmethod
@@ -47,10 +47,10 @@ class FourierProfile(AbstractProfile):
         Chambers 2021, section 4.3, table 4.3.
     """
 
-    a0: Float[Array, ""] = eqx.field(converter=as_real)
-    a: Float[Array, " terms"] = eqx.field(converter=as_real)
-    b: Float[Array, " terms"] = eqx.field(converter=as_real)
-    w: Float[Array, ""] = eqx.field(converter=as_real)
+    a0: Float[Given, ""] = number("m")
+    a: Float[Given, " terms"] = number("m")
+    b: Float[Given, " terms"] = number("m")
+    w: Float[Given, ""] = number()
 
     def __check_init__(self) -> None:
         if self.a.ndim != 1 or self.a.shape != self.b.shape:

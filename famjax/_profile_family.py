@@ -8,15 +8,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ._assumed_shapes import AbstractAssumedShape
 from ._braid import AbstractBraid, diameter_from_length
 from ._profile import AbstractProfile
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray, as_real
+from .parameters import Parametrised, number
 
 
-class AbstractProfileFamily(eqx.Module):
+class AbstractProfileFamily(Parametrised):
     """Diameter D at position x, active length L and gauge pressure P."""
 
     @abc.abstractmethod
@@ -41,7 +42,7 @@ class IsobaricProfile(AbstractProfile):
     """
 
     family: AbstractProfileFamily
-    pressure: Float[Array, ""] = eqx.field(converter=as_real)
+    pressure: Float[Given, ""] = number("Pa")
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Braid diameter D [m] at position x [-] of active length L [m], broadcast shape."""
@@ -109,9 +110,9 @@ class MeasuredFamily(AbstractProfileFamily):
         Chambers 2021, section 4.3, for the profiles; the interpolation is de Boor 1978, chapter IV.
     """
 
-    lengths: Float[Array, " profiles"]
+    lengths: Float[Given, " profiles"] = number("m")
     profiles: tuple[AbstractProfile, ...]
-    reference_pressure: Float[Array, ""]
+    reference_pressure: Float[Given, ""] = number("Pa")
     braid: AbstractBraid
     margin: float = eqx.field(static=True)
     _slopes: Float[Array, "profiles profiles"]
@@ -209,6 +210,12 @@ class MeasuredFamily(AbstractProfileFamily):
         beyond = self.margin * (longest - shortest)
         return shortest - beyond, longest + beyond
 
+    def knows(self, length: Real) -> Bool[Array, "..."]:
+        """Whether the shape is known at a length [m]: within `length_range`, both ends included."""
+        share = (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
+        rounding = 16 * jnp.finfo(self.lengths.dtype).eps
+        return (share >= -self.margin - rounding) & (share <= 1 + self.margin + rounding)
+
     def _knots(self) -> Float[Array, " profiles"]:
         """The lengths as parts of the measured range, from 0 at the longest to 1."""
         return (self.lengths[0] - self.lengths) / (self.lengths[0] - self.lengths[-1])
@@ -226,9 +233,7 @@ class MeasuredFamily(AbstractProfileFamily):
             + t**2 * (3 - 2 * t) * unit[cell + 1]
             + step * t * (1 - t) * ((1 - t) * self._slopes[cell] - t * self._slopes[cell + 1])
         )
-        rounding = 16 * jnp.finfo(knots.dtype).eps  # an end of the range belongs to it
-        known = (at >= -self.margin - rounding) & (at <= 1 + self.margin + rounding)
-        return jnp.where(known[..., None], cardinals, jnp.nan)
+        return jnp.where(self.knows(length)[..., None], cardinals, jnp.nan)
 
 
 @eqx.filter_jit

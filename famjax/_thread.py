@@ -4,9 +4,10 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ._types import Real, RealArray, as_real
+from ._types import Given, Real, RealArray
+from .parameters import Parametrised, number, parameter
 
 
 def thread_tension(
@@ -36,7 +37,7 @@ def thread_tension(
     return jnp.asarray(carried / (n_threads * jnp.sin(braid_angle)))
 
 
-class AbstractThread(eqx.Module):
+class AbstractThread(Parametrised):
     """An elastic thread, at most as stiff as its far modulus.
 
     With the far stiffness k = A_b E_b, a law's strain must start from 0 at T = 0 and rise with the
@@ -81,8 +82,8 @@ class LinearThread(AbstractThread):
     0.0055
     """
 
-    modulus: Float[Array, "..."] = eqx.field(converter=as_real)
-    area: Float[Array, "..."] = eqx.field(converter=as_real)
+    modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
+    area: Float[Given, "..."] = number("m2")
 
     @property
     def offset_strain(self) -> RealArray:
@@ -118,10 +119,10 @@ class ToeThread(AbstractThread):
     0.0054 8.500
     """
 
-    modulus: Float[Array, "..."] = eqx.field(converter=as_real)
-    area: Float[Array, "..."] = eqx.field(converter=as_real)
-    toe_strain: Float[Array, "..."] = eqx.field(converter=as_real)
-    toe_tension: Float[Array, "..."] = eqx.field(converter=as_real)
+    modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
+    area: Float[Given, "..."] = number("m2")
+    toe_strain: Float[Given, "..."] = parameter(low=0.0)
+    toe_tension: Float[Given, "..."] = parameter("N", low=0.0)
 
     @property
     def offset_strain(self) -> RealArray:

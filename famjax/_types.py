@@ -1,7 +1,7 @@
 """The two array types of the public annotations, and the conversion between them."""
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +13,12 @@ Real: TypeAlias = Num[Array | np.ndarray | np.number | float | int, "..."]
 
 RealArray: TypeAlias = Float[Array, "..."]
 """A floating-point JAX array whose shape is the broadcast shape of the arguments."""
+
+if TYPE_CHECKING:
+    Given: TypeAlias = Any
+else:
+    Given: TypeAlias = Array
+"""The array of a declared field: the constructor takes whatever `as_real` makes one of."""
 
 
 def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:

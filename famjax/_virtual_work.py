@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ._braid import AbstractBraid
 from ._force import gaylord_force
-from ._geometry import AbstractGeometry, Dimensions
+from ._geometry import AbstractGeometry
 from ._profile_family import AbstractProfileFamily
 from ._profile_measures import Meridian
 from ._types import Real, RealArray, as_real
@@ -78,40 +78,6 @@ def virtual_work_force(
     1076
     """
     return -as_real(pressure) * volume_rate(source, length, pressure, braid=braid)
-
-
-class VirtualWorkGeometry(AbstractGeometry):
-    """A geometry whose braid angle makes Gaylord's force equal to -P dV/dL: use it in `Muscle`.
-
-    2 tan(theta)^2 - 1 = -(dV/dL) / (pi R^2)
-
-    Everything else is the inner geometry's. The angle is that of the cylinder which would pull as
-    the outline does, not one that could be seen. It is nan where the volume grows by more than
-    pi R^2 per length, which would be a push greater than that of the pressure on the section.
-
-    Attributes:
-        geometry: inner geometry.
-        braid: elastic braid whose stretch is taken out; see `volume_rate`.
-    """
-
-    geometry: AbstractGeometry
-    braid: AbstractBraid | None = None
-
-    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
-        at = self.geometry.dimensions(length, pressure)
-        rate = volume_rate(self.geometry, length, pressure, braid=self.braid)
-        angle = jnp.arctan(jnp.sqrt((1 - rate / (jnp.pi * at.radius**2)) / 2))
-        return eqx.tree_at(lambda at: at.braid_angle, at, angle)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """The inner geometry's."""
-        return self.geometry.length_range()
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the inner geometry's."""
-        return self.geometry.rest_length
 
 
 class PressureTerms(eqx.Module):

@@ -14,12 +14,13 @@ from ._recipe_file import recipe_as_dict, recipe_text
 from ._row import Row
 from ._shards import Shards
 from ._table import Table
-from ._workers import Job, in_executor, in_processes
+from ._workers import Job, in_executor, in_processes, in_this_process
 
 PARTS = "parts"
 """Where the finished chunks are kept, in the output folder."""
 
 _TASKS = 32  # chunks are smaller than asked for where there would be fewer than this of them
+_FEW = 4  # pictures, which take less time than the start of a process
 
 
 def process(
@@ -41,6 +42,9 @@ def process(
     Finished chunks are kept in `output/parts` as soon as they are done. A campaign that was stopped,
     killed or extended goes on with the pictures that are not there yet.
 
+    Up to four pictures are measured in this process where there is an `output`. If it dies of one, the
+    next run finds that in `output` and measures in a process of its own, as it does with more.
+
     Args:
         paths: of the pictures, all of one size; one named twice is measured once.
         recipe: how to measure, the same for all.
@@ -50,7 +54,8 @@ def process(
         chunk: most pictures of one task; fewer where there are few pictures.
         resume: go on with what is in `output`; else begin anew.
         progress: called with (pictures done, pictures) after every chunk.
-        workers: number of processes where there is no executor; one for each core if None.
+        workers: number of processes where there is no executor; one for each core if None, or none
+            for few pictures.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
         reader: see `measure`; must be picklable.
         provenance: more that the table shall say of its origin.
@@ -76,7 +81,11 @@ def process(
     job = Job(recipe, reader)
     if progress is not None:
         progress(len(rows), len(names))
-    for done, final in _measured(executor, workers, chunks, job):
+    if executor is None and workers is None and len(missing) <= _FEW and shards.trusts(missing):
+        measured = in_this_process(missing, job, shards.begun)
+    else:
+        measured = _elsewhere(executor, workers, chunks, job)
+    for done, final in measured:
         if final:
             shards.append(done)
         rows |= {row.path: row for row in done}
@@ -94,7 +103,7 @@ def process(
     )
 
 
-def _measured(
+def _elsewhere(
     executor: Executor | None, workers: int | None, chunks: Sequence[Sequence[str]], job: Job
 ) -> Iterable[tuple[list[Row], bool]]:
     if executor is not None:

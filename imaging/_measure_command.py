@@ -16,7 +16,7 @@ from ._measure_options import expand
 from ._recipe import Recipe
 from ._recipe_file import write_recipe
 from ._sync import synchronise
-from ._table import Table, check_xarray
+from ._table import Table
 from ._table_columns import column_name
 from ._units import parse_quantity
 
@@ -72,7 +72,6 @@ def measure_command(
     Raises:
         ImagingError: input that cannot be used.
     """
-    check_xarray()  # now, and not after hours
     paths = expand(photos, without=provenance.get("ruler"))
     machine = None if log is None else read_machine_log(log)
     guess = None if log_offset is None else parse_quantity(log_offset, "time")

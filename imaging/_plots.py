@@ -13,6 +13,8 @@ from ._table import Table
 from ._units import SYSTEMS, factor
 
 _PROFILES = 40  # drawn at most, evenly over the contraction
+_MARGINS = {"left": 0.07, "right": 0.98, "top": 0.95, "bottom": 0.07, "wspace": 0.25, "hspace": 0.3}
+"""Of the four axes: a layout by matplotlib's solver costs as much time as all else of the figure."""
 _QUALITY = (
     "blur_px", "tape_sd_px", "residual_rms", "outlier_fraction", "misfit", "kappa", "axis_kink",
     "saturated",
@@ -23,6 +25,8 @@ _QUALITY = (
 def plot_table(table: Table, system: str = "us", limits: Limits | None = None) -> Figure:
     """Profiles coloured by contraction, length and mean diameter over time, and quality.
 
+    Of one picture there is the profile and the quality.
+
     Args:
         table: of a campaign.
         system: "us", "metric" or "si".
@@ -32,16 +36,22 @@ def plot_table(table: Table, system: str = "us", limits: Limits | None = None) -
         A figure, not shown; save it with `savefig`. Pictures that failed are marked below the
         quality.
     """
-    figure = Figure(figsize=(11, 8), layout="constrained")
-    FigureCanvasAgg(figure)
-    (profiles, length), (quality, diameter) = figure.subplots(2, 2)
     unit = SYSTEMS[system]["length"]
     per_unit = factor(unit, "length")
+    if len(table) == 1:
+        figure = Figure(figsize=(11, 4))
+        profiles, quality = figure.subplots(
+            1, 2, gridspec_kw=_MARGINS | {"top": 0.9, "bottom": 0.14}
+        )
+    else:
+        figure = Figure(figsize=(11, 8))
+        (profiles, length), (quality, diameter) = figure.subplots(2, 2, gridspec_kw=_MARGINS)
+        _draw_over_time(length, table, "length", unit, per_unit)
+        _draw_over_time(diameter, table, "mean_diameter", unit, per_unit)
+    FigureCanvasAgg(figure)
     _draw_profiles(figure, profiles, table, unit, per_unit)
-    for axes, name in ((length, "length"), (diameter, "mean_diameter")):
-        _draw_over_time(axes, table, name, unit, per_unit)
     _draw_quality(quality, table, limits or Limits())
-    for axes in (profiles, length, diameter, quality):
+    for axes in figure.axes:
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -61,7 +71,8 @@ def _draw_profiles(figure: Figure, axes: Axes, table: Table, unit: str, per_unit
         z = table.position * table["length"][k]
         colour = colours(span(contraction[k]))
         axes.plot(z / per_unit, table.diameter[k] / per_unit, color=colour, lw=0.8)
-    figure.colorbar(ScalarMappable(span, colours), ax=axes, label="contraction")
+    if len(table) > 1:
+        figure.colorbar(ScalarMappable(span, colours), ax=axes, label="contraction")
 
 
 def _draw_over_time(axes: Axes, table: Table, name: str, unit: str, per_unit: float) -> None:

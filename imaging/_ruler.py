@@ -72,7 +72,8 @@ def calibrate_ruler(
     try:
         rgb = image if isinstance(image, np.ndarray) else reader(path)
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
-        light = (tone or Tone.srgb()).table[luma].astype(np.float32)
+        table = (tone or Tone.srgb()).table.astype(np.float32)
+        light = np.asarray(cv2.LUT(luma, table), np.float32)
         strip = _aligned(light, choose_strip(luma, light, pitch, expected_px_per_m))
         middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
         marks = _straightened(strip, middle, k1, pitch, distance)

@@ -5,6 +5,7 @@ import dataclasses
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.ndimage import map_coordinates, uniform_filter1d
 
 _PITCHES = (5.0, 220.0)  # px between marks
@@ -13,6 +14,7 @@ _HIGHPASS = 4.0  # pitches over which the background of the marks is taken
 _REGULAR = 0.35  # least autocorrelation one pitch on
 _HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
 _MOST = 12  # strips tried
+_BAND = 32  # rows worked on at once, which fit a processor's cache
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,12 +91,22 @@ def regular_strips(luma: NDArray[np.uint8]) -> list[Line]:
 
 def square_direction(luma: NDArray[np.uint8]) -> float:
     """Direction [rad] of the gradients modulo a quarter turn, in [-pi/4, pi/4]."""
-    soft = cv2.GaussianBlur(luma, (0, 0), 1.5).astype(np.float32)
-    gx, gy = cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1)
-    power = gx.astype(float) ** 2 + gy.astype(float) ** 2
-    strong = power > np.percentile(power[::4, ::4], 90)
-    z = (gx[strong] + 1j * gy[strong]) ** 4 / power[strong]
-    return float(np.angle(np.sum(z)) / 4)
+    soft = cv2.GaussianBlur(luma, (0, 0), 1.5)
+    gx, gy = (
+        np.asarray(cv2.Sobel(soft, cv2.CV_16S, *order), np.int16) for order in ((1, 0), (0, 1))
+    )
+    least = np.percentile(_power(gx[::4, ::4], gy[::4, ::4]), 90)
+    fourth = []
+    for top in range(0, luma.shape[0], _BAND):
+        du, dv = (slope[top : top + _BAND].astype(np.float32) for slope in (gx, gy))
+        power = _power(du, dv)
+        strong = power > least
+        fourth.append((du[strong] + 1j * dv[strong]) ** 4 / power[strong])
+    return float(np.angle(np.sum(np.concatenate(fourth))) / 4)
+
+
+def _power(gx: NDArray[np.number], gy: NDArray[np.number]) -> NDArray[np.float64]:
+    return gx.astype(float) ** 2 + gy.astype(float) ** 2
 
 
 def _upright(
@@ -117,11 +129,9 @@ def _periodic(upright: NDArray[np.float32]) -> list[tuple[float, float, float, f
     strips = uniform_filter1d(upright, _STRIP, axis=1)[:, _STRIP // 2 :: _STRIP // 2].T
     slope = np.diff(strips, axis=1)
     slope = slope - slope.mean(axis=1, keepdims=True)
-    size = 2 ** int(np.ceil(np.log2(2 * slope.shape[1])))
-    spectrum = np.abs(np.fft.rfft(slope, size, axis=1)) ** 2
-    likeness = np.fft.irfft(spectrum, size, axis=1)
-    power = likeness[:, 0].copy()
     lags = np.arange(int(_PITCHES[0]), min(int(_PITCHES[1]), slope.shape[1] // 4))
+    likeness = _autocorrelation(slope, lags[-1] + 2)
+    power = likeness[:, 0]
     part = likeness[:, lags[0] - 1 : lags[-1] + 2] / np.maximum(power, 1e-9)[:, None]
     peak = (part[:, 1:-1] >= part[:, :-2]) & (part[:, 1:-1] > part[:, 2:])
     height = np.where(peak, part[:, 1:-1], 0.0)
@@ -129,6 +139,17 @@ def _periodic(upright: NDArray[np.float32]) -> list[tuple[float, float, float, f
     first = np.argmax(height >= _HARMONICS * top[:, None], axis=1)
     regular = (top > _REGULAR) & (power > 0.05 * power.max())
     return _runs(regular, lags[first], top * np.sqrt(power))
+
+
+def _autocorrelation(rows: NDArray[np.float32], lags: int) -> NDArray[np.float32]:
+    """Of each row with itself at lags 0, 1, ... below `lags`, shape (m, lags)."""
+    size = next_fast_len(rows.shape[1] + lags, real=True)
+    likeness = np.empty((rows.shape[0], lags), np.float32)
+    for first in range(0, rows.shape[0], _BAND):
+        spectrum = np.fft.rfft(rows[first : first + _BAND], size, axis=1)
+        power = spectrum.real**2 + spectrum.imag**2
+        likeness[first : first + _BAND] = np.fft.irfft(power, size, axis=1)[:, :lags]
+    return likeness
 
 
 def _runs(

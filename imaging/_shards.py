@@ -4,12 +4,13 @@ One file for each finished chunk, complete when it appears and never changed aga
 is known by the paths in it, so that pictures may be added, left out and chunked otherwise later.
 """
 
+import contextlib
 import io
 import json
 import math
 import os
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from ._row import Row, file_facts
 _FORMAT = "famjax measure 1"
 _HEAD = "campaign.json"
 _PART = "part-*.npz"
+_BEGUN = "begun"
+"""File with the path of the picture that the campaign's own process is measuring, or has died of."""
 
 
 class CampaignChanged(ImagingError):  # noqa: N818 - as all names in `_errors`
@@ -62,9 +65,7 @@ class Shards:
                 _refuse_other(json.loads(head.read_text(encoding="utf-8")), settings, folder)
             _write(head, json.dumps({"format": _FORMAT, **settings}, indent=1).encode())
         except (OSError, json.JSONDecodeError) as error:
-            raise ImagingError(
-                f"the finished part of the campaign cannot be used: {error}", path=str(folder)
-            ) from None
+            raise _unusable(error, folder) from None
         for part in parts:
             self._rows |= {_key(row.path): row for row in _read(part)}
         self._next = 1 + max((int(part.stem.split("-")[1]) for part in parts), default=-1)
@@ -96,6 +97,32 @@ class Shards:
             )
         return found
 
+    def trusts(self, paths: Iterable[str]) -> bool:
+        """Whether this process may measure these: none has died of one, and the next would know."""
+        if self.folder is None:
+            return False
+        try:
+            deadly = os.fsdecode((self.folder / _BEGUN).read_bytes())
+        except FileNotFoundError:
+            return True
+        except OSError as error:
+            raise _unusable(error, self.folder) from None
+        return deadly not in map(_key, paths)
+
+    @contextlib.contextmanager
+    def begun(self, path: str) -> Iterator[None]:
+        """While a picture is measured in this process: what stays on the disk if it dies of it."""
+        assert self.folder is not None
+        mark = self.folder / _BEGUN
+        try:
+            mark.write_bytes(os.fsencode(_key(path)))
+        except OSError as error:
+            raise _unwritable(error, self.folder) from None
+        try:
+            yield
+        finally:
+            mark.unlink(missing_ok=True)
+
     def append(self, rows: list[Row]) -> None:
         """Keep a finished chunk; it is on the disk when this returns."""
         if self.folder is None or not rows:
@@ -110,11 +137,20 @@ class Shards:
         try:
             _write(self.folder / f"part-{self._next:06d}.npz", content.getvalue())
         except OSError as error:
-            raise ImagingError(
-                f"a finished part of the campaign cannot be written: {error}",
-                path=str(self.folder),
-            ) from None
+            raise _unwritable(error, self.folder) from None
         self._next += 1
+
+
+def _unusable(error: Exception, folder: Path) -> ImagingError:
+    return ImagingError(
+        f"the finished part of the campaign cannot be used: {error}", path=str(folder)
+    )
+
+
+def _unwritable(error: Exception, folder: Path) -> ImagingError:
+    return ImagingError(
+        f"a finished part of the campaign cannot be written: {error}", path=str(folder)
+    )
 
 
 def _refuse_other(head: dict[str, Any], settings: dict[str, Any], folder: Path) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ._errors import ImagingError
 from ._machine_log import MachineLog
+from ._netcdf import Variable, netcdf_content
 from ._row import POSITION, Row
 from ._sync import Synchronisation
 from ._table_columns import cf_unit, column_name, column_unit, describe
@@ -190,25 +191,35 @@ class Table:
         """The table with profiles, units and provenance, in SI; needs the extra `tables`.
 
         Dimensions are `picture` and `position` (z/L).
-        """
-        check_xarray()
-        import xarray as xr  # noqa: PLC0415 -- 1 s, an extra
 
-        data: dict[str, Any] = {
-            "ok": ("picture", self.ok.astype(np.int8), {"long_name": "1 where measured"}),
-            "error": ("picture", np.array(self.error, "U")),
-            "sha256": ("picture", np.array(self.sha256, "U"), {"long_name": "of the file"}),
+        Raises:
+            ImagingError: xarray is not installed.
+        """
+        if importlib.util.find_spec("xarray") is None:
+            raise ImagingError(
+                'xarray comes with the extra "tables": python -m pip install "famjax[tables]"'
+            )
+        import xarray as xr  # noqa: PLC0415 -- 0.5 s, an extra
+
+        return xr.Dataset(*self._variables())
+
+    def _variables(self) -> tuple[dict[str, Variable], dict[str, Variable], dict[str, Any]]:
+        """Data, coordinates and attributes of the file, in SI."""
+        picture, grid = ("picture",), ("picture", "position")
+        data: dict[str, Variable] = {
+            "ok": (picture, self.ok.astype(np.int8), {"long_name": "1 where measured"}),
+            "error": (picture, np.array(self.error, "U"), {}),
+            "sha256": (picture, np.array(self.sha256, "U"), {"long_name": "of the file"}),
         }
         for name, values in self.columns.items():
             about = {"units": cf_unit(name), "long_name": describe(name) or name.replace("_", " ")}
-            data[column_name(name, "si")] = "picture", values, about
-        grid = "picture", "position"
+            data[column_name(name, "si")] = picture, values, about
         data["diameter_m"] = grid, self.diameter, {"units": "m", "long_name": "D(z), outside"}
         data["diameter_stderr_m"] = grid, self.diameter_stderr, {"units": "m"}
         about = {"units": "1", "long_name": "z/L, from the upper tape edge to the lower one"}
-        coordinates = {
-            "path": ("picture", np.array(self.path, "U")),
-            "position": ("position", self.position, about),
+        coordinates: dict[str, Variable] = {
+            "path": (picture, np.array(self.path, "U"), {}),
+            "position": (("position",), self.position, about),
         }
         attributes = {
             "title": "Shape of a fluidic artificial muscle from photographs",
@@ -217,13 +228,11 @@ class Table:
             "notes": "\n".join(self.notes),
             **self.provenance,
         }
-        return xr.Dataset(data, coordinates, attributes)
+        return data, coordinates, attributes
 
     def netcdf_bytes(self) -> bytes:
         """The table as a NetCDF 3 file (64-bit offsets), which any NetCDF reader opens."""
-        file = io.BytesIO()
-        self.to_xarray().to_netcdf(file, engine="scipy", format="NETCDF3_64BIT")
-        return file.getvalue()
+        return netcdf_content(*self._variables())
 
     def write_csv(self, path: str | Path, system: str = "us") -> Path:
         """Write the CSV file; one that is there is replaced."""
@@ -232,18 +241,6 @@ class Table:
     def write_netcdf(self, path: str | Path) -> Path:
         """Write the NetCDF file; one that is there is replaced."""
         return _written(Path(path), self.netcdf_bytes())
-
-
-def check_xarray() -> None:
-    """Refuse to go on without the extra that NetCDF needs.
-
-    Raises:
-        ImagingError: xarray is not installed.
-    """
-    if importlib.util.find_spec("xarray") is None:
-        raise ImagingError(
-            'NetCDF needs the extra "tables": python -m pip install "famjax[tables]"'
-        )
 
 
 def _contract(

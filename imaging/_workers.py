@@ -15,6 +15,7 @@ from concurrent.futures import (
     as_completed,
     wait,
 )
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,6 +50,31 @@ class Job:
                 break
             rows.append(measured_row(path, self.recipe, self.reader))
         return rows
+
+
+def in_this_process(
+    paths: Sequence[str],
+    job: Callable[[Sequence[str]], list[Row]],
+    begun: Callable[[str], AbstractContextManager[None]],
+) -> Iterator[tuple[list[Row], bool]]:
+    """(rows, whether they are final) of every picture, measured here by one thread.
+
+    Args:
+        paths: of the pictures.
+        job: see `Job`.
+        begun: entered while a picture is measured, for the case that this process dies of it.
+    """
+    import cv2  # noqa: PLC0415
+
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        for path in paths:
+            with begun(path):
+                rows = job([path])
+            yield rows, True
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def in_executor(

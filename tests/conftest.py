@@ -22,6 +22,9 @@ jax.config.update("jax_compilation_cache_dir", str(CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
+# Commands that tests start as processes keep theirs there, too, and not in the user's cache.
+os.environ["FAMJAX_CACHE_DIR"] = str(CACHE)
+
 HOOK = install_import_hook(["famjax", "fitting"], "beartype.beartype")
 
 

@@ -1,75 +1,64 @@
-"""The command line itself, and what its commands share: the library loaded, rows printed."""
+"""The command line: every command by its name and a sentence, imported when it is asked for."""
 
-import dataclasses
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from cyclopts import App
-from rich.console import Console
-from rich.measure import Measurement
-from rich.table import Table
 
 from .. import __version__
+from . import rig
 
-if TYPE_CHECKING:
-    from fitting import ForceData
+_HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
 
-_WIDEST = 250  # characters of a table
-
-app = App(
-    name="famjax",
-    version=f"famjax {__version__}",
-    help="Fluidic artificial muscles: from measured force maps to identified, stable models.",
-    help_format="markdown",
-)
-
-
-def load_fitting():
-    """The fitting package, with JAX in float64."""
-    from .. import require  # noqa: PLC0415
-
-    fitting = require("fitting")
-    import jax  # noqa: PLC0415
-
-    jax.config.update("jax_enable_x64", True)
-    return fitting
-
-
-def load_map(
-    data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
-) -> "ForceData":
-    """A force map: a bundled one by its name, or a CSV file; tolerances with their unit."""
-    from fitting import bundled_names, load_bundled, read_csv  # noqa: PLC0415
-    from fitting._data.quantities import parse_quantity  # noqa: PLC0415
-
-    bundled = data.upper() in bundled_names() and not Path(data).exists()
-    found = load_bundled(data.upper(), specimen) if bundled else read_csv(data, specimen)
-    given = {
-        f"{kind}_tolerance": parse_quantity(text, kind)
-        for kind, text in (("pressure", pressure), ("length", length))
-        if text is not None
-    }
-    return dataclasses.replace(found, **given)
+COMMANDS = {
+    "compare:compare": (
+        "Fit every published static force model, and famjax's own, to one force map."
+    ),
+    "design:design": (
+        "Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement."
+    ),
+    "doctor:doctor": (
+        "Report versions, devices, precision and name clashes; exit code 1 if something is wrong."
+    ),
+    "identify:fit": "Identify a muscle from a measured force map.",
+    "measure:measure": (
+        "Measure the shape of a muscle in photographs, each picture with its errors."
+    ),
+    "identify:predict": (
+        "Predict the force of a fitted muscle, and the pressure at which it begins to pull."
+    ),
+    "ramps:ramps": (
+        "Turn raw isometric pressure ramps into a static force map with its noise and hysteresis."
+    ),
+    "reproduce:reproduce": (
+        "Compute the reference work's tables and put them beside its printed figures."
+    ),
+    "series:series": (
+        "Identify several muscles of a series together, to predict those of other lengths."
+    ),
+    "sweep:sweep": (
+        "Fit every permutation of order, pressure dependence and constraint at one geometry."
+    ),
+}
+"""Where each command is, `module:function`, and the first sentence of its help."""
 
 
-def print_rows(title: str, rows: list[dict]) -> None:
-    """A table of rows that share their keys; lists are left to the JSON file."""
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
-    for key in keys:
-        table.add_column(key.replace("_", " "), overflow="fold")
-    for row in rows:
-        table.add_row(*(cell(row[key]) for key in keys))
-    console = Console(highlight=False)
-    # Folded cells are harder to read than long lines.
-    wide = console.options.update(max_width=_WIDEST)
-    console.width = max(console.width, Measurement.get(console, wide, table).maximum)
-    console.print()
-    console.print(table if rows else f"{title}: none", markup=False)
+def command_line(arguments: Sequence[str]) -> App:
+    """The command line, for these arguments.
+
+    The help of the command that they ask for is its docstring; all others are known by a sentence
+    and are not imported.
+    """
+    command, of_rig = [*arguments, "", ""][:2]
+    app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown")
+    _register(app, __name__.rpartition(".")[0], COMMANDS, command)
+    rig_app = App(name="rig", help=rig.HELP, help_format="markdown")
+    _register(rig_app, rig.__name__, rig.COMMANDS, of_rig)
+    app.command(rig_app)
+    return app
 
 
-def cell(value: object) -> str:
-    """A value as a table shows it."""
-    if value is None:
-        return "none"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _register(app: App, package: str, commands: Mapping[str, str], asked: str) -> None:
+    for path, sentence in commands.items():
+        name = path.partition(":")[2].removeprefix("rig_")
+        # A sentence given here would replace the whole help.
+        app.command(f"{package}.{path}", name=name, help=None if name == asked else sentence)

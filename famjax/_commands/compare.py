@@ -6,11 +6,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from .app import app, load_fitting, load_map, print_rows
+from .loading import load_fitting, load_map
 from .progress import progress_bar
+from .rows import print_rows
 
 
-@app.command
 def compare(
     data: str = "DMSP-20-300",
     *,

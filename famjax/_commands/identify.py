@@ -1,6 +1,7 @@
 """`famjax fit` and `famjax predict`."""
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -8,18 +9,17 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from .app import app, load_fitting, load_map, print_rows
-from .progress import progress_bar
+from .loading import load_fitting, load_map
+from .rows import print_rows
 
 if TYPE_CHECKING:
     from fitting import Evidence, Identification
 
 
-@app.command
 def fit(
     data: str = "DMSP-20-300",
     *,
-    law: Literal["polynomial", "ogden", "mooney-rivlin", "saturating", "monotone"] = "polynomial",
+    law: str = "polynomial",
     order: int | None = None,
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
     dependence: Literal["fixed", "linear", "free"] = "fixed",
@@ -51,8 +51,9 @@ def fit(
         CSV file with columns such as `pressure_psi,length_in,force_lbf`, or the name of a bundled
         map (DMSP-20-300, DMSP-10-250). Lines `# specimen: rest_length_mm = 296` describe the muscle.
     law
-        Of the bladder: polynomial in strain, one-term Ogden, Mooney-Rivlin, saturating, or monotone
-        (tangent modulus >= 0 at knots).
+        Of the bladder: polynomial in strain, ogden (one term), mooney-rivlin, saturating, monotone
+        (tangent modulus >= 0 at knots), neo-hookean or yeoh; or module:Class for a law of your own,
+        in a file of the folder that you start from: `--law my_rubber:Gent`.
     order
         Order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; 3 unless given.
     constraint
@@ -107,13 +108,19 @@ def fit(
     from fitting._evidence.evidence import gather  # noqa: PLC0415
     from fitting._saved.report import check_output, write_fit  # noqa: PLC0415
     from fitting._search.options import (  # noqa: PLC0415
+        parameter_kinds,
         parse_bounds,
         parse_free,
         parse_priors,
         parse_specimen,
     )
 
+    from .progress import progress_bar  # noqa: PLC0415
+
     check_output(output)
+    if ":" in law:
+        sys.path.insert(0, str(Path.cwd()))  # where a law of the user's own lies
+    kinds = parameter_kinds(law) if bounds or free or prior else {}
     measured = load_map(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
@@ -126,8 +133,8 @@ def fit(
             constraint=constraint,
             dependence=dependence,
             box=box,
-            bounds=parse_bounds(bounds),
-            parameters=parse_free(free) | parse_priors(prior),
+            bounds=parse_bounds(bounds, kinds),
+            parameters=parse_free(free, kinds) | parse_priors(prior, kinds),
             noise=noise_N,
             objective=objective,
             starts=starts,
@@ -174,7 +181,6 @@ def _print_fit(result: "Identification", units: str, evidence: "Evidence") -> No
     console.print(verdict(result), style="bold", markup=False)
 
 
-@app.command
 def predict(
     fit_json: Path,
     *,
@@ -211,6 +217,7 @@ def predict(
 
     from fitting._data.quantities import parse_quantities  # noqa: PLC0415
 
+    sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
     saved = fitting.load_fit(fit_json)
     other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
     spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]

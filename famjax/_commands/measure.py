@@ -1,17 +1,17 @@
 """`famjax measure`."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .app import app, print_rows
 from .progress import progress_bar
+from .rows import print_rows
 
 
-@app.command
 def measure(
     *photos: str,
     ruler: Path | None = None,
@@ -85,7 +85,7 @@ def measure(
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given.
     workers
-        Number of processes; one for each core unless given.
+        Number of processes; unless given one for each core, and none for up to four pictures.
     units
         Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
@@ -99,6 +99,8 @@ def measure(
     """
     from time import monotonic  # noqa: PLC0415
 
+    # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from imaging import ImagingError  # noqa: PLC0415
     from imaging._measure_command import as_document, measure_command  # noqa: PLC0415
     from imaging._measure_options import command_recipe  # noqa: PLC0415

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .app import app, load_fitting, print_rows
+from .loading import load_fitting
+from .rows import print_rows
 
 
-@app.command
 def ramps(
     *records: str,
     atmosphere: str,

@@ -7,11 +7,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from .app import app, load_fitting, print_rows
+from .loading import load_fitting
 from .progress import progress_bar
+from .rows import print_rows
 
 
-@app.command
 def reproduce(
     *,
     output: Path = Path("famjax-reproduce"),
@@ -43,18 +43,13 @@ def reproduce(
     from importlib import import_module  # noqa: PLC0415
 
     benchmark = import_module("reproduce")
-    with progress_bar() as progress:
+    with progress_bar(every=0.0) as progress:
         task = progress.add_task("reproducing", total=None)
 
         def show(done: int, total: int, name: str) -> None:
             progress.update(task, completed=done, total=total, description=name)
 
-        found = benchmark.reproduce(progress=show)
-        synthetic = None
-        if not json_:
-            progress.update(task, description="chapter 7, on a synthetic reconstruction")
-            synthetic = benchmark.synthetic_fits()
-        paths = benchmark.write_page(output, found, synthetic)
+        found = benchmark.reproduce(output, show, synthetic=not json_)
     rows = [row.as_dict() for row in found]
     if json_:
         print(json.dumps(rows, allow_nan=False))
@@ -67,5 +62,5 @@ def reproduce(
         f"{len(compared) - len(out)} of {len(compared)} printed figures within tolerance; "
         f"{len(rows) - len(compared)} more computed that have no printed figure here"
     )
-    print("written:", ", ".join(str(path) for path in paths))
+    print(f"written: {output / benchmark.PAGE}")
     return 0

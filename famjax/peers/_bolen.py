@@ -2,13 +2,13 @@
 
 import math
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import number, parameter
 from ..units import KILOPASCAL
-from ._model import PeerModel
+from ._model import PeerModel, around_rest, at_positive
 
 # Of F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
 _PUBLISHED = {
@@ -39,13 +39,13 @@ class Bolen(PeerModel):
     335.3
     """
 
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    largest_contraction: Float[Array, "..."] = eqx.field(converter=as_real)
-    largest_force: Float[Array, "..."] = eqx.field(converter=as_real)
-    c0: Float[Array, "..."] = eqx.field(converter=as_real)
-    c1: Float[Array, "..."] = eqx.field(converter=as_real)
-    c2: Float[Array, "..."] = eqx.field(converter=as_real)
-    reference_pressure: Float[Array, "..."] = eqx.field(converter=as_real, default=620 * KILOPASCAL)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    largest_contraction: Float[Given, "..."] = number()
+    largest_force: Float[Given, "..."] = parameter("N", linear=True)
+    c0: Float[Given, "..."] = parameter(low=0.0, high=5.0)
+    c1: Float[Given, "..."] = parameter(low=0.1, high=50.0)
+    c2: Float[Given, "..."] = parameter(low=0.0, high=20.0)
+    reference_pressure: Float[Given, "..."] = number("Pa", default=620 * KILOPASCAL)
 
     @classmethod
     def published(cls, muscle: str, *, rest_length: float, largest_contraction: float) -> "Bolen":
@@ -74,4 +74,8 @@ class Bolen(PeerModel):
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         e = (1 - as_real(length) / self.rest_length) / self.largest_contraction
         bell = as_real(pressure) / self.reference_pressure * jnp.exp(-self.c2 * e**2)
-        return self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell)
+        return at_positive(length, self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell))
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to a tenth above it."""
+        return around_rest(self.rest_length)

@@ -2,10 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
-from ._model import PeerModel
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import parameter
+from ._model import PeerModel, around_rest, at_positive, known
 
 
 class Wickramatunge(PeerModel):
@@ -16,19 +17,38 @@ class Wickramatunge(PeerModel):
     Attributes:
         slack_length: L_s [m], from which the stretch s is counted.
         coefficients: k0 [N/m], k1 [N/m/Pa2], k2 [N/m2/Pa], k3 [N/m3], shape (4,).
+        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
 
     References:
         Wickramatunge & Leephakpreeda 2010. General knowledge, not read again.
     """
 
-    slack_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    coefficients: Float[Array, " 4"] = eqx.field(converter=as_real)
+    slack_length: Float[Given, "..."] = parameter("m", low=0.0)
+    coefficients: Float[Given, " 4"] = parameter(
+        ("N/m", "N/m/Pa2", "N/m2/Pa", "N/m3"), linear=True, name=("k0", "k1", "k2", "k3")
+    )
+    resting_length: Float[Given, "..."] | None = parameter(
+        "m", low=0.0, name="rest_length", default=None
+    )
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         s, P = as_real(length) - self.slack_length, as_real(pressure)
         k0, k1, k2, k3 = self.coefficients
-        return s * (k0 + k1 * P**2 + k2 * P * s + k3 * s**2)
+        return at_positive(length, s * (k0 + k1 * P**2 + k2 * P * s + k3 * s**2))
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From the slack length, where the spring is relaxed, to twice that."""
+        return self.slack_length, 2 * self.slack_length
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)
 
 
 class Hildebrandt(PeerModel):
@@ -47,18 +67,25 @@ class Hildebrandt(PeerModel):
         Hildebrandt, Sawodny, Neumann & Hartmann 2002. General knowledge, not read again.
     """
 
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    pressure_coefficients: Float[Array, " 3"] = eqx.field(converter=as_real)
-    force_coefficients: Float[Array, " 5"] = eqx.field(converter=as_real)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    pressure_coefficients: Float[Given, " 3"] = parameter(
+        "m2", linear=True, name=("a0", "a1", "a2")
+    )
+    force_coefficients: Float[Given, " 5"] = parameter(
+        "N", linear=True, name=("b0", "b1", "b2", "b3", "b4")
+    )
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         eps = 1 - as_real(length) / self.rest_length
         area = jnp.polyval(self.pressure_coefficients[::-1], eps)
         restoring = jnp.polyval(self.force_coefficients[3::-1], eps)
-        return (
-            as_real(pressure) * area + restoring + self.force_coefficients[4] * jnp.cbrt(eps) ** 2
-        )
+        root = self.force_coefficients[4] * jnp.cbrt(eps) ** 2
+        return at_positive(length, as_real(pressure) * area + restoring + root)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to a tenth above it."""
+        return around_rest(self.rest_length)
 
 
 class PolynomialSurface(PeerModel):
@@ -75,8 +102,8 @@ class PolynomialSurface(PeerModel):
         Sarosi et al. 2017 quote one of degree five, 21 coefficients. General knowledge.
     """
 
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    coefficients: Float[Array, " terms"] = eqx.field(converter=as_real)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    coefficients: Float[Given, " terms"] = parameter("N", linear=True)
     degree: int = eqx.field(static=True)
 
     def __check_init__(self) -> None:
@@ -97,4 +124,15 @@ class PolynomialSurface(PeerModel):
             1 - as_real(length) / self.rest_length, as_real(pressure) / 1e6
         )
         powers = [eps**i * P**j for i, j in self.terms(self.degree)]
-        return jnp.stack(powers, axis=-1) @ self.coefficients
+        return at_positive(length, jnp.stack(powers, axis=-1) @ self.coefficients)
+
+    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
+        """The names of the coefficients say their exponents: c_ij."""
+        if field != "coefficients":
+            return super().parameter_name(field, index)
+        i, j = self.terms(self.degree)[index[0]]
+        return f"c_{i}{j}"
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to a tenth above it."""
+        return around_rest(self.rest_length)

@@ -6,9 +6,9 @@ from .._assumed_shapes import kothera_length
 from .._geometry import AbstractGeometry
 from .._hyperelastic import MooneyRivlinMaterial
 from .._material import PolynomialMaterial
-from .._muscle import Muscle
 from .._types import Real, RealArray, as_real
-from ._model import PeerModel
+from ..muscle import Muscle
+from ._model import PeerModel, at_positive
 from ._plain_power import PlainPowerMaterial
 
 
@@ -50,7 +50,17 @@ class Kothera(PeerModel):
         geometry = self.muscle.geometry
         radius = geometry.dimensions(length, pressure).radius
         rest_radius = geometry.dimensions(geometry.rest_length, 0.0).radius
-        return self.muscle.force(kothera_length(length, radius, rest_radius), pressure)
+        pull = self.muscle.force(kothera_length(length, radius, rest_radius), pressure)
+        return at_positive(length, pull)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """That of the cylindrical muscle, which is shorter than this one."""
+        return self.muscle.length_range()
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction."""
+        return self.muscle.rest_length
 
 
 def hocking_wereley(

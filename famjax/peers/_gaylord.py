@@ -1,13 +1,13 @@
 """The braid alone: Gaylord's force, the same with stretching threads, and with a wall."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._braid import AbstractBraid, Braid, braid_angle_from_length, diameter_from_length
 from .._force import gaylord_force
-from .._types import Real, RealArray, as_real
-from ._model import PeerModel
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import parameter
+from ._model import PeerModel, braid_range, known
 
 
 class Gaylord(PeerModel):
@@ -22,6 +22,7 @@ class Gaylord(PeerModel):
         braid: threads about the bladder.
         deadband_pressure: P_d [Pa], zero in the originals.
         force_offset: F_0 [N], zero in the originals.
+        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
 
     References:
         Gaylord 1958; Chou & Hannaford 1996; Davis, Tsagarakis, Canderle & Caldwell 2003. General
@@ -33,15 +34,32 @@ class Gaylord(PeerModel):
     """
 
     braid: AbstractBraid
-    deadband_pressure: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0)
-    force_offset: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0)
+    deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
+    force_offset: Float[Given, "..."] = parameter("N", linear=True, default=0.0)
+    resting_length: Float[Given, "..."] | None = parameter(
+        "m", low=0.0, name="rest_length", default=None
+    )
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         acting = as_real(pressure) - self.deadband_pressure
-        B = self.braid.thread_length(length, acting)
-        radius = diameter_from_length(length, B, self.braid.turns) / 2
-        return gaylord_force(acting, radius, braid_angle_from_length(length, B)) + self.force_offset
+        L, B, reached = self.braid.reach(length, acting)
+        radius = diameter_from_length(L, B, self.braid.turns) / 2
+        pull = gaylord_force(acting, radius, braid_angle_from_length(L, B)) + self.force_offset
+        return jnp.where(reached, pull, jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to the length of the unloaded threads."""
+        return braid_range(self.braid)
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)
 
 
 class ChouHannaford(PeerModel):
@@ -54,18 +72,36 @@ class ChouHannaford(PeerModel):
     Attributes:
         braid: threads of constant length.
         wall_thickness: t [m] of braid and bladder together.
+        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
 
     References:
         Chou & Hannaford 1996. General knowledge, not read again.
     """
 
     braid: Braid
-    wall_thickness: Float[Array, "..."] = eqx.field(converter=as_real)
+    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
+    resting_length: Float[Given, "..."] | None = parameter(
+        "m", low=0.0, name="rest_length", default=None
+    )
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        B, t = self.braid.rest_thread_length, self.wall_thickness
+        L, B, reached = self.braid.reach(length, pressure)
+        t = self.wall_thickness
         D = B / (jnp.pi * self.braid.turns)
-        sine = jnp.sqrt((B - length) * (B + length)) / B
+        sine = jnp.sqrt((B - L) * (B + L)) / B
         wall = jnp.pi * pressure * (D * t * (2 * sine - 1 / sine) - t**2)
-        return Gaylord(self.braid).force(length, pressure) + wall
+        return jnp.where(reached, Gaylord(self.braid).force(L, pressure) + wall, jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to the length of the threads."""
+        return braid_range(self.braid)
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)

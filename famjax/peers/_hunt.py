@@ -2,15 +2,16 @@
 
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._compiled import compiled
+from .._types import Given, Real, RealArray, as_real
+from ..muscle.equilibrium import bisected
+from ..parameters import number, parameter
 from ..units import KILOPASCAL
-from ._model import PeerModel
+from ._model import PeerModel, at_positive
 
 _STEEP = math.pi / 2 - 0.01  # rad; the tangent is 100 there, beyond every pressure in use
 
@@ -46,15 +47,15 @@ class Hunt(PeerModel):
     134
     """
 
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    largest_contraction: Float[Array, "..."] = eqx.field(converter=as_real)
-    offset_pressure: Float[Array, "..."] = eqx.field(converter=as_real)
-    tangent_pressure: Float[Array, "..."] = eqx.field(converter=as_real)
-    tangent_slope: Float[Array, "..."] = eqx.field(converter=as_real)
-    tangent_offset: Float[Array, "..."] = eqx.field(converter=as_real)
-    contraction_per_force: Float[Array, "..."] = eqx.field(converter=as_real)
-    pressure_per_force: Float[Array, "..."] = eqx.field(converter=as_real)
-    hysteresis_pressure: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    largest_contraction: Float[Given, "..."] = number()
+    offset_pressure: Float[Given, "..."] = parameter("Pa")
+    tangent_pressure: Float[Given, "..."] = parameter("Pa", low=0.0)
+    tangent_slope: Float[Given, "..."] = parameter(low=0.1, high=10.0)
+    tangent_offset: Float[Given, "..."] = parameter()
+    contraction_per_force: Float[Given, "..."] = parameter("1/N", kind="1/N", high=0.0)
+    pressure_per_force: Float[Given, "..."] = parameter("Pa/N", low=0.0)
+    hysteresis_pressure: Float[Given, "..."] = number("Pa", default=0.0)
 
     @classmethod
     def published(cls, *, rest_length: float, largest_contraction: float) -> "Hunt":
@@ -84,8 +85,11 @@ class Hunt(PeerModel):
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        eps, P = jnp.broadcast_arrays(1 - as_real(length) / self.rest_length, as_real(pressure))
-        return jax.vmap(self._root)(eps.ravel(), P.ravel()).reshape(eps.shape)
+        return at_positive(length, _forces(self, as_real(length), as_real(pressure)))
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to the rest length, where the relation begins."""
+        return 0.5 * self.rest_length, self.rest_length
 
     def _pressure(self, eps: RealArray, force: RealArray) -> RealArray:
         relative = eps / (self.largest_contraction + self.contraction_per_force * force)
@@ -108,19 +112,22 @@ class Hunt(PeerModel):
         upper = jax.lax.stop_gradient(jnp.where(bent, steep, steep + span))
         width = jax.lax.stop_gradient(jnp.where(bent, span, 2 * span))
 
-        def residual(y: RealArray, args: tuple["Hunt", RealArray, RealArray]) -> RealArray:
-            model, eps, pressure = args
-            reached = model._pressure(eps, upper - width * y)
-            return (reached - pressure) / jax.lax.stop_gradient(model.tangent_pressure)
+        def residual(y: RealArray) -> RealArray:
+            reached = self._pressure(eps, upper - width * y)
+            return (reached - pressure) / jax.lax.stop_gradient(self.tangent_pressure)
 
-        tolerance = 4 * float(jnp.finfo(pressure.dtype).eps)
-        solution = optx.root_find(
+        share = bisected(
             residual,
-            optx.Bisection(rtol=tolerance, atol=tolerance, flip=True),
-            jnp.full_like(pressure, 0.5),
-            (self, eps, pressure),
-            options={"lower": jnp.zeros_like(pressure), "upper": jnp.ones_like(pressure)},
+            jnp.zeros_like(pressure),
+            jnp.ones_like(pressure),
+            tolerance=4 * float(jnp.finfo(pressure.dtype).eps),
             max_steps=64,
-            throw=False,
+            flip=True,
         )
-        return jnp.where(inside, upper - width * solution.value, jnp.nan)
+        return jnp.where(inside, upper - width * share, jnp.nan)
+
+
+@compiled
+def _forces(model: Hunt, length: RealArray, pressure: RealArray) -> RealArray:
+    eps, P = jnp.broadcast_arrays(1 - length / model.rest_length, pressure)
+    return jax.vmap(model._root)(eps.ravel(), P.ravel()).reshape(eps.shape)

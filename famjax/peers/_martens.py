@@ -2,15 +2,15 @@
 
 import math
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._braid import Braid
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray
+from ..parameters import parameter
 from ..units import DEGREE, MEGAPASCAL
 from ._gaylord import Gaylord
-from ._model import PeerModel
+from ._model import PeerModel, braid_range
 
 _NOMINAL_ANGLE = 28.6 * DEGREE  # thread to axis
 _WALL = 1.8e-3  # m
@@ -47,10 +47,12 @@ class Martens(PeerModel):
     """
 
     braid: Braid
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    rest_diameter: Float[Array, "..."] = eqx.field(converter=as_real)
-    wall_thickness: Float[Array, "..."] = eqx.field(converter=as_real)
-    coefficients: Float[Array, " 4"] = eqx.field(converter=as_real)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    rest_diameter: Float[Given, "..."] = parameter("m", low=0.0)
+    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
+    coefficients: Float[Given, " 4"] = parameter(
+        ("Pa", "Pa/m", "Pa/m2", "Pa/m3"), linear=True, name=("c0", "c1", "c2", "c3")
+    )
 
     @classmethod
     def from_rest(
@@ -105,11 +107,17 @@ class Martens(PeerModel):
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        L, L0, D0 = as_real(length), self.rest_length, self.rest_diameter
+        L, _, reached = self.braid.reach(length, pressure)
+        L0, D0 = self.rest_length, self.rest_diameter
         D = self.braid.diameter(L)
         slope = -L / ((jnp.pi * self.braid.turns) ** 2 * D)
         c0, c1, c2, c3 = self.coefficients
         E = c0 + L * (c1 + L * (c2 + L * c3))
         hoop = E * (D - D0) / D0 * self.wall_thickness * jnp.pi * L
         axial = E * (L - L0) / L0 * self.wall_thickness * jnp.pi * D
-        return Gaylord(self.braid).force(L, pressure) + hoop * slope - axial
+        pull = Gaylord(self.braid).force(L, pressure) + hoop * slope - axial
+        return jnp.where(reached, pull, jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to the length of the threads."""
+        return braid_range(self.braid)

@@ -1,11 +1,13 @@
 """A polynomial stress law in plain powers of the strain, linear in pressure."""
 
-import equinox as eqx
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._material import AbstractMaterial, PressurePolynomialMaterial
-from .._types import Real, RealArray, as_real
+from .._material import AbstractMaterial, PressurePolynomialMaterial, stresses_between_nodes
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import number, parameter
 
 
 class PlainPowerMaterial(AbstractMaterial):
@@ -19,19 +21,20 @@ class PlainPowerMaterial(AbstractMaterial):
         node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
     """
 
-    node_pressures: Float[Array, " nodes"] = eqx.field(converter=as_real)
-    node_coefficients: Float[Array, "nodes order"] = eqx.field(converter=as_real)
+    node_pressures: Float[Given, " nodes"] = number("Pa")
+    node_coefficients: Float[Given, "nodes order"] = parameter(
+        "Pa", kind="stress", scale=1e6, linear=True, name="E_{1}_at_node_{0}"
+    )
+
+    directions_interact: ClassVar[bool] = False
 
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
         """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
         law = PressurePolynomialMaterial(self.node_pressures, self.node_coefficients)
-        coefficients = law.coefficients_at(pressure)
-        orders = range(1, coefficients.shape[-1] + 1)
+        return stresses_between_nodes(law, _plain_powers, axial_strain, hoop_strain, pressure)
 
-        def stress(strain: Real) -> RealArray:
-            powers = jnp.stack([as_real(strain) ** n for n in orders], axis=-1)
-            return jnp.sum(powers * coefficients, axis=-1)
 
-        return stress(axial_strain), stress(hoop_strain)
+def _plain_powers(strain: Real, order: int) -> Float[Array, "... order"]:
+    return jnp.stack([as_real(strain) ** n for n in range(1, order + 1)], axis=-1)

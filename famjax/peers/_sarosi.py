@@ -1,12 +1,12 @@
 """Sarosi's empirical force functions of contraction and pressure."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import parameter
 from ..units import BAR
-from ._model import PeerModel
+from ._model import PeerModel, around_rest, at_positive
 
 # Contraction in per cent and pressure in bar.
 _PUBLISHED = {
@@ -40,13 +40,13 @@ class Sarosi(PeerModel):
     1507 89
     """
 
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    a1: Float[Array, "..."] = eqx.field(converter=as_real)
-    a2: Float[Array, "..."] = eqx.field(converter=as_real)
-    a3: Float[Array, "..."] = eqx.field(converter=as_real)
-    a4: Float[Array, "..."] = eqx.field(converter=as_real)
-    a5: Float[Array, "..."] = eqx.field(converter=as_real)
-    a6: Float[Array, "..."] = eqx.field(converter=as_real)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    a1: Float[Given, "..."] = parameter("m2", linear=True)
+    a2: Float[Given, "..."] = parameter("N", linear=True)
+    a3: Float[Given, "..."] = parameter(low=-300.0, high=-1.0)
+    a4: Float[Given, "..."] = parameter("m2", linear=True)
+    a5: Float[Given, "..."] = parameter("m2", linear=True)
+    a6: Float[Given, "..."] = parameter("N", linear=True)
 
     @classmethod
     def published(cls, muscle: str, *, rest_length: float) -> "Sarosi":
@@ -73,4 +73,8 @@ class Sarosi(PeerModel):
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         eps, P = 1 - as_real(length) / self.rest_length, as_real(pressure)
         softening = (self.a1 * P + self.a2) * jnp.exp(self.a3 * eps)
-        return softening + self.a4 * P * eps + self.a5 * P + self.a6
+        return at_positive(length, softening + self.a4 * P * eps + self.a5 * P + self.a6)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to a tenth above it."""
+        return around_rest(self.rest_length)

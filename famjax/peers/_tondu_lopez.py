@@ -1,15 +1,15 @@
 """The braid alone with corrected contraction: Tondu and Lopez, and Kerscher after them."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._assumed_shapes import tondu_lopez_length
 from .._braid import Braid
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import parameter
 from ..units import BAR
 from ._gaylord import Gaylord
-from ._model import PeerModel
+from ._model import PeerModel, around_rest, at_positive
 
 
 class TonduLopez(PeerModel):
@@ -31,16 +31,21 @@ class TonduLopez(PeerModel):
     """
 
     braid: Braid
-    rest_length: Float[Array, "..."] = eqx.field(converter=as_real)
-    k_far: Float[Array, "..."] = eqx.field(converter=as_real, default=1.0)
-    k_rise: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0)
-    deadband_pressure: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0)
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    k_far: Float[Given, "..."] = parameter(low=0.5, high=3.0, default=1.0)
+    k_rise: Float[Given, "..."] = parameter(low=0.0, high=20.0, default=0.0)
+    deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         k = self.k_rise * jnp.exp(-as_real(pressure) / BAR) + self.k_far
         shortened = tondu_lopez_length(length, self.rest_length, k)
-        return Gaylord(self.braid, self.deadband_pressure).force(shortened, pressure)
+        pull = Gaylord(self.braid, self.deadband_pressure).force(shortened, pressure)
+        return at_positive(length, pull)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to a tenth above it."""
+        return around_rest(self.rest_length)
 
 
 class Kerscher(PeerModel):
@@ -61,12 +66,23 @@ class Kerscher(PeerModel):
     """
 
     muscle: TonduLopez
-    factor_rise: Float[Array, "..."] = eqx.field(converter=as_real)
-    factor_rate: Float[Array, "..."] = eqx.field(converter=as_real)
-    factor_far: Float[Array, "..."] = eqx.field(converter=as_real)
+    factor_rise: Float[Given, "..."] = parameter(linear=True)
+    factor_rate: Float[Given, "..."] = parameter(low=0.0, high=100.0)
+    factor_far: Float[Given, "..."] = parameter(linear=True)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         eps = 1 - as_real(length) / self.muscle.rest_length
         factor = self.factor_rise * jnp.exp(-self.factor_rate * eps) + self.factor_far
-        return factor * self.muscle.force(length, pressure)
+        pull = self.muscle.force(length, pressure)
+        reached = jnp.isfinite(pull)
+        return jnp.where(reached, factor * jnp.where(reached, pull, 0.0), jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Those of Tondu and Lopez' model."""
+        return self.muscle.length_range()
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction."""
+        return self.muscle.rest_length

@@ -1,12 +1,13 @@
 """The same identification again with other readings or bounds: what validation and uncertainty need."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..engine.descent import End, descend
+from ..engine.descent import End, descend_many
 from ..engine.problem import Problem
 
 
@@ -46,13 +47,25 @@ def refit(
     Returns:
         The refits.
     """
-    ends = []
-    for done, (problem, points) in enumerate(zip(problems, starts, strict=True), 1):
-        tried = [descend(problem, start) for start in points]
-        costs = np.array([end.cost for end in tried])
-        ends.append(tried[int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))])
-        if progress is not None:
-            progress(done, len(problems))
+    which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
+    left, done = np.bincount(which), itertools.count(1)
+
+    def ended(place: int) -> None:
+        left[which[place]] -= 1
+        if progress is not None and not left[which[place]]:
+            progress(next(done), len(problems))
+
+    tried = descend_many(
+        [problems[int(k)] for k in which], [start for points in starts for start in points],
+        progress=ended,
+    )  # fmt: skip
+    costs = np.array([end.cost for end in tried])
+    costs[~np.isfinite(costs)] = np.inf
+    first = np.searchsorted(which, np.arange(len(problems)))
+    ends = [
+        tried[int(start) + int(np.argmin(of_one))]
+        for start, of_one in zip(first, np.split(costs, first[1:]), strict=True)
+    ]
     return Refit(
         parameters=np.stack([end.point.parameters for end in ends]),
         x=np.stack([end.point.x for end in ends]),

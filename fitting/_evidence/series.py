@@ -19,7 +19,8 @@ from .._errors import InputError
 from .._model.parameters import Parameter
 from .._search.identify import identify_together
 from .._search.result import Identification
-from .spread import force_std, muscle_spread
+from .pull import pull
+from .spread import muscle_spread
 from .validation import Validation, validate
 
 SERIES_LAWS: dict[str, dict[str, Any]] = {
@@ -94,18 +95,15 @@ class Series:
             (force, standard deviation), both [N] and of shape (n,).
         """
         one = self.specimens[0]
-        std = force_std(
+        found = pull(
             famjax.MountedMuscle(one.muscle, one.series_compliance),
             muscle_spread(one),
             length,
             pressure,
-            of=lambda mounted: famjax.MountedMuscle(
-                famjax.cut_to_length(mounted.muscle, rest_length), mounted.compliance
-            ),
+            rest_length=rest_length,
             length_std=length_std,
         )
-        force = np.asarray(self.muscle(rest_length).force(length, pressure))
-        return force, np.hypot(std, self.between)
+        return found.force, np.hypot(found.std, self.between)
 
 
 def identify_series(

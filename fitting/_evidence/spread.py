@@ -5,16 +5,8 @@ parameters and C their covariance, J C J^T is that of the numbers. It is kept as
 root of it: directions of one standard deviation each, independent of one another.
 """
 
-from collections.abc import Callable
-
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
-
-import famjax
+from jaxtyping import Float
 
 from .._search.result import Identification
 from .bootstrap import Bootstrap
@@ -48,49 +40,6 @@ def muscle_spread(
         slopes[-1, part.compliance] = 1.0
     covariance = result.covariance if drawn is None else _covariance(result, drawn)
     return (slopes @ _root(covariance)).T
-
-
-def force_std(
-    mounted: famjax.MountedMuscle,
-    spread: Float[np.ndarray, "directions numbers"],
-    length: Float[np.ndarray, " n"],
-    pressure: Float[np.ndarray, " n"],
-    *,
-    of: Callable[[famjax.MountedMuscle], famjax.Muscle | famjax.MountedMuscle],
-    length_std: float = 0.0,
-) -> Float[np.ndarray, " n"]:
-    """Standard deviation [N] of a force, by linear theory.
-
-    Args:
-        mounted: the identified muscle in its rig.
-        spread: from `muscle_spread`.
-        length: active lengths [m].
-        pressure: gauge pressures [Pa].
-        of: what pulls, made of the mounted muscle: itself, the muscle alone, or another length.
-        length_std: standard deviation of the lengths [m].
-    """
-    flat, unflat = _flat(mounted)
-    L, P = jnp.asarray(length), jnp.asarray(pressure)
-
-    @jax.jit
-    def variance(flat: Float[Array, " numbers"]) -> Float[Array, " n"]:
-        def along(direction: Float[Array, " numbers"]) -> Float[Array, " n"]:
-            return jax.jvp(lambda f: of(unflat(f)).force(L, P), (flat,), (direction,))[1]
-
-        stiffness = jax.jvp(lambda L: of(unflat(flat)).force(L, P), (L,), (jnp.ones_like(L),))[1]
-        total = (length_std * stiffness) ** 2
-        return total + jnp.sum(jax.vmap(along)(jnp.asarray(spread)) ** 2, axis=0)
-
-    return np.sqrt(np.asarray(variance(flat)))
-
-
-def _flat(
-    mounted: famjax.MountedMuscle,
-) -> tuple[Float[Array, " numbers"], Callable[[Float[Array, " numbers"]], famjax.MountedMuscle]]:
-    """All numbers of a mounted muscle in one row, and the way back."""
-    numbers, rest = eqx.partition(mounted, eqx.is_inexact_array)
-    flat, unflat = ravel_pytree(numbers)
-    return flat, lambda changed: eqx.combine(unflat(changed), rest)
 
 
 def _covariance(result: Identification, drawn: Bootstrap) -> Float[np.ndarray, "p p"]:

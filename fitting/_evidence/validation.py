@@ -110,4 +110,3 @@ def check_nothing_own(result: Identification) -> None:
             f"{own[0] if own else 'the law'} is a specimen's own, so nothing is known of it without "
             "its readings: identify the specimens with own=() and own_law=False"
         )
-

@@ -1,7 +1,7 @@
-"""From identified parameters to a geometry: which of the four a fit is made with."""
+"""From identified parameters to a geometry: which of the four a fit is made with, or another."""
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import numpy as np
@@ -48,6 +48,16 @@ class AbstractGeometrySource(eqx.Module):
     def geometry(self, values: Values) -> famjax.AbstractGeometry:
         """The geometry of these parameters [SI]; those it does not know are ignored."""
 
+    @property
+    def stretches(self) -> bool:
+        """Whether dimensions depend on pressure."""
+        return True
+
+    @property
+    def declared(self) -> dict[str, famjax.Declared]:
+        """What can be identified of it besides the parameters of every fit, by name."""
+        return {}
+
     def as_arrays(self) -> "AbstractGeometrySource":
         """The same source, its numbers arrays, so that another specimen is no other program."""
         return self
@@ -70,17 +80,22 @@ class EstimatedSource(AbstractGeometrySource):
     n_threads: float | None = None
     thread: famjax.AbstractThread | None = None
 
-    def as_arrays(self) -> "EstimatedSource":
-        """The same source with the specimen's numbers as arrays."""
-        assert isinstance(self.specimen, Specimen)
-        return EstimatedSource(SpecimenNumbers.of(self.specimen), self.n_threads, self.thread)
-
     def __check_init__(self) -> None:
         if (self.n_threads is None) != (self.thread is None):
             raise ValueError(
                 "an elastic braid needs both the number of threads and the law of one thread; "
                 "give neither for inextensible threads"
             )
+
+    @property
+    def stretches(self) -> bool:
+        """Whether the threads are elastic."""
+        return self.thread is not None
+
+    def as_arrays(self) -> "EstimatedSource":
+        """The same source with the specimen's numbers as arrays."""
+        assert isinstance(self.specimen, Specimen)
+        return EstimatedSource(SpecimenNumbers.of(self.specimen), self.n_threads, self.thread)
 
     def geometry(self, values: Values) -> famjax.AbstractGeometry:
         """The cylinder with that braid, behind its end effect if there is one."""
@@ -120,15 +135,52 @@ class EstimatedSource(AbstractGeometrySource):
 
 
 class KnownSource(AbstractGeometrySource):
-    """A geometry that is known, such as a measured one: nothing of it is identified.
+    """A geometry that is known, such as a measured one, but for what is named of its parameters.
 
     Attributes:
         known: what every parameter gives.
+        identified: names of its declared parameters that are not known.
     """
 
     known: famjax.AbstractGeometry
+    identified: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def declared(self) -> dict[str, famjax.Declared]:
+        """What the geometry declares."""
+        return self.known.declared()
 
     def geometry(self, values: Values) -> famjax.AbstractGeometry:
-        """The known geometry."""
-        del values
-        return self.known
+        """The known geometry, with what is identified of it."""
+        if not self.identified:
+            return self.known
+        return self.known.with_parameters({name: values[name] for name in self.identified})
+
+
+class WrappedSource(AbstractGeometrySource):
+    """A geometry of somebody's own around the estimated one.
+
+    Attributes:
+        inner: makes the estimated geometry.
+        wrap: from that to the other geometry.
+        identified: names of its declared parameters that take part.
+    """
+
+    inner: AbstractGeometrySource
+    wrap: Callable[[famjax.AbstractGeometry], famjax.AbstractGeometry] = eqx.field(static=True)
+    identified: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def declared(self) -> dict[str, famjax.Declared]:
+        """What the outer geometry declares and the estimated one does not."""
+        inner = self.inner.geometry({"braid_diameter": 0.02, "braid_angle": 1.1})
+        return {n: d for n, d in self.wrap(inner).declared().items() if n not in inner.declared()}
+
+    def as_arrays(self) -> "WrappedSource":
+        """The same source with the specimen's numbers as arrays."""
+        return WrappedSource(self.inner.as_arrays(), self.wrap, self.identified)
+
+    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+        """The outer geometry of these parameters."""
+        outer = self.wrap(self.inner.geometry(values))
+        return outer.with_parameters({name: values[name] for name in self.identified})

@@ -1,13 +1,13 @@
-"""The families of bladder laws that can be identified: linear coefficients, and a shape or none.
+"""Bladder laws that can be identified: any material whose class declares its numbers.
 
-Stress is linear in the coefficients of every family once its shape parameters are given. So each
-fit has a convex core, whatever the law.
+Of the declared numbers those in which the force is affine are the coefficients, which every fit
+solves for in one convex programme; the others give the law its shape and are searched.
 """
 
-import abc
+import importlib
+from collections.abc import Mapping
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 import famjax
 
@@ -17,154 +17,143 @@ from .parameters import Entry
 _MAX_ORDER = 8
 
 
-class AbstractLaw(eqx.Module):
-    """A family of laws, as a function of shape parameters and linear coefficients [Pa]."""
+class Law(eqx.Module):
+    """A material as a family of laws in its declared numbers.
+
+    Attributes:
+        material: any member of the family.
+    """
+
+    material: famjax.AbstractMaterial
 
     @property
-    @abc.abstractmethod
     def coefficients(self) -> dict[str, Entry]:
-        """The coefficients [Pa] by name, with the bounds that the law itself asks for."""
+        """The numbers in which the stress is linear, by name."""
+        return {n: _entry(d) for n, d in self.material.declared().items() if d.linear}
 
     @property
     def shape(self) -> dict[str, Entry]:
-        """The parameters in which the stress is not linear, by name."""
-        return {}
-
-    @abc.abstractmethod
-    def material(
-        self, shape: Float[Array, " s"], coefficients: Float[Array, " n"]
-    ) -> famjax.AbstractMaterial:
-        """The material with these parameters, in the order of `shape` and `coefficients`."""
+        """The numbers in which it is not, by name."""
+        return {n: _entry(d) for n, d in self.material.declared().items() if not d.linear}
 
     @property
     def order(self) -> int:
         """Number of coefficients."""
         return len(self.coefficients)
 
-
-class PolynomialLaw(AbstractLaw):
-    """sigma = sum of E_n sign(eps) |eps|^n up to an order: the reference work's law."""
-
-    degree: int = eqx.field(static=True, default=3)
-
-    def __check_init__(self) -> None:
-        if not 1 <= self.degree <= _MAX_ORDER:
-            raise InputError(
-                f"the order of the law lies between 1 and {_MAX_ORDER}, got {self.degree}"
-            )
-
     @property
-    def coefficients(self) -> dict[str, Entry]:
-        """E_1 to E_order, of either sign."""
-        return {f"E_{n}": Entry(kind="stress") for n in range(1, self.degree + 1)}
+    def name(self) -> str:
+        """What the command line calls it: a known name, or `module:Class`."""
+        return type(self.material).law_name or class_path(type(self.material))
 
-    def material(
-        self, shape: Float[Array, " s"], coefficients: Float[Array, " n"]
-    ) -> famjax.PolynomialMaterial:
-        """The polynomial material."""
-        del shape
-        return famjax.PolynomialMaterial(coefficients)
+    def with_values(self, values: Mapping[str, famjax.Real]) -> famjax.AbstractMaterial:
+        """The material of these values [SI], which hold at least those of the law."""
+        return self.material.with_parameters({n: values[n] for n in self.material.declared()})
 
 
-class OgdenLaw(AbstractLaw):
-    """The one-term Ogden law by its shear modulus G = mu alpha / 2 [Pa] and exponent alpha."""
-
-    @property
-    def coefficients(self) -> dict[str, Entry]:
-        """The shear modulus, which no material has below zero."""
-        return {"shear_modulus": Entry(min=0.0, kind="stress")}
-
-    @property
-    def shape(self) -> dict[str, Entry]:
-        """The exponent; below zero the rubber is stiffer when compressed."""
-        return {"ogden_exponent": Entry(min=-15.0, max=-0.5)}
-
-    def material(
-        self, shape: Float[Array, " s"], coefficients: Float[Array, " n"]
-    ) -> famjax.OgdenMaterial:
-        """The Ogden material with mu = 2 G / alpha."""
-        return famjax.OgdenMaterial(2 * coefficients / shape, shape)
+def _entry(declared: famjax.Declared) -> Entry:
+    return Entry(declared.low, declared.high, declared.kind)
 
 
-class MooneyRivlinLaw(AbstractLaw):
-    """The Mooney-Rivlin law, linear in C10 and C01."""
-
-    @property
-    def coefficients(self) -> dict[str, Entry]:
-        """C10 and C01, of either sign."""
-        return {"C10": Entry(kind="stress"), "C01": Entry(kind="stress")}
-
-    def material(
-        self, shape: Float[Array, " s"], coefficients: Float[Array, " n"]
-    ) -> famjax.MooneyRivlinMaterial:
-        """The Mooney-Rivlin material."""
-        del shape
-        return famjax.MooneyRivlinMaterial(coefficients[0], coefficients[1])
+def class_path(cls: type) -> str:
+    """`module:Class`, by which a class of a user's own is found again."""
+    return f"{cls.__module__}:{cls.__qualname__}"
 
 
-class SaturatingLaw(AbstractLaw):
-    """E_inf eps + S (1 - exp(-|eps|/s)) sign(eps), linear in E_inf and S."""
-
-    @property
-    def coefficients(self) -> dict[str, Entry]:
-        """Final modulus and saturation stress, neither below zero."""
-        return {
-            "final_modulus": Entry(min=0.0, kind="stress"),
-            "saturation_stress": Entry(min=0.0, kind="stress"),
-        }
-
-    @property
-    def shape(self) -> dict[str, Entry]:
-        """The strain over which the second term rises."""
-        return {"strain_scale": Entry(min=2e-3, max=0.5)}
-
-    def material(
-        self, shape: Float[Array, " s"], coefficients: Float[Array, " n"]
-    ) -> famjax.SaturatingMaterial:
-        """The saturating material."""
-        return famjax.SaturatingMaterial(coefficients[0], coefficients[1], shape[0])
+def known_laws() -> dict[str, type[famjax.AbstractMaterial]]:
+    """The laws of famjax that can be identified, by name."""
+    laws = (
+        famjax.PolynomialMaterial,
+        famjax.OgdenMaterial,
+        famjax.MooneyRivlinMaterial,
+        famjax.SaturatingMaterial,
+        famjax.MonotoneMaterial,
+        famjax.NeoHookeanMaterial,
+        famjax.YeohMaterial,
+    )
+    return {law.law_name: law for law in laws}
 
 
-class MonotoneLaw(AbstractLaw):
-    """A tangent modulus >= 0 at knots, linear between them: stress rises, in any form."""
+def class_named(path: str, base: type, what: str) -> type:
+    """The class of `module:Class`, imported.
 
-    knots: tuple[float, ...] = eqx.field(static=True, default=(0.0, 0.03, 0.1, 0.3))
-
-    @property
-    def coefficients(self) -> dict[str, Entry]:
-        """The tangent modulus at each knot, none below zero."""
-        return {f"modulus_at_{knot:g}": Entry(min=0.0, kind="stress") for knot in self.knots}
-
-    def material(
-        self, shape: Float[Array, " s"], coefficients: Float[Array, " n"]
-    ) -> famjax.MonotoneMaterial:
-        """The monotone material."""
-        del shape
-        return famjax.MonotoneMaterial(self.knots, coefficients)
-
-
-LAWS: dict[str, type[AbstractLaw]] = {
-    "polynomial": PolynomialLaw,
-    "ogden": OgdenLaw,
-    "mooney-rivlin": MooneyRivlinLaw,
-    "saturating": SaturatingLaw,
-    "monotone": MonotoneLaw,
-}
-"""The families by name."""
-
-
-def law_named(law: str | AbstractLaw, order: int | None) -> AbstractLaw:
-    """The law of that name; `order` is for the polynomial alone.
+    Args:
+        path: module and class.
+        base: what it must be derived from.
+        what: for the message, such as "law".
 
     Raises:
-        InputError: an unknown name, or an order for a law that has none.
+        InputError: no such module or class, or a class of something else.
     """
-    if isinstance(law, str) and law not in LAWS:
-        raise InputError(f"the law is one of {', '.join(LAWS)}, got {law!r}")
-    if law == "polynomial":
-        return PolynomialLaw(3 if order is None else order)
+    module, _, name = path.partition(":")
+    try:
+        found = importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"the {what} {path!r} was not found ({error}): give module:Class, with the module in "
+            "the folder that you start from or installed"
+        ) from None
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise InputError(f"the {what} {path!r} must be a class derived from famjax.{base.__name__}")
+    return found
+
+
+LawGiven = str | Law | type[famjax.AbstractMaterial] | famjax.AbstractMaterial
+"""What a law may be given as."""
+
+
+def law_named(law: LawGiven, order: int | None) -> Law:
+    """The law of that name, class or material; `order` is for the polynomial alone.
+
+    Raises:
+        InputError: an unknown name, an order for a law that has none, or a class that declares
+            nothing to identify.
+    """
+    if isinstance(law, Law):
+        return law
+    if isinstance(law, str) and ":" not in law:
+        laws = known_laws()
+        if law not in laws:
+            raise InputError(
+                f"the law is one of {', '.join(laws)}, or module:Class for one of your own; "
+                f"got {law!r}"
+            )
+        law = laws[law]
+    elif isinstance(law, str):
+        law = class_named(law, famjax.AbstractMaterial, "law")
+    if law is famjax.PolynomialMaterial:
+        return Law(famjax.PolynomialMaterial.template(order=checked_order(order)))
     if order is not None:
         raise InputError(
             f"only the polynomial law named as such has an order, got {order} for {law}"
         )
-    return LAWS[law]() if isinstance(law, str) else law
+    if isinstance(law, type):
+        try:
+            law = law.template()
+        except ValueError as error:
+            raise InputError(
+                f"{law.__name__} cannot be identified by its class alone: {error}"
+            ) from None
+    if not isinstance(law, famjax.AbstractMaterial):
+        raise InputError(f"a law is a name, a famjax.AbstractMaterial or its class, got {law!r}")
+    if not law.declared():
+        raise InputError(
+            f"{type(law).__name__} declares no number to identify: declare its fields by "
+            "famjax.parameter(unit, low=..., high=..., linear=...)"
+        )
+    return Law(law)
+
+
+def checked_order(order: int | None) -> int:
+    """The order of the polynomial law, 3 unless given.
+
+    Raises:
+        InputError: none that there is.
+    """
+    if order is None:
+        return 3
+    if order != int(order) or not 1 <= order <= _MAX_ORDER:
+        raise InputError(f"the order of the law lies between 1 and {_MAX_ORDER}, got {order}")
+    return int(order)

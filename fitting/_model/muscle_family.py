@@ -12,7 +12,7 @@ import famjax
 from .._data.force_data import Specimen
 from ..engine.family import AbstractFamily, Values
 from .geometry_source import AbstractGeometrySource, EstimatedSource
-from .laws import AbstractLaw
+from .laws import Law
 
 
 class _NearestNode(famjax.PressurePolynomialMaterial):
@@ -31,6 +31,8 @@ class MuscleFamily(AbstractFamily):
         source: makes the geometry.
         law: of the bladder.
         rest: L0 [m] of the specimen.
+        terms: further force terms, or None.
+        of_terms: names of their parameters that take part.
         nodes: pressures [Pa] at which the coefficients are known, or None where they are fixed.
         nearest: whether a reading takes the coefficients of its own node.
     """
@@ -38,8 +40,10 @@ class MuscleFamily(AbstractFamily):
     nonlinear: tuple[str, ...] = eqx.field(static=True)
     linear: tuple[str, ...] = eqx.field(static=True)
     source: AbstractGeometrySource
-    law: AbstractLaw
+    law: Law
     rest: Float[np.ndarray, ""]
+    terms: famjax.SumOfTerms | None
+    of_terms: tuple[str, ...] = eqx.field(static=True)
     nodes: Float[np.ndarray, " nodes"] | None
     nearest: bool = eqx.field(static=True)
 
@@ -48,19 +52,29 @@ class MuscleFamily(AbstractFamily):
         cls,
         specimen: Specimen,
         source: AbstractGeometrySource,
-        law: AbstractLaw,
+        law: Law,
         nonlinear: Sequence[str],
-        nodes: np.ndarray | None,
+        terms: famjax.SumOfTerms | None = None,
+        nodes: np.ndarray | None = None,
         *,
-        nearest: bool,
+        nearest: bool = False,
     ) -> "MuscleFamily":
         """The family of a specimen."""
-        n_nodes = 1 if nodes is None else len(nodes)
         linear = tuple(law.coefficients)
-        if n_nodes > 1:
-            linear = tuple(f"{name}@{k}" for k in range(n_nodes) for name in linear)
-        return cls(tuple(nonlinear), linear, source.as_arrays(), law, np.asarray(specimen.rest_length),
-                   nodes, nearest)  # fmt: skip
+        if nodes is not None:
+            linear = tuple(f"{name}@{k}" for k in range(len(nodes)) for name in linear)
+        known = () if terms is None else terms.declared()
+        return cls(
+            nonlinear=tuple(nonlinear),
+            linear=linear,
+            source=source.as_arrays(),
+            law=law,
+            rest=np.asarray(specimen.rest_length),
+            terms=terms,
+            of_terms=tuple(name for name in known if name in nonlinear),
+            nodes=nodes,
+            nearest=nearest,
+        )
 
     @property
     def n_nodes(self) -> int:
@@ -70,20 +84,24 @@ class MuscleFamily(AbstractFamily):
     @property
     def stretches(self) -> bool:
         """Whether dimensions depend on pressure."""
-        inextensible = isinstance(self.source, EstimatedSource) and self.source.thread is None
-        return not inextensible or "braid_compliance" in self.nonlinear
+        return self.source.stretches or "braid_compliance" in self.nonlinear
 
     def build(self, values: Values) -> famjax.Muscle:
         """The muscle of these values."""
-        shape = [values[name] for name in self.law.shape]
-        coefficients = jnp.stack([values[name] for name in self.linear])
         if self.nodes is None:
-            shapes = jnp.stack(shape) if shape else jnp.zeros(0)
-            material = self.law.material(shapes, coefficients)
+            material = self.law.with_values(values)
         else:
             kind = _NearestNode if self.nearest else famjax.PressurePolynomialMaterial
+            coefficients = jnp.stack([values[name] for name in self.linear])
             material = kind(self.nodes, coefficients.reshape(len(self.nodes), -1))
-        return famjax.Muscle(self.source.geometry(values), material, values["deadband_pressure"])
+        geometry, deadband = self.source.geometry(values), values["deadband_pressure"]
+        if self.terms is None:
+            return famjax.Muscle(geometry, material, deadband)
+        wall = famjax.BladderWall(material)
+        further = self.terms.with_parameters({name: values[name] for name in self.of_terms})
+        if "deadband_pressure" in self.of_terms:  # they have a pressure term of their own
+            return famjax.Muscle(geometry, wall + further)
+        return famjax.Muscle(geometry, wall + famjax.PressurisedBraid(deadband) + further)
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """L0 [m] at which every path starts."""

@@ -193,6 +193,7 @@ def complete_table(
     law: Mapping[str, Entry],
     bounds: Mapping[str, tuple[float, float]],
     parameters: Mapping[str, Parameter],
+    further: Mapping[str, Entry] | None = None,
 ) -> dict[str, Entry]:
     """The table of one specimen: the standard box, the law, and what the user says of either.
 
@@ -202,6 +203,7 @@ def complete_table(
         law: shape parameters and coefficients of the law.
         bounds: intervals in SI by name.
         parameters: the same and more, with units, by name.
+        further: what a geometry or terms of one's own declare; each takes part where it is named.
 
     Returns:
         Entries in SI by name, the coefficients last.
@@ -210,7 +212,8 @@ def complete_table(
         InputError: an unknown name, or a contradiction.
     """
     table = standard_table(specimen, box)
-    known = {**table, **optional_table(specimen), **law}
+    optional = {**optional_table(specimen), **(further or {})}
+    known = {**optional, **table, **law}
     changed = {}
     for name in (*bounds, *parameters):
         if name not in known:
@@ -224,7 +227,7 @@ def complete_table(
                 raise InputError(f"{name}: give its bounds once, as bounds or in parameters")
             entry = bounded(name, *bounds[name], entry)
         changed[name] = entry
-    extras = {name: changed[name] for name in optional_table(specimen) if name in changed}
+    extras = {name: changed[name] for name in optional if name in changed and name not in table}
     table = {**table, **extras, **law}
     table |= changed
     _check_physics(table, law)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -24,16 +24,18 @@ from .cross_validation import (
     held_out_errors,
 )
 from .families import peer_families
-from .family import Model
+from .family import Model, PeerFamily
 from .fit import cross_validate_peer, fit_peer
 from .hocking import ANGLE, fit_hocking_wereley, hocking_orders
-from .own_models import OWN, own_row
+from .own_models import OWN, identified_row
 from .row import ComparisonRow
 
 _LEFT_OUT: tuple[Groups, Groups] = ("pressure", "length")
 
-OwnModel: TypeAlias = tuple[str, int, FitAndPredict]
-"""Name, number of parameters, and what fits a map and returns the force of length and pressure."""
+OwnModel: TypeAlias = tuple[str, int, FitAndPredict] | tuple[str, Mapping[str, Any]] | PeerFamily
+"""A model of one's own: (name, number of parameters, what fits a map and returns the force of length
+and pressure); or (name, options of `identify`), such as `("gent", {"law": Gent})`; or a family of
+peers, see `PeerFamily.of`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,8 +81,7 @@ def compare(
     Args:
         data: the force map.
         models: names out of `comparable_models(data)`; all where None.
-        own: further models, each (name, number of parameters, function that fits a force map and
-            returns the force of length and pressure).
+        own: further models, see `OwnModel`.
         starts: of each nonlinear fit.
         seed: of the starts.
         resume: file to which each finished row is written; if it is there already, the comparison
@@ -104,7 +105,7 @@ def compare(
     jobs: list[tuple[str, Callable[[], ComparisonRow]]] = [
         (name, _job(name, data, starts, seed)) for name in chosen
     ]
-    jobs += [(model[0], _own_job(model, data)) for model in own]
+    jobs += [_own_job(model, data, starts, seed) for model in own]
     settings = {
         "version": famjax.__version__,
         "data": data.sha256,
@@ -157,28 +158,38 @@ def _published(data: ForceData) -> dict[str, tuple[str, Model]]:
 def _job(name: str, data: ForceData, starts: int, seed: int) -> Callable[[], ComparisonRow]:
     families, published = peer_families(data), _published(data)
     if name in OWN:
-        return lambda: own_row(name, data, starts, seed)
+        what, options = OWN[name]
+        label = f"famjax, {what}, physical box"
+        return lambda: identified_row(name, label, options, data, starts, seed)
     if name in published:
         label, model = published[name]
         return lambda: _published_row(name, label, model, data)
     if name in families:
-        return lambda: _peer_row(name, data, starts, seed)
+        return lambda: _peer_row(name, families[name], data, starts, seed)
     count = sum(hocking_orders(data).values())
     label = "Hocking & Wereley 2012, order 4 per pressure"
     note = "geometry held at the nominal one; lower orders where a pressure has few lengths"
     return lambda: _own_row(ComparisonRow(name, label, count, note=note), fit_hocking_wereley, data)
 
 
-def _own_job(model: OwnModel, data: ForceData) -> Callable[[], ComparisonRow]:
+def _own_job(
+    model: OwnModel, data: ForceData, starts: int, seed: int
+) -> tuple[str, Callable[[], ComparisonRow]]:
+    if isinstance(model, PeerFamily):
+        return model.label, lambda: _peer_row(model.label, model, data, starts, seed)
+    if len(model) == 2:
+        what, options = model
+        return what, lambda: identified_row(what, what, options, data, starts, seed)
     name, count, fit_and_predict = model
-    return lambda: _own_row(ComparisonRow(name, name, count), fit_and_predict, data)
+    return name, lambda: _own_row(ComparisonRow(name, name, count), fit_and_predict, data)
 
 
-def _peer_row(name: str, data: ForceData, starts: int, seed: int) -> ComparisonRow:
-    family = peer_families(data)[name]
+def _peer_row(
+    name: str, family: PeerFamily, data: ForceData, starts: int, seed: int
+) -> ComparisonRow:
     row = ComparisonRow(name, family.label, len(family.parameters), note=family.note)
     try:
-        fit = fit_peer(name, data, starts=starts, seed=seed)
+        fit = fit_peer(family, data, starts=starts, seed=seed)
     except InputError as refused:
         return row.noted(str(refused))
     if not fit.converged:

@@ -4,6 +4,7 @@ The bounds are wide, so that every peer is shown at its best: a braid's diameter
 parameters here and need not be those of a buildable muscle.
 """
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
@@ -37,7 +38,11 @@ def peer_families(data: ForceData) -> dict[str, PeerFamily]:
 @functools.lru_cache(maxsize=32)
 def _registry(at: PeerContext) -> dict[str, PeerFamily]:
     makers = (_braids, _ends, _muscles, _pressure_laws, _sarosi, _martens, _festo, _surfaces)
-    return {name: family for maker in makers for name, family in maker(at).items()}
+    return {
+        name: dataclasses.replace(family, origin=(name, at))
+        for maker in makers
+        for name, family in maker(at).items()
+    }
 
 
 def _linear(name: str, unit: str, low: float = -math.inf) -> PeerParameter:

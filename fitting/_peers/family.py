@@ -3,14 +3,13 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 import famjax
-from famjax import peers
 
 from .._data.force_data import ForceData, Specimen
 from .._errors import InputError
@@ -19,7 +18,7 @@ from ..engine.family import AbstractFamily
 
 _MARGIN = 1.002  # at least, of thread length over the longest reading
 
-Model: TypeAlias = peers.PeerModel | famjax.Muscle
+Model: TypeAlias = famjax.AbstractMuscle
 """Whatever has `force(length, pressure)`."""
 
 Values: TypeAlias = Mapping[str, Float[Array, ""]]
@@ -53,12 +52,63 @@ class PeerFamily:
         parameters: what is fitted.
         build: the model of the values [SI] by name.
         note: what a reader of the table should know.
+        origin: name and context from which the registry makes it; None for a family of one's own.
     """
 
     label: str
     parameters: tuple[PeerParameter, ...]
     build: Callable[[Values], Model]
     note: str = ""
+    origin: "tuple[str, PeerContext] | None" = None
+
+    @classmethod
+    def of(
+        cls,
+        model: famjax.AbstractMuscle,
+        label: str = "",
+        bounds: Mapping[str, tuple[float, float]] | None = None,
+    ) -> "PeerFamily":
+        """Any model with declared parameters as a peer.
+
+        Args:
+            model: one of the family, such as `MyModel.template(rest_length=0.3)`.
+            label: for tables; the name of the class unless given.
+            bounds: (low, high) in SI by name, in place of the declared ranges; one value holds a
+                parameter.
+
+        Returns:
+            The family.
+
+        Raises:
+            InputError: nothing is declared, an unknown name, or no finite range for a parameter in
+                which the force is not linear.
+        """
+        declared, given = model.declared(), dict(bounds or {})
+        unknown = [name for name in given if name not in declared]
+        if unknown or not declared:
+            raise InputError(
+                f"{type(model).__name__} declares the parameters {', '.join(declared) or 'none'}; "
+                f"got bounds of {', '.join(unknown) or 'none'}: declare fields by famjax.parameter"
+            )
+        ends = {n: given.get(n, (d.low, d.high)) for n, d in declared.items()}
+        open_ended = [n for n, d in declared.items() if not d.linear
+                      and not (math.isfinite(ends[n][0]) and math.isfinite(ends[n][1]))]  # fmt: skip
+        if open_ended:
+            raise InputError(
+                f"{open_ended[0]} of {type(model).__name__} is searched and needs a finite range: "
+                "declare it by famjax.parameter(low=..., high=...), or give bounds"
+            )
+        held = {n: low for n, (low, high) in ends.items() if low == high}
+        parameters = tuple(
+            PeerParameter(n, d.unit if isinstance(d.unit, str) else "", *ends[n], linear=d.linear)
+            for n, d in declared.items()
+            if n not in held
+        )
+        return cls(
+            label or type(model).__name__,
+            parameters,
+            lambda values: model.with_parameters({**held, **values}),
+        )
 
     @property
     def linear(self) -> tuple[PeerParameter, ...]:
@@ -77,11 +127,18 @@ class FamilyOfPeer(AbstractFamily):
     Attributes:
         nonlinear, linear: names of its parameters.
         make: the model of the values by name.
+        origin: see `PeerFamily`.
     """
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
     linear: tuple[str, ...] = eqx.field(static=True)
     make: Callable[[Values], Model] = eqx.field(static=True)
+    origin: "tuple[str, PeerContext] | None" = eqx.field(static=True)
+
+    @property
+    def identity(self) -> Any:
+        """Where the registry has it from, or the function that makes it."""
+        return (self.nonlinear, self.linear, self.origin or self.make)
 
     def build(self, values: Values) -> Model:
         """The model of these values."""

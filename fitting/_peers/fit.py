@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ import famjax
 from .._data.force_data import ForceData
 from .._errors import InputError
 from .._search.search import latin_hypercube
-from ..engine.descent import descend
+from ..engine.descent import descend_many
 from ..engine.problem import Part, Point, Problem
 from ..engine.program import MapInputs
 from .cross_validation import CrossValidation, check_groups, group_labels, held_out_errors
@@ -122,7 +123,8 @@ def fit_peer(
             "readings: give more readings or choose a peer with fewer parameters"
         )
     problem = _posed(family, data)
-    ends = [_fitted(problem, start) for start in _starts(family, starts, seed)]
+    points = _starts(family, starts, seed)
+    ends = _fitted([problem] * len(points), points)
     costs = np.array([end.cost for end in ends])
     if not np.isfinite(costs).any():
         raise InputError(
@@ -178,10 +180,13 @@ def cross_validate_peer(
     labels = group_labels(data, groups)[data.loaded]
     starts = _fold_starts(fit, seed)
     predicted, ambiguous = np.full(labels.size, math.nan), []
-    for level in np.unique(labels):
-        held = labels == level
-        problem = fit.problem.with_readings(factor=1.0 * ~held)
-        ends = [_fitted(problem, start) for start in starts]
+    levels = np.unique(labels)
+    without = [fit.problem.with_readings(factor=1.0 * (labels != level)) for level in levels]
+    refits = _fitted(
+        [problem for problem in without for _ in starts], np.tile(starts, (len(without), 1))
+    )
+    for k, level in enumerate(levels):
+        held, ends = labels == level, refits[k * len(starts) : (k + 1) * len(starts)]
         cost = np.array([end.cost for end in ends])
         good = np.flatnonzero(cost <= (1 + _AS_GOOD) * np.nanmin(cost, initial=math.inf))
         if good.size:
@@ -223,8 +228,8 @@ def _posed(family: PeerFamily, data: ForceData) -> Problem:
     low, high = (np.array([getattr(p, end) for p in family.nonlinear]) for end in ("low", "high"))
     levels = {"pressure": data.pressures.level[at], "length": data.lengths.level[at]}
     part = Part.of(
-        data.specimen.name, FamilyOfPeer(names, linear, family.build), inputs, data.force[at],
-        weight, range(len(names)), range(len(linear)), levels, "none",
+        data.specimen.name, FamilyOfPeer(names, linear, family.build, family.origin), inputs,
+        data.force[at], weight, range(len(names)), range(len(linear)), levels, "none",
     )  # fmt: skip
     return Problem(
         parts=(part,),
@@ -238,20 +243,23 @@ def _posed(family: PeerFamily, data: ForceData) -> Problem:
     )
 
 
-def _fitted(problem: Problem, start: Float[np.ndarray, " p"]) -> _End:
-    """The fit from one start."""
-    if not problem.names:
-        return _linear_fit(problem)
-    end = descend(problem, start, max_steps=_MAX_STEPS)
-    linear = end.point.linear[0]
-    return _End(
-        nonlinear=end.point.parameters,
-        linear=end.point.x,
-        cost=end.cost,
-        converged=end.converged,
-        determined=_determined(problem, end.point),
-        predicted=linear.force + linear.columns @ end.point.x,
-    )
+def _fitted(problems: Sequence[Problem], starts: Float[np.ndarray, "fits p"]) -> list[_End]:
+    """The fits, one from each start."""
+    if not problems[0].names:
+        return [_linear_fit(problem) for problem in problems]
+    return [
+        _End(
+            nonlinear=end.point.parameters,
+            linear=end.point.x,
+            cost=end.cost,
+            converged=end.converged,
+            determined=_determined(problem, end.point),
+            predicted=end.point.linear[0].force + end.point.linear[0].columns @ end.point.x,
+        )
+        for problem, end in zip(
+            problems, descend_many(problems, list(starts), max_steps=_MAX_STEPS), strict=True
+        )
+    ]
 
 
 def _linear_fit(problem: Problem) -> _End:

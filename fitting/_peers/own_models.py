@@ -28,10 +28,11 @@ OWN: Mapping[str, tuple[str, dict[str, Any]]] = {
 """Label and options of `identify` by name."""
 
 
-def own_row(name: str, data: ForceData, starts: int, seed: int) -> ComparisonRow:
-    """The row of one of these models; one that cannot be identified has a note and no errors."""
-    what, options = OWN[name]
-    row = ComparisonRow(name, f"famjax, {what}, physical box", 0)
+def identified_row(
+    name: str, label: str, options: Mapping[str, Any], data: ForceData, starts: int, seed: int
+) -> ComparisonRow:
+    """The row of a muscle that `identify` fits; one that it refuses has a note and no errors."""
+    row = ComparisonRow(name, label, 0)
     try:
         result = identify(data, starts=starts, seed=seed, **options)
     except InputError as refused:

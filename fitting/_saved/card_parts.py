@@ -1,15 +1,23 @@
-"""What a muscle card holds of each part of a muscle: its fields, and the unit in each key.
+"""What a muscle card holds of each part of a muscle, as the class of the part declares it.
 
-A class that is not here has no card. Adding one is adding one entry; its fields are the arguments
-of its constructor.
+A number says its unit where it is declared (`famjax.parameter`, `famjax.number`), and a field that
+is a part says its class: there is no table of classes, and one of a modeller's own has a card too.
 """
 
 import dataclasses
+import functools
+import types
+import typing
 from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
 
 import famjax
+from famjax.parameters.declared import declaration
+
+from .._errors import InputError
+from .._model.laws import class_named, class_path
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,72 +40,101 @@ class Part:
 Fields = Mapping[str, str | Part]
 """Name of each field, with the unit that its key ends in, "" for a pure number, or its part."""
 
-_BLADDER = Part(famjax.Bladder, untyped=famjax.Bladder)
-_BRAID = Part(famjax.AbstractBraid, untyped=famjax.Braid)
-_MEASURED = {"family": Part(famjax.MeasuredFamily), "bladder": _BLADDER, "order": ""}
-_THREAD = {"modulus": "Pa", "area": "m2"}
-_BRAID_AT_REST = {"rest_thread_length": "m", "turns": "", "thickness": "m"}
-_ENDS = {"middle_diameter": "m", "end_diameter": "m", "end_length": "m"}
-
-PARTS: dict[type[eqx.Module], Fields] = {
-    famjax.Muscle: {
-        "geometry": Part(famjax.AbstractGeometry),
-        "material": Part(famjax.AbstractMaterial),
-        "deadband_pressure": "Pa",
-    },
-    # Geometries.
-    famjax.EstimatedGeometry: {"braid": _BRAID, "bladder": _BLADDER},
-    famjax.MeasuredGeometry: _MEASURED,
-    famjax.AverageDiameterGeometry: _MEASURED,
-    famjax.VirtualWorkGeometry: {
-        "geometry": Part(famjax.AbstractGeometry),
-        "braid": Part(famjax.AbstractBraid, optional=True),
-    },
-    famjax.EndEffectGeometry: {"cylinder": Part(famjax.AbstractGeometry), "end_factor": ""},
-    famjax.Bladder: {
-        "rest_length": "m",
-        "rest_diameter": "m",
-        "rest_thickness": "m",
-        "embedded": "",
-    },
-    # Braids and their threads.
-    famjax.Braid: _BRAID_AT_REST,
-    famjax.CompliantBraid: {**_BRAID_AT_REST, "compliance": "per_N"},
-    famjax.ElasticBraid: {
-        **_BRAID_AT_REST,
-        "n_threads": "",
-        "thread": Part(famjax.AbstractThread),
-    },
-    famjax.LinearThread: _THREAD,
-    famjax.ToeThread: {**_THREAD, "toe_strain": "", "toe_tension": "N"},
-    # Profiles and their families.
-    famjax.MeasuredFamily: {
-        "lengths": "m",
-        "profiles": Part(famjax.AbstractProfile, many=True),
-        "reference_pressure": "Pa",
-        "braid": _BRAID,
-        "margin": "",
-    },
-    famjax.AssumedShapeFamily: {"braid": _BRAID, "shape": Part(famjax.AbstractAssumedShape)},
-    famjax.IsobaricProfile: {"family": Part(famjax.AbstractProfileFamily), "pressure": "Pa"},
-    famjax.FourierProfile: {"a0": "m", "a": "m", "b": "m", "w": ""},
-    famjax.Cylinder: {"middle_diameter": "m"},
-    famjax.SteppedCylinder: _ENDS,
-    famjax.ConicFrustumEnds: _ENDS,
-    famjax.SemiEllipsoidEnds: _ENDS,
-    famjax.CircularArcEnds: {"middle_diameter": "m", "end_diameter": "m"},
-    famjax.EllipticToroidEnds: {**_ENDS, "arc_angle": "rad"},
-    # Materials.
-    famjax.PolynomialMaterial: {"coefficients": "Pa"},
-    famjax.PressurePolynomialMaterial: {"node_pressures": "Pa", "node_coefficients": "Pa"},
-    famjax.NeoHookeanMaterial: {"shear_modulus": "Pa"},
-    famjax.MooneyRivlinMaterial: {"c10": "Pa", "c01": "Pa"},
-    famjax.YeohMaterial: {"coefficients": "Pa"},
-    famjax.OgdenMaterial: {"moduli": "Pa", "exponents": ""},
-    famjax.SaturatingMaterial: {
-        "final_modulus": "Pa",
-        "saturation_stress": "Pa",
-        "strain_scale": "",
-    },
-    famjax.MonotoneMaterial: {"knots": "", "moduli": "Pa"},
+MUSCLE: Fields = {
+    "geometry": Part(famjax.AbstractGeometry),
+    "material": Part(famjax.AbstractMaterial),
+    "deadband_pressure": "Pa",
 }
+"""A muscle of a pressurised braid and the wall of one material."""
+
+MUSCLE_OF_TERMS: Fields = {
+    "geometry": Part(famjax.AbstractGeometry),
+    "terms": Part(famjax.AbstractForceTerm, many=True),
+}
+"""A muscle with other terms."""
+
+_UNTYPED = {famjax.AbstractBraid: famjax.Braid, famjax.Bladder: famjax.Bladder}
+_PLAIN = (bool, int, float, tuple[float, ...])
+
+
+@functools.cache
+def fields_of(cls: type[eqx.Module]) -> Fields:
+    """The fields of a class, in the order of its constructor.
+
+    Raises:
+        InputError: a field that is neither a declared number nor a part.
+    """
+    found: dict[str, str | Part] = {}
+    for field in dataclasses.fields(cls):
+        if not field.init or field.name.startswith("_"):
+            continue
+        spec = declaration(field)
+        if spec is not None and isinstance(spec.unit, str):
+            found[field.name] = _in_key(spec.unit)
+        elif spec is not None or field.type in _PLAIN:
+            found[field.name] = ""
+        else:
+            found[field.name] = _part(cls, field.name, field.type)
+    return found
+
+
+def _in_key(unit: str) -> str:
+    """A unit as a key says it: `N_per_m` of N/m, `per_N` of 1/N."""
+    return f"per_{unit[2:]}" if unit.startswith("1/") else unit.replace("/", "_per_")
+
+
+def _part(cls: type, name: str, annotation: Any) -> Part:
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    optional = origin in {typing.Union, types.UnionType} and type(None) in arguments
+    many = origin is tuple
+    base = arguments[0] if optional or many else annotation
+    if not (isinstance(base, type) and issubclass(base, eqx.Module)):
+        raise InputError(
+            f"no card can hold the field {name!r} of {cls.__name__}: declare a number by "
+            "famjax.parameter or famjax.number with its unit, and a part by its class"
+        )
+    return Part(base, untyped=_UNTYPED.get(base), optional=optional, many=many)
+
+
+def type_written(cls: type) -> str:
+    """How a card names a class: by its own name, or as `module:Class` if it is not famjax's.
+
+    Raises:
+        InputError: a class that cannot be found by its path.
+    """
+    if getattr(famjax, cls.__name__, None) is cls:
+        return cls.__name__
+    if "<locals>" in cls.__qualname__:
+        raise InputError(
+            f"{cls.__name__} is defined in a function, where no card finds it again: define the "
+            "class in a module"
+        )
+    return class_path(cls)
+
+
+def type_read(name: Any, base: type, where: str) -> type:
+    """The class that a card names, of those that may stand there.
+
+    Raises:
+        InputError: no such class.
+    """
+    if isinstance(name, str) and ":" in name:
+        return class_named(name, base, f"type of {where} of the muscle card")
+    found = getattr(famjax, name, None) if isinstance(name, str) else None
+    if not isinstance(found, type) or not issubclass(found, base) or _abstract(found):
+        raise InputError(
+            f"{where} of the muscle card is of the unknown type {name!r}; known are "
+            f"{', '.join(known_types(base))}, and module:Class for one of your own"
+        )
+    return found
+
+
+def known_types(base: type) -> list[str]:
+    """Names of famjax's own classes that may stand for a base."""
+    every = (getattr(famjax, name) for name in dir(famjax))
+    classes = (c for c in every if isinstance(c, type) and issubclass(c, base))
+    return [c.__name__ for c in classes if not _abstract(c)]
+
+
+def _abstract(cls: type) -> bool:
+    return cls.__name__.startswith("Abstract")

@@ -1,11 +1,8 @@
-"""`fit.json`: everything about a fit in one self-describing file, and the muscle back from it."""
+"""`fit.json`: everything about a fit in one self-describing file; see `saved_fit` for the way back."""
 
 import dataclasses
 import importlib.metadata
-import json
-import math
 import platform
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,20 +11,14 @@ import famjax
 
 from .._data.csv import specimen_as_dict
 from .._data.units import SYSTEMS, UNITS, from_si
-from .._errors import InputError
 from .._evidence.evidence import Evidence, evidence_as_dict, evidence_warnings
 from .._evidence.series import Series
 from .._evidence.spread import muscle_spread
 from .._search.result import Estimate, Identification
-from .muscle_card import muscle_as_dict, muscle_from_dict
+from .muscle_card import muscle_as_dict
+from .saved_fit import SCHEMA, finite_or_none
 
-SCHEMA = "famjax-fit/1"
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
-
-
-def finite_or_none(value: float) -> float | None:
-    """The value, or None (JSON null) where it is nan or infinite."""
-    return float(value) if math.isfinite(value) else None
 
 
 def all_estimates(result: Identification) -> tuple[Estimate, ...]:
@@ -91,7 +82,7 @@ def summary_as_dict(
         "condition": finite_or_none(certificate.condition),
         "n_starts": certificate.n_starts,
         "n_starts_agreeing": certificate.n_agreeing,
-        "law": type(result.law).__name__,
+        "law": result.law.name,
         "order": result.order,
         "n_parameters": result.n_parameters,
         "series_compliance_m_per_N": result.series_compliance,
@@ -106,6 +97,12 @@ def summary_as_dict(
     }
 
 
+def versions() -> dict[str, str]:
+    """Versions of the program and of what its numbers depend on."""
+    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"famjax": famjax.__version__, "python": platform.python_version(), **packages}
+
+
 def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dict[str, Any]:
     """The whole content of `fit.json`, in SI."""
     data = result.data
@@ -114,14 +111,9 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
         for name in ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
         if (values := getattr(data, name)) is not None
     }
-    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {
         "schema": SCHEMA,
-        "versions": {
-            "famjax": famjax.__version__,
-            "python": platform.python_version(),
-            **versions,
-        },
+        "versions": versions(),
         "data": {
             "source": data.source,
             "sha256": data.sha256,
@@ -180,40 +172,3 @@ def series_as_dict(series: Series) -> dict[str, Any]:
             "pressures_Pa": [float(pressures.min()), float(pressures.max())],
         },
     }
-
-
-@dataclasses.dataclass(frozen=True)
-class SavedFit:
-    """A fit read back from `fit.json`.
-
-    Attributes:
-        muscle: the identified muscle, bit for bit.
-        document: the whole file as plain data, SI.
-    """
-
-    muscle: famjax.Muscle
-    document: dict[str, Any]
-
-
-def load_fit(path: str | Path) -> SavedFit:
-    """The muscle and the figures of a saved fit.
-
-    Args:
-        path: a `fit.json`.
-
-    Returns:
-        The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
-
-    Raises:
-        InputError: no such file, not a fit of this program, or of a schema it does not know.
-    """
-    try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path} is not a JSON file: {error}") from None
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if schema != SCHEMA:
-        raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}")
-    return SavedFit(muscle_from_dict(document["muscle"]), document)

@@ -9,7 +9,16 @@ import numpy as np
 import famjax
 
 from .._errors import InputError
-from .card_parts import PARTS, Part
+from .card_parts import (
+    MUSCLE,
+    MUSCLE_OF_TERMS,
+    Fields,
+    Part,
+    fields_of,
+    known_types,
+    type_read,
+    type_written,
+)
 
 
 def muscle_as_dict(muscle: famjax.Muscle) -> dict[str, Any]:
@@ -28,19 +37,36 @@ def muscle_from_dict(card: dict[str, Any]) -> famjax.Muscle:
         InputError: the card lacks an entry or has one too many, names a type that is not known, or
             holds what is no muscle.
     """
-    return _read(card, Part(famjax.Muscle, untyped=famjax.Muscle), "muscle")
+    return _read(_of_terms(card), Part(famjax.Muscle, untyped=famjax.Muscle), "muscle")
+
+
+def _of_terms(card: Any) -> Any:
+    """An earlier card whose geometry stood for virtual work, as one with a term for it."""
+    geometry = card.get("geometry") if isinstance(card, dict) else None
+    if not isinstance(geometry, dict) or geometry.get("type") != "VirtualWorkGeometry":
+        return card
+    pull = {
+        "type": "VirtualWork",
+        "deadband_pressure_Pa": card.get("deadband_pressure_Pa"),
+        "at_thread_length": geometry.get("braid") is not None,
+    }
+    wall = {"type": "BladderWall", "material": card.get("material")}
+    return {"type": "Muscle", "geometry": geometry.get("geometry"), "terms": [wall, pull]}
+
+
+def _fields_of(part: famjax.Muscle) -> Fields:
+    """The fields of a muscle's card: its material and deadband, or its terms if it has others."""
+    usual = [famjax.BladderWall, famjax.PressurisedBraid]
+    return MUSCLE if [*map(type, part.terms.terms)] == usual else MUSCLE_OF_TERMS
 
 
 def _written(part: Any, where: str) -> dict[str, Any]:
     """A part as an object: its type and its fields."""
-    if type(part) not in PARTS:
-        known = ", ".join(cls.__name__ for cls in PARTS)
-        raise InputError(
-            f"no card format for {where}, a {type(part).__name__}; there is one for {known}"
-        )
-    card: dict[str, Any] = {"type": type(part).__name__}
-    for name, form in PARTS[type(part)].items():
+    card: dict[str, Any] = {"type": type_written(type(part))}
+    fields = _fields_of(part) if isinstance(part, famjax.Muscle) else fields_of(type(part))
+    for name, form in fields.items():
         value, at = getattr(part, name), f"{where}.{name}"
+        value = value.terms if isinstance(value, famjax.SumOfTerms) else value
         if isinstance(form, str):
             card[_key(name, form)] = _number_written(value, at)
         elif form.many:
@@ -63,7 +89,9 @@ def _read(card: Any, form: Part, where: str) -> Any:
     if not isinstance(card, dict):
         raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
     cls = _class(card, form, where)
-    forms = {_key(name, form): (name, form) for name, form in PARTS[cls].items()}
+    of_muscle = MUSCLE_OF_TERMS if "terms" in card else MUSCLE
+    fields = of_muscle if cls is famjax.Muscle else fields_of(cls)
+    forms = {_key(name, form): (name, form) for name, form in fields.items()}
     missing = [key for key in forms if key not in card]
     if missing:
         raise InputError(
@@ -75,13 +103,14 @@ def _read(card: Any, form: Part, where: str) -> Any:
             f"the muscle card has the unknown entry {unknown[0]!r} in {where}; known are "
             f"{', '.join(forms)}"
         )
-    annotations = {field.name: field.type for field in dataclasses.fields(cls)}
+    holders = (famjax.PressurisedBraid, cls)  # the deadband of a muscle is its braid's
+    annotations = {field.name: field.type for one in holders for field in dataclasses.fields(one)}
     values = {
-        name: _value(card[key], form, annotations[name], f"{where}.{name}")
+        name: _value(card[key], form, annotations.get(name), f"{where}.{name}")
         for key, (name, form) in forms.items()
     }
     try:
-        return cls(**values)
+        return cls(*values.values()) if cls is famjax.Muscle else cls(**values)
     except (ValueError, RuntimeError) as error:  # RuntimeError: of a check on traced values
         raise InputError(f"{where} of the muscle card is no {cls.__name__}: {error}") from None
 
@@ -90,18 +119,12 @@ def _class(card: dict[str, Any], form: Part, where: str) -> type:
     """The class that an object says it is, among those that may stand there."""
     if "type" not in card and form.untyped is not None:
         return form.untyped
-    known = {cls.__name__: cls for cls in PARTS if issubclass(cls, form.base)}
     if "type" not in card:
         raise InputError(
-            f"the muscle card has no entry 'type' in {where}; one of {', '.join(known)}"
+            f"the muscle card has no entry 'type' in {where}; one of "
+            f"{', '.join(known_types(form.base))}"
         )
-    cls = known.get(str(card["type"]))
-    if cls is None:
-        raise InputError(
-            f"{where} of the muscle card is of the unknown type {card['type']!r}; known are "
-            f"{', '.join(known)}"
-        )
-    return cls
+    return type_read(card["type"], form.base, where)
 
 
 def _value(value: Any, form: str | Part, annotation: Any, where: str) -> Any:

@@ -2,6 +2,7 @@
 
 import matplotlib as mpl
 import numpy as np
+from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import famjax
+from famjax.compile_options import quick_jit
 
 from .._data.units import SYSTEMS, factor
 from .._search.result import Identification
@@ -28,11 +30,17 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     Returns:
         A figure, not shown; save it with `savefig`.
     """
-    figure = Figure(figsize=(11, 6.2), layout="constrained")
+    figure = Figure(figsize=(11, 6.2))
     FigureCanvasAgg(figure)
+    # Places are given: a layout engine draws the figure once more before each drawing.
     axes = figure.subplot_mosaic(
-        [["isobars", "residuals"], ["isobars", "law"]], width_ratios=[3, 2]
-    )
+        [["isobars", "bar", ".", "residuals"], ["isobars", "bar", ".", "law"]],
+        width_ratios=[3, 0.06, 0.62, 2],
+        gridspec_kw={
+            "left": 0.065, "right": 0.985, "bottom": 0.085, "top": 0.89, "wspace": 0.04,
+            "hspace": 0.36,
+        },
+    )  # fmt: skip
     units = SYSTEMS[system]
     pressure_unit = factor(units["pressure"], "pressure")
     levels = np.unique(result.data.pressures.level)
@@ -42,10 +50,8 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     _draw_law(axes["law"], result, system)
     figure.colorbar(
         ScalarMappable(shade, _COLOURS),
-        ax=axes["isobars"],
+        cax=axes["bar"],
         label=f"gauge pressure, {units['pressure']}",
-        aspect=40,
-        pad=0.01,
     )
     errors = result.errors
     figure.suptitle(
@@ -60,10 +66,9 @@ def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normal
     data, force_unit = result.data, factor(SYSTEMS[system]["force"], "force")
     pressure_unit = factor(SYSTEMS[system]["pressure"], "pressure")
     rest = data.specimen.rest_length
-    lengths = np.linspace(data.length.min(), data.length.max(), 200)
-    loaded = data.loaded
-    for level in np.unique(data.pressures.level[loaded]):
-        force = result.predict(lengths, np.full_like(lengths, level))
+    lengths, loaded = np.linspace(data.length.min(), data.length.max(), 200), data.loaded
+    levels = np.unique(data.pressures.level[loaded])
+    for level, force in zip(levels, result.predict(lengths, levels[:, None]), strict=True):
         axes.plot(
             1 - lengths / rest,
             np.where(force < 0, np.nan, force) / force_unit,
@@ -133,15 +138,23 @@ def _draw_law(axes: Axes, result: Identification, system: str) -> None:
 def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, np.ndarray]]:
     """Labels and stresses [Pa] of the curves that show the law: of one direction by itself."""
     material, nodes = result.muscle.material, result.node_pressures
+    pressures = (
+        np.zeros(1) if nodes is None else nodes[sorted({0, len(nodes) // 2, len(nodes) - 1})]
+    )
+    stresses = np.asarray(_stress(material, strain, pressures[:, None]))
     if nodes is not None:
-        return [
-            (
-                f"at {nodes[row] / 1e3:.4g} kPa",
-                np.asarray(famjax.PolynomialMaterial(result.coefficients[row]).stress(strain)),
-            )
-            for row in sorted({0, len(nodes) // 2, len(nodes) - 1})
-        ]
-    if isinstance(material, famjax.AbstractHyperelastic):
-        return [("tensile test", np.asarray(material.uniaxial_stress(strain)))]
-    assert isinstance(material, famjax.PolynomialMaterial | famjax.AbstractUniaxialLaw)
-    return [(None, np.asarray(material.stress(strain)))]
+        labels = [f"at {pressure / 1e3:.4g} kPa" for pressure in pressures]
+    else:
+        labels = ["tensile test" if hasattr(material, "uniaxial_stress") else None]
+    return list(zip(labels, stresses, strict=True))
+
+
+@quick_jit
+def _stress(
+    material: famjax.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
+) -> Float[Array, "pressures strains"]:
+    """Stress [Pa] of a tensile test, or where the directions do not interact of either of them."""
+    tensile = getattr(material, "uniaxial_stress", None)
+    if tensile is not None:
+        return tensile(strain)[None]
+    return material.stresses(strain, strain, pressure)[0] + 0 * pressure

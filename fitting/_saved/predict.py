@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float
 import famjax
 
 from .._errors import InputError
-from .._evidence.spread import force_std
-from .fit_file import SavedFit, finite_or_none
+from .._evidence.pull import Pull, pull
+from .onset import onset_pressure
+from .saved_fit import SavedFit, finite_or_none
 
 _NORMAL_95 = 1.96  # standard deviations on either side
 _ONSET_REACH = 3.0  # times the highest pressure of the data: beyond, a prediction means nothing
@@ -53,7 +54,8 @@ def predict(
         InputError: lengths or pressures that no muscle has.
     """
     _check(length, pressure, onset, length_std)
-    muscle = fit.muscle if rest_length is None else _cut(fit.muscle, rest_length)
+    if rest_length is not None:
+        _check_cut(fit.muscle, rest_length)
     reach = _reach(fit, rest_length)
     rows: list[dict[str, Any]] = []
     known = reach.knows_length(length)
@@ -64,16 +66,19 @@ def predict(
         )
         rows += [
             row | {"inside": bool(inside)}
-            for row, inside in zip(_forces(fit, L, P, rest_length, length_std), within, strict=True)
+            for row, inside in zip(_rows(fit, L, P, rest_length, length_std), within, strict=True)
         ]
     if onset:
         highest = reach.pressures[1]
-        found = muscle.onset_pressure(length, _ONSET_REACH * highest, throw=False)
-        for at, gauge, inside in zip(length, np.asarray(found), known, strict=True):
+        for at, inside in zip(length, known, strict=True):
+            gauge = onset_pressure(
+                lambda P, at=at: _pull(fit, np.full(P.shape, at), P, rest_length).muscle_force,
+                _ONSET_REACH * highest,
+            )
             rows.append(
                 {
                     "length_m": float(at),
-                    "onset_pressure_Pa": finite_or_none(float(gauge)),
+                    "onset_pressure_Pa": finite_or_none(gauge),
                     "inside": bool(inside and math.isfinite(gauge) and gauge <= highest),
                 }
             )
@@ -130,7 +135,27 @@ def _reach(fit: SavedFit, rest_length: float | None) -> _Reach:
     return _Reach(asked, (min(ratios), max(ratios)), (min(pressures), max(pressures)), same)
 
 
-def _forces(
+def _pull(
+    fit: SavedFit,
+    length: np.ndarray,
+    pressure: np.ndarray,
+    rest_length: float | None,
+    length_std: float = 0.0,
+) -> Pull:
+    """Forces in the rig and of the muscle alone, with the standard deviation by linear theory."""
+    compliance = fit.document.get("series_compliance_m_per_N") or 0.0
+    directions = (fit.document.get("spread") or {}).get("directions")
+    return pull(
+        famjax.MountedMuscle(fit.muscle, np.asarray(compliance)),
+        np.array(directions) if directions else None,
+        length,
+        pressure,
+        rest_length=rest_length,
+        length_std=length_std,
+    )
+
+
+def _rows(
     fit: SavedFit,
     length: np.ndarray,
     pressure: np.ndarray,
@@ -139,23 +164,11 @@ def _forces(
 ) -> list[dict[str, Any]]:
     """The force at every reading, in the rig and of the muscle alone, with its error band."""
     document = fit.document
-    compliance = document.get("series_compliance_m_per_N") or 0.0
-    mounted = famjax.MountedMuscle(fit.muscle, compliance)
-
-    def alone(mounted: famjax.MountedMuscle) -> famjax.Muscle:
-        return mounted.muscle if rest_length is None else _cut(mounted.muscle, rest_length)
-
-    def in_rig(mounted: famjax.MountedMuscle) -> famjax.Muscle | famjax.MountedMuscle:
-        muscle = alone(mounted)
-        return famjax.MountedMuscle(muscle, mounted.compliance) if compliance else muscle
-
-    force = np.asarray(in_rig(mounted).force(length, pressure))
-    muscle_force = np.asarray(alone(mounted).force(length, pressure))
-    spread = document.get("spread")
-    std, band = np.full(force.size, np.nan), None
+    compliance, spread = document.get("series_compliance_m_per_N"), document.get("spread")
+    found = _pull(fit, length, pressure, rest_length, length_std)
+    force, std, band = found.force, np.full(length.size, np.nan), None
     if spread is not None and spread["directions"]:
-        directions, band = np.array(spread["directions"]), spread["band"]
-        std = force_std(mounted, directions, length, pressure, of=in_rig, length_std=length_std)
+        std, band = found.std, spread["band"]
         if "series" in document:
             std, band = np.hypot(std, document["series"]["between_N"]), f"{band}, specimens"
     rows = []
@@ -172,18 +185,18 @@ def _forces(
             "slack": bool(pull <= 0) if math.isfinite(pull) else None,
         }
         if compliance:
-            row["muscle_force_N"] = finite_or_none(float(muscle_force[k]))
+            row["muscle_force_N"] = finite_or_none(float(found.muscle_force[k]))
         rows.append(row)
     return rows
 
 
-def _cut(muscle: famjax.Muscle, rest_length: float) -> famjax.Muscle:
-    """Another muscle of the series."""
+def _check_cut(muscle: famjax.Muscle, rest_length: float) -> None:
+    """Raise unless the muscle can be one of that rest length."""
     if not (math.isfinite(rest_length) and rest_length > 0):
         raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
     cannot = f"a muscle of this fit cannot be cut to {rest_length:.4g} m"
     try:
-        return famjax.cut_to_length(muscle, rest_length)
+        famjax.cut_to_length(muscle, rest_length)
     except ValueError as error:
         raise InputError(f"{cannot}: {error}") from None
     except eqx.EquinoxRuntimeError:

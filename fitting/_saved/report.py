@@ -19,7 +19,7 @@ from .._data.units import SYSTEMS, from_si
 from .._errors import InputError
 from .._evidence.evidence import Evidence, Table, evidence_tables, evidence_warnings
 from .._search.result import Estimate, Identification
-from .fit_file import all_estimates, fit_as_dict
+from .fit_file import all_estimates, fit_as_dict, versions
 from .plot import plot_fit
 
 
@@ -121,14 +121,17 @@ def _certificate_table(result: Identification, system: str) -> Table:
 
 
 def html_report(
-    result: Identification, system: str = "metric", evidence: Evidence | None = None
+    result: Identification,
+    system: str = "metric",
+    evidence: Evidence | None = None,
+    figure: Figure | None = None,
 ) -> str:
-    """The report as one self-contained HTML page."""
+    """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
     buffer = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "famjax"}):
-        plot_fit(result, system).savefig(buffer, format="svg", metadata={"Date": None})
+        drawn = plot_fit(result, system) if figure is None else figure
+        drawn.savefig(buffer, format="svg", metadata={"Date": None})
     svg = buffer.getvalue()
-    document = fit_as_dict(result)
     template = (importlib.resources.files("fitting") / "templates" / "report.html").read_text()
     return (
         jinja2.Environment(autoescape=True)
@@ -141,9 +144,7 @@ def html_report(
             figure=Markup(svg[svg.index("<svg") :]),
             tables=tables(result, system, evidence),
             data=f"data: {result.data.source}, sha256 {result.data.sha256}",
-            versions=", ".join(
-                f"{name} {version}" for name, version in document["versions"].items()
-            ),
+            versions=", ".join(f"{name} {version}" for name, version in versions().items()),
         )
     )
 
@@ -198,10 +199,11 @@ def write_fit(
         InputError: the folder cannot be written.
     """
     content = json.dumps(fit_as_dict(result, evidence), indent=1, allow_nan=False)
+    figure = plot_fit(result, system)
     files = {
         "fit.json": content.encode(),
-        "fit.png": as_png(plot_fit(result, system)),
-        "report.html": html_report(result, system, evidence).encode(),
+        "fit.png": as_png(figure),
+        "report.html": html_report(result, system, evidence, figure).encode(),
     }
     return write_all(folder, files)
 

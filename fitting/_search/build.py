@@ -5,9 +5,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+import famjax
+
 from .._data.force_data import ForceData
 from .._model.geometry_source import AbstractGeometrySource
-from .._model.laws import AbstractLaw
+from .._model.laws import Law
 from .._model.muscle_family import MuscleFamily
 from .._model.parameters import Entry, base_name, names_of
 from ..engine.problem import Part, Prior, Problem
@@ -21,8 +23,9 @@ def pose(
     data: Sequence[ForceData],
     sources: Sequence[AbstractGeometrySource],
     table: Mapping[str, Entry],
-    law: AbstractLaw,
+    law: Law,
     *,
+    terms: famjax.SumOfTerms | None = None,
     constraint: Constraint,
     dependence: str,
     own_law: bool = False,
@@ -36,6 +39,7 @@ def pose(
         table: all parameters, the coefficients last; a name that ends in `[specimen]` is that
             specimen's own.
         law: family of the law.
+        terms: further force terms, or None.
         constraint: on the coefficients.
         dependence: of the coefficients on pressure.
         own_law: whether each specimen has its own coefficients.
@@ -50,7 +54,7 @@ def pose(
     parts, order = [], len(linear)
     for k, (one, source) in enumerate(zip(data, sources, strict=True)):
         first = k * order if own_law else 0
-        parts.append(_part(one, source, law, names, dependence, first, constraint))
+        parts.append(_part(one, source, law, terms, names, dependence, first, constraint))
     nodes = (len(data) if own_law else 1) if dependence == "fixed" else parts[0].family.n_nodes
     low, high = (np.array(ends) for ends in zip(*(_interval(table[n]) for n in names), strict=True))
     return Problem(
@@ -91,7 +95,8 @@ def _priors(names: Sequence[str], table: Mapping[str, Entry]) -> tuple[Prior, ..
 def _part(
     data: ForceData,
     source: AbstractGeometrySource,
-    law: AbstractLaw,
+    law: Law,
+    terms: famjax.SumOfTerms | None,
     names: Sequence[str],
     dependence: str,
     first: int,
@@ -109,13 +114,15 @@ def _part(
     at = [names.index(n) for n in mine if n not in offsets] + [names.index(n) for n in offsets]
     levels = np.unique(data.pressures.level[loaded])
     nodes = {"fixed": None, "linear": levels[[0, -1]], "free": levels}[dependence]
+    searched = tuple(base_name(n) for n in mine if n not in offsets)
     family = MuscleFamily.of(
-        data.specimen, source, law, tuple(base_name(n) for n in mine if n not in offsets), nodes,
-        nearest=dependence == "free",
-    )  # fmt: skip
+        data.specimen, source, law, searched, terms, nodes, nearest=dependence == "free"
+    )
     if dependence == "fixed":
         # Where threads stretch the strains depend on pressure too, and that monotonically.
         path_pressure = levels[[0, -1]] if family.stretches else levels[-1:]
+        if law.material.depends_on_pressure:
+            path_pressure = levels
         path_end = np.full(path_pressure.shape, data.length.min())
     else:
         path_pressure = levels

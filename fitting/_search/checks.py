@@ -7,20 +7,20 @@ import numpy as np
 
 import famjax
 
-from ..engine.status import Status
 from .._data.force_data import ForceData
 from .._errors import InputError
 from .._model.geometry_source import AbstractGeometrySource
-from .._model.laws import AbstractLaw, MooneyRivlinLaw, OgdenLaw, PolynomialLaw
+from .._model.laws import Law
 from .._model.parameters import Entry
-from ..engine.program import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
 from ..engine.problem import Problem
+from ..engine.program import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
+from ..engine.status import Status
 
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
 
 def check_options(
-    law: AbstractLaw, constraint: str, dependence: str, starts: int
+    law: Law, constraint: str, dependence: str, starts: int
 ) -> tuple[Constraint, PressureDependence]:
     """The named choices, if they are among those there are and go together."""
     if constraint not in CONSTRAINTS:
@@ -29,15 +29,17 @@ def check_options(
         raise InputError(
             f"the pressure dependence is one of {', '.join(DEPENDENCES)}, got {dependence!r}"
         )
-    if dependence != "fixed" and not isinstance(law, PolynomialLaw):
+    if dependence != "fixed" and not isinstance(law.material, famjax.PolynomialMaterial):
         raise InputError(
             f"only the polynomial law may depend on pressure, got a law that is {dependence} in "
-            f"pressure with {type(law).__name__}"
+            f"pressure with {type(law.material).__name__}"
         )
-    if constraint == "slope" and isinstance(law, OgdenLaw | MooneyRivlinLaw):
+    if constraint == "slope" and law.material.directions_interact:
         raise InputError(
             "the slope constraint is for laws whose two directions do not interact (polynomial, "
-            "saturating, monotone); use drucker, which is the same question asked of both together"
+            "saturating, monotone, and those of a class with directions_interact = False), not for "
+            f"{type(law.material).__name__}; use drucker, which is the same question asked of both "
+            "together"
         )
     if starts < 1:
         raise InputError(f"at least one start is needed, got {starts}")
@@ -60,21 +62,23 @@ def known_bounds(
         )
     at = geometry.dimensions(rest, 0.0)
     diameter, angle = 2 * float(at.radius), float(at.braid_angle)
-    said = [name for name in ("braid_diameter", "braid_angle") if name in given]
+    asked = [name for name in ("braid_diameter", "braid_angle") if name in given]
+    said = [name for name in asked if name not in geometry.declared()]
     if said:
         raise InputError(
             f"{said[0]}: the known geometry says it already (braid diameter {diameter * 1e3:.6g} "
             f"mm, braid angle {math.degrees(angle):.6g} deg at rest); leave its bounds out, or "
             "leave geometry out to identify a cylinder"
         )
-    return {"braid_diameter": (diameter, diameter), "braid_angle": (angle, angle)}
+    known = {"braid_diameter": (diameter, diameter), "braid_angle": (angle, angle)}
+    return {name: ends for name, ends in known.items() if name not in asked}
 
 
 def check_source(source: AbstractGeometrySource, table: Mapping[str, Entry]) -> None:
     """A parameter of the geometry must be one that the geometry has."""
     cylinder = {"rest_length", "end_factor", "end_length", "braid_compliance", "series_compliance",
                 "length_offset"}  # fmt: skip
-    named = sorted(cylinder & set(table))
+    named = sorted(cylinder & set(table) - set(source.declared))
     if named and getattr(source, "known", None) is not None:
         raise InputError(
             f"{', '.join(named)}: a known geometry has no such parameter; leave geometry out to "
@@ -134,7 +138,7 @@ def check_priors(data: ForceData, table: Mapping[str, Entry], noise: float | Non
 
 def check_count(
     data: Sequence[ForceData],
-    law: AbstractLaw,
+    law: Law,
     dependence: PressureDependence,
     table: Mapping[str, Entry],
     *,
@@ -198,6 +202,33 @@ def _check_strained_everywhere(data: ForceData, order: int, levels: np.ndarray) 
             f"rest length at every pressure; too few at {', '.join(f'{P:.4g}' for P in poor)} "
             "kPa. Use --dependence linear, a lower order, or leave those pressures out"
         )
+
+
+_AFFINE = 1e-7  # of the largest column: rounding of a force that is affine
+
+
+def check_affine(problem: Problem) -> None:
+    """The force must be affine in the coefficients that are declared linear.
+
+    It is evaluated: the derivatives at no coefficients and at others must be the same.
+    """
+    middle = problem.low + (problem.high - problem.low) / 2
+    for part in problem.parts:
+        p, n = middle[part.at], part.coefficients.size
+        none = part.program(p, np.zeros(n), part.force)[0].columns
+        size = np.nanmax(np.abs(none), axis=0, initial=0.0)
+        force = np.abs(part.force).max()
+        other = np.where(size > 0, force / np.where(size > 0, size, 1.0), 1.0) * (1 + np.arange(n))
+        with_them = part.program(p, other, part.force)[0].columns
+        change = np.nanmax(np.abs(with_them - none), axis=0, initial=0.0)
+        bent = np.flatnonzero(change > _AFFINE * np.nanmax(np.abs([none, with_them]), initial=0.0))
+        if bent.size:
+            names = [part.family.linear[k].partition("@")[0] for k in bent]
+            raise InputError(
+                f"{', '.join(dict.fromkeys(names))}: declared linear, but the force is not affine "
+                "in it. Declare it without linear=True and with a finite range, low and high, and "
+                "it is searched"
+            )
 
 
 def check_solvable(problem: Problem) -> None:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..engine.covariance import CONDITION_LIMIT, Covariance
 from .result import Identification
 from .search import FEASIBLE
-from ..engine.covariance import CONDITION_LIMIT, Covariance
 
 _RIDGE = 0.98
 _OUTLYING = 0.5  # of the full weight of a reading

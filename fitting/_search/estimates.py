@@ -67,16 +67,16 @@ def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Est
 def derived(found: Optimal, place: int) -> tuple[Estimate, ...]:
     """What follows from a specimen's parameters, with errors by the delta method."""
     part, linear = found.problem.parts[place], found.point.linear[place]
-    names = part.family.derived_names
-    if not names:
+    names, values, slopes = part.family.derived_names, linear.derived, linear.d_derived
+    if values is None or slopes is None:  # never at an optimum, which is evaluated in full
         return ()
     matrix = found.spread.matrix[np.ix_(part.at, part.at)]
     known = np.isfinite(np.diag(matrix))
     matrix = np.where(known[:, None] & known, matrix, 0.0)
-    variance = np.einsum("id,ij,jd->d", linear.d_derived, matrix, linear.d_derived)
+    variance = np.einsum("id,ij,jd->d", slopes, matrix, slopes)
     stderr = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), math.nan)
     return tuple(
         Estimate(name, float(value), float(error), 0.0, math.inf, False, False,
                  _DERIVED_KINDS.get(name, "number"))
-        for name, value, error in zip(names, linear.derived, stderr, strict=True)
+        for name, value, error in zip(names, values, stderr, strict=True)
     )  # fmt: skip

@@ -10,11 +10,17 @@ import famjax
 
 from .._data.force_data import ForceData
 from .._errors import InputError
-from .._model.geometry_source import AbstractGeometrySource, EstimatedSource, KnownSource
-from .._model.laws import AbstractLaw, law_named
+from .._model.geometry_source import (
+    AbstractGeometrySource,
+    EstimatedSource,
+    KnownSource,
+    WrappedSource,
+)
+from .._model.laws import Law, LawGiven, law_named
 from .._model.parameters import Entry, Parameter, complete_table
 from .build import EXCHANGES, pose
 from .checks import (
+    check_affine,
     check_count,
     check_lengths,
     check_options,
@@ -29,11 +35,18 @@ from .robust import check_objective, descend_huber
 from .search import best_of, descend_all, latin_hypercube, refine
 from .summary import Asked, summarise
 
+Geometry = (
+    AbstractGeometrySource
+    | famjax.AbstractGeometry
+    | Callable[[famjax.AbstractGeometry], famjax.AbstractGeometry]
+)
+"""What a geometry may be given as."""
+
 
 def identify(
     data: ForceData,
     *,
-    law: str | AbstractLaw = "polynomial",
+    law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
     dependence: str = "fixed",
@@ -42,7 +55,8 @@ def identify(
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
     objective: str = "sum_of_squares",
-    geometry: AbstractGeometrySource | famjax.AbstractGeometry | None = None,
+    geometry: Geometry | None = None,
+    terms: famjax.AbstractForceTerm | None = None,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -56,7 +70,9 @@ def identify(
 
     Args:
         data: the force map; slack readings are censored.
-        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", or a law.
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", "neo-hookean",
+            "yeoh"; or a class of your own, derived from `famjax.AbstractMaterial`, whose numbers
+            are declared by `famjax.parameter`, as a class, an instance, or "module:Class".
         order: of the polynomial law, 1 to 8; 3 unless given.
         constraint: "none", "positive" (every coefficient >= 0), "slope" (rising stress on the
             strain range) or "drucker" (positive second-order work along the actuation path). It
@@ -77,7 +93,11 @@ def identify(
             not their square; validation and uncertainty keep the weights found.
         geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
             braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
-            such as a `famjax.MeasuredGeometry`: as it is, and only the deadband is identified.
+            such as a `famjax.MeasuredGeometry`: as it is, and of it only what `bounds` or
+            `parameters` name is identified. A function, or class, that makes a geometry of the
+            estimated one: its declared parameters take part where they are named.
+        terms: further force terms, such as `famjax.Spring`; their declared parameters take part
+            where they are named. A term with a `deadband_pressure` takes the place of Gaylord's.
         starts: number of starts, Latin hypercube over the box.
         seed: of the starts.
         progress: called with (starts done, starts) as the descents end.
@@ -92,18 +112,38 @@ def identify(
     References:
         Golub & Pereyra 1973 (variable projection); Chambers 2021, chapter 7.
     """
-    given = dict(bounds or {})
-    if isinstance(geometry, famjax.AbstractGeometry):
-        given |= known_bounds(data, geometry, {**given, **(parameters or {})})
-        geometry = KnownSource(geometry)
-    chosen = law_named(law, order)
-    rows = {**chosen.shape, **chosen.coefficients}
-    table = complete_table(data.specimen, box, rows, given, parameters or {})
-    source = EstimatedSource(data.specimen) if geometry is None else geometry
+    given, chosen = dict(bounds or {}), law_named(law, order)
+    named = {**given, **(parameters or {})}
+    source = _source(data, geometry, tuple(named))
+    if isinstance(source, KnownSource):
+        given |= known_bounds(data, source.known, named)
+    further = None if terms is None else famjax.SumOfTerms((terms,))
+    declared = {**source.declared, **({} if further is None else further.declared())}
+    table = complete_table(
+        data.specimen, box, {**chosen.shape, **chosen.coefficients}, given, parameters or {},
+        {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()},
+    )  # fmt: skip
     return _identified(
-        (data,), (source,), table, chosen, constraint=constraint, dependence=dependence, box=box,
-        noise=noise, objective=objective, starts=starts, seed=seed, progress=progress,
+        (data,), (source,), table, chosen, terms=further, constraint=constraint,
+        dependence=dependence, box=box, noise=noise, objective=objective, starts=starts, seed=seed,
+        progress=progress,
     )[0]  # fmt: skip
+
+
+def _source(
+    data: ForceData, geometry: Geometry | None, named: tuple[str, ...]
+) -> AbstractGeometrySource:
+    """What the dimensions follow from, with those of its parameters that are named."""
+    if geometry is None:
+        return EstimatedSource(data.specimen)
+    if isinstance(geometry, AbstractGeometrySource):
+        return geometry
+    if isinstance(geometry, famjax.AbstractGeometry):
+        known = KnownSource(geometry)
+        return KnownSource(geometry, tuple(n for n in known.declared if n in named))
+    wrapped = WrappedSource(EstimatedSource(data.specimen), geometry)
+    own = tuple(n for n in wrapped.declared if n in named)
+    return WrappedSource(wrapped.inner, geometry, own)
 
 
 def identify_together(
@@ -111,7 +151,7 @@ def identify_together(
     *,
     own: Sequence[str] = ("deadband_pressure",),
     own_law: bool = False,
-    law: str | AbstractLaw = "polynomial",
+    law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
     box: str = "physical",
@@ -190,8 +230,9 @@ def _identified(
     data: tuple[ForceData, ...],
     sources: tuple[AbstractGeometrySource, ...],
     table: dict[str, Entry],
-    law: AbstractLaw,
+    law: Law,
     *,
+    terms: famjax.SumOfTerms | None = None,
     constraint: str,
     dependence: str,
     box: str,
@@ -229,9 +270,10 @@ def _identified(
         check_priors(one, own, noise)
     check_count(data, law, form, full, own_law=own_law)
     problem = pose(
-        data, sources, full, law, constraint=posed, dependence=form, own_law=own_law,
+        data, sources, full, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
         noise=noise or 1.0,
     )  # fmt: skip
+    check_affine(problem)
     check_solvable(problem)
     cube, robust = latin_hypercube(len(problem.free), starts, seed), None
     if objective == "huber":
@@ -246,9 +288,7 @@ def _identified(
     return summarise(data, found, ends, full, asked, robust)
 
 
-def _with_offsets(
-    table: dict[str, Entry], data: Sequence[ForceData], law: AbstractLaw
-) -> dict[str, Entry]:
+def _with_offsets(table: dict[str, Entry], data: Sequence[ForceData], law: Law) -> dict[str, Entry]:
     """The table with one offset for each distinct length in place of `length_offset`."""
     if "length_offset" not in table:
         return table

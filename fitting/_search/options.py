@@ -1,29 +1,34 @@
 """What a person types for parameters and specimen, as numbers in SI."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from .._data.csv import parse_specimen as parse_specimen
 from .._data.units import UNITS, to_si
 from .._errors import InputError
-from .._model.laws import LAWS
+from .._model.laws import LawGiven, known_laws, law_named
 from .._model.parameters import KINDS, Parameter
 
+Kinds = Mapping[str, str]
+"""Kind of unit of every parameter by name."""
 
-def _kinds() -> dict[str, str]:
-    """Kind of unit of every parameter that any fit may have, the polynomial's aside."""
+
+def parameter_kinds(law: LawGiven | None = None) -> dict[str, str]:
+    """Kinds of unit of all parameters that a fit may have: of every known law, and of the one given."""
     kinds = dict(KINDS)
-    for law in LAWS.values():
-        made = law()
+    for one in (*known_laws(), *([] if law is None else [law])):
+        made = law_named(one, None)
         kinds |= {name: entry.kind for name, entry in {**made.shape, **made.coefficients}.items()}
     return kinds
 
 
-def _name_and_unit(key: str, entry: str, what: str) -> tuple[str, str, str]:
+def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, str, str]:
     """Name, unit and kind of a key such as `braid_diameter_mm`, or `end_factor` without a unit."""
-    kinds = _kinds()
     if kinds.get(key) == "number":
         return key, "", "number"
-    name, _, unit = key.rpartition("_")
+    # The longest name that is known: a unit may hold an underscore no more than a name may end so.
+    names = [name for name in kinds if key.startswith(f"{name}_")]
+    name = max(names, key=len, default=key.rpartition("_")[0])
+    unit = key[len(name) + 1 :]
     kind = kinds.get(name, "stress" if name.startswith("E_") else None)
     if key in kinds:
         known = ", ".join(UNITS[kinds[key]])
@@ -35,7 +40,9 @@ def _name_and_unit(key: str, entry: str, what: str) -> tuple[str, str, str]:
     return name, unit, kind
 
 
-def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
+def parse_bounds(
+    entries: Iterable[str], kinds: Kinds | None = None
+) -> dict[str, tuple[float, float]]:
     """Bounds by parameter name in SI, from entries such as `braid_diameter_mm=20:23.6`.
 
     A single value holds the parameter: `deadband_pressure_kPa=40`.
@@ -47,11 +54,12 @@ def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
     {'E_1': (0.0, 10000000.0), 'braid_diameter': (0.021, 0.021)}
     """
     bounds: dict[str, tuple[float, float]] = {}
+    known = parameter_kinds() if kinds is None else kinds
     for entry in entries:
         key, equals, interval = entry.partition("=")
         if not equals or not key.strip():
             raise InputError(f"bounds {entry!r} must read name_unit=min:max, as in E_1_MPa=0:10")
-        name, unit, kind = _name_and_unit(key.strip(), entry, "bounds")
+        name, unit, kind = _name_and_unit(key.strip(), entry, "bounds", known)
         if name in bounds:
             raise InputError(f"bounds of {name} are given twice")
         ends = interval.split(":")
@@ -67,28 +75,28 @@ def parse_bounds(entries: Iterable[str]) -> dict[str, tuple[float, float]]:
 
 def as_parameters(bounds: dict[str, tuple[float, float]]) -> dict[str, Parameter]:
     """Bounds in SI as parameters."""
-    kinds = _kinds()
+    kinds = parameter_kinds()
     return {
         name: Parameter(min=low, max=high, unit=UNITS[kinds.get(name, "stress")][0])
         for name, (low, high) in bounds.items()
     }
 
 
-def parse_free(names: Iterable[str]) -> dict[str, Parameter]:
+def parse_free(names: Iterable[str], kinds: Kinds | None = None) -> dict[str, Parameter]:
     """Parameters that take part with their standard bounds, from their names.
 
     Raises:
         InputError: an unknown name.
     """
-    found = {}
+    found, known = {}, KINDS if kinds is None else kinds
     for name in names:
-        if name not in KINDS:
-            raise InputError(f"--free {name}: unknown parameter; known are {', '.join(KINDS)}")
+        if name not in known:
+            raise InputError(f"--free {name}: unknown parameter; known are {', '.join(known)}")
         found[name] = Parameter()
     return found
 
 
-def parse_priors(entries: Iterable[str]) -> dict[str, Parameter]:
+def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str, Parameter]:
     """Parameters with a prior, from entries such as `rest_length_mm=296+-0.5`.
 
     Raises:
@@ -97,7 +105,7 @@ def parse_priors(entries: Iterable[str]) -> dict[str, Parameter]:
     >>> parse_priors(["rest_length_mm=296+-0.5"])["rest_length"].prior
     (296.0, 0.5)
     """
-    found = {}
+    found, known = {}, parameter_kinds() if kinds is None else kinds
     for entry in entries:
         key, equals, value = entry.partition("=")
         mean, plus_minus, std = value.partition("+-")
@@ -105,7 +113,7 @@ def parse_priors(entries: Iterable[str]) -> dict[str, Parameter]:
             raise InputError(
                 f"prior {entry!r} must read name_unit=mean+-std, as in rest_length_mm=296+-0.5"
             )
-        name, unit, _ = _name_and_unit(key.strip(), entry, "prior")
+        name, unit, _ = _name_and_unit(key.strip(), entry, "prior", known)
         if name in found:
             raise InputError(f"the prior of {name} is given twice")
         try:

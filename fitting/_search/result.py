@@ -10,7 +10,7 @@ from jaxtyping import Float
 import famjax
 
 from .._data.force_data import ForceData
-from .._model.laws import AbstractLaw
+from .._model.laws import Law
 from ..engine.descent import End
 from ..engine.problem import Part, Point, Problem
 from ..engine.program import Constraint, PressureDependence
@@ -164,7 +164,7 @@ class Identification:
     active_constraints: tuple[str, ...]
     starts: Float[np.ndarray, " starts"]
     start_parameters: Float[np.ndarray, "starts q"]
-    law: AbstractLaw
+    law: Law
     constraint: Constraint
     dependence: PressureDependence
     box: str
@@ -195,9 +195,12 @@ class Identification:
         return sum(not e.fixed for e in (*self.estimates, *nodes))
 
     def predict(
-        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " n"]:
-        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped."""
+        self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped.
+
+        Lengths and pressures are broadcast against each other.
+        """
         part, point = self.problem.parts[self.place], self.end.point
         own = point.parameters[part.at[: len(part.family.nonlinear)]]
         shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))

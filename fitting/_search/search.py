@@ -1,13 +1,14 @@
 """The outer search: descents from many starts, and constraints made exact between the stations."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from .._errors import InputError
-from ..engine.descent import End, descend
+from ..engine.descent import End, descend, descend_many
 from ..engine.margin import constraint_margin
 from ..engine.problem import Problem
 
@@ -28,12 +29,13 @@ def descend_all(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
     """The ends of the descents from all starts."""
-    ends = []
-    for done, start in enumerate(starts, 1):
-        ends.append(descend(problem, start))
+    counter = itertools.count(1)
+
+    def ended(_: int) -> None:
         if progress is not None:
-            progress(done, len(starts))
-    return ends
+            progress(next(counter), len(starts))
+
+    return descend_many([problem] * len(starts), list(starts), progress=ended)
 
 
 def best_of(ends: Sequence[End]) -> End:
@@ -62,12 +64,14 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
         spare: number of stations at the end of each path that are free to be placed.
 
     Returns:
-        The end of the last descent, and the problem with the stations placed.
+        The end of the last descent with everything known of its fit, and the problem with the
+        stations placed.
     """
-    if problem.constraint not in {"drucker", "slope"}:
-        return best, problem
+    kind = problem.constraint
     for exchange in range(spare):
-        found = constraint_margin(problem, best.point, problem.constraint)
+        if kind not in {"drucker", "slope"}:
+            break
+        found = constraint_margin(problem, best.point, kind)
         lowest = min(float(one.value.min()) for one in found)
         if lowest >= -FEASIBLE * np.abs(best.point.x).max():
             break
@@ -78,4 +82,4 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
             parts.append(part.with_stations(stations))
         problem = dataclasses.replace(problem, parts=tuple(parts))
         best = descend(problem, best.u)
-    return best, problem
+    return dataclasses.replace(best, point=problem.solve(best.point.parameters)), problem

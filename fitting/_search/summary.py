@@ -10,7 +10,7 @@ from jaxtyping import Float
 import famjax
 
 from .._data.force_data import ForceData
-from .._model.laws import AbstractLaw
+from .._model.laws import Law
 from .._model.parameters import Entry
 from ..engine.descent import End
 from ..engine.margin import Margin, constraint_margin
@@ -37,7 +37,7 @@ class Asked:
         constraint, dependence, box, seed: as given.
     """
 
-    law: AbstractLaw
+    law: Law
     constraint: Constraint
     dependence: PressureDependence
     box: str
@@ -115,7 +115,7 @@ def _muscle(found: Optimal, place: int) -> famjax.Muscle:
     value = part.program(
         point.parameters[part.at], point.x[part.coefficients], point.linear[place].reached
     )[0]
-    return part.family.final(unflat(part.family, value.numbers))
+    return part.family.final(unflat(part.family, np.asarray(value.numbers)))
 
 
 def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
@@ -182,7 +182,7 @@ def _active_sentences(found: Optimal) -> tuple[str, ...]:
     """One sentence for each active row of the convex fit."""
     problem, first, sentences = found.problem, 0, []
     active = np.sort(found.point.optimum.rows)
-    for place, part in enumerate(problem.parts):
+    for place in range(len(problem.parts)):
         count = len(found.point.linear[place].rows)
         here = active[(active >= first) & (active < first + count)]
         sentences += [_path_sentence(found, place, int(row) - first) for row in here]

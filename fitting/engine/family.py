@@ -1,14 +1,11 @@
 """A family of models: named numbers in, a model with a force out; some numbers linear in the force."""
 
 import abc
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
-
-import famjax
 
 Values = Mapping[str, Any]
 """Numbers [SI] by name."""
@@ -38,6 +35,11 @@ class AbstractFamily(eqx.Module):
     @abc.abstractmethod
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """Active length L0 [m] at which every actuation path starts."""
+
+    @property
+    def identity(self) -> Any:
+        """What the models follow from, besides the numbers in arrays: by it tapes are kept."""
+        return self
 
     @property
     def derived_names(self) -> tuple[str, ...]:

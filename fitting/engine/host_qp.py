@@ -12,6 +12,7 @@ References:
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -68,7 +69,9 @@ class HostOptimum:
         stationarity = (A.T @ residual - self.multipliers @ G[self.rows]) / self.scale
         weights = self.multipliers * size[self.rows]
         largest = max(
-            np.abs(stationarity).max(initial=0.0), -slack.min(initial=0.0), -weights.min(initial=0.0)
+            np.abs(stationarity).max(initial=0.0),
+            -slack.min(initial=0.0),
+            -weights.min(initial=0.0),
         )
         excess = self.inverse.T @ (stationarity * self.scale)
         gap = weights @ slack[self.rows] + excess @ excess / 2
@@ -86,7 +89,7 @@ class HostOptimum:
         dG_l: Float[np.ndarray, "q n"],
         A: Float[np.ndarray, "k n"],
     ) -> Float[np.ndarray, "q n"]:
-        """dx along q directions, by the implicit function theorem on the active set.
+        """Dx along q directions, by the implicit function theorem on the active set.
 
         Args:
             G: constraint rows.
@@ -135,13 +138,11 @@ def solve_host_qp(
             empty, *nowhere, np.full(b.size, np.nan), np.eye(n), scale, np.nan, Status.STALLED
         )
     if n == 0:
-        return HostOptimum(
-            np.zeros(0), *nowhere, -b, np.zeros((0, 0)), scale, 1.0, Status.OPTIMAL
-        )
+        return HostOptimum(np.zeros(0), *nowhere, -b, np.zeros((0, 0)), scale, 1.0, Status.OPTIMAL)
     Q, R = np.linalg.qr(A / scale)
     diagonal = np.abs(np.diagonal(R))
     norm = np.linalg.norm(R)
-    condition = np.inf
+    condition, inverse = np.inf, np.eye(n)
     if diagonal.min() > _EPS * norm:
         inverse = np.linalg.inv(R)
         condition = float(norm * np.linalg.norm(inverse))
@@ -154,13 +155,137 @@ def solve_host_qp(
     rows = G @ inverse
     size = np.sqrt(np.einsum("mn,mn->m", rows, rows))
     size[size == 0] = 1.0
-    y, active, multipliers, status = nearest_point(
-        rows / size[:, None], h / size, Q.T @ b, guess
-    )
+    y, active, multipliers, status = nearest_point(rows / size[:, None], h / size, Q.T @ b, guess)
     x = inverse @ y if status is Status.OPTIMAL else np.full(n, np.nan)
     return HostOptimum(
         x, active, multipliers / size[active], A @ x - b, inverse, scale, condition, status
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class HostOptima:
+    """The optima of several programmes; `HostOptimum` with a leading axis.
+
+    Attributes:
+        x: minimisers, shape (b, n).
+        rows, multipliers: active rows and their multipliers, one array for each programme.
+        residual: shape (b, k).
+        inverse: shape (b, n, n).
+        scale: shape (b, n).
+        condition, status: shape (b,).
+    """
+
+    x: Float[np.ndarray, "b n"]
+    rows: list[np.ndarray]
+    multipliers: list[np.ndarray]
+    residual: Float[np.ndarray, "b k"]
+    inverse: Float[np.ndarray, "b n n"]
+    scale: Float[np.ndarray, "b n"]
+    condition: Float[np.ndarray, " b"]
+    status: Int[np.ndarray, " b"]
+
+    def optimum(self, k: int) -> HostOptimum:
+        """The optimum of one programme."""
+        return HostOptimum(
+            self.x[k].copy(), self.rows[k], self.multipliers[k], self.residual[k].copy(),
+            self.inverse[k].copy(), self.scale[k].copy(), float(self.condition[k]),
+            Status(int(self.status[k])),
+        )  # fmt: skip
+
+    def sensitivity(
+        self,
+        G: Float[np.ndarray, "b m n"],
+        d_gradient: Float[np.ndarray, "b q n"],
+        d_slack: Float[np.ndarray, "b m q"],
+        dG_l: Float[np.ndarray, "b q n"],
+    ) -> Float[np.ndarray, "b q n"]:
+        """Dx along q directions, by the implicit function theorem on the active set.
+
+        Args:
+            G: constraint rows.
+            d_gradient: dA^T r + A^T dr, the change of A^T r at constant x.
+            d_slack: d(G x - h) at constant x.
+            dG_l: dG^T l, l the multipliers of all rows.
+        """
+        right = (dG_l - d_gradient) @ self.inverse  # in y
+        n, counts = right.shape[2], np.array([rows.size for rows in self.rows])
+        for count in np.unique(counts[counts > 0]):
+            here = np.flatnonzero(counts == count)
+            rows = np.stack([self.rows[k] for k in here])
+            N = G[here[:, None], rows] @ self.inverse[here]
+            system = np.zeros((here.size, n + count, n + count))
+            system[:, :n, :n] = np.eye(n)
+            system[:, :n, n:], system[:, n:, :n] = -N.transpose(0, 2, 1), N
+            both = np.concatenate(
+                [right[here].transpose(0, 2, 1), -d_slack[here[:, None], rows]], 1
+            )
+            right[here] = np.linalg.solve(system, both)[:, :n].transpose(0, 2, 1)
+        return right @ self.inverse.transpose(0, 2, 1)
+
+
+def solve_host_qps(
+    A: Float[np.ndarray, "b k n"],
+    b: Float[np.ndarray, "b k"],
+    G: Float[np.ndarray, "b m n"],
+    h: Float[np.ndarray, "b m"],
+    guesses: Sequence[np.ndarray | None] | None = None,
+) -> HostOptima:
+    """The minimisers of several programmes, as by `solve_host_qp` one after another.
+
+    Args:
+        A: design matrices.
+        b: data.
+        G: constraint rows.
+        h: constraint offsets.
+        guesses: active rows of neighbouring programmes, to start from.
+
+    Returns:
+        The optima.
+    """
+    count, k, n = A.shape
+    scale = np.sqrt(np.einsum("bkn,bkn->bn", A, A))
+    scale[~(scale > 0)] = 1.0
+    none, empty = np.zeros(0, int), np.zeros(0)
+    rows, multipliers = [none] * count, [empty] * count
+    finite = np.isfinite(A).all((1, 2)) & np.isfinite(b).all(1) & np.isfinite(G).all((1, 2))
+    status = np.where(finite, Status.OPTIMAL, Status.STALLED)
+    if n == 0:
+        return HostOptima(
+            np.zeros((count, 0)), rows, multipliers, -b, np.zeros((count, 0, 0)), scale,
+            np.ones(count), status,
+        )  # fmt: skip
+    unit = np.eye(n)
+    scaled = np.where(finite[:, None, None], A / scale[:, None], np.eye(k, n))
+    Q, R = np.linalg.qr(scaled)
+    norm = np.linalg.norm(R, axis=(1, 2))
+    diagonal = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1)
+    regular = diagonal > _EPS * norm
+    inverse = np.linalg.inv(np.where(regular[:, None, None], R, unit))
+    condition = np.where(regular, norm * np.linalg.norm(inverse, axis=(1, 2)), np.inf)
+    condition[~finite] = np.nan
+    poor = finite & ~(condition * 10 * max(k, n) * _EPS < 1)
+    status[poor] = Status.RANK_DEFICIENT
+    good = finite & ~poor
+    inverse = inverse / scale[:, :, None]
+    inverse[~good] = unit
+    centre = (np.where(good[:, None], b, 0.0)[:, None] @ Q)[:, 0]
+    y = centre.copy()
+    normals = G @ inverse
+    size = np.sqrt(np.einsum("bmn,bmn->bm", normals, normals))
+    size[size == 0] = 1.0
+    normals, offsets = normals / size[:, :, None], h / size
+    slack = (normals @ centre[:, :, None])[:, :, 0] - offsets
+    noise = 32 * _EPS * (np.linalg.norm(centre, axis=1)[:, None] + np.abs(offsets))
+    for one in np.flatnonzero(good & np.any(np.less(slack, -noise), axis=1)).tolist():
+        guess = None if guesses is None else guesses[one]
+        y[one], rows[one], found, status[one] = nearest_point(
+            normals[one], offsets[one], centre[one], guess
+        )
+        multipliers[one] = found / size[one, rows[one]]
+    x = (inverse @ y[:, :, None])[:, :, 0]
+    x[status != Status.OPTIMAL] = np.nan
+    residual = (A @ x[:, :, None])[:, :, 0] - b
+    return HostOptima(x, rows, multipliers, residual, inverse, scale, condition, status)
 
 
 def nearest_point(

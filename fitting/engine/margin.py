@@ -1,12 +1,12 @@
 """Stability margins at an optimum: where along its paths a law is weakest, between stations too."""
 
 import dataclasses
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from .problem import Part, Point, Problem
+from .program import Constraint
 from .weakest import weakest
 
 
@@ -25,9 +25,7 @@ class Margin:
     bound: float
 
 
-def constraint_margin(
-    problem: Problem, point: Point, kind: Literal["drucker", "slope"]
-) -> list[Margin]:
+def constraint_margin(problem: Problem, point: Point, kind: Constraint) -> list[Margin]:
     """Smallest modulus along the actuation paths, or tangent modulus over the strain range.
 
     Args:
@@ -38,9 +36,7 @@ def constraint_margin(
     Returns:
         One margin for each part. The law is stable where the value is >= 0.
     """
-    return [
-        _margin(part, point, place, kind) for place, part in enumerate(problem.parts)
-    ]
+    return [_margin(part, point, place, kind) for place, part in enumerate(problem.parts)]
 
 
 def _margin(part: Part, point: Point, place: int, kind: str) -> Margin:
@@ -51,6 +47,6 @@ def _margin(part: Part, point: Point, place: int, kind: str) -> Margin:
     def evaluate(positions: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k"]:
         at = part.program.at(dataclasses.replace(part.inputs, stations=positions))
         aside = at(parameters, x, reached)[2]
-        return (aside.path_modulus if kind == "drucker" else aside.slope)[:paths]
+        return np.asarray(aside.path_modulus if kind == "drucker" else aside.slope)[:paths]
 
     return Margin(*weakest(evaluate, paths, count))

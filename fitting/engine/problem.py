@@ -15,12 +15,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from .host_qp import HostOptimum, solve_host_qp
-from .program import Aside, Constraint, MapInputs, Program, Response
-from .status import Status
-
-_REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
-_REACHED = 1e-13  # relative change of the forces with which that ends
+from .point import Point
+from .program import Constraint, MapInputs, Program
+from .stack import REACHED, REACHES, Stack, partial
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +95,7 @@ class Part:
         length: Float[np.ndarray, " k"],
         pressure: Float[np.ndarray, " k"],
     ) -> Float[np.ndarray, " k"]:
-        """What the rig would measure [N] at measured lengths and pressures, by the compiled program.
+        """What the rig would measure [N] at measured lengths and pressures, by the program of the fit.
 
         Args:
             parameters: the part's own [SI], without offsets of lengths.
@@ -106,92 +103,20 @@ class Part:
             length: as measured [m].
             pressure: gauge [Pa].
         """
-        size, force = self.program.size, np.empty(length.size)
         p = np.zeros(self.at.size)
         p[: parameters.size] = parameters
-        compliance = 0.0
-        if self.compliance is not None:
-            compliance = parameters[list(self.at).index(self.compliance)]
-        for first in range(0, length.size, size):
-            here = slice(first, first + size)
-            count = length[here].size
-            nothing = np.zeros(count)
-            # An index beyond the offsets would be clipped to the last: all offsets are zero here.
-            at = self.program.at(
-                dataclasses.replace(
-                    self.inputs, length=length[here], pressure=pressure[here], force=nothing,
-                    length_index=np.zeros(count, int),
-                )  # fmt: skip
-            )
-            reached = nothing
-            for _ in range(_REACHES):
-                value, _, aside = at(p, x, reached)
-                muscle = value.force[:count]
-                if self.compliance is None:
-                    reached = muscle
-                    break
-                move = (muscle - reached) / (1 + compliance * aside.stiffness[:count])
-                reached = reached + move
-                if not np.nanmax(np.abs(move), initial=0.0) > _REACHED * np.nanmax(
-                    np.abs(reached), initial=0.0
-                ):
-                    break
-            force[here] = reached
-        return force
-
-
-@dataclasses.dataclass(frozen=True)
-class Linear:
-    """The linear model of a part at one point, in all of the problem's parameters.
-
-    Attributes:
-        force: [N] at no coefficients, shape (points,).
-        columns: shape (points, n) of the part's coefficients.
-        rows, values: of the constraint, g = rows x + values >= 0, (r, n) and (r,).
-        d_force, d_columns, d_rows, d_values: derivatives in the part's parameters.
-        derived, d_derived: what follows from the parameters.
-        aside: what has no derivative.
-        reached: force [N] at which a compliant rig was taken.
-    """
-
-    force: np.ndarray
-    columns: np.ndarray
-    rows: np.ndarray
-    values: np.ndarray
-    d_force: np.ndarray
-    d_columns: np.ndarray
-    d_rows: np.ndarray
-    d_values: np.ndarray
-    derived: np.ndarray
-    d_derived: np.ndarray
-    aside: Aside
-    reached: np.ndarray
-
-
-@dataclasses.dataclass(frozen=True)
-class Point:
-    """The fit at one vector of nonlinear parameters.
-
-    Attributes:
-        parameters: [SI], shape (q,).
-        x: coefficients of all parts, shape (n,); nan without a certified optimum.
-        optimum: of the convex programme.
-        residual: weighted, priors included, shape (k,).
-        programme: (A, b, G, h) that was solved.
-        linear: of each part.
-    """
-
-    parameters: Float[np.ndarray, " q"]
-    x: Float[np.ndarray, " n"]
-    optimum: HostOptimum
-    residual: Float[np.ndarray, " k"]
-    programme: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    linear: tuple[Linear, ...]
-
-    @property
-    def cost(self) -> float:
-        """Half the sum of the squared residuals."""
-        return float(self.residual @ self.residual) / 2
+        reached = np.zeros(length.size)
+        if self.compliance is None:
+            return self.program.forces(p, x, length, pressure, reached)[0]
+        compliance = parameters[list(self.at).index(self.compliance)]
+        for _ in range(REACHES):
+            muscle, stiffness = self.program.forces(p, x, length, pressure, reached)
+            move = (muscle - reached) / (1 + compliance * stiffness)
+            reached = reached + move
+            largest = np.nanmax(np.abs(reached), initial=0.0)
+            if not np.nanmax(np.abs(move), initial=0.0) > REACHED * largest:
+                break
+        return reached
 
 
 @dataclasses.dataclass(frozen=True)
@@ -260,6 +185,16 @@ class Problem:
             )
         return dataclasses.replace(self, parts=tuple(parts))
 
+    @property
+    def structure(self) -> tuple:
+        """Equal for problems that differ in readings, weights and bounds alone."""
+        limits = (np.isfinite(self.coefficient_min), np.isfinite(self.coefficient_max))
+        return (
+            tuple(id(part.program) for part in self.parts), self.names, self.linear,
+            self.free.tobytes(), *(on.tobytes() for on in limits), self.priors,
+            self.coefficient_priors, self.noise, self.constraint, self.ridge,
+        )  # fmt: skip
+
     def parameters(self, u: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
         """The parameters [SI] at a point of the unit box."""
         found = self.low.copy()
@@ -267,107 +202,8 @@ class Problem:
         return found
 
     def solve(self, parameters: Float[np.ndarray, " q"]) -> Point:
-        """The certified convex fit at these parameters."""
-        n = len(self.linear)
-        x, reached = np.zeros(n), [part.force for part in self.parts]
-        compliant = any(part.compliance is not None for part in self.parts)
-        guess = None
-        for _ in range(_REACHES if compliant else 1):
-            linear = tuple(
-                self._linear(part, parameters, x[part.coefficients], force)
-                for part, force in zip(self.parts, reached, strict=True)
-            )
-            programme = self._programme(linear)
-            optimum = solve_host_qp(*programme, guess)
-            if optimum.status is not Status.OPTIMAL:
-                break
-            x, before, guess = optimum.x, reached, optimum.rows
-            reached = [
-                one.force + one.columns @ x[part.coefficients]
-                for one, part in zip(linear, self.parts, strict=True)
-            ]
-            change = max(np.abs(a - b).max() for a, b in zip(before, reached, strict=True))
-            if not compliant or change <= _REACHED * max(np.abs(a).max() for a in reached):
-                break
-        return Point(
-            parameters, optimum.x, optimum, self._residual(programme, optimum.x, parameters),
-            programme, linear,
-        )  # fmt: skip
-
-    def _linear(
-        self, part: Part, parameters: np.ndarray, x0: np.ndarray, reached: np.ndarray
-    ) -> Linear:
-        """The linear model of a part about x0 and the forces that the rig is taken at."""
-        value, slope, aside = part.program(parameters[part.at], x0, reached)
-        points, n = part.force.size, x0.size
-        paths = part.inputs.path_end.size
-        force, columns = value.force[:points], value.columns[:points]
-        d_force, d_columns = slope.force[:, :points], slope.columns[:, :points]
-        if part.compliance is not None:
-            # The rig lets the force move only 1/(1 + c dF/dL) as far as the muscle's own.
-            stiffness = aside.stiffness[:points]
-            gain = 1 / (1 + parameters[part.compliance] * stiffness)
-            force = reached + gain * (force - reached)
-            columns, d_force = gain[:, None] * columns, gain * d_force
-            d_columns = gain[:, None] * d_columns
-        q, many = part.at.size, paths * value.rows.shape[1]
-        rows, d_rows = value.rows[:paths].reshape(many, n), slope.rows[:, :paths].reshape(q, many, n)
-        values = value.values[:paths].reshape(many)
-        d_values = slope.values[:, :paths].reshape(q, many)
-        return Linear(
-            force=force - columns @ x0,
-            columns=columns,
-            rows=rows,
-            values=values - rows @ x0,
-            d_force=d_force - d_columns @ x0,
-            d_columns=d_columns,
-            d_rows=d_rows,
-            d_values=d_values - d_rows @ x0,
-            derived=value.derived,
-            d_derived=slope.derived,
-            aside=aside,
-            reached=reached,
-        )
-
-    def _programme(
-        self, linear: Sequence[Linear]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A, b, G and h of the convex programme."""
-        n = len(self.linear)
-        A, b, G, h = [], [], [], []
-        for part, one in zip(self.parts, linear, strict=True):
-            columns, rows = np.zeros((part.force.size, n)), np.zeros((len(one.rows), n))
-            columns[:, part.coefficients] = part.weight[:, None] * one.columns
-            rows[:, part.coefficients] = one.rows
-            A.append(columns)
-            b.append(part.weight * (part.force - one.force))
-            G.append(rows)
-            h.append(-one.values)
-        lowest = self.coefficient_min
-        if self.constraint == "positive":
-            lowest = np.maximum(lowest, 0.0)
-        unit = np.eye(n)
-        for limits, sign in ((lowest, 1.0), (-self.coefficient_max, -1.0)):
-            on = np.isfinite(limits)
-            G.append(sign * unit[on])
-            h.append(limits[on])
-        for prior in self.coefficient_priors:
-            scale = self.noise / prior.std
-            A.append(scale * unit[prior.place : prior.place + 1])
-            b.append(np.array([scale * prior.mean]))
-        if self.ridge:
-            size = np.linalg.norm(np.concatenate(A), axis=0)
-            A.append(self.ridge * np.diag(np.where(size > 0, size, 1.0)))
-            b.append(np.zeros(n))
-        return np.concatenate(A), np.concatenate(b), np.concatenate(G), np.concatenate(h)
-
-    def _residual(
-        self, programme: tuple[np.ndarray, ...], x: np.ndarray, parameters: np.ndarray
-    ) -> np.ndarray:
-        A, b, _, _ = programme
-        rows = len(b) - (len(self.linear) if self.ridge else 0)
-        priors = [self.noise * (parameters[p.place] - p.mean) / p.std for p in self.priors]
-        return np.concatenate([A[:rows] @ x - b[:rows], priors])
+        """The certified convex fit at these parameters, with everything known of it."""
+        return Stack((self,)).solve(np.zeros(1, int), parameters[None], complete=True).point(0)
 
     def partial(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives at constant coefficients, in all nonlinear parameters.
@@ -375,46 +211,4 @@ class Problem:
         Returns:
             (of the weighted residual, priors included, shape (k, q); of G x - h, shape (m, q)).
         """
-        q, x = len(self.names), point.x
-        k, m = point.residual.size, len(point.programme[3])
-        d_residual, d_slack, row, reading = np.zeros((k, q)), np.zeros((m, q)), 0, 0
-        for part, one in zip(self.parts, point.linear, strict=True):
-            own = x[part.coefficients]
-            here = slice(reading, reading + part.force.size)
-            reading = here.stop
-            np.add.at(d_residual[here].T, part.at, part.weight * (one.d_force + one.d_columns @ own))
-            there = slice(row, row + len(one.rows))
-            row = there.stop
-            np.add.at(d_slack[there].T, part.at, one.d_rows @ own + one.d_values)
-        for place, prior in enumerate(reversed(self.priors), 1):
-            d_residual[-place, prior.place] = self.noise / prior.std
-        return d_residual, d_slack
-
-    def jacobian(self, point: Point) -> Float[np.ndarray, "k p"]:
-        """Derivative of the residual in the unit box, through the convex fit."""
-        free = self.free
-        d_residual, d_slack = (leaf[:, free] for leaf in self.partial(point))
-        A, b, G, _ = point.programme
-        optimum = point.optimum
-        if optimum.x.size:
-            readings = len(self.force)
-            r = A @ point.x - b
-            l = np.zeros(len(G))
-            l[optimum.rows] = optimum.multipliers
-            q, n = len(self.names), optimum.x.size
-            dA_r, dG_l, row, reading = np.zeros((q, n)), np.zeros((q, n)), 0, 0
-            for part, one in zip(self.parts, point.linear, strict=True):
-                here = slice(reading, reading + part.force.size)
-                reading = here.stop
-                at = np.ix_(part.at, part.coefficients)
-                dA_r[at] += np.einsum("qkn,k->qn", one.d_columns, part.weight * r[here])
-                there = slice(row, row + len(one.rows))
-                row = there.stop
-                if l[there].any():
-                    dG_l[at] += np.einsum("qmn,m->qn", one.d_rows, l[there])
-            dr = np.zeros((len(free), len(b)))
-            dr[:, :readings] = d_residual[:readings].T
-            dx = optimum.sensitivity(G, dA_r[free], dr, d_slack.T, dG_l[free], A)
-            rows = len(b) - (n if self.ridge else 0)
-            d_residual[:rows] += A[:rows] @ dx.T
-        return d_residual * (self.high - self.low)[free]
+        return partial(self, [part.weight for part in self.parts], point)

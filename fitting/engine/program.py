@@ -1,18 +1,19 @@
-"""The one compiled program of a fit: a model's force and constraint, linear in its coefficients.
+"""The one program of a fit: a model's force and constraint, linear in its coefficients.
 
 At nonlinear parameters p and coefficients x0 it gives
 
     F(x) = force + columns (x - x0),   g(x) = rows (x - x0) + values >= 0,
 
-with the derivatives of all of these in p. Everything else of a fit happens on the host. The program
-depends on the structure of the family and on the shapes of its inputs, which are padded to buckets:
-another map, specimen or bound is another input.
+with the derivatives of all of these in p, for several members at once. Everything else of a fit
+happens on the host. The program depends on the structure of the family and on the shapes of its
+inputs, which are padded to buckets: another map, specimen or bound is another input.
 """
 
 import copy
 import functools
 import math
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,9 +22,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import famjax
+from famjax.compile_options import quick_options
 
-from .quick_jit import QUICK_COMPILATION
+from . import tape_store
 from .family import AbstractFamily
+from .tape import UnknownPrimitiveError, record
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
 PressureDependence = Literal["fixed", "linear", "free"]
@@ -55,7 +58,7 @@ class MapInputs(eqx.Module):
     stations: Float[np.ndarray, "paths stations"]
 
 
-class Response(eqx.Module):
+class Response(NamedTuple):
     """The linear model at a point; its derivatives in the parameters have the same form.
 
     Attributes:
@@ -77,7 +80,7 @@ class Response(eqx.Module):
     number_columns: Float[Array, "l n"]
 
 
-class Aside(eqx.Module):
+class Aside(NamedTuple):
     """What needs no derivative.
 
     Attributes:
@@ -160,6 +163,49 @@ def response(
     return Response(force, columns, values, rows, told, numbers, number_columns), aside
 
 
+def force_and_constraint(
+    family: AbstractFamily,
+    constraint: Constraint,
+    at: MapInputs,
+    p: Float[Array, " q"],
+    x: Float[Array, " n"],
+    compliant_steps: int = 0,
+) -> tuple[Float[Array, " points"], Float[Array, " rows"]]:
+    """What the rig measures [N] and the constraint's values [Pa], with nothing made linear.
+
+    Args:
+        family: what is fitted.
+        constraint: on the coefficients.
+        at: readings and paths.
+        p: `family.nonlinear`, then one offset for each length that has one.
+        x: coefficients.
+        compliant_steps: Newton steps for the force in a compliant rig, from `at.force`; two at the
+            solution have its first and second derivatives.
+    """
+    known = len(family.nonlinear)
+    searched = dict(zip(family.nonlinear, p[:known], strict=True))
+    model = family.build({**searched, **dict(zip(family.linear, x, strict=True))})
+    length, pressure = jnp.asarray(at.length), jnp.asarray(at.pressure)
+    if p.shape[0] > known:
+        length = length + p[known:][at.length_index]
+    rest, end = family.rest_length(searched), jnp.asarray(at.path_end)
+    compliance = searched.get("series_compliance")
+    if compliance is None:
+        force = model.force(length, pressure)
+    else:
+        end = jnp.minimum(end, jnp.min(length - compliance * at.force))
+        force = jnp.asarray(at.force)
+        for _ in range(compliant_steps):
+            muscle, stiffness = jax.jvp(
+                lambda L: model.force(L, pressure),
+                (length - compliance * force,),
+                (jnp.ones_like(length),),
+            )
+            force = force + (muscle - force) / (1 + compliance * stiffness)
+    paths = _Paths.of(model, rest, end, at)
+    return force, paths.constraint(model, constraint).ravel()
+
+
 def flat(model: Any) -> Float[Array, " l"]:
     """All numbers of a model, leaf by leaf."""
     leaves = jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
@@ -223,11 +269,13 @@ class _Paths(eqx.Module):
 
     def slope(self, model: Any) -> Float[Array, "paths stations"]:
         material = bladder_of(model)
-        if material is None or getattr(material, 'directions_interact', isinstance(material, famjax.AbstractHyperelastic)):
+        if material is None or material.directions_interact:
             return jnp.full(self.shares.shape, jnp.nan)
         strain = self.shares * self.largest[:, None]
         return jax.jvp(
-            lambda e: material.stresses(e, e, self.pressure[:, None])[0], (strain,), (jnp.ones_like(strain),)
+            lambda e: material.stresses(e, e, self.pressure[:, None])[0],
+            (strain,),
+            (jnp.ones_like(strain),),
         )[1]
 
 
@@ -238,69 +286,157 @@ def bladder_of(model: Any) -> famjax.AbstractMaterial | None:
     return getattr(model, "material", None)
 
 
-class _Compiled:
-    """The jitted program of one structure; JAX keeps an executable for each shape.
+_FIELDS = (*Response._fields, *Response._fields, *Aside._fields)
+_OF_DESCENTS = frozenset({"force", "columns", "values", "rows", "stiffness"})
+_ALL = frozenset(_FIELDS)
+_MEMBERS = 16
+"""Members that a compiled program evaluates at once."""
 
-    All results come as one vector: unpacking it on the host is cheaper than twenty transfers.
+
+class _Traced:
+    """The program of one structure and size, with the members of a batch along a last axis.
+
+    It is done in NumPy; with an operation that has no rule there it is compiled.
     """
 
-    def __init__(self, treedef: Any, static: tuple, constraint: Constraint) -> None:
-        self._layouts: dict[tuple[int, ...], tuple[Any, list[tuple[int, ...]]]] = {}
-        self._static, self._treedef, self._constraint = static, treedef, constraint
-        self._jitted = jax.jit(self._packed, compiler_options=dict(QUICK_COMPILATION))
+    def __init__(
+        self,
+        function: Callable[..., tuple[Response, Response, Aside]],
+        examples: tuple[Any, ...],
+        key: str | None,
+    ) -> None:
+        def leaves(*arguments: Any) -> list[Array]:
+            return jax.tree.leaves(function(*arguments))
+
+        def packed(*arguments: Any) -> Array:
+            return jnp.concatenate([leaf.ravel() for leaf in leaves(*arguments)])
+
+        self._runs: dict[tuple[int, ...], Callable[..., list[np.ndarray]]] = {}
+        self._tape = tape_store.load(key)
+        if self._tape is not None:
+            return
+        try:
+            self._tape = record(leaves, *examples)
+            tape_store.save(key, self._tape)
+        except UnknownPrimitiveError:
+            self._shapes = [leaf.shape for leaf in jax.eval_shape(leaves, *examples)]
+            self._compiled = jax.jit(
+                jax.vmap(packed, in_axes=(None, 0, 0, 0)), compiler_options=quick_options()
+            )
 
     def __call__(
-        self, arrays: list[Array | None], p: np.ndarray, x0: np.ndarray, reached: np.ndarray
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], fields: frozenset[str]
     ) -> tuple[Response, Response, Aside]:
-        packed = np.asarray(self._jitted(arrays, p, x0, reached))
-        treedef, shapes = self._layouts[_sizes(arrays, p, x0, reached)]
-        leaves, first = [], 0
-        for shape in shapes:
-            size = math.prod(shape)
-            leaves.append(packed[first : first + size].reshape(shape))
-            first += size
-        return jax.tree.unflatten(treedef, leaves)
+        """Members along the first axis, of arguments and of results; what is not asked is None."""
+        if self._tape is None:
+            found: list[Any] = self._compiled_leaves(arrays, varying)
+        else:
+            found, members = [None] * len(_FIELDS), max(len(v) for v in varying)
+            places = tuple(k for k, name in enumerate(_FIELDS) if name in fields)
+            values = self._on_tape([array[..., None] for array in arrays], varying, places)
+            for place, value in zip(places, values, strict=True):
+                of_each = np.broadcast_to(value, (*value.shape[:-1], members))
+                found[place] = np.ascontiguousarray(np.moveaxis(of_each, -1, 0))
+        split = len(Response._fields)
+        return (
+            Response(*found[:split]), Response(*found[split : 2 * split]), Aside(*found[2 * split :])
+        )  # fmt: skip
 
-    def _packed(self, arrays: list[Array | None], p: Array, x0: Array, reached: Array) -> Array:
-        leaves = [s if a is None else a for a, s in zip(arrays, self._static, strict=True)]
-        family, at = jax.tree.unflatten(self._treedef, leaves)
+    def forces(
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Force and stiffness alone, each of shape (members, points).
 
-        def of_parameters(p: Array) -> tuple[Response, Aside]:
-            return response(family, self._constraint, at, p, x0, reached)
+        Args:
+            arrays: of the family and the inputs, with members along a last axis, which may be one.
+            varying: p, x0 and the forces reached, with members along the first axis.
+        """
+        places = _FIELDS.index("force"), _FIELDS.index("stiffness")
+        members = len(varying[-1])
+        if self._tape is not None:
+            found = self._on_tape(arrays, varying, places)
+            shape = (varying[-1].shape[1], members)
+            force, stiffness = (np.broadcast_to(value, shape).T for value in found)
+            return force, stiffness
+        singles = [
+            self._compiled_leaves([a[..., min(k, a.shape[-1] - 1)] for a in arrays],
+                                  (varying[0], varying[1], varying[2][k : k + 1]))
+            for k in range(members)
+        ]  # fmt: skip
+        force, stiffness = (np.concatenate([one[place] for one in singles]) for place in places)
+        return force, stiffness
 
-        value, slopes, aside = jax.linearize(of_parameters, p, has_aux=True)
-        found = value, jax.vmap(slopes)(jnp.eye(p.shape[0])), aside
-        parts, treedef = jax.tree.flatten(found)
-        self._layouts[_sizes(arrays, p, x0, reached)] = treedef, [part.shape for part in parts]
-        return jnp.concatenate([part.ravel() for part in parts])
+    def _on_tape(
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], places: tuple[int, ...]
+    ) -> list[np.ndarray]:
+        assert self._tape is not None
+        if places not in self._runs:
+            self._runs[places] = self._tape.function(list(places))
+        return self._runs[places](*arrays, *(np.moveaxis(v, 0, -1) for v in varying))
 
-
-def _sizes(arrays: list[Array | None], *more: Array | np.ndarray) -> tuple[int, ...]:
-    return tuple(a.size for a in (*arrays, *more) if a is not None)
+    def _compiled_leaves(
+        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...]
+    ) -> list[np.ndarray]:
+        members = max(len(v) for v in varying)
+        size = -(-members // _MEMBERS) * _MEMBERS
+        rows = np.minimum(np.arange(size), members - 1)
+        padded = [v[rows] if len(v) > 1 else np.repeat(v, size, axis=0) for v in varying]
+        packed = np.concatenate(
+            [
+                np.asarray(self._compiled(arrays, *(v[k : k + _MEMBERS] for v in padded)))
+                for k in range(0, size, _MEMBERS)
+            ]
+        )[:members]
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes])
+        parts = np.split(packed, ends[:-1], axis=1)
+        return [
+            part.reshape(members, *shape) for part, shape in zip(parts, self._shapes, strict=True)
+        ]
 
 
 @functools.lru_cache(maxsize=256)
-def _compiled(treedef: Any, static: tuple, constraint: Constraint) -> _Compiled:
-    return _Compiled(treedef, static, constraint)
+def _traced(
+    treedef: Any, static: tuple, constraint: Constraint, shapes: tuple[tuple[tuple[int, ...], str], ...],
+    sizes: tuple[int, int, int], family_key: str | None,
+) -> _Traced:  # fmt: skip
+    def function(
+        arrays: list[Array], p: Array, x0: Array, reached: Array
+    ) -> tuple[Response, Response, Aside]:
+        given = iter(arrays)
+        leaves = [next(given) if kept is None else kept[0] for kept in static]
+        family, at = jax.tree.unflatten(treedef, leaves)
+
+        def of_parameters(p: Array) -> tuple[Response, Aside]:
+            return response(family, constraint, at, p, x0, reached)
+
+        value, slopes, aside = jax.linearize(of_parameters, p, has_aux=True)
+        return value, jax.vmap(slopes)(jnp.eye(p.shape[0])), aside
+
+    def array(shape: tuple[int, ...], kind: str = "f8") -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct(shape, np.dtype(kind))
+
+    arrays = [array(shape, kind) for shape, kind in shapes]
+    key = None if family_key is None else tape_store.identity(family_key, constraint, shapes, sizes)
+    return _Traced(function, (arrays, *(array((size,)) for size in sizes)), key)
 
 
 class Program:
-    """The linear model of a family at the readings and paths of one map, compiled."""
+    """The linear model of a family at the readings and paths of one map."""
 
     def __init__(self, family: AbstractFamily, constraint: Constraint, at: MapInputs) -> None:
         self._points, padded = at.length.size, _padded(at)
         self._size = padded.length.size
         leaves, treedef = jax.tree.flatten((family, padded))
-        arrays = [np.asarray(leaf) if eqx.is_array_like(leaf) else None for leaf in leaves]
-        static = tuple(leaf if a is None else None for a, leaf in zip(arrays, leaves, strict=True))
-        self._evaluate = _compiled(treedef, static, constraint)
-        self._arrays = [None if a is None else jnp.asarray(a) for a in arrays]
+        self._arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
+        static = tuple(None if eqx.is_array_like(leaf) else (leaf,) for leaf in leaves)
+        self._key = treedef, static, constraint, tuple((a.shape, a.dtype.str) for a in self._arrays)
+        self._family_key = tape_store.identity(family.identity)
 
     def at(self, inputs: MapInputs) -> "Program":
-        """The same program at other readings and paths of the same sizes; nothing is compiled."""
+        """The same program at other readings and paths of the same sizes; nothing is traced."""
         other = copy.copy(self)
         other._points = inputs.length.size
-        own = [jnp.asarray(leaf) for leaf in jax.tree.leaves(_padded(inputs, self._size))]
+        own = [np.asarray(leaf) for leaf in jax.tree.leaves(_padded(inputs, self._size))]
         other._arrays = [*self._arrays[: len(self._arrays) - len(own)], *own]
         return other
 
@@ -316,9 +452,62 @@ class Program:
         reached: Float[np.ndarray, " points"],
     ) -> tuple[Response, Response, Aside]:
         """Values, derivatives in p (leading axis of parameters), and what has none."""
-        force = np.zeros(self._size)
-        force[: self._points] = reached
-        return self._evaluate(self._arrays, p, x0, force)
+        found = self.of_members(p[None], x0[None], reached[None], complete=True)
+        return jax.tree.map(lambda leaf: leaf[0], found)
+
+    def of_members(
+        self,
+        p: Float[np.ndarray, "members q"],
+        x0: Float[np.ndarray, "#members n"],
+        reached: Float[np.ndarray, "#members points"],
+        *,
+        complete: bool = False,
+    ) -> tuple[Response, Response, Aside]:
+        """The same for several members at once, along a first axis.
+
+        Args:
+            p: parameters.
+            x0: coefficients; a single row serves all members.
+            reached: forces [N]; likewise.
+            complete: all there is; otherwise only what a descent needs, the rest being None.
+        """
+        force = np.zeros((len(reached), self._size))
+        force[:, : self._points] = reached
+        sizes = p.shape[1], x0.shape[1], self._size
+        return _traced(*self._key, sizes, self._family_key)(
+            self._arrays, (p, x0, force), _ALL if complete else _OF_DESCENTS
+        )
+
+    def forces(
+        self,
+        p: Float[np.ndarray, " q"],
+        x0: Float[np.ndarray, " n"],
+        length: Float[np.ndarray, " k"],
+        pressure: Float[np.ndarray, " k"],
+        reached: Float[np.ndarray, " k"],
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Force [N] and stiffness [N/m] of the muscle at any number of readings, all at once.
+
+        Args:
+            p: parameters; offsets of lengths are zero.
+            x0: coefficients.
+            length, pressure: of the readings [m, Pa].
+            reached: forces [N] by which a compliant rig gives way.
+        """
+        count, size = length.size, self._size
+        members = -(-count // size)
+
+        def folded(values: np.ndarray) -> np.ndarray:
+            return np.pad(values, (0, members * size - count), mode="edge").reshape(members, size)
+
+        own = [folded(length).T, folded(pressure).T, np.zeros((size, 1)), np.zeros((size, 1), int)]
+        last = len(self._arrays) - 7  # of `MapInputs`, of which the first four are of readings
+        arrays = [a[..., None] for a in self._arrays]
+        arrays[last : last + 4] = own
+        force, stiffness = _traced(*self._key, (p.size, x0.size, size), self._family_key).forces(
+            arrays, (p[None], x0[None], folded(reached))
+        )
+        return force.ravel()[:count], stiffness.ravel()[:count]
 
 
 def _padded(at: MapInputs, size: int | None = None) -> MapInputs:

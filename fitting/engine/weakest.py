@@ -67,16 +67,28 @@ def weakest(
         if not pieces:
             break
     if np.isfinite(rough_low).any():
-        for _ in range(_ZOOMS):
-            at = low_end[:, None] + (high_end - low_end)[:, None] * np.linspace(0, 1, count)
-            values = evaluate(at)
-            best, rows = values.argmin(axis=1), np.arange(paths)
-            low_end = at[rows, np.maximum(best - 1, 0)]
-            high_end = at[rows, np.minimum(best + 1, count - 1)]
-        bound = max(bound, float(np.max(np.ptp(values, axis=1) / np.abs(values).max())))
+        lowest, left = _closed_in(evaluate, low_end, high_end, count)
+        bound = max(bound, left)
         for path in np.flatnonzero(np.isfinite(rough_low)):
-            candidates[path].append(float(at[path, best[path]]))
+            candidates[path].append(float(lowest[path]))
     return *_best(evaluate, candidates, count), bound
+
+
+def _closed_in(
+    evaluate: Evaluate,
+    low: Float[np.ndarray, " paths"],
+    high: Float[np.ndarray, " paths"],
+    count: int,
+) -> tuple[Float[np.ndarray, " paths"], float]:
+    """The lowest sample between two positions of each path, and by how much its neighbours differ."""
+    rows, spread = np.arange(low.size), np.inf
+    for _ in range(_ZOOMS):
+        at = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, count)
+        values = evaluate(at)
+        best = values.argmin(axis=1)
+        low, high = at[rows, np.maximum(best - 1, 0)], at[rows, np.minimum(best + 1, count - 1)]
+        spread = float(np.max(np.ptp(values, axis=1) / np.abs(values).max()))
+    return (low + high) / 2, spread
 
 
 def _interpolant(values: Float[np.ndarray, " count"]) -> Float[np.ndarray, " count"]:

@@ -4,7 +4,7 @@ import importlib.util
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -206,9 +206,50 @@ def test_page_is_one_file_with_everything(loaded: ModuleType, found: list, tmp_p
         assert entry["table"] in page
 
 
-def test_progress(chapters: list, found: list) -> None:
-    assert [done for done, _, _ in chapters] == list(range(6))
-    assert {total for _, total, _ in chapters} == {5}
+def test_progress_names_every_table(loaded: ModuleType, chapters: list, found: list) -> None:
+    tables = [name for _, of in loaded.CHAPTERS for name, _ in of]
+    assert [done for done, _, _ in chapters] == list(range(len(tables) + 1))
+    assert {total for _, total, _ in chapters} == {len(tables)}
+    for (_, _, said), name in zip(chapters, [*tables, "done"], strict=True):
+        assert said.endswith(name)
+
+
+def test_progress_goes_on_to_the_last_figure(
+    loaded: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Tables, the fits of chapter 7 and their parts, then the figures of the page."""
+    row = sys.modules["chambers_reference"].Row("1.1", "an entry", 1.0, "in")
+    identification = sys.modules["chambers_identification"]
+
+    def fits(part: Callable[[int, int], None]) -> list:
+        part(1, 2)
+        return [row]
+
+    monkeypatch.setattr(loaded, "CHAPTERS", (("chapter 1", (("table 1.1", lambda: [row]),)),))
+    monkeypatch.setattr(
+        identification, "tables", lambda part=None: (("chapter 7, fits", lambda: fits(part)),)
+    )
+    steps = []
+    found = loaded.reproduce(tmp_path, lambda *step: steps.append(step), synthetic=True)
+    assert found == [row]
+    assert steps[:3] == [
+        (0, 10, "chapter 1, table 1.1"),
+        (1, 10, "chapter 7, fits"),
+        (1, 10, "chapter 7, fits, part 1 of 2 done"),
+    ]
+    assert [(done, name.partition(":")[0]) for done, _, name in steps[3:]] == [
+        *((done, "figure") for done in range(2, 10)),
+        (10, "done"),
+    ]
+    assert (tmp_path / loaded.PAGE).exists()
+
+
+def test_free_contraction_is_the_muscles(loaded: ModuleType, computed: dict) -> None:
+    muscle = sys.modules["chambers_reference"].muscles()["estimated inelastic"]
+    theirs = muscle.free_contraction(np.array(PRESSURES, float))
+    for P, contraction in zip(PRESSURES, theirs, strict=True):
+        ours = computed["6.12", f"estimated inelastic, {P} psi, free contraction"]
+        assert ours == pytest.approx(float(contraction), rel=EXACT)
 
 
 def test_refuses_float32(loaded: ModuleType) -> None:

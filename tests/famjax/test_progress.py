@@ -17,3 +17,11 @@ def test_a_log_gets_a_line_now_and_then(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err == "model 2, 2 of 9 done\n"
+
+
+def test_a_log_gets_a_line_for_every_step_where_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.progress_bar(every=0.0) as shown:
+        task = shown.add_task("fitting", total=None)
+        for done in (0, 1):
+            shown.update(task, completed=done, total=2, description=f"table {done + 1}")
+    assert capsys.readouterr().err == "table 1, 0 of 2 done\ntable 2, 1 of 2 done\n"

@@ -6,18 +6,22 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from famjax import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial, gaylord_force
+from famjax import (
+    Bladder,
+    BladderWall,
+    Braid,
+    EstimatedGeometry,
+    Muscle,
+    PolynomialMaterial,
+    VirtualWork,
+    gaylord_force,
+)
 from famjax._assumed_shapes import CircularArcEnds, Cylinder
 from famjax._elastic_braid import ElasticBraid
 from famjax._measured_geometry import AverageDiameterGeometry, MeasuredGeometry
 from famjax._profile_family import AssumedShapeFamily, MeasuredFamily
 from famjax._thread import LinearThread
-from famjax._virtual_work import (
-    VirtualWorkGeometry,
-    pressure_terms,
-    virtual_work_force,
-    volume_rate,
-)
+from famjax._virtual_work import pressure_terms, virtual_work_force, volume_rate
 
 EXACT = 1e-11  # a derivative of sums over 64 stations
 L0 = 9.28125
@@ -95,21 +99,23 @@ def test_fluid_and_outline_have_one_rate(measured: MeasuredGeometry) -> None:
 def test_pressure_term_of_a_muscle(measured: MeasuredGeometry) -> None:
     law = PolynomialMaterial([257.8, -57.9, 32.7])
     for braid in (None, ELASTIC):
-        muscle = Muscle(VirtualWorkGeometry(measured, braid), law, 3.0)
+        term = VirtualWork(3.0, at_thread_length=braid is not None)
+        muscle = Muscle(measured, term + BladderWall(law))
         inner = Muscle(measured, law, 3.0)
         expected = -(60.0 - 3.0) * volume_rate(measured, LENGTHS, 60.0, braid=braid)
         np.testing.assert_allclose(muscle.braid_force(LENGTHS, 60.0), expected, rtol=EXACT)
         np.testing.assert_allclose(
             muscle.bladder_force(LENGTHS, 60.0), inner.bladder_force(LENGTHS, 60.0), rtol=EXACT
         )
-    assert muscle.geometry.length_range() == measured.length_range()
+        np.testing.assert_allclose(
+            muscle.force(LENGTHS, 60.0), expected + inner.bladder_force(LENGTHS, 60.0), rtol=EXACT
+        )
 
 
 def test_nothing_is_lost_at_no_pressure() -> None:
-    geometry = VirtualWorkGeometry(EstimatedGeometry(INELASTIC, SPECIMEN))
-    muscle = Muscle(geometry, PolynomialMaterial([257.8]))
+    plain = Muscle(EstimatedGeometry(INELASTIC, SPECIMEN), PolynomialMaterial([257.8]))
+    muscle = Muscle(plain.geometry, VirtualWork() + BladderWall(plain.material))
     rates = jax.grad(muscle.force, argnums=(0, 1))(9.0, 0.0)
-    plain = Muscle(geometry.geometry, muscle.material)
     expected = jax.grad(plain.force, argnums=(0, 1))(9.0, 0.0)
     np.testing.assert_allclose(rates, expected, rtol=EXACT)
 

@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Callable
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,13 +14,13 @@ from fitting import (
     ForceData,
     Identification,
     InputError,
-    PolynomialLaw,
     Specimen,
     identify,
 )
+from fitting._model.laws import law_named
 from fitting._model.parameters import complete_table
-from fitting.engine.program import CONSTRAINTS
 from fitting._search.build import pose
+from fitting.engine.program import CONSTRAINTS
 
 OBJECTIVE = 1e-6  # relative agreement with an independent convex solver that the project promises
 ROUNDING = 1e-9  # certificates in float64
@@ -104,7 +103,7 @@ def test_convex_fit_agrees_with_clarabel(
 ) -> None:
     """Every order and constraint, and every dependence, at one geometry, block by block."""
     data = readings(known_muscle(SOFTENING), noise=8.0)
-    law = PolynomialLaw(order)
+    law = law_named("polynomial", order)
     problem = pose(
         [data],
         [EstimatedSource(SPECIMEN)],

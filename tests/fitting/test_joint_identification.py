@@ -11,7 +11,6 @@ from fitting import (
     ForceData,
     Identification,
     InputError,
-    OgdenLaw,
     Parameter,
     Specimen,
     bootstrap,
@@ -58,7 +57,7 @@ def noisy(mounted: Identification) -> Identification:
     """The same with noise; nothing new is compiled."""
     noise = np.random.default_rng(5).normal(0, 2.0, L.size)
     data = dataclasses.replace(mounted.data, force=mounted.data.force + noise)
-    return identify(data, law=OgdenLaw(), parameters=TABLE, starts=8)
+    return identify(data, law=famjax.OgdenMaterial, parameters=TABLE, starts=8)
 
 
 TRUTH = {

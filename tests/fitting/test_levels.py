@@ -8,7 +8,7 @@ import pytest
 
 from fitting import ForceData, InputError, Specimen
 from fitting._data.levels import levels_of
-from fitting._model.laws import PolynomialLaw
+from fitting._model.laws import law_named
 from fitting._model.parameters import complete_table
 from fitting._peers.cross_validation import cross_validate
 from fitting._search.checks import check_count
@@ -101,7 +101,7 @@ def test_copied_rows_are_refused_and_repeats_are_not() -> None:
 
 def test_specimens_are_counted_together_and_shared_parameters_once() -> None:
     """Six parameters, three specimens: enough readings for shared ones, too few for own ones."""
-    law = PolynomialLaw(3)
+    law = law_named("polynomial", 3)
     length = np.array([0.30, 0.29, 0.28])
     data = [
         ForceData(np.ones(3), np.full(3, 3e5), length, dataclasses.replace(SPECIMEN, name=name))

@@ -337,6 +337,62 @@ def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
         assert table["volume_stderr"][k] == found.volume_stderr
 
 
+FEW = """
+import sys
+import dying_reader, test_campaign as t
+from imaging._campaign import process
+if __name__ == "__main__":
+    table = process(sys.argv[2:], t.small_recipe(), sys.argv[1], reader=dying_reader.reader)
+    print(*table.error, sep=";")
+"""
+
+
+def test_few_pictures_start_no_process_until_one_of_them_kills_this_one(
+    rendered, tmp_path, monkeypatch
+):
+    (tmp_path / "dying_reader.py").write_text(DYING)
+    (tmp_path / "few.py").write_text(FEW)
+    places = [tmp_path, Path(__file__).parent, Path(imaging.__file__).parents[1]]
+    output = tmp_path / "out"
+    command = [sys.executable, tmp_path / "few.py", output, *rendered.paths[:3]]
+
+    def run():
+        paths = os.pathsep.join(map(str, places))
+        env = os.environ | {"PYTHONPATH": paths}
+        return subprocess.run(command, check=False, capture_output=True, text=True, env=env)
+
+    first = run()
+    assert first.returncode == 1, first.stderr
+    assert len(list((output / "parts").glob("part-*.npz"))) == 1
+    again = run()
+    assert again.returncode == 0, again.stderr
+    errors = again.stdout.strip().split(";")
+    assert (errors[0], errors[2]) == ("", "")
+    assert errors[1].startswith("WorkerDied: the process that measured it ended")
+
+    # Where all goes well none is started, and the numbers are those of a process.
+    monkeypatch.setattr(_workers, "_pool", None)
+    here = process([rendered.paths[0]], small_recipe(), tmp_path / "here")
+    monkeypatch.undo()
+    there = process([rendered.paths[0]], small_recipe(), workers=1)
+    assert here.csv_text() == there.csv_text()
+    np.testing.assert_array_equal(here.diameter, there.diameter)
+    assert not (tmp_path / "here" / "parts" / "begun").exists()
+
+
+def test_an_interrupt_here_keeps_what_was_done_and_trusts_the_picture(photos, monkeypatch):
+    def measure(path, recipe):
+        if path == str(photos.paths[2]):
+            raise KeyboardInterrupt
+        return fake_measurement(0.2)
+
+    monkeypatch.setattr(imaging._measure, "measure", measure)
+    with pytest.raises(KeyboardInterrupt):
+        process(photos.paths[:4], RECIPE, photos.output)
+    assert len(list((photos.output / "parts").glob("part-*.npz"))) == 2
+    assert not (photos.output / "parts" / "begun").exists()
+
+
 def test_an_interrupt_keeps_what_the_workers_have_done(rendered, monkeypatch):
     calls = []
 

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -148,20 +149,18 @@ def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(imaging._campaign, "in_processes", stopped)
+    monkeypatch.setattr(imaging._campaign, "in_this_process", stopped)
     code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
     assert code == 130
     assert "Run the same command again to go on" in capsys.readouterr().err
 
 
-def test_a_missing_extra_is_told_before_any_work(lab, tmp_path, capsys, monkeypatch):
-    import importlib.util
-
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
-    assert code == 2
-    assert "famjax[tables]" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+def test_no_file_needs_xarray_or_pandas(lab, tmp_path, monkeypatch):
+    for name in ("xarray", "pandas"):
+        monkeypatch.setitem(sys.modules, name, None)
+    out = tmp_path / "out"
+    assert run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", out) == 0
+    assert (out / "measurements.nc").read_bytes()[:4] == b"CDF\x02"
 
 
 def test_files_folders_and_patterns_name_pictures_in_natural_order(tmp_path):

@@ -146,6 +146,11 @@ def test_plots_say_their_units_and_stand_a_campaign_that_failed(parts, system):
     assert len(profiles.lines) == parts[0]
 
 
+def test_one_picture_has_no_plot_over_time():
+    labels = [axes.get_xlabel() for axes in plot_table(table(1, 0)).axes]
+    assert labels == ["z, in", "picture"]
+
+
 def test_unreadable_pictures_get_a_tile_and_no_overlay(tmp_path):
     recipe = Recipe(Scale.manual(1000.0, 0.1))
     files = write_check_pictures(table(0, 2), recipe, tmp_path, number=4)

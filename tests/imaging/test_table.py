@@ -1,7 +1,9 @@
 """The table of a campaign and its files, read back by other programs."""
 
 import csv
+import importlib.util
 import io
+import sys
 
 import numpy as np
 import pytest
@@ -166,8 +168,23 @@ def test_xarray_reads_the_netcdf_with_units_profiles_and_provenance(tmp_path):
         assert float(middle) == pytest.approx(found.diameter[10, 100])
 
 
-def test_scipy_alone_reads_the_netcdf(tmp_path):
+@pytest.mark.parametrize(
+    "found",
+    [
+        table(provenance={"recipe": "tone = 'ü'"}),
+        Table.from_rows([Row("ä.jpg", error="NoMuscle: none")]),
+        Table.from_rows([row(1, 0.2), row(2, 0.21, np.nan)], rest_length=0.22),
+    ],
+)
+def test_the_netcdf_is_what_xarray_writes_to_the_last_bit(found):
     pytest.importorskip("xarray")
+    content = io.BytesIO()
+    found.to_xarray().to_netcdf(content, engine="scipy", format="NETCDF3_64BIT")
+    assert found.netcdf_bytes() == content.getvalue()
+
+
+def test_scipy_alone_writes_and_reads_the_netcdf(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
     from scipy.io import netcdf_file
 
     found = table()
@@ -175,6 +192,12 @@ def test_scipy_alone_reads_the_netcdf(tmp_path):
     with netcdf_file(path, mmap=False) as data:
         np.testing.assert_array_equal(data.variables["length_m"][:], found["length"])
         assert data.variables["length_m"].units == b"m"
+
+
+def test_a_dataset_without_xarray_names_the_extra(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImagingError, match=r"famjax\[tables\]"):
+        table().to_xarray()
 
 
 def test_a_table_that_cannot_be_written_says_so(tmp_path):

@@ -6,11 +6,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..app import print_rows
-from .app import rig_app, rig_problems
+from ..rows import print_rows
+from .problems import rig_problems
 
 
-@rig_app.command(name="characterise")
 def rig_characterise(
     journal: Path,
     log: Path,

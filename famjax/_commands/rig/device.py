@@ -7,10 +7,9 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ..progress import progress_bar
-from .app import rig_app, rig_problems
+from .problems import rig_problems
 
 
-@rig_app.command(name="ports")
 def rig_ports() -> int:
     """List the serial ports of this computer."""
     from rig import ports  # noqa: PLC0415
@@ -23,7 +22,6 @@ def rig_ports() -> int:
     return 0
 
 
-@rig_app.command(name="monitor")
 def rig_monitor(
     port: str,
     *,
@@ -78,7 +76,6 @@ def rig_monitor(
     return 0
 
 
-@rig_app.command(name="run")
 def rig_run(
     plan: Path,
     *,

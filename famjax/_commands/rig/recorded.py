@@ -7,10 +7,9 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
-from .app import rig_app, rig_problems
+from .problems import rig_problems
 
 
-@rig_app.command(name="replay")
 def rig_replay(
     journal: Path,
     *,
@@ -54,7 +53,6 @@ def rig_replay(
     return 0
 
 
-@rig_app.command(name="check")
 def rig_check(
     journal: Path,
     *,
@@ -82,7 +80,6 @@ def rig_check(
     return 0 if found.sound else 1
 
 
-@rig_app.command(name="convert")
 def rig_convert(journal: Path, target: Path) -> int:
     """Write a journal's records as a table with units; the journal stays the record.
 

@@ -5,13 +5,12 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..app import load_fitting
+from ..loading import load_fitting
 from ..progress import progress_bar
-from .app import rig_app, rig_problems
 from .characterise import report_test
+from .problems import rig_problems
 
 
-@rig_app.command(name="simulate")
 def rig_simulate(
     plan: Path,
     *,
@@ -104,7 +103,6 @@ def _simulated_muscle(fit_json: Path | None):
     return SimulatedMuscle(lengths, pressures, *tables, rest_length=rest), known
 
 
-@rig_app.command(name="serve")
 def rig_serve(
     *,
     circuit: Literal["air", "water"] = "air",

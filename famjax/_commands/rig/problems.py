@@ -1,41 +1,10 @@
-"""The group of commands, and how a problem of the rig ends one."""
+"""How a problem of the rig ends a command."""
 
 import contextlib
 import signal
 import sys
 import threading
 from collections.abc import Iterator
-
-from cyclopts import App
-
-from ..app import app
-
-HELP = """Control a muscle's pressure, record a test, or simulate both; see rig/firmware.
-
-PLAN.toml, units in the keys (psi, kPa, bar, in, mm, ...):
-
-```toml
-[plan]
-pressures_psi = [20, 40, 60, 80, 100]
-cycles = 3
-stroke_in = 3.4
-rate_in_per_s = 0.04
-settle_s = 10
-# photograph_every_s = 1
-
-[rig]
-circuit = "air"                       # or "water"
-pressure_limit_psi = 110              # trips; without it nothing runs
-proportional_counts_per_psi = 4
-integral_counts_per_psi_s = 2
-calibration = "calibration.toml"      # of the sensors; `simulate` needs none
-# jump_limit_psi = 15                 # a change in 10 ms that trips
-# integral_limits_counts = [-128, 128]
-```
-"""
-
-rig_app = App(name="rig", help=HELP, help_format="markdown")
-app.command(rig_app)
 
 
 @contextlib.contextmanager

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Bool
 
-from ._types import RealArray
+from .._implicit import over_slope
+from .._types import RealArray
 
 _CELLS = 64
 _ROUNDED = 64  # times the precision, per largest force: a few sums and powers of rounded numbers
@@ -47,23 +47,62 @@ def longest_equilibrium(
     # The solve runs in parts of the rest range and of the force in the cell, both of order one.
     unit = jax.lax.stop_gradient(longest)
 
-    def residual(y: RealArray, args: RealArray) -> RealArray:
-        return (force(y * unit) - args) / scale
+    def residual(y: RealArray) -> RealArray:
+        return (force(y * unit) - load) / scale
 
     dtype = jnp.result_type(unit, pull)
     tolerance = 4 * float(jnp.finfo(dtype).eps)
-    steps = 20 if dtype == jnp.float32 else 50
-    lower, upper = grid[cell + 1] / unit, grid[cell] / unit
-    solution = optx.root_find(
+    root = bisected(
         residual,
-        optx.Bisection(rtol=tolerance, atol=tolerance, flip=False),
-        0.5 * (lower + upper),
-        load,
-        options={"lower": lower, "upper": upper},
-        max_steps=steps,
-        throw=False,
+        grid[cell + 1] / unit,
+        grid[cell] / unit,
+        tolerance=tolerance,
+        max_steps=20 if dtype == jnp.float32 else 50,
     )
-    return jnp.where(found, solution.value * unit, jnp.nan), found
+    return jnp.where(found, root * unit, jnp.nan), found
+
+
+def bisected(
+    residual: Callable[[RealArray], RealArray],
+    lower: RealArray,
+    upper: RealArray,
+    *,
+    tolerance: float,
+    max_steps: int,
+    flip: bool = False,
+) -> RealArray:
+    """The root of a residual in a bracket, with the derivatives of the implicit function theorem.
+
+    Derivatives of any order, forward and reverse, in whatever the residual depends on. Where the
+    bracket holds no root some point of it is returned, with finite derivatives where the residual
+    has them, so that it does no harm to others in a batch.
+
+    Args:
+        residual: r(y) of a scalar, of order one.
+        lower: end of the bracket, shape ().
+        upper: the other end.
+        tolerance: absolute and relative.
+        max_steps: of the bisection.
+        flip: r falls from the lower to the upper end.
+
+    Returns:
+        y, shape ().
+    """
+
+    def solve(function: Callable[[RealArray], RealArray], start: RealArray) -> RealArray:
+        import optimistix as optx  # noqa: PLC0415 -- slow to load, and only needed for a root
+
+        return optx.root_find(
+            lambda y, _: function(y),
+            optx.Bisection(rtol=tolerance, atol=tolerance, flip=flip),
+            start,
+            options={"lower": lower, "upper": upper},
+            max_steps=max_steps,
+            throw=False,
+        ).value
+
+    start = jax.lax.stop_gradient(0.5 * (lower + upper))
+    return jax.lax.custom_root(residual, start, solve, over_slope)
 
 
 def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArray:

@@ -1,0 +1,103 @@
+"""Promises of the rig: its firmware, link, journal and simulation, by their own benchmarks."""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from promise import CannotRunError, Case, Direction, Promise, shown
+
+HERE = Path(__file__).resolve().parent
+
+
+def _program(case: Case, words: Sequence[str]) -> dict[str, Any]:
+    """The object that a benchmark writes with `--json FILE`, run once for all its figures."""
+
+    def compute() -> dict[str, Any]:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "found.json"
+            found = subprocess.run(
+                [sys.executable, str(HERE / words[0]), *words[1:], "--json", str(path)],
+                capture_output=True, text=True, check=False,
+            )  # fmt: skip
+            if not path.exists():
+                said = (found.stderr.strip() or found.stdout.strip()).splitlines()
+                raise RuntimeError(f"exit code {found.returncode}: {said[-1] if said else ''}")
+            return json.loads(path.read_text(encoding="utf-8"))
+
+    return case.once(tuple(words), compute)
+
+
+def rig(words: Sequence[str], *path: str) -> Callable[[Case], float]:
+    """A figure of one of the rig's benchmarks."""
+
+    def measure(case: Case) -> float:
+        found: Any = _program(case, words)
+        for key in path:
+            if key not in found:
+                raise CannotRunError(f"{words[0]} did not measure {key} on this machine")
+            found = found[key]
+        return found
+
+    return measure
+
+
+def isobar(fluid: str, statistic: str) -> Callable[[Case], float]:
+    """Pressure of the simulated isobars [psi]: largest error of a mean, least or largest spread."""
+
+    def measure(case: Case) -> float:
+        rows = _program(case, ("rig_isobaric.py", "--no-speed"))["rows"]
+        if statistic == "mean":
+            return max(abs(row[f"mean_{fluid}_psi"] - row["set_psi"]) for row in rows)
+        spread = [row[f"std_{fluid}_psi"] for row in rows]
+        return min(spread) if statistic == "least" else max(spread)
+
+    return measure
+
+
+def _rigs() -> Iterable[Promise]:
+    identity, link, isobaric = ("rig_identity.py",), ("rig_link.py",), "rig_isobaric.py"
+    rows: list[tuple[str, str, Callable[[Case], float], str, float, Direction]] = [
+        (identity[0], "Python = C", rig(identity, "python_c", "ticks"), "equal ticks", 3e6,
+         "at least"),
+        (identity[0], "AVR = C", rig(identity, "avr_c", "records"), "equal records", 1e5,
+         "at least"),
+        (identity[0], "over-pressure", rig(identity, "safety", "over_pressure", "greatest_s"),
+         "time to output 0 [s], 1000 phases", 7e-3, "at most"),
+        (identity[0], "silence, latest", rig(identity, "safety", "silence", "greatest_s"),
+         "time to output 0 [s]", 1.005, "at most"),
+        (identity[0], "silence, earliest", rig(identity, "safety", "silence", "least_s"),
+         "time to output 0 [s]", 0.995, "at least"),
+        (identity[0], "hang", rig(identity, "safety", "hang", "greatest_s"),
+         "time to output 0 [s]", 0.27, "at most"),
+        (link[0], "damaged line, samples", rig(link, "damaged", "samples"), "samples", 1e7,
+         "at least"),
+        (link[0], "damaged line, lost", rig(link, "damaged", "lost"), "samples", 0, "at most"),
+        (link[0], "damaged line, wrong", rig(link, "damaged", "wrong"), "samples", 0, "at most"),
+        (link[0], "kill -9", rig(link, "kills", "worst_lost_s"), "largest loss [s], 50 kills", 0.02,
+         "at most"),
+        (link[0], "torn journal", rig(link, "tears", "wrong_rows"), "wrong rows, 1000 tears", 0,
+         "at most"),
+    ]  # fmt: skip
+    for fluid in ("air", "water"):
+        rows.extend([
+            (isobaric, f"{fluid}, mean", isobar(fluid, "mean"), "largest error of a mean [psi]",
+             0.1, "at most"),
+            (isobaric, f"{fluid}, spread", isobar(fluid, "largest"),
+             "largest standard deviation [psi]", 0.45, "at most"),
+            (isobaric, f"{fluid}, least spread", isobar(fluid, "least"),
+             "least standard deviation [psi]", 0.15, "at least"),
+        ])  # fmt: skip
+    for program, name, measure, statistic, limit, direction in rows:
+        yield Promise(6, f"rig, {name}", measure, f"python benchmarks/{program}", "simulated rig",
+                      "all", statistic, limit, direction, cost="long")  # fmt: skip
+
+
+RIG: tuple[Promise, ...] = (
+    *_rigs(),
+    shown(6, "tests of the rig without real time", "pytest tests/rig", "time [s]", 60.0),
+)
+"""Issue 6."""

@@ -1,0 +1,40 @@
+"""The posterior of a muscle by NUTS (blackjax), from its public parameters, within their bounds."""
+
+import blackjax
+import jax
+import jax.numpy as jnp
+
+import famjax
+import fitting
+
+jax.config.update("jax_enable_x64", True)
+data = fitting.load_bundled("DMSP-20-300")
+F, L, P = (jnp.asarray(c[data.loaded]) for c in (data.force, data.length, data.pressure))
+braid = famjax.Braid.from_rest(diameter=0.0230, braid_angle=1.08, length=0.296)
+shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.296, 0.0230, 0.0018, embedded=True))
+start = famjax.Muscle(shape, famjax.PolynomialMaterial([6e6, -19e6, 26e6]), 40e3)
+free = ["braid_diameter", "braid_angle", "deadband_pressure", "E_1", "E_2", "E_3"]
+apart = famjax.take_apart(start, free, bounds={"braid_diameter": (0.020, 0.0236)})
+
+
+def log_density(z):  # flat within the bounds: the map's own Jacobian goes with the likelihood
+    residual = (apart.muscle(apart.bounded(z)).force(L, P) - F) / 8.0  # N, of one reading
+    return (
+        jnp.log(jnp.abs(jnp.diagonal(jax.jacfwd(apart.bounded)(z)))).sum() - residual @ residual / 2
+    )
+
+
+warmup = blackjax.window_adaptation(blackjax.nuts, log_density, is_mass_matrix_diagonal=False)
+(state, tuned), _ = warmup.run(jax.random.key(0), apart.unbounded, num_steps=400)
+nuts = blackjax.nuts(log_density, **tuned)
+
+
+def step(state, key):
+    state, told = nuts.step(key, state)
+    return state, (state.position, told)
+
+
+_, (z, told) = jax.lax.scan(step, state, jax.random.split(jax.random.key(1), 400))
+values = jax.vmap(lambda z: apart.values(apart.bounded(z)))(z)
+print({name: f"{v.mean():.4g} +- {v.std():.2g}" for name, v in values.items()})
+print(f"accepted {told.acceptance_rate.mean():.2f}, divergent {int(told.is_divergent.sum())}")

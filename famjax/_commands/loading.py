@@ -1,0 +1,41 @@
+"""What most commands begin with: the library in float64, and a force map."""
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fitting import ForceData
+
+
+def load_fitting():
+    """The fitting package, with JAX in float64; programs and tapes of fits are kept on disk."""
+    from .. import require  # noqa: PLC0415
+    from .compilation_cache import switch_on  # noqa: PLC0415
+
+    fitting = require("fitting")
+    import jax  # noqa: PLC0415
+
+    jax.config.update("jax_enable_x64", True)
+    if folder := switch_on():
+        from fitting.engine.tape_store import keep_tapes  # noqa: PLC0415
+
+        keep_tapes(Path(folder) / "famjax-tapes")
+    return fitting
+
+
+def load_map(
+    data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
+) -> "ForceData":
+    """A force map: a bundled one by its name, or a CSV file; tolerances with their unit."""
+    from fitting import bundled_names, load_bundled, read_csv  # noqa: PLC0415
+    from fitting._data.quantities import parse_quantity  # noqa: PLC0415
+
+    bundled = data.upper() in bundled_names() and not Path(data).exists()
+    found = load_bundled(data.upper(), specimen) if bundled else read_csv(data, specimen)
+    given = {
+        f"{kind}_tolerance": parse_quantity(text, kind)
+        for kind, text in (("pressure", pressure), ("length", length))
+        if text is not None
+    }
+    return dataclasses.replace(found, **given)

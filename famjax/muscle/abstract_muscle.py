@@ -1,0 +1,155 @@
+"""What everything with a static force offers: stiffness, blocked force, equilibrium lengths, onset."""
+
+import abc
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from .._compiled import compiled
+from .._types import Real, RealArray, as_real
+from ..parameters import Parametrised
+from .equilibrium import longest_equilibrium, required
+from .one_muscle import check_one_muscle
+
+
+class AbstractMuscle(Parametrised):
+    """A static force model: a pull at a length and a pressure, and all that follows from it.
+
+    A model of your own is a class with `force`, `rest_length` and `length_range`. Every method can
+    be given to `jax.jit`, `jax.vmap` and `jax.grad` as it is: `jax.jit(muscle.force)`. Called
+    outside of them it is compiled once for each shape of its arguments.
+
+    One instance is one muscle: its numbers are scalars. Many muscles are made and asked under
+    `jax.vmap` or `equinox.filter_vmap`.
+
+    Attributes:
+        rest_length: active length L0 [m] of zero contraction.
+    """
+
+    if TYPE_CHECKING:
+
+        @property
+        def rest_length(self) -> RealArray: ...  # noqa: D102
+
+    else:
+        rest_length: eqx.AbstractVar[RealArray]  # a field or a property
+
+    def __check_init__(self) -> None:
+        """Refuse a batch of muscles."""
+        check_one_muscle(self)
+
+    @abc.abstractmethod
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
+
+        Nan where the model has no such state, such as at a negative length.
+        """
+
+    @abc.abstractmethod
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Shortest and longest active length [m] between which an equilibrium is looked for."""
+
+    def stiffness(self, length: Real, pressure: Real) -> RealArray:
+        """Axial stiffness dF/dL [N/m] at constant pressure, broadcast shape; positive resists."""
+        return _stiffness(self, as_real(length), as_real(pressure))
+
+    def blocked_force(self, pressure: Real) -> RealArray:
+        """Blocked force [N], the pull at zero contraction and gauge pressure P [Pa]."""
+        return _force(self, self.rest_length, as_real(pressure))
+
+    def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
+        """Active length L [m] at which the muscle, contracting, carries the load.
+
+        Args:
+            load: [N], positive when it stretches the muscle.
+            pressure: gauge pressure P [Pa].
+            throw: raise where there is no such length; if False, return nan there.
+
+        Returns:
+            L [m], broadcast shape. Differentiable in load, pressure and every number of the
+            muscle by the implicit function theorem.
+
+        Raises:
+            RuntimeError: there is no such length, and `throw`.
+        """
+        length, found = _length_at_load(self, as_real(load), as_real(pressure))
+        return required(length, found, "equilibrium length") if throw else length
+
+    def free_contraction(self, pressure: Real, *, throw: bool = True) -> RealArray:
+        """Free contraction (L0 - L) / L0 [-] at zero force and gauge pressure P [Pa].
+
+        Args:
+            pressure: gauge pressure P [Pa]. Below the deadband the muscle rests longer than L0
+                and the result is negative.
+            throw: raise where the force has no zero; if False, return nan there.
+
+        Returns:
+            Contraction [-], a fraction, of the pressure's shape; differentiable.
+
+        Raises:
+            RuntimeError: the force has no zero, and `throw`.
+        """
+        return 1 - self.length_at_load(0.0, pressure, throw=throw) / self.rest_length
+
+    def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
+        """Gauge pressure [Pa] at which the force leaves zero at a held length: the onset.
+
+        Args:
+            length: active length L [m].
+            highest: pressure [Pa] up to which the onset is looked for.
+            throw: raise where there is none; if False, return nan there.
+
+        Returns:
+            P [Pa], broadcast shape; differentiable in length and every number of the muscle.
+
+        Raises:
+            RuntimeError: the force has no zero between 0 and `highest`, and `throw`.
+        """
+        pressure, found = _onset_pressure(self, as_real(length), as_real(highest))
+        return required(pressure, found, "onset pressure") if throw else pressure
+
+
+@compiled
+def _force(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
+    return muscle.force(length, pressure)
+
+
+@compiled
+def _stiffness(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
+    lengths, pressures = jnp.broadcast_arrays(length, pressure)
+    slope = jax.vmap(jax.value_and_grad(muscle.force))
+    force, stiffness = slope(lengths.ravel(), pressures.ravel())
+    return jnp.where(jnp.isnan(force), jnp.nan, stiffness).reshape(lengths.shape)
+
+
+@compiled
+def _length_at_load(
+    muscle: AbstractMuscle, load: RealArray, pressure: RealArray
+) -> tuple[RealArray, Bool[Array, "..."]]:
+    shortest, longest = muscle.length_range()
+    loads, pressures = jnp.broadcast_arrays(load, pressure)
+
+    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+        return longest_equilibrium(
+            lambda length: muscle.force(length, pressure), shortest, longest, load
+        )
+
+    length, found = jax.vmap(one)(loads.ravel(), pressures.ravel())
+    return length.reshape(loads.shape), found.reshape(loads.shape)
+
+
+@compiled
+def _onset_pressure(
+    muscle: AbstractMuscle, length: RealArray, highest: RealArray
+) -> tuple[RealArray, Bool[Array, "..."]]:
+    lengths, tops = jnp.broadcast_arrays(length, highest)
+
+    def one(length: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+        none = jnp.zeros_like(top)
+        return longest_equilibrium(lambda pressure: muscle.force(length, pressure), none, top, none)
+
+    pressure, found = jax.vmap(one)(lengths.ravel(), tops.ravel())
+    return pressure.reshape(lengths.shape), found.reshape(lengths.shape)

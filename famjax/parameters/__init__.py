@@ -1,0 +1,16 @@
+"""Numbers that say what they are: unit, range and scale, declared where the number stands.
+
+A class declares a number with `parameter` (it can be identified) or `number` (it has a unit, and no
+force tells it). From the declarations follow the table of parameters of a muscle (`declared`), its
+values (`parameters`), a muscle with other values (`with_parameters`), and the flat vector of free,
+scaled, bounded parameters that a solver of somebody else's wants (`take_apart`).
+"""
+
+from .apart import Apart as Apart, take_apart as take_apart
+from .declared import (
+    Declared as Declared,
+    Quantity as Quantity,
+    number as number,
+    parameter as parameter,
+)
+from .parametrised import Parametrised as Parametrised, template as template

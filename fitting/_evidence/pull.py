@@ -1,0 +1,120 @@
+"""The force of an identified muscle with its error band, by one small program for any question.
+
+The linear theory (delta method): the numbers of the muscle vary along directions of one standard
+deviation each, independent of one another, and the force with them; see `muscle_spread`.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+import famjax
+from famjax.compile_options import quick_jit
+
+ROWS = 65
+"""Rows that the program computes at once; fewer are filled up, more are computed in parts."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pull:
+    """Forces at lengths and pressures.
+
+    Attributes:
+        force: what the rig measures [N].
+        muscle_force: of the muscle alone, were it of that length itself [N].
+        std: standard deviation of `force` [N], from the parameters and from the lengths.
+    """
+
+    force: Float[np.ndarray, " n"]
+    muscle_force: Float[np.ndarray, " n"]
+    std: Float[np.ndarray, " n"]
+
+
+def pull(
+    mounted: famjax.MountedMuscle,
+    spread: Float[np.ndarray, "directions numbers"] | None,
+    length: Float[np.ndarray, " n"],
+    pressure: Float[np.ndarray, " n"],
+    *,
+    rest_length: float | None = None,
+    length_std: float = 0.0,
+) -> Pull:
+    """Forces of a muscle, and how well they are known by linear theory.
+
+    Args:
+        mounted: the identified muscle in its rig.
+        spread: from `muscle_spread`; None where nothing is known of the errors.
+        length: active lengths [m] as the rig measures them.
+        pressure: gauge pressures [Pa].
+        rest_length: L0 [m] of another muscle, which `famjax.cut_to_length` makes of it.
+        length_std: standard deviation of the lengths [m].
+
+    Returns:
+        The forces, nan where the muscle has none.
+
+    Raises:
+        ValueError: the muscle cannot be cut to another length.
+    """
+    if spread is None:
+        numbers = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
+        spread = np.zeros((0, sum(np.size(one) for one in numbers)))
+    gives_way = bool(np.asarray(mounted.compliance).any())
+    of = None if rest_length is None else np.asarray(rest_length)
+    parts = []
+    for start in range(0, len(length), ROWS):
+        L, P = length[start : start + ROWS], pressure[start : start + ROWS]
+        lengths, pressures = (np.pad(values, (0, ROWS - len(values)), "edge") for values in (L, P))
+        found = _pull(mounted, of, spread, np.asarray(length_std), lengths, pressures, gives_way)
+        parts.append([np.asarray(values)[: len(L)] for values in found])
+    return Pull(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+@quick_jit
+def _pull(
+    mounted: famjax.MountedMuscle,
+    rest_length: Array | np.ndarray | None,
+    spread: Array | np.ndarray,
+    length_std: Array | np.ndarray,
+    length: Array | np.ndarray,
+    pressure: Array | np.ndarray,
+    gives_way: bool,
+) -> tuple[Array, Array, Array]:
+    flat, unflat = flatten(mounted)
+
+    def alone(mounted: famjax.MountedMuscle) -> famjax.AbstractMuscle:
+        if rest_length is None:
+            return mounted.muscle
+        return famjax.cut_to_length(mounted.muscle, rest_length)
+
+    def force(flat: Array, length: Array) -> Array:
+        changed = unflat(flat)
+        one = alone(changed)
+        if gives_way:
+            return famjax.MountedMuscle(one, changed.compliance).force(length, pressure)
+        return one.force(length, pressure)
+
+    def along(direction: Array, lengths: Array) -> tuple[Array, Array]:
+        return jax.jvp(force, (flat, jnp.asarray(length)), (direction, lengths))
+
+    # One direction more: all lengths together by their standard deviation.
+    directions = jnp.concatenate([spread, jnp.zeros((1, flat.size))])
+    lengths = jnp.zeros((len(directions), len(length))).at[-1].set(length_std)
+    found, slopes = jax.vmap(along, out_axes=(None, 0))(directions, lengths)
+    std = jnp.sqrt(jnp.sum(slopes**2, axis=0))
+    muscle_force = alone(mounted).force(length, pressure) if gives_way else found
+    return found, muscle_force, std
+
+
+def flatten(
+    mounted: famjax.MountedMuscle,
+) -> tuple[Float[Array, " numbers"], Callable[[Float[Array, " numbers"]], famjax.MountedMuscle]]:
+    """All numbers of a mounted muscle in one row, and the way back."""
+    numbers, rest = eqx.partition(mounted, eqx.is_inexact_array)
+    flat, unflat = ravel_pytree(numbers)
+    return flat, lambda changed: eqx.combine(unflat(changed), rest)

@@ -1,0 +1,63 @@
+"""The fit at one vector of nonlinear parameters: the linear models and the convex optimum."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from .host_qp import HostOptimum
+from .program import Aside
+
+
+@dataclasses.dataclass(frozen=True)
+class Linear:
+    """The linear model of a part at one point, in all of the problem's parameters.
+
+    Attributes:
+        force: [N] at no coefficients, shape (points,).
+        columns: shape (points, n) of the part's coefficients.
+        rows, values: of the constraint, g = rows x + values >= 0, (r, n) and (r,).
+        d_force, d_columns, d_rows, d_values: derivatives in the part's parameters.
+        derived, d_derived: what follows from the parameters; None on the way of a descent.
+        aside: what has no derivative; on the way of a descent only what it needs.
+        reached: force [N] at which a compliant rig was taken.
+    """
+
+    force: np.ndarray
+    columns: np.ndarray
+    rows: np.ndarray
+    values: np.ndarray
+    d_force: np.ndarray
+    d_columns: np.ndarray
+    d_rows: np.ndarray
+    d_values: np.ndarray
+    derived: np.ndarray | None
+    d_derived: np.ndarray | None
+    aside: Aside
+    reached: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """The fit at one vector of nonlinear parameters.
+
+    Attributes:
+        parameters: [SI], shape (q,).
+        x: coefficients of all parts, shape (n,); nan without a certified optimum.
+        optimum: of the convex programme.
+        residual: weighted, priors included, shape (k,).
+        programme: (A, b, G, h) that was solved.
+        linear: of each part.
+    """
+
+    parameters: Float[np.ndarray, " q"]
+    x: Float[np.ndarray, " n"]
+    optimum: HostOptimum
+    residual: Float[np.ndarray, " k"]
+    programme: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    linear: tuple[Linear, ...]
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of the squared residuals."""
+        return float(self.residual @ self.residual) / 2

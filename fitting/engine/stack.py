@@ -1,0 +1,352 @@
+"""Several fits at once that differ in numbers only: readings, weights, bounds, parameters.
+
+For given nonlinear parameters the coefficients are the optimum of a convex programme; what is left
+of the residual, and its derivative in the parameters through that optimum, is what the outer search
+works with (variable projection). All of it is done for the members of a batch together, in arrays
+with a leading axis of members; only a programme with active rows is solved for its member alone.
+
+References:
+    Golub & Pereyra 1973; Kaufman 1975.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .host_qp import HostOptima, solve_host_qps
+from .point import Linear, Point
+from .program import Aside
+from .status import Status
+
+if TYPE_CHECKING:
+    from .problem import Part, Problem
+
+REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
+REACHED = 1e-13  # relative change of the forces with which that ends
+
+
+@dataclasses.dataclass(frozen=True)
+class Points:
+    """The fits of several members; `Point` with a leading axis.
+
+    Attributes:
+        members: places of the problems in their stack, shape (b,).
+        parameters: [SI], shape (b, q).
+        optima: of the convex programmes.
+        residual: weighted, priors included, shape (b, k).
+        programme: (A, b, G, h) that were solved.
+        linear: of each part.
+    """
+
+    members: Int[np.ndarray, " b"]
+    parameters: Float[np.ndarray, "b q"]
+    optima: HostOptima
+    residual: Float[np.ndarray, "b k"]
+    programme: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    linear: tuple[Linear, ...]
+
+    @property
+    def x(self) -> Float[np.ndarray, "b n"]:
+        """Coefficients of all parts; nan without a certified optimum."""
+        return self.optima.x
+
+    def point(self, k: int) -> Point:
+        """The fit of one member."""
+        optimum = self.optima.optimum(k)
+        return Point(
+            parameters=self.parameters[k].copy(),
+            x=optimum.x,
+            optimum=optimum,
+            residual=self.residual[k].copy(),
+            programme=tuple(part[k].copy() for part in self.programme),  # pyright: ignore
+            linear=tuple(_row(one, k) for one in self.linear),
+        )
+
+
+def _row(linear: Linear, k: int) -> Linear:
+    """The linear model of one member."""
+    aside: Any = [None if value is None else np.array(value[k]) for value in linear.aside]
+    values: dict[str, Any] = {"aside": Aside(*aside)}
+    for name in (field.name for field in dataclasses.fields(Linear) if field.name != "aside"):
+        value = getattr(linear, name)
+        values[name] = None if value is None else value[k].copy()
+    return Linear(**values)
+
+
+class Stack:
+    """Problems that share their programs, free parameters, priors and kinds of bounds."""
+
+    def __init__(self, problems: Sequence["Problem"]) -> None:
+        self.like = like = problems[0]
+        self.free = like.free
+        self._force = [
+            np.stack([p.parts[k].force for p in problems]) for k in range(len(like.parts))
+        ]
+        self._weight = [
+            np.stack([p.parts[k].weight for p in problems]) for k in range(len(like.parts))
+        ]
+        self._low, self._high, lowest, highest = (
+            np.stack([getattr(p, name) for p in problems])
+            for name in ("low", "high", "coefficient_min", "coefficient_max")
+        )
+        if like.constraint == "positive":
+            lowest = np.maximum(lowest, 0.0)
+        unit, rows, offsets = np.eye(len(like.linear)), [], []
+        for limits, sign in ((lowest, 1.0), (-highest, -1.0)):
+            on = np.isfinite(limits[0])
+            rows.append(sign * unit[on])
+            offsets.append(limits[:, on])
+        self._bound_rows, self._bounds = np.concatenate(rows), np.concatenate(offsets, axis=1)
+
+    def parameters(
+        self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
+    ) -> Float[np.ndarray, "b q"]:
+        """The parameters [SI] at points of the members' unit boxes."""
+        found = self._low[members]
+        found[:, self.free] += u * (self._high[members] - self._low[members])[:, self.free]
+        return found
+
+    def solve(
+        self,
+        members: Int[np.ndarray, " b"],
+        parameters: Float[np.ndarray, "b q"],
+        guesses: Sequence[np.ndarray | None] | None = None,
+        *,
+        complete: bool = False,
+    ) -> Points:
+        """The certified convex fits.
+
+        Args:
+            members: places of the problems, one of them several times or not at all.
+            parameters: of each.
+            guesses: rows that may be active.
+            complete: with what no descent needs.
+        """
+        parts, count = self.like.parts, len(members)
+        compliant = any(part.compliance is not None for part in parts)
+        x = np.zeros((count, len(self.like.linear)))
+        reached = [self._force[k][members] for k in range(len(parts))]
+        found = self._once(
+            members, parameters, x if compliant else x[:1], reached, guesses, complete
+        )
+        if not compliant:
+            return found
+        moving = np.arange(count)
+        for _ in range(REACHES - 1):
+            after = [
+                one.force + np.einsum("bkn,bn->bk", one.columns, found.x[:, part.coefficients])
+                for one, part in zip(found.linear, parts, strict=True)
+            ]
+            change = np.max(
+                [np.abs(a - b).max(axis=1) for a, b in zip(reached, after, strict=True)], 0
+            )
+            size = np.max([np.abs(a).max(axis=1) for a in after], axis=0)
+            solved = found.optima.status == Status.OPTIMAL
+            moving = moving[(solved & ~(change <= REACHED * size))[moving]]
+            if not moving.size:
+                break
+            for old, new in zip(reached, after, strict=True):
+                old[moving] = new[moving]
+            again = self._once(
+                members[moving], parameters[moving], found.x[moving],
+                [force[moving] for force in reached],
+                [found.optima.rows[k] for k in moving], complete,
+            )  # fmt: skip
+            found = _merged(found, again, moving)
+        return found
+
+    def _once(
+        self,
+        members: np.ndarray,
+        parameters: np.ndarray,
+        x: np.ndarray,
+        reached: Sequence[np.ndarray],
+        guesses: Sequence[np.ndarray | None] | None,
+        complete: bool,
+    ) -> Points:
+        """The fits by linear models about coefficients, and about forces reached by the rig."""
+        linear = tuple(
+            _linear(part, parameters, x[:, part.coefficients], force, complete)
+            for part, force in zip(self.like.parts, reached, strict=True)
+        )
+        programme = self._programme(members, linear)
+        optima = solve_host_qps(*programme, guesses)
+        residual = self._residual(programme, optima.x, parameters)
+        return Points(members, parameters, optima, residual, programme, linear)
+
+    def _programme(
+        self, members: np.ndarray, linear: Sequence[Linear]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """A, b, G and h of the convex programmes."""
+        like, count, n = self.like, len(members), len(self.like.linear)
+        A, b, G, h = [], [], [], []
+        for part, one, force, weight in zip(
+            like.parts, linear, self._force, self._weight, strict=True
+        ):
+            own = weight[members]
+            columns = own[:, :, None] * one.columns
+            rows = one.rows
+            if part.coefficients.size < n:
+                columns, rows = (_wider(leaf, part.coefficients, n) for leaf in (columns, rows))
+            A.append(columns)
+            b.append(own * (force[members] - one.force))
+            G.append(rows)
+            h.append(-one.values)
+        G.append(np.broadcast_to(self._bound_rows, (count, *self._bound_rows.shape)))
+        h.append(self._bounds[members])
+        for prior in like.coefficient_priors:
+            row = np.zeros((count, 1, n))
+            row[:, 0, prior.place] = like.noise / prior.std
+            A.append(row)
+            b.append(np.full((count, 1), like.noise / prior.std * prior.mean))
+        if like.ridge:
+            size = np.linalg.norm(np.concatenate(A, axis=1), axis=1)
+            A.append(like.ridge * np.where(size > 0, size, 1.0)[:, :, None] * np.eye(n))
+            b.append(np.zeros((count, n)))
+        return (
+            np.concatenate(A, axis=1), np.concatenate(b, axis=1),
+            np.concatenate(G, axis=1), np.concatenate(h, axis=1),
+        )  # fmt: skip
+
+    def _residual(
+        self, programme: tuple[np.ndarray, ...], x: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        like, (A, b, _, _) = self.like, programme
+        rows = b.shape[1] - (x.shape[1] if like.ridge else 0)
+        own = (A[:, :rows] @ x[:, :, None])[:, :, 0] - b[:, :rows]
+        priors = [like.noise * (parameters[:, p.place] - p.mean) / p.std for p in like.priors]
+        return np.concatenate([own, *(prior[:, None] for prior in priors)], axis=1)
+
+    def jacobian(self, points: Points) -> Float[np.ndarray, "b k p"]:
+        """Derivative of the residual in the unit box, through the convex fit."""
+        like, free, members = self.like, self.free, points.members
+        weights = [weight[members] for weight in self._weight]
+        d_residual, d_slack = (leaf[:, :, free] for leaf in partial(like, weights, points))
+        A, b, G, _ = points.programme
+        optima, n = points.optima, points.x.shape[1]
+        if n:
+            readings = sum(part.force.size for part in like.parts)
+            r = (A @ points.x[:, :, None])[:, :, 0] - b
+            push = np.zeros(G.shape[:2])
+            for k, (rows, multipliers) in enumerate(
+                zip(optima.rows, optima.multipliers, strict=True)
+            ):
+                push[k, rows] = multipliers
+            dA_r = np.zeros((len(members), len(like.names), n))
+            dG_l, row, reading = np.zeros_like(dA_r), 0, 0
+            for part, one, weight in zip(like.parts, points.linear, weights, strict=True):
+                here = slice(reading, reading + part.force.size)
+                reading = here.stop
+                at = (slice(None), *np.ix_(part.at, part.coefficients))
+                dA_r[at] += ((weight * r[:, here])[:, None, None] @ one.d_columns)[:, :, 0]
+                there = slice(row, row + one.rows.shape[1])
+                row = there.stop
+                if push[:, there].any():
+                    dG_l[at] += (push[:, None, None, there] @ one.d_rows)[:, :, 0]
+            dr_A = d_residual[:, :readings].transpose(0, 2, 1) @ A[:, :readings]
+            dx = optima.sensitivity(G, dA_r[:, free] + dr_A, d_slack, dG_l[:, free])
+            rows = b.shape[1] - (n if like.ridge else 0)
+            d_residual[:, :rows] += A[:, :rows] @ dx.transpose(0, 2, 1)
+        return d_residual * (self._high - self._low)[members][:, None, free]
+
+
+def partial(
+    like: "Problem", weights: Sequence[np.ndarray], points: Point | Points
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives at constant coefficients, in all nonlinear parameters.
+
+    Args:
+        like: the problem, or one like all members.
+        weights: of the readings of each part.
+        points: one fit or several.
+
+    Returns:
+        (of the weighted residual, priors included, shape (..., k, q); of G x - h, (..., m, q)).
+    """
+    q, x, leading = len(like.names), points.x, points.x.shape[:-1]
+    k, m = points.residual.shape[-1], points.programme[3].shape[-1]
+    d_residual, d_slack = np.zeros((*leading, k, q)), np.zeros((*leading, m, q))
+    row = reading = 0
+    for part, one, weight in zip(like.parts, points.linear, weights, strict=True):
+        own = x[..., None, part.coefficients, None]
+        here = slice(reading, reading + part.force.size)
+        reading = here.stop
+        moved = one.d_force + (one.d_columns @ own)[..., 0]
+        d_residual[..., here, :][..., part.at] += np.swapaxes(weight[..., None, :] * moved, -1, -2)
+        there = slice(row, row + one.rows.shape[-2])
+        row = there.stop
+        if there.start < row:
+            moved = (one.d_rows @ own)[..., 0] + one.d_values
+            d_slack[..., there, :][..., part.at] += np.swapaxes(moved, -1, -2)
+    for place, prior in enumerate(reversed(like.priors), 1):
+        d_residual[..., -place, prior.place] = like.noise / prior.std
+    return d_residual, d_slack
+
+
+def _linear(
+    part: "Part", parameters: np.ndarray, x0: np.ndarray, reached: np.ndarray, complete: bool
+) -> Linear:
+    """The linear models of a part about x0 and the forces that the rig is taken at."""
+    rigid = part.compliance is None
+    found: Any = part.program.of_members(
+        parameters[:, part.at], x0, reached[:1] if rigid else reached, complete=complete
+    )
+    value, slope, aside = found
+    count, points, n = len(parameters), part.force.size, x0.shape[1]
+    paths = part.inputs.path_end.size
+    force, columns = value.force[:, :points], value.columns[:, :points]
+    d_force, d_columns = slope.force[:, :, :points], slope.columns[:, :, :points]
+    if part.compliance is not None:
+        # The rig lets the force move only 1/(1 + c dF/dL) as far as the muscle's own.
+        stiffness = aside.stiffness[:, :points]
+        gain = 1 / (1 + parameters[:, part.compliance, None] * stiffness)
+        force = reached + gain * (force - reached)
+        columns, d_force = gain[:, :, None] * columns, gain[:, None] * d_force
+        d_columns = gain[:, None, :, None] * d_columns
+    q, many = part.at.size, paths * value.rows.shape[2]
+    rows = value.rows[:, :paths].reshape(count, many, n)
+    d_rows = slope.rows[:, :, :paths].reshape(count, q, many, n)
+    values = value.values[:, :paths].reshape(count, many)
+    d_values = slope.values[:, :, :paths].reshape(count, q, many)
+    if x0.any():
+        own = x0[:, :, None]
+        force = force - (columns @ own)[:, :, 0]
+        values = values - (rows @ own)[:, :, 0]
+        d_force = d_force - (d_columns @ own[:, None])[..., 0]
+        d_values = d_values - (d_rows @ own[:, None])[..., 0]
+    return Linear(
+        force=force, columns=columns, rows=rows, values=values, d_force=d_force,
+        d_columns=d_columns, d_rows=d_rows, d_values=d_values, derived=value.derived,
+        d_derived=slope.derived, aside=aside, reached=reached,
+    )  # fmt: skip
+
+
+def _wider(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
+    """The columns at their places among more."""
+    found = np.zeros((*values.shape[:-1], count))
+    found[..., places] = values
+    return found
+
+
+def _merged(old: Any, new: Any, rows: np.ndarray) -> Any:
+    """The stacked fits with those of some members in place of what they were."""
+    if old is None:
+        return None
+    if isinstance(old, np.ndarray):
+        old = old.copy()
+        old[rows] = new
+        return old
+    if isinstance(old, list):
+        changed = dict(zip(rows.tolist(), new, strict=True))
+        return [changed.get(k, one) for k, one in enumerate(old)]
+    if isinstance(old, tuple):
+        parts = [_merged(a, b, rows) for a, b in zip(old, new, strict=True)]
+        return type(old)(*parts) if hasattr(old, "_fields") else tuple(parts)
+    return dataclasses.replace(
+        old,
+        **{f.name: _merged(getattr(old, f.name), getattr(new, f.name), rows)
+           for f in dataclasses.fields(old)},
+    )  # fmt: skip

@@ -1,0 +1,255 @@
+"""A traced function as a list of NumPy operations: nothing is lowered or compiled.
+
+The functions of a fit are a few hundred small operations. XLA takes a second to compile them, and
+NumPy a few milliseconds to do them for a whole batch, so a search of a few hundred evaluations ends
+before it could have begun. Only what is asked for is computed.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from .numpy_rules import RULES, Shape, full
+
+_INLINED = {
+    "jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "core_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr", "remat": "jaxpr",
+    "checkpoint": "jaxpr",
+}  # fmt: skip
+_KEPT = {
+    "integer_pow": ("y",), "convert_element_type": ("new_dtype",), "reshape": ("new_sizes",),
+    "broadcast_in_dim": ("shape", "broadcast_dimensions"), "squeeze": ("dimensions",),
+    "transpose": ("permutation",), "rev": ("dimensions",), "concatenate": ("dimension",),
+    "slice": ("start_indices", "limit_indices", "strides"), "stack": ("axis",),
+    "pad": ("padding_config",), "unstack": ("axis",), "split": ("axis", "sizes"),
+    "dot_general": ("dimension_numbers",),
+    "iota": ("dtype", "shape", "dimension"), "cumsum": ("axis", "reverse"),
+    "cumprod": ("axis", "reverse"), "while": ("cond_nconsts", "body_nconsts"),
+    "scan": ("length", "num_carry", "num_consts", "reverse"),
+}  # fmt: skip
+_NESTED = {
+    "while": {"cond": "cond_jaxpr", "body": "body_jaxpr"}, "scan": {"body": "jaxpr"}, "cond": {},
+}  # fmt: skip
+
+
+class UnknownPrimitiveError(Exception):
+    """A primitive without a rule in NumPy: the function has to be compiled."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One operation: `name` of the primitive, slots it reads and writes, its parameters."""
+
+    name: str
+    inputs: tuple[int, ...]
+    outputs: tuple[int, ...]
+    params: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Tape:
+    """A function as operations on numbered slots.
+
+    Attributes:
+        inputs, outputs: slots of the arguments and results.
+        shapes: of all slots, for one member.
+        constants: by slot.
+        steps: in order.
+    """
+
+    inputs: tuple[int, ...]
+    outputs: tuple[int, ...]
+    shapes: tuple[Shape, ...]
+    constants: dict[int, np.ndarray]
+    steps: tuple[Step, ...]
+
+    @functools.cached_property
+    def run(self) -> Callable[..., list[np.ndarray]]:
+        """All results of all arguments, the batch along the last axis."""
+        return _runner(self, range(len(self.outputs)))
+
+    def function(self, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
+        """The function of all arguments whose results are those at some places only."""
+        return _runner(self, outputs)
+
+
+def record(function: Callable[..., Any], *examples: Any) -> Tape:
+    """The tape of a function of arrays.
+
+    Raises:
+        UnknownPrimitiveError: it holds an operation that has no rule.
+    """
+    return _tape(jax.make_jaxpr(function)(*examples))
+
+
+class _Recorder:
+    def __init__(self) -> None:
+        self.shapes: list[Shape] = []
+        self.constants: dict[int, np.ndarray] = {}
+        self.steps: list[Step] = []
+        self._seen: dict[Any, tuple[int, ...]] = {}
+        self._within: set[str] = set()
+
+    def slot(self, shape: Iterable[int]) -> int:
+        self.shapes.append(tuple(int(n) for n in shape))
+        return len(self.shapes) - 1
+
+    def constant(self, value: Any, dtype: Any) -> int:
+        array = np.asarray(value, dtype)
+        key = "constant", array.dtype.str, array.shape, array.tobytes()
+        if key not in self._seen:
+            self._seen[key] = (self.slot(array.shape),)
+            self.constants[self._seen[key][0]] = array[..., None]
+        return self._seen[key][0]
+
+    def step(
+        self, name: str, inputs: tuple[int, ...], params: dict[str, Any], shapes: list[Shape]
+    ) -> tuple[int, ...]:
+        """The slots of the results; an operation that was seen before is not done again."""
+        key = name, inputs, repr(params)
+        if key not in self._seen or name in _NESTED:
+            self._seen[key] = tuple(self.slot(shape) for shape in shapes)
+            self.steps.append(Step(name, inputs, self._seen[key], params))
+        return self._seen[key]
+
+    def follow(self, jaxpr: Any, consts: Sequence[Any], inputs: Sequence[int]) -> list[int]:
+        """The slots of the results of a traced function."""
+        places = dict(zip(jaxpr.invars, inputs, strict=True))
+        for var, value in zip(jaxpr.constvars, consts, strict=True):
+            places[var] = self.constant(value, var.aval.dtype)
+
+        def read(atom: Any) -> int:
+            if hasattr(atom, "val"):
+                return self.constant(atom.val, atom.aval.dtype)
+            return places[atom]
+
+        for eqn in jaxpr.eqns:
+            name, operands = eqn.primitive.name, tuple(read(atom) for atom in eqn.invars)
+            if name in _INLINED or name not in RULES:
+                inner = eqn.params[_INLINED[name]] if name in _INLINED else self._made_of(eqn)
+                inner, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
+                found = self.follow(inner, constants, operands)
+                self._within.discard(name)
+            else:
+                shapes = [var.aval.shape for var in eqn.outvars]
+                found = self.step(name, operands, _params(name, eqn.params), shapes)
+            places.update(zip(eqn.outvars, found, strict=True))
+        return [read(atom) for atom in jaxpr.outvars]
+
+    def _made_of(self, eqn: Any) -> Any:
+        """The operations that a library's own primitive stands for, traced."""
+        primitive = eqn.primitive
+        if primitive.name in self._within or primitive.impl is None:
+            raise UnknownPrimitiveError(primitive.name)
+        self._within.add(primitive.name)
+        examples = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
+        made = functools.partial(primitive.impl, **eqn.params)
+        made = getattr(eqn.params.get("_prim"), "expand", made)
+        try:
+            return jax.make_jaxpr(made)(*examples)
+        except NotImplementedError as error:
+            raise UnknownPrimitiveError(primitive.name) from error
+
+
+def _tape(closed: Any) -> Tape:
+    to = _Recorder()
+    inputs = [to.slot(var.aval.shape) for var in closed.jaxpr.invars]
+    outputs = to.follow(closed.jaxpr, closed.consts, inputs)
+    return Tape(tuple(inputs), tuple(outputs), tuple(to.shapes), to.constants, tuple(to.steps))
+
+
+def _params(name: str, params: dict[str, Any]) -> dict[str, Any]:
+    """What the rule of a primitive needs of its parameters, as plain numbers and tapes."""
+    if name == "gather":
+        numbers, mode = params["dimension_numbers"], params["mode"]
+        if numbers.operand_batching_dims or numbers.start_indices_batching_dims:
+            raise UnknownPrimitiveError(name)
+        kept = {place: getattr(numbers, place) for place in
+                ("offset_dims", "collapsed_slice_dims", "start_index_map")}  # fmt: skip
+        kept |= {"slice_sizes": params["slice_sizes"], "fills": "FILL" in str(mode)}
+    else:
+        names = _KEPT.get(name, ())
+        if not params.keys() >= set(names):
+            raise UnknownPrimitiveError(name)
+        kept = {key: params[key] for key in names}
+        if name.startswith("reduce_"):
+            kept["axes"] = params["axes"]
+    if name == "reshape" and params["dimensions"] is not None:
+        raise UnknownPrimitiveError(name)
+    nested: dict[str, Any] = {key: _tape(params[of]) for key, of in _NESTED.get(name, {}).items()}
+    if name == "cond":
+        nested["branches"] = tuple(_tape(branch) for branch in params["branches"])
+    return {key: _simple(value) for key, value in kept.items()} | nested
+
+
+def _simple(value: Any) -> Any:
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, tuple | list):
+        return tuple(_simple(part) for part in value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    return np.dtype(value).str
+
+
+def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
+    """The tape as a function of its inputs, with nothing done that is not asked for."""
+    wanted = {tape.outputs[place] for place in outputs}
+    needed: list[Step] = []
+    for step in reversed(tape.steps):
+        if wanted.intersection(step.outputs):
+            needed.append(step)
+            wanted.update(step.inputs)
+    values: list[Any] = [None] * len(tape.shapes)
+    fixed = set(tape.constants)
+    for slot, value in tape.constants.items():
+        values[slot] = value
+    varying: list[tuple[Callable[..., Any], tuple[int, ...], tuple[int, ...]]] = []
+    with np.errstate(all="ignore"):
+        for step in reversed(needed):
+            shapes = [tape.shapes[slot] for slot in step.inputs]
+            operation = RULES[step.name](step.params, shapes)
+            if fixed.issuperset(step.inputs):
+                found = operation(*(values[slot] for slot in step.inputs))
+                for slot, value in zip(step.outputs, _several(found), strict=True):
+                    values[slot] = value
+                fixed.update(step.outputs)
+            else:
+                varying.append((operation, step.inputs, step.outputs))
+    results = [tape.outputs[place] for place in outputs]
+    # Slots are emptied after their last use, so that memory in the cache is used again.
+    last: dict[int, int] = {}
+    for place, (_, read, _) in enumerate(varying):
+        last |= {slot: place for slot in read if slot not in fixed}
+    spent: list[list[int]] = [[] for _ in varying]
+    for slot, place in last.items():
+        if slot not in results:
+            spent[place].append(slot)
+    work = [(*one, tuple(gone)) for one, gone in zip(varying, spent, strict=True)]
+    shapes = [tape.shapes[slot] for slot in results]
+
+    def run(*arguments: np.ndarray) -> list[np.ndarray]:
+        v = values.copy()
+        for slot, argument in zip(tape.inputs, arguments, strict=True):
+            v[slot] = argument
+        with np.errstate(all="ignore"):
+            for operation, read, written, gone in work:
+                found = operation(*[v[slot] for slot in read])
+                if isinstance(found, tuple):
+                    for slot, value in zip(written, found, strict=True):
+                        v[slot] = value
+                else:
+                    v[written[0]] = found
+                for slot in gone:
+                    v[slot] = None
+        return [full(v[slot], shape) for slot, shape in zip(results, shapes, strict=True)]
+
+    return run
+
+
+def _several(found: Any) -> tuple[Any, ...]:
+    return found if isinstance(found, tuple) else (found,)

@@ -1,0 +1,252 @@
+"""Declared parameters: names, ranges and units, muscles with other values, and taking one apart."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+from jaxtyping import Array, Float
+
+import famjax
+from famjax.parameters import template
+
+EXACT = 1e-12
+
+BRAID = famjax.Braid.from_rest(diameter=0.023, braid_angle=1.1, length=0.296)
+EMBEDDED = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.296, 0.023, 1.8e-3, embedded=True))
+CUBIC = famjax.PolynomialMaterial([5.9e6, -19.0e6, 25.8e6])
+MUSCLE = famjax.Muscle(EMBEDDED, CUBIC, 40e3)
+
+LAWS: dict[type[famjax.AbstractMaterial], tuple[str, ...]] = {
+    famjax.PolynomialMaterial: ("E_1", "E_2", "E_3"),
+    famjax.OgdenMaterial: ("shear_modulus", "ogden_exponent"),
+    famjax.MooneyRivlinMaterial: ("C10", "C01"),
+    famjax.NeoHookeanMaterial: ("shear_modulus",),
+    famjax.YeohMaterial: ("C_1", "C_2", "C_3"),
+    famjax.SaturatingMaterial: ("final_modulus", "saturation_stress", "strain_scale"),
+    famjax.MonotoneMaterial: (
+        "modulus_at_0",
+        "modulus_at_0.03",
+        "modulus_at_0.1",
+        "modulus_at_0.3",
+    ),
+}
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_a_law_is_named_by_its_class_alone(law: type[famjax.AbstractMaterial]) -> None:
+    material = template(law)
+    assert tuple(material.declared()) == LAWS[law]
+    assert law.law_name
+    linear = {name for name, one in material.declared().items() if one.linear}
+    assert {one.kind for one in material.declared().values() if one.linear} == {"stress"}
+
+    def axial(scale: float) -> jax.Array:
+        values = {name: material.parameters()[name] * scale for name in linear}
+        return material.with_parameters(values).stresses(-0.2, 0.6, 1e5)[0]
+
+    np.testing.assert_allclose(axial(3.0), 3 * axial(1.0), rtol=EXACT)
+    for name, one in material.declared().items():
+        assert one.low <= float(material.parameters()[name]) <= one.high
+
+
+def test_ogden_of_one_term_is_shear_modulus_and_exponent() -> None:
+    law = famjax.OgdenMaterial([-2e5], [-3.0])
+    assert float(law.parameters()["shear_modulus"]) == pytest.approx(3e5)
+    other = law.with_parameters({"ogden_exponent": -4.0})
+    np.testing.assert_allclose(other.moduli, [-1.5e5])  # 2 G / alpha
+    np.testing.assert_allclose(other.initial_shear_modulus, 3e5)
+    several = famjax.OgdenMaterial([0.63e6, 1.2e3], [1.3, 5.0])
+    assert [*several.parameters()] == ["mu_1", "mu_2", "alpha_1", "alpha_2"]
+
+
+def test_tangent_modulus_of_laws_without_interaction() -> None:
+    h = 1e-6
+    for law in (famjax.PolynomialMaterial, famjax.SaturatingMaterial, famjax.MonotoneMaterial):
+        material = template(law)
+        for strain in (0.07, 0.4):
+            up, down = (material.stresses(strain + d, 0.0, 0.0)[0] for d in (h, -h))
+            got = famjax.tangent_modulus(material, strain)
+            assert float(got) == pytest.approx(float(up - down) / (2 * h), rel=1e-6)
+    by_pressure = famjax.PressurePolynomialMaterial([0.0, 2e5], [[1e6], [3e6]])
+    got = famjax.tangent_modulus(by_pressure, np.array([0.1, 0.2]), 1e5)
+    np.testing.assert_allclose(got, 2e6)
+    with pytest.raises(ValueError, match="OgdenMaterial has no tangent modulus of one direction"):
+        famjax.tangent_modulus(template(famjax.OgdenMaterial), 0.1)
+
+
+def test_a_muscle_has_the_parameters_of_an_identification() -> None:
+    assert [*MUSCLE.declared()] == [
+        "braid_diameter", "braid_angle", "rest_length", "wall_thickness",
+        "E_1", "E_2", "E_3", "deadband_pressure",
+    ]  # fmt: skip
+    kinds = {name: (one.unit, one.kind) for name, one in MUSCLE.declared().items()}
+    assert kinds["braid_angle"] == ("rad", "angle")
+    assert kinds["deadband_pressure"] == ("Pa", "pressure")
+    assert kinds["E_2"] == ("Pa", "stress")
+    ends = famjax.EndEffectGeometry(
+        famjax.EstimatedGeometry(famjax.CompliantBraid.of(BRAID, 1e-6), EMBEDDED.bladder), 1.1
+    )
+    mounted = famjax.MountedMuscle(famjax.Muscle(ends, CUBIC, 0.0), 1e-6)
+    declared = mounted.declared()
+    for name, unit, high in (
+        ("end_factor", "", 1.4),
+        ("braid_compliance", "1/N", 3e-5),
+        ("series_compliance", "m/N", 2e-5),
+    ):
+        assert (declared[name].unit, declared[name].high) == (unit, high)
+    assert declared["series_compliance"].kind == "compliance"
+    assert declared["braid_compliance"].kind == "strain compliance"
+
+
+def test_geometry_is_diameter_and_angle_at_rest() -> None:
+    changed = EMBEDDED.with_parameters({"braid_diameter": 0.02, "rest_length": 0.2})
+    np.testing.assert_allclose(changed.braid.diameter(0.2), 0.02, rtol=EXACT)
+    np.testing.assert_allclose(changed.braid.braid_angle(0.2), 1.1, rtol=EXACT)
+    np.testing.assert_allclose(changed.bladder.rest_diameter, 0.02, rtol=EXACT)
+    np.testing.assert_allclose(changed.rest_length, 0.2)
+    under = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.296, 0.021, 1e-3))
+    changed = under.with_parameters({"braid_diameter": 0.024, "bladder_diameter": 0.022})
+    np.testing.assert_allclose(changed.bladder.rest_diameter, 0.022)
+    kept = under.with_parameters({"braid_diameter": 0.024})
+    np.testing.assert_allclose(kept.bladder.rest_diameter, 0.021)
+    untouched = EMBEDDED.with_parameters({"wall_thickness": 1e-3}).braid
+    assert eqx.tree_equal(untouched, BRAID)
+
+
+def test_with_parameters_is_differentiable_and_traceable() -> None:
+    def force(x: jax.Array) -> jax.Array:
+        values = {"braid_diameter": x[0] * 0.023, "braid_angle": x[1], "E_2": x[2] * 1e7}
+        return MUSCLE.with_parameters(values).force(0.27, 4e5) / 100
+
+    x = jnp.array([1.0, 1.1, -1.9])
+    check_grads(jax.jit(force), (x,), order=2, atol=1e-4, rtol=1e-4)
+    batch = jax.vmap(force)(jnp.stack([x, 1.01 * x]))
+    np.testing.assert_allclose(batch[1], force(1.01 * x), rtol=EXACT)
+
+
+class Hose(famjax.AbstractForceTerm):
+    """Of somebody else: one declared number, one that is known, and springs within."""
+
+    pull: Float[Array, ""] = famjax.parameter("N", low=-50.0, high=50.0, linear=True)
+    width: Float[Array, ""] = famjax.number("m", default=0.01)
+    springs: tuple[famjax.Spring, ...] = ()
+
+    def force(self, at: famjax.Dimensions, pressure: famjax.Real) -> jax.Array:
+        return self.pull + sum(spring.force(at, pressure) for spring in self.springs)
+
+
+def test_names_that_clash_say_where_they_stand() -> None:
+    springs = (famjax.Spring(10.0, 0.3), famjax.Spring(20.0, 0.2))
+    muscle = famjax.Muscle(EMBEDDED, MUSCLE.terms + Hose(5.0, springs=springs))
+    names = [*muscle.declared()]
+    assert names[-7:] == [
+        "pull",
+        "stiffness", "spring_length", "spring_preload",
+        "springs_2.stiffness", "springs_2.spring_length", "springs_2.spring_preload",
+    ]  # fmt: skip
+    changed = muscle.with_parameters({"springs_2.stiffness": 7.0, "stiffness": 3.0, "pull": 1.0})
+    hose = changed.terms.terms[-1]
+    assert [float(spring.stiffness) for spring in hose.springs] == [3.0, 7.0]
+    assert float(hose.pull) == 1.0
+    assert float(hose.width) == 0.01
+
+
+def test_values_that_are_no_parameters_are_refused() -> None:
+    with pytest.raises(
+        ValueError, match="EstimatedGeometry has no parameter 'turns'; it has braid"
+    ):
+        EMBEDDED.with_parameters({"turns": 1.0})
+    with pytest.raises(ValueError, match=r"one number; got the shape \(2,\) for 'E_1'"):
+        MUSCLE.with_parameters({"E_1": jnp.ones(2)})
+    with pytest.raises(ValueError, match="field 'geometry' of Muscle has no default"):
+        template(famjax.Muscle)
+    with pytest.raises(ValueError, match="goes from low to high"):
+        famjax.parameter("m", low=1.0, high=0.0)
+    with pytest.raises(ValueError, match="scale of a parameter is finite and > 0"):
+        famjax.parameter("m", scale=0.0)
+
+
+def test_every_unit_has_its_kind() -> None:
+    class Many(famjax.AbstractForceTerm):
+        a: Float[Array, ""] = famjax.parameter("N/m")
+        b: Float[Array, ""] = famjax.parameter("Pa")
+        c: Float[Array, ""] = famjax.parameter("Pa", kind="stress")
+        d: Float[Array, " 2"] = famjax.parameter(("m", "rad"), name=("x", "y"))
+
+        def force(self, at: famjax.Dimensions, pressure: famjax.Real) -> jax.Array:
+            return self.a * at.length
+
+    declared = Many(1.0, 2.0, 3.0, [4.0, 5.0]).declared()
+    kinds = [(name, one.kind) for name, one in declared.items()]
+    assert kinds == [
+        ("a", "N/m"), ("b", "pressure"), ("c", "stress"), ("x", "length"), ("y", "angle"),
+    ]  # fmt: skip
+
+
+# ---- taken apart
+
+FREE = ("braid_diameter", "braid_angle", "deadband_pressure", "E_1", "E_2")
+
+
+def test_apart_and_together() -> None:
+    apart = famjax.take_apart(MUSCLE, FREE, bounds={"braid_angle": (1.0, 1.2)})
+    assert apart.names == FREE
+    assert apart.scaled.shape == apart.low.shape == apart.high.shape == (5,)
+    assert (np.abs(apart.scaled) < 30).all()
+    np.testing.assert_allclose(apart.low[:3], 0)
+    np.testing.assert_allclose(apart.high[:3], 1)
+    np.testing.assert_array_equal(apart.high[3:], math.inf)
+    assert float(apart.scaled[1]) == pytest.approx(0.5)
+    again = apart.muscle(apart.scaled)
+    for mine, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(MUSCLE), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-13)
+    low = apart.values(apart.low)
+    assert float(low["braid_diameter"]) == pytest.approx(3e-3)
+    assert float(low["braid_angle"]) == pytest.approx(1.0)
+
+
+def test_the_way_back_is_differentiable() -> None:
+    apart = famjax.take_apart(MUSCLE, FREE)
+
+    def force(scaled: jax.Array) -> jax.Array:
+        return apart.muscle(scaled).force(0.27, 4e5) / 100
+
+    check_grads(jax.jit(force), (apart.scaled,), order=1, atol=1e-6, rtol=1e-6)
+    batch = jnp.stack([apart.scaled, apart.scaled * 1.01])
+    np.testing.assert_allclose(jax.vmap(force)(batch)[1], force(batch[1]), rtol=EXACT)
+
+
+def test_the_box_and_the_whole_space() -> None:
+    bounds = {"E_1": (0.0, math.inf), "E_2": (-math.inf, 1e7), "E_3": (-math.inf, math.inf)}
+    apart = famjax.take_apart(MUSCLE, (*FREE, "E_3"), bounds=bounds)
+    np.testing.assert_allclose(apart.bounded(apart.unbounded), apart.scaled, rtol=1e-12)
+    z = jnp.linspace(-6.0, 6.0, 6) * jnp.array([[1.0], [-1.0]])
+    inside = jax.vmap(apart.bounded)(z)
+    assert bool(jnp.all((inside > apart.low) & (inside < apart.high)))
+    moved = eqx.tree_at(lambda a: a.scaled, apart, inside[0])
+    np.testing.assert_allclose(moved.unbounded, z[0], rtol=1e-9, atol=1e-12)
+    slopes = jax.vmap(jax.jacfwd(apart.bounded))(z)
+    assert bool(jnp.all(jnp.diagonal(slopes, axis1=1, axis2=2) > 0))
+    check_grads(apart.bounded, (z[0],), order=1, atol=1e-6, rtol=1e-6)
+
+
+def test_what_cannot_be_taken_apart() -> None:
+    with pytest.raises(ValueError, match="no parameter 'E_9'; it has braid_diameter"):
+        famjax.take_apart(MUSCLE, ("E_9",))
+    with pytest.raises(ValueError, match="named once"):
+        famjax.take_apart(MUSCLE, ("E_1", "E_1"))
+    with pytest.raises(ValueError, match="'E_2' is not one of them"):
+        famjax.take_apart(MUSCLE, ("E_1",), bounds={"E_2": (0.0, 1.0)})
+    with pytest.raises(ValueError, match="lower bound of 'E_1' must be below"):
+        famjax.take_apart(MUSCLE, ("E_1",), bounds={"E_1": (1.0, 1.0)})
+    at_bound = famjax.take_apart(
+        MUSCLE, ("deadband_pressure",), bounds={"deadband_pressure": (4e4, 5e4)}
+    )
+    with pytest.raises(ValueError, match="deadband_pressure: no point of R"):
+        _ = at_bound.unbounded
+    everything = famjax.take_apart(MUSCLE)
+    assert everything.names == tuple(MUSCLE.declared())

@@ -1,0 +1,158 @@
+"""Descents in step end where each would end alone, and tapes compute what XLA computes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+
+from fitting import load_bundled
+from fitting._peers.families import peer_families
+from fitting._peers.fit import _posed
+from fitting._search.search import latin_hypercube
+from fitting.engine import tape_store
+from fitting.engine.descent import descend, descend_many
+from fitting.engine.host_qp import solve_host_qp, solve_host_qps
+from fitting.engine.status import Status
+from fitting.engine.tape import Tape, UnknownPrimitiveError, record
+
+ROUNDING = 1e-13  # of the largest value: operations in another order
+WELL_CONDITIONED = 1e-12  # of the box: parameters that the readings determine
+
+
+@pytest.fixture(scope="module")
+def problem():
+    data = load_bundled("DMSP-20-300")
+    return _posed(peer_families(data)["klute_hannaford"], data)
+
+
+def test_descents_in_step_end_where_each_ends_alone(problem):
+    starts = latin_hypercube(3, 10, seed=1)
+    whole = np.ones(problem.force.size)
+    some = whole.copy()
+    some[::5] = 0.0
+    problems = [problem.with_readings(factor=f) for f in (whole, some)]
+    many = descend_many([p for p in problems for _ in starts], [*starts, *starts])
+    alone = [descend(p, start) for p in problems for start in starts]
+    for one, other in zip(many, alone, strict=True):
+        np.testing.assert_allclose(one.u, other.u, rtol=0, atol=WELL_CONDITIONED)
+        assert one.converged
+        assert other.converged
+        assert one.steps == other.steps
+
+
+def test_more_descents_than_go_in_step_all_end(problem):
+    starts = latin_hypercube(3, 150, seed=2)
+    ended: list[int] = []
+    ends = descend_many([problem] * 150, list(starts), progress=ended.append)
+    assert sorted(ended) == list(range(150))
+    best = min(end.cost for end in ends)
+    close = [end.u for end in ends if end.cost <= best * (1 + 1e-9)]
+    assert len(close) > 75
+    np.testing.assert_allclose(np.ptp(close, axis=0), 0, atol=1e-6)
+
+
+def test_a_stack_of_programmes_has_the_optima_of_each():
+    rng = np.random.default_rng(0)
+    A, b = rng.standard_normal((20, 9, 3)), rng.standard_normal((20, 9))
+    G = np.broadcast_to(np.eye(3), (20, 3, 3))
+    h = np.full((20, 3), 0.05)
+    A[3, :, 1] = A[3, :, 0]
+    A[4, 0, 0] = np.nan
+    found = solve_host_qps(A, b, G, h)
+    assert {rows.size for rows in found.rows} >= {0, 1, 2}
+    for k in range(20):
+        alone, one = solve_host_qp(A[k], b[k], G[k], h[k]), found.optimum(k)
+        assert one.status is alone.status
+        np.testing.assert_allclose(one.x, alone.x, rtol=0, atol=ROUNDING)
+        np.testing.assert_array_equal(np.sort(one.rows), np.sort(alone.rows))
+    assert found.status[3] == Status.RANK_DEFICIENT
+    assert found.status[4] == Status.STALLED
+
+
+def _looped(x: Array, y: Array) -> Array:
+    """A loop whose number of rounds differs between the members of a batch."""
+    return jax.lax.while_loop(lambda v: v[0] < 40, lambda v: (v[0] * y, v[1] + 1.0), (x[0], y))[1]
+
+
+FUNCTIONS = {
+    "arithmetic": lambda x, y: jnp.tan(x) * y**3 / (1 + x**2) - jnp.sqrt(jnp.abs(x)) ** -1,
+    "choice": lambda x, y: jnp.where(x > 0, jnp.exp(x), jnp.log1p(jnp.abs(x)) * y),
+    "shapes": lambda x, y: jnp.concatenate([x[::2], jnp.stack([y, y * 2]), x[::-1]]).reshape(-1, 1),
+    "products": lambda x, y: (jnp.outer(x, x) + jnp.diag(x)) @ x * y,
+    "padding": lambda x, y: jax.lax.pad(x * y, y, ((-1, 2, 1),)),
+    "sums": lambda x, y: jnp.cumsum(x)[:, None] + jnp.max(x) + jnp.prod(x) * y,
+    "interpolation": lambda x, y: jnp.interp(x, jnp.linspace(-1, 1, 7), jnp.arange(7.0) ** 2) * y,
+    "derivative": lambda x, y: jax.jacfwd(lambda v: jnp.sin(v) * v[0])(x) * y,
+    "loop": _looped,
+    "scan": lambda x, y: jax.lax.scan(lambda c, v: (c * y + v, c), y, x)[1],
+    "branch": lambda x, y: jax.lax.cond(y > 1.5, jnp.sin, jnp.cos, x),
+    "linear solve": lambda x, y: jax.lax.custom_root(
+        lambda v: v**3 - y, y, lambda f, v: v - 0.0 * f(v), lambda g, v: v / g(jnp.ones_like(v))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_tape_computes_what_xla_computes(name):
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0.2, 0.9, (5, 6)), rng.uniform(1.1, 2.0, 5)
+    try:
+        tape = record(FUNCTIONS[name], x[0], y[0])
+    except UnknownPrimitiveError:
+        pytest.skip("this JAX traces it to an operation that has no rule, and it is compiled")
+    (found,) = tape.run(x.T, y)
+    expected = jax.vmap(FUNCTIONS[name])(x, y)
+    size = float(jnp.max(jnp.abs(expected)))
+    members = np.broadcast_to(found, (*found.shape[:-1], 5))
+    np.testing.assert_allclose(np.moveaxis(members, -1, 0), expected, rtol=0, atol=ROUNDING * size)
+
+
+def test_only_what_is_asked_for_is_computed():
+    tape = record(lambda x: (jnp.sin(x), jnp.full((), jnp.nan) * jnp.cos(x)), np.ones(3))
+    (sine,) = tape.function([0])(np.ones((3, 1)))
+    np.testing.assert_allclose(sine[:, 0], np.sin(1.0))
+
+
+def test_an_operation_without_a_rule_is_named():
+    with pytest.raises(UnknownPrimitiveError, match="cholesky"):
+        record(jnp.linalg.cholesky, np.eye(3))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    tape_store.keep_tapes(tmp_path / "tapes")
+    yield tmp_path / "tapes"
+    tape_store.keep_tapes(None)
+
+
+def test_a_kept_tape_computes_the_same(folder):
+    tape = record(_looped, np.ones(6), np.ones(()))
+    key = tape_store.identity("loop", (6,))
+    tape_store.save(key, tape)
+    again = tape_store.load(key)
+    assert isinstance(again, Tape)
+    x, y = np.linspace(0.2, 0.9, 30).reshape(6, 5), np.linspace(1.1, 2, 5)
+    np.testing.assert_array_equal(again.run(x, y)[0], tape.run(x, y)[0])
+
+
+def test_a_broken_file_is_as_good_as_none(folder):
+    key = tape_store.identity("broken")
+    tape_store.save(key, record(jnp.sin, np.ones(3)))
+    next(folder.iterdir()).write_text('{"steps": [')
+    assert tape_store.load(key) is None
+
+
+def test_a_function_of_ones_own_has_no_identity(folder):
+    assert tape_store.identity(lambda x: x) is None
+    assert tape_store.identity(1.0) != tape_store.identity(2.0)
+
+
+def test_families_of_the_registry_have_identities_of_their_own(folder):
+    data = load_bundled("DMSP-20-300")
+    keys = [
+        tape_store.identity(_posed(family, data).parts[0].family.identity)
+        for family in peer_families(data).values()
+    ]
+    assert None not in keys
+    assert len(set(keys)) == len(keys)

@@ -1,0 +1,210 @@
+"""A law, a geometry, force terms and a whole model of a modeller's own, in twenty lines each.
+
+Nothing of the package is edited: classes declare their numbers, and everything works with them.
+"""
+
+import math
+from pathlib import Path
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array, Float
+
+import famjax
+import fitting
+from fitting import ForceData, InputError, Parameter, PeerFamily, Specimen, identify
+
+SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
+BRAID = famjax.Braid.from_rest(diameter=0.022, braid_angle=math.radians(65), length=0.3)
+CYLINDER = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.3, 0.022, 0.002, embedded=True))
+STARTS = 6
+
+
+class Gent(famjax.AbstractHyperelastic):
+    """W = -mu/2 J_m ln(1 - (I1 - 3)/J_m)."""
+
+    shear_modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
+    stretch_limit: Float[Array, ""] = famjax.parameter(low=2.0, high=30.0)
+
+    def energy(self, axial_stretch, hoop_stretch):
+        invariant = axial_stretch**2 + hoop_stretch**2 + 1 / (axial_stretch * hoop_stretch) ** 2
+        limit = self.stretch_limit
+        return -self.shear_modulus / 2 * limit * jnp.log1p(-(invariant - 3) / limit)
+
+    @property
+    def initial_shear_modulus(self):
+        return self.shear_modulus
+
+
+class PressureStiffening(famjax.AbstractMaterial):
+    """sigma = E eps (1 + P/P_s): a rubber that the pressure makes stiffer."""
+
+    modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
+    stiffening_pressure: Float[Array, ""] = famjax.parameter("Pa", low=1e5, high=1e7)
+    directions_interact: ClassVar[bool] = False
+
+    def stresses(self, axial_strain, hoop_strain, pressure):
+        modulus = self.modulus * (1 + pressure / self.stiffening_pressure)
+        return modulus * axial_strain, modulus * hoop_strain
+
+
+class ConicalEnds(famjax.AbstractGeometry):
+    """A cylinder whose ends, cones of the given length, do not take part in the contraction."""
+
+    cylinder: famjax.AbstractGeometry
+    cone_length: Float[Array, ""] = famjax.parameter("m", low=0.0, high=0.05, default=0.0)
+
+    def dimensions(self, length, pressure):
+        rest = self.rest_length
+        return self.cylinder.dimensions(
+            rest + (length - rest) * rest / (rest - self.cone_length), pressure
+        )
+
+    def length_range(self):
+        share, rest = (self.rest_length - self.cone_length) / self.rest_length, self.rest_length
+        return tuple(rest + (end - rest) * share for end in self.cylinder.length_range())
+
+    @property
+    def rest_length(self):
+        return self.cylinder.rest_length
+
+
+class ReturnSpring(famjax.AbstractForceTerm):
+    """A spring beside the muscle that pulls it short."""
+
+    spring_rate: Float[Array, ""] = famjax.parameter("N/m", low=0.0, high=5e3)
+
+    def force(self, at, pressure):
+        return self.spring_rate * (at.length - 0.2)
+
+
+class Coulomb(famjax.AbstractForceTerm):
+    """Dry friction while the muscle shortens."""
+
+    friction: Float[Array, ""] = famjax.parameter("N", low=0.0, high=50.0)
+
+    def force(self, at, pressure):
+        return -self.friction * jnp.ones_like(at.length)
+
+
+class Foreign(famjax.AbstractMuscle):
+    """F = a P (1 - k eps)^2 - b: somebody else's model, with no geometry at all."""
+
+    rest_length: Float[Array, ""] = famjax.number("m")
+    section: Float[Array, ""] = famjax.parameter("m2", low=0.0, linear=True)
+    offset: Float[Array, ""] = famjax.parameter("N", linear=True)
+    shape: Float[Array, ""] = famjax.parameter(low=0.5, high=5.0)
+
+    def force(self, length, pressure):
+        contraction = 1 - jnp.asarray(length) / self.rest_length
+        return self.section * pressure * (1 - self.shape * contraction) ** 2 - self.offset
+
+    def length_range(self):
+        return 0.5 * self.rest_length, 1.1 * self.rest_length
+
+
+def readings(muscle: famjax.AbstractMuscle) -> ForceData:
+    L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 8), np.linspace(3e5, 7e5, 5)))
+    return ForceData(np.asarray(muscle.force(L, P)), P, L, SPECIMEN)
+
+
+def recovered(result: fitting.Identification, **truth: float) -> None:
+    assert result.converged
+    assert result.errors.rmse < 1e-5
+    for name, value in truth.items():
+        assert result.estimate(name).value == pytest.approx(value, rel=1e-5), name
+
+
+def saved(result: fitting.Identification, folder: Path) -> None:
+    """The card is the same muscle again, and `predict` reads it."""
+    fitting.write_fit(result, folder)
+    again = fitting.load_fit(folder / "fit.json")
+    assert type(again.muscle.material) is type(result.muscle.material)
+    (row,) = fitting.predict(again, np.array([0.27]), np.array([5e5]))
+    assert row["force_N"] == pytest.approx(float(result.muscle.force(0.27, 5e5)), rel=1e-12)
+
+
+def test_a_gent_bladder(tmp_path: Path) -> None:
+    data = readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3))
+    result = identify(data, law=Gent, starts=STARTS)
+    recovered(result, shear_modulus=4e5, stretch_limit=6.0, braid_diameter=0.022)
+    saved(result, tmp_path)
+    (row,) = fitting.compare(data, [], own=[("gent", {"law": Gent})], starts=STARTS).rows
+    assert row.rmse < 1e-5
+    assert row.lolo_rmse < 1e-3
+
+
+def test_a_law_that_the_pressure_stiffens(tmp_path: Path) -> None:
+    data = readings(famjax.Muscle(CYLINDER, PressureStiffening(2e6, 1e6), 30e3))
+    result = identify(data, law=PressureStiffening, constraint="slope", starts=STARTS)
+    recovered(result, modulus=2e6, stiffening_pressure=1e6)
+    saved(result, tmp_path)
+
+
+def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
+    law = famjax.PolynomialMaterial([4e6, -6e6, 6e6])
+    truth = famjax.Muscle(ConicalEnds(CYLINDER, 0.02), law, 30e3)
+    data = readings(truth)
+    result = identify(data, geometry=ConicalEnds, parameters={"cone_length": Parameter()})
+    assert result.errors.rmse < 1e-5
+    assert result.estimate("cone_length").value == pytest.approx(0.02, rel=1e-3)
+    saved(result, tmp_path)
+    known = fitting.sweep(data, ConicalEnds(CYLINDER, 0.02), deadband=30e3, orders=(3,))
+    assert min(row.rmse for row in known.rows) < 1e-6
+
+
+def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
+    law, spring = famjax.PolynomialMaterial([4e6, -6e6, 6e6]), ReturnSpring(800.0)
+    terms = famjax.PressurisedBraid(30e3) + famjax.BladderWall(law) + spring + Coulomb(5.0)
+    data = readings(famjax.Muscle(CYLINDER, terms))
+    result = identify(
+        data, terms=ReturnSpring(0.0) + Coulomb(5.0), parameters={"spring_rate": Parameter()}
+    )
+    recovered(result, spring_rate=800.0, E_1=4e6)
+    assert result.estimate("spring_rate").stderr >= 0
+    assert fitting.summary_as_dict(result, "us")["parameters"]["spring_rate"]["unit"] == "N/m"
+    saved(result, tmp_path)
+
+
+def test_a_foreign_model_as_a_peer() -> None:
+    data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
+    family = PeerFamily.of(Foreign.template(rest_length=0.3), "somebody 2026")
+    fit = fitting.fit_peer(family, data, starts=4)
+    assert fit.values == pytest.approx({"section": 4e-4, "offset": 12.0, "shape": 1.7}, rel=1e-6)
+    (row,) = fitting.compare(data, [], own=[family], starts=4).rows
+    assert row.label == "somebody 2026"
+    assert row.lopo_rmse < 1e-6
+    assert float(fit.model.free_contraction(5e5)) < 0.6
+    assert jax.grad(fit.model.blocked_force)(5e5) == pytest.approx(4e-4, rel=1e-6)
+
+
+class Quadratic(famjax.AbstractMaterial):
+    """It says that the stress is linear in its modulus, and squares it."""
+
+    modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
+    directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
+
+    def stresses(self, axial_strain, hoop_strain, pressure):
+        return self.modulus**2 / 1e6 * axial_strain, self.modulus**2 / 1e6 * hoop_strain
+
+
+def test_what_is_not_linear_is_found_out() -> None:
+    data = readings(famjax.Muscle(CYLINDER, Quadratic(2e6), 30e3))
+    with pytest.raises(InputError, match=r"modulus.*declared linear.*not affine"):
+        identify(data, law=Quadratic, starts=2)
+
+
+def test_a_slope_is_asked_of_laws_that_have_one() -> None:
+    data = readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3))
+    with pytest.raises(InputError, match="directions_interact"):
+        identify(data, law=Gent, constraint="slope")
+
+
+@pytest.mark.parametrize("path", ["nowhere:Gent", "math:pi", "famjax:Muscle"])
+def test_a_law_that_is_not_found_is_refused(path: str) -> None:
+    with pytest.raises(InputError, match="law"):
+        identify(readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3)), law=path)

@@ -1,0 +1,102 @@
+"""Predictions by one program against the muscle's own methods."""
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import numpy as np
+import pytest
+
+import famjax
+from fitting import SavedFit, predict
+from fitting._evidence.pull import ROWS, pull
+from fitting._saved.onset import onset_pressure
+
+LENGTHS = np.linspace(0.23, 0.29, 7)  # at rest the law has a kink
+
+
+def muscle(deadband: float, coefficients: tuple[float, ...] = (5.9e6, -19.0e6, 25.8e6)):
+    braid = famjax.Braid.from_rest(diameter=23e-3, braid_angle=np.deg2rad(62.0), length=0.296)
+    bladder = famjax.Bladder(0.296, 23e-3, 1.8e-3, embedded=True)
+    law = famjax.PolynomialMaterial(coefficients)
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, deadband)
+
+
+def saved(one: famjax.Muscle, **more: object) -> SavedFit:
+    readings = {"length_m": LENGTHS.tolist(), "pressure_Pa": [0.0, 6e5]}
+    return SavedFit(one, {"data": {"readings": readings}, **more})
+
+
+@pytest.mark.parametrize("deadband", [0.0, 40e3])
+@pytest.mark.parametrize("coefficients", [(5.9e6, -19.0e6, 25.8e6), (-1e6,), (0.0,)])
+@pytest.mark.parametrize("highest", [1e5, 1.8e6])
+def test_the_onset_is_that_of_the_muscle(
+    deadband: float, coefficients: tuple[float, ...], highest: float
+) -> None:
+    one = muscle(deadband, coefficients)
+    lengths = np.append(LENGTHS, 0.4)  # the last is longer than the threads
+    expected = np.asarray(one.onset_pressure(lengths, highest, throw=False))
+    force = jax.jit(lambda L, P: one.force(L, P))  # noqa: PLW0108 -- a Module's method has no hash
+    found = [
+        onset_pressure(lambda P, L=L: np.array(force(np.full(P.shape, L), P)), highest)
+        for L in lengths
+    ]
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-9)
+    assert np.isnan(found[-1])
+
+
+@pytest.mark.parametrize("rest_length", [None, 0.25])
+@pytest.mark.parametrize("compliance", [0.0, 2e-6])
+def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
+    compliance: float, rest_length: float | None
+) -> None:
+    mounted = famjax.MountedMuscle(muscle(40e3), compliance)
+    numbers = [np.asarray(leaf) for leaf in jax.tree.leaves(mounted)]
+    spread = np.random.default_rng(0).normal(size=(3, sum(n.size for n in numbers)))
+    spread *= 1e-3 * np.concatenate([n.ravel() for n in numbers])
+    L, P = np.repeat(LENGTHS, 2) * (rest_length or 0.296) / 0.296, np.tile([2e5, 6e5], 7)
+    found = pull(mounted, spread, L, P, rest_length=rest_length, length_std=1e-4)
+
+    def force(changed: famjax.MountedMuscle, length: np.ndarray) -> np.ndarray:
+        one = changed.muscle
+        one = one if rest_length is None else famjax.cut_to_length(one, rest_length)
+        return np.asarray(famjax.MountedMuscle(one, changed.compliance).force(length, P))
+
+    alone = dataclasses.replace(mounted, compliance=0.0)
+    np.testing.assert_allclose(found.force, force(mounted, L), rtol=1e-12)
+    np.testing.assert_allclose(found.muscle_force, force(alone, L), rtol=1e-12)
+    _, unflat = jax.flatten_util.ravel_pytree(mounted)
+    flat = np.concatenate([n.ravel() for n in numbers])
+    step = 1e-3  # of the directions, which are a thousandth of the numbers
+    slopes = [
+        (force(unflat(flat + step * d), L) - force(unflat(flat - step * d), L)) / (2 * step)
+        for d in spread
+    ]
+    slopes.append((force(mounted, L + 1e-7) - force(mounted, L - 1e-7)) / 2e-7 * 1e-4)
+    np.testing.assert_allclose(found.std, np.sqrt(np.sum(np.square(slopes), axis=0)), rtol=1e-6)
+
+
+def test_any_number_of_rows_is_predicted_by_the_same_program(
+    count_compilations: Callable[[], int],
+) -> None:
+    fit = saved(muscle(40e3))
+    few = predict(fit, LENGTHS[:2], np.array([3e5]), onset=True)
+    before = count_compilations()
+    pressures = np.linspace(1e5, 6e5, 3 * ROWS)
+    many = predict(fit, LENGTHS, pressures, onset=True)
+    other = predict(saved(muscle(10e3)), LENGTHS, pressures)
+    assert count_compilations() == before
+    assert len(many) == 7 * 3 * ROWS + 7
+    expected = np.asarray(muscle(40e3).force(LENGTHS[:, None], pressures)).ravel()
+    forces = [row["force_N"] for row in many[:-7]]
+    np.testing.assert_allclose(forces, expected, rtol=1e-11, atol=1e-9)
+    assert many[-7:][0]["onset_pressure_Pa"] == few[-2:][0]["onset_pressure_Pa"]
+    assert other[0]["force_N"] > forces[0]
+    assert all(row["force_std_N"] is None and row["band"] is None for row in many[:-7])
+
+
+@pytest.fixture
+def count_compilations() -> Callable[[], int]:
+    names: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: names.append(name))
+    return lambda: sum(name.endswith("backend_compile_duration") for name in names)

@@ -1,0 +1,21 @@
+"""Multipliers of units against an independent library of units."""
+
+import pint
+import pytest
+
+from fitting import InputError
+from fitting._data.units import UNITS, factor, from_si, to_si
+
+
+@pytest.mark.parametrize(("kind", "unit"), [(k, u) for k, units in UNITS.items() for u in units])
+def test_multipliers_are_those_of_pint(kind: str, unit: str) -> None:
+    si = UNITS[kind][0]
+    registry = pint.get_application_registry()
+    expected = registry.Quantity(1.0, unit).to(si).magnitude
+    assert factor(unit, kind) == pytest.approx(expected, rel=1e-15)
+    assert from_si(to_si(3.0, unit, kind), unit, kind) == pytest.approx(3.0, rel=1e-15)
+
+
+def test_an_unknown_unit_is_refused_with_those_known() -> None:
+    with pytest.raises(InputError, match=r"'mmHg' is not a known unit of pressure.*kPa"):
+        factor("mmHg", "pressure")

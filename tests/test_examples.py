@@ -1,0 +1,47 @@
+"""Every example runs as a user would run it, and says what it promises."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "examples"
+BEST = 7.52544  # N: the optimum of the cubic law in the physical box
+
+
+def said(name: str) -> str:
+    done = subprocess.run(
+        [sys.executable, str(FOLDER / f"{name}.py")],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "XLA_FLAGS": ""},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_law_of_ones_own() -> None:
+    assert "stable: True" in said("own_law")
+
+
+@pytest.mark.parametrize("name", ["fit_optimistix", "fit_optax"])
+def test_foreign_solvers_reach_the_optimum(name: str) -> None:
+    (rmse,) = re.findall(r"RMSE ([\d.]+) N", said(name))
+    assert float(rmse) == pytest.approx(BEST, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_nuts() -> None:
+    told = said("nuts_blackjax")
+    (accepted,) = re.findall(r"accepted ([\d.]+)", told)
+    assert 0.6 < float(accepted) < 1
+    assert "deadband_pressure" in told
+
+
+def test_examples_are_short() -> None:
+    for file in FOLDER.glob("*.py"):
+        assert len(file.read_text().splitlines()) < 40, file
