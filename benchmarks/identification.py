@@ -34,7 +34,8 @@ from fitting._convex.constraint import posed
 from fitting._convex.convex_fit import minimise
 from fitting._sweep.bootstrap import draw
 from fitting._sweep.fits import Fits, solve_all
-from fitting._sweep.padded import CONSTRAINTS, DEPENDENCES, constraint_of, free, objective_of
+from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES
+from fitting._sweep.padded import constraint_of, free, objective_of
 from fitting._sweep.problem import Design, compressed
 from fitting.engine.active_set import nearest_points
 from fitting.engine.small_dense import cholesky, inverse_lower

@@ -16,8 +16,8 @@ from reconstruction import NAME, reconstruct
 
 from famjax import units
 from fitting import ForceData, Specimen
-from fitting._sweep.padded import CONSTRAINTS, DEPENDENCES
-from fitting._sweep.problem import Design, Readings, arrange, design
+from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES
+from fitting._sweep.problem import Design, Nodes, Readings, arrange, design
 
 ORDERS = (1, 2, 3, 4)
 GEOMETRY = "measured"
@@ -77,8 +77,8 @@ def shared(
 ) -> tuple[ForceData, Readings, Design]:
     """Readings and linear problem at one of the four geometries."""
     data, shape = force_map(n_pressures, thin), geometries()[geometry]
-    readings = arrange(data, shape, ORDERS[-1])
-    return data, readings, design(shape, jnp.zeros(()), readings)
+    readings = arrange(data, float(shape.rest_length), ORDERS[-1])
+    return data, readings, design(shape, jnp.zeros(()), readings, Nodes.of(shape, readings))
 
 
 def programmes(of: Design, *, compressed: bool) -> list[Programme]:

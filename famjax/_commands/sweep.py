@@ -18,6 +18,12 @@ def sweep(
     braid_angle: str | None = None,
     deadband: str | None = None,
     order: Annotated[tuple[int, ...], Parameter(negative=())] = (1, 2, 3, 4),
+    dependence: Annotated[
+        tuple[Literal["fixed", "linear", "free"], ...], Parameter(negative=())
+    ] = ("fixed", "linear", "free"),
+    constraint: Annotated[
+        tuple[Literal["none", "positive", "slope", "drucker"], ...], Parameter(negative=())
+    ] = ("none", "positive", "slope", "drucker"),
     objective: Literal["sum_of_squares", "mean_rmse", "huber"] = "sum_of_squares",
     bootstrap: int = 0,
     seed: int = 0,
@@ -43,6 +49,10 @@ def sweep(
         Pressure before the muscle acts with its unit, `43kPa`.
     order
         Orders of the law, repeatable, 1 to 4.
+    dependence
+        Of the coefficients on pressure, repeatable: fixed, linear, free.
+    constraint
+        On the coefficients, repeatable: none, positive, slope, drucker.
     objective
         sum_of_squares; mean_rmse: mean over pressures of the RMSE, as the reference work; huber.
     bootstrap
@@ -70,23 +80,28 @@ def sweep(
         task = progress.add_task("identifying the geometry", total=None)
         if len(missing) == len(given):
             found = fitting.identify(measured, seed=seed)
-            geometry = {name: found.estimate(name).value for name in
-                        ("braid_diameter", "braid_angle", "deadband_pressure")}  # fmt: skip
+            shape = found.muscle.geometry
+            dead = found.estimate("deadband_pressure").value
         elif missing:
             raise fitting.InputError(
                 f"the geometry needs {', '.join(given)} together, or none of them to identify it; "
                 f"missing: {', '.join(missing)}"
             )
         else:
-            geometry = {
-                "braid_diameter": parse_quantity(str(braid_diameter), "length"),
-                "braid_angle": parse_quantity(str(braid_angle), "angle"),
-                "deadband_pressure": parse_quantity(str(deadband), "pressure"),
-            }
+            shape = fitting.EstimatedSource(measured.specimen).geometry(
+                {
+                    "braid_diameter": parse_quantity(str(braid_diameter), "length"),
+                    "braid_angle": parse_quantity(str(braid_angle), "angle"),
+                }
+            )
+            dead = parse_quantity(str(deadband), "pressure")
         document, paths = sweep_command(
             [measured],
-            geometry=geometry,
+            shape,
+            deadband=dead,
             orders=order,
+            dependences=dependence,
+            constraints=constraint,
             objective=objective,
             bootstrap=bootstrap,
             seed=seed,

@@ -1,12 +1,16 @@
 """What a fit minimises, as a convex function of the unknowns with its derivatives.
 
-The residuals of the group p of readings (a pressure) are r_p = W_p y - c_p.
+The residuals of the group p of readings (a pressure) are r_p = W_p y - c_p. Both drivers of a fit
+use these functions: that for batches with JAX's arrays, that on the host with NumPy's. They are
+plain dataclasses, whose methods cost nothing to call.
 """
 
 import abc
+import dataclasses
+from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
-import jax.numpy as jnp
+import jax
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 _ROUNDED = 1e-8  # of |c_p|: the norm below which the corner of a norm is rounded off
@@ -15,7 +19,24 @@ _NEARLY_PERFECT = 1e-4  # of |c_p|
 _RIDGE = 1e-12  # of the curvature of the sum of squares
 
 
-class Model(eqx.Module):
+if TYPE_CHECKING:
+    AnyArray = Any  # all of one kind in a fit, which no checker can know
+    Real = Any
+    Truth = Any
+else:
+    AnyArray = Array | np.ndarray
+    Real = Float[AnyArray, ""] | float
+    Truth = Bool[AnyArray, ""] | np.bool_
+
+
+def namespace(array: Any) -> Any:
+    """`jax.numpy` of JAX's arrays, `numpy` of NumPy's."""
+    return array.__array_namespace__()
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Model:
     """Value, gradient and curvature at a point.
 
     Attributes:
@@ -23,13 +44,13 @@ class Model(eqx.Module):
         majorant: a curvature with which the model lies nowhere below the function.
     """
 
-    value: Float[Array, ""]
-    gradient: Float[Array, " n"]
-    hessian: Float[Array, "n n"]
-    majorant: Float[Array, "n n"]
+    value: Real
+    gradient: Float[AnyArray, " n"]
+    hessian: Float[AnyArray, "n n"]
+    majorant: Float[AnyArray, "n n"]
 
 
-class AbstractObjective(eqx.Module):
+class AbstractObjective(abc.ABC):
     """A convex function of y."""
 
     @property
@@ -38,22 +59,24 @@ class AbstractObjective(eqx.Module):
         """Whether the model is the function."""
 
     @abc.abstractmethod
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives; early iterations may see a smoother function."""
 
     @abc.abstractmethod
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone; that of the last iteration is the objective."""
 
     @abc.abstractmethod
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Whether y is near a point without a derivative."""
 
     @abc.abstractmethod
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """How far the last model may lie above the objective anywhere."""
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class SumOfSquares(AbstractObjective):
     """1/2 sum_p w_p |r_p|^2.
 
@@ -63,37 +86,38 @@ class SumOfSquares(AbstractObjective):
         weight: w, shape (groups,); 0 leaves a group out.
     """
 
-    W: Float[Array, "groups k n"]
-    c: Float[Array, "groups k"]
-    weight: Float[Array, " groups"]
+    W: Float[AnyArray, "groups k n"]
+    c: Float[AnyArray, "groups k"]
+    weight: Float[AnyArray, " groups"]
 
     @property
     def quadratic(self) -> bool:
         """Whether the model is the function."""
         return True
 
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone."""
         del iteration
-        return self.weight @ jnp.sum((self.W @ y - self.c) ** 2, axis=1) / 2
+        return self.weight @ ((self.W @ y - self.c) ** 2).sum(axis=1) / 2
 
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Never: it has none."""
-        del y
-        return jnp.array(False)
+        return namespace(y).zeros((), bool)
 
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """Nothing is rounded."""
-        return jnp.zeros((), y.dtype)
+        return namespace(y).zeros((), y.dtype)
 
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives."""
-        weighted = self.weight[:, None, None] * self.W
-        gradient = jnp.einsum("pkn,pk->n", weighted, self.W @ y - self.c)
-        hessian = jnp.einsum("pkn,pkm->nm", weighted, self.W)
+        xp, weighted = namespace(y), self.weight[:, None, None] * self.W
+        gradient = xp.einsum("pkn,pk->n", weighted, self.W @ y - self.c)
+        hessian = xp.einsum("pkn,pkm->nm", weighted, self.W)
         return Model(self.value(y, iteration), gradient, hessian, hessian)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class MeanRmse(AbstractObjective):
     """The reference work's objective, the mean over groups of the RMSE: mean_p |r_p| / sqrt(K_p).
 
@@ -111,64 +135,67 @@ class MeanRmse(AbstractObjective):
         Chambers 2021, equation 7.6, with the difference that a least-squares error takes.
     """
 
-    W: Float[Array, "groups k n"]
-    c: Float[Array, "groups k"]
-    weight: Float[Array, " groups"]
-    count: Float[Array, " groups"]
+    W: Float[AnyArray, "groups k n"]
+    c: Float[AnyArray, "groups k"]
+    weight: Float[AnyArray, " groups"]
+    count: Float[AnyArray, " groups"]
 
     @property
     def quadratic(self) -> bool:
         """Whether the model is the function."""
         return False
 
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone, not rounded after the first iterations."""
-        rounding = _rounding(iteration)
-        _, share, norm = self._norms(y, jnp.where(rounding > _ROUNDED, rounding, 0.0))
+        rounding = _rounding(y, iteration)
+        _, share, norm = self._norms(y, rounding * (rounding > _ROUNDED))
         return share @ norm
 
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Whether the fit is nearly perfect in a group."""
-        _, _, norm = self._norms(y, jnp.zeros(()))
-        return jnp.any(norm**2 < _NEARLY_PERFECT**2 * self._size)
+        _, _, norm = self._norms(y, 0.0)
+        return (norm**2 < _NEARLY_PERFECT**2 * self._size).any()
 
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """The sum of the roundings of all corners."""
-        _, share, norm = self._norms(y, jnp.asarray(_ROUNDED))
-        corner = _ROUNDED * jnp.sqrt(self._size)
-        return share @ jnp.minimum(corner, corner**2 / norm)
+        xp, (_, share, norm) = namespace(y), self._norms(y, _ROUNDED)
+        corner = _ROUNDED * xp.sqrt(self._size)
+        return share @ xp.minimum(corner, corner**2 / xp.where(norm > 0, norm, 1.0))
 
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives of the rounded function."""
-        r, share, norm = self._norms(y, _rounding(iteration))
-        norm = jnp.where(norm > 0, norm, 1.0)
-        weighted = self.weight[:, None, None] * self.W
-        pull = jnp.einsum("pkn,pk->pn", weighted, r) / norm[:, None]
-        majorant = jnp.einsum("p,pkn,pkm->nm", share / norm, weighted, self.W)
+        xp, (r, share, norm) = namespace(y), self._norms(y, _rounding(y, iteration))
+        positive = xp.where(norm > 0, norm, 1.0)
+        pull = xp.einsum("pkn,pk->pn", self.W, r) * (self.weight / positive)[:, None]
+        each = share / positive
+        weighted = (each * self.weight)[:, None, None] * self.W
+        majorant = xp.einsum("pkn,pkm->nm", weighted, self.W)
         return Model(
             share @ norm,
             share @ pull,
-            majorant - jnp.einsum("p,pn,pm->nm", share / norm, pull, pull),
+            (1 + _RIDGE) * majorant - (each[:, None] * pull).T @ pull,
             majorant,
         )
 
     @property
-    def _size(self) -> Float[Array, " groups"]:
-        return self.weight * jnp.sum(self.c**2, axis=1)
+    def _size(self) -> Float[AnyArray, " groups"]:
+        return self.weight * (self.c**2).sum(axis=1)
 
-    def _norms(self, y: Float[Array, " n"], rounding: Float[Array, ""]) -> tuple[Array, ...]:
+    def _norms(self, y: Float[AnyArray, " n"], rounding: Real) -> tuple[AnyArray, ...]:
         """Residuals, the weight of each group in the mean, and |r_p|, rounded."""
-        r = self.W @ y - self.c
-        square = self.weight * jnp.sum(r**2, axis=1) + rounding**2 * self._size
+        xp, r = namespace(y), self.W @ y - self.c
+        square = self.weight * (r**2).sum(axis=1) + rounding**2 * self._size
         zero = square <= 0
-        norm = jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
-        return r, 1 / (jnp.sqrt(self.count) * self.count.shape[0]), norm
+        norm = xp.where(zero, 0.0, xp.sqrt(xp.where(zero, 1.0, square)))
+        return r, 1 / (xp.sqrt(self.count) * self.count.shape[0]), norm
 
 
-def _rounding(iteration: Float[Array, ""]) -> Float[Array, ""]:
-    return jnp.maximum(_FIRST_ROUNDED * _FASTER**iteration, _ROUNDED)
+def _rounding(y: Float[AnyArray, " n"], iteration: Real) -> Real:
+    return namespace(y).maximum(_FIRST_ROUNDED * _FASTER**iteration, _ROUNDED)
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Huber(AbstractObjective):
     """sum over readings of w (r^2 / 2 where |r| <= d, else d |r| - d^2 / 2): robust to outliers.
 
@@ -179,42 +206,41 @@ class Huber(AbstractObjective):
         threshold: d, in the unit of the residuals.
     """
 
-    W: Float[Array, "groups k n"]
-    c: Float[Array, "groups k"]
-    weight: Float[Array, "groups k"]
-    threshold: Float[Array, ""]
+    W: Float[AnyArray, "groups k n"]
+    c: Float[AnyArray, "groups k"]
+    weight: Float[AnyArray, "groups k"]
+    threshold: Real
 
     @property
     def quadratic(self) -> bool:
         """Whether the model is the function."""
         return False
 
-    def value(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Float[Array, ""]:
+    def value(self, y: Float[AnyArray, " n"], iteration: Real) -> Real:
         """The value alone."""
         del iteration
-        size = jnp.abs(self.W @ y - self.c)
-        d = self.threshold
-        return jnp.sum(self.weight * jnp.where(size <= d, size**2 / 2, d * size - d**2 / 2))
+        size, d = abs(self.W @ y - self.c), self.threshold
+        cost = namespace(y).where(size <= d, size**2 / 2, d * size - d**2 / 2)
+        return (self.weight * cost).sum()
 
-    def model(self, y: Float[Array, " n"], iteration: Float[Array, ""]) -> Model:
+    def model(self, y: Float[AnyArray, " n"], iteration: Real) -> Model:
         """Value and derivatives; a little curvature is left where every reading is an outlier."""
-        r = self.W @ y - self.c
-        size, d = jnp.abs(r), self.threshold
-        inner = self.weight * (size <= d)
-        everywhere = jnp.einsum("pkn,pk,pkm->nm", self.W, self.weight, self.W)
-        softer = self.weight * jnp.where(size <= d, 1.0, d / jnp.where(size <= d, 1.0, size))
+        xp, r, d = namespace(y), self.W @ y - self.c, self.threshold
+        size = abs(r)
+        outside = size > d
+        inner = self.weight * (~outside + _RIDGE)
+        softer = self.weight * (xp.where(outside, d / xp.where(outside, size, 1.0), 1.0) + _RIDGE)
         return Model(
             self.value(y, iteration),
-            jnp.einsum("pkn,pk->n", self.W, self.weight * jnp.clip(r, -d, d)),
-            jnp.einsum("pkn,pk,pkm->nm", self.W, inner, self.W) + _RIDGE * everywhere,
-            jnp.einsum("pkn,pk,pkm->nm", self.W, softer, self.W) + _RIDGE * everywhere,
+            xp.einsum("pkn,pk->n", self.W, self.weight * xp.clip(r, -d, d)),
+            xp.einsum("pkn,pkm->nm", self.W * inner[..., None], self.W),
+            xp.einsum("pkn,pkm->nm", self.W * softer[..., None], self.W),
         )
 
-    def at_corner(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+    def at_corner(self, y: Float[AnyArray, " n"]) -> Truth:
         """Never: it has none."""
-        del y
-        return jnp.array(False)
+        return namespace(y).zeros((), bool)
 
-    def rounded(self, y: Float[Array, " n"]) -> Float[Array, ""]:
+    def rounded(self, y: Float[AnyArray, " n"]) -> Real:
         """Nothing is rounded."""
-        return jnp.zeros((), y.dtype)
+        return namespace(y).zeros((), y.dtype)

@@ -7,6 +7,7 @@ nodes. The tangent modulus of a law up to order 4 is such a cubic; for other fun
 set so closely that the cubics are the function to `TOLERANCE`.
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -14,6 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from .objectives import AnyArray, namespace
 
 TOLERANCE = 1e-8
 """Largest difference between a function and its cubics, per largest value of the function."""
@@ -28,8 +31,10 @@ PathFunctions = Callable[[Int[Array, " k"], Float[Array, " k"]], Float[Array, "k
 """phi_n at positions s, each on the path of that index; see `AbstractPathFunctions`."""
 
 
-class PathTable(eqx.Module):
-    """phi_n and its derivative at the nodes of each path.
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PathTable:
+    """phi_n and its derivative at the nodes of each path, in JAX's arrays or in NumPy's.
 
     Attributes:
         nodes: positions s in [0, 1], from 0 to 1, shape (paths, nodes).
@@ -37,12 +42,12 @@ class PathTable(eqx.Module):
         slope: d(phi_n)/ds, shape (paths, nodes, order).
     """
 
-    nodes: Float[Array, "paths nodes"]
-    value: Float[Array, "paths nodes order"]
-    slope: Float[Array, "paths nodes order"]
+    nodes: Float[AnyArray, "paths nodes"]
+    value: Float[AnyArray, "paths nodes order"]
+    slope: Float[AnyArray, "paths nodes order"]
 
     @classmethod
-    def at(cls, phi: PathFunctions, nodes: Float[Array | np.ndarray, "paths nodes"]) -> "PathTable":
+    def at(cls, phi: PathFunctions, nodes: Float[AnyArray, "paths nodes"]) -> "PathTable":
         """The table of the functions at given nodes."""
         nodes = jnp.asarray(nodes)
         paths = jnp.arange(nodes.shape[0])
@@ -51,12 +56,13 @@ class PathTable(eqx.Module):
         return cls(nodes, value, _value_and_slope(phi, inside)[1])
 
     def rows(
-        self, path: Int[Array, " k"], s: Float[Array, " k"]
-    ) -> tuple[Float[Array, "k order"], Float[Array, "k order"], Float[Array, "k order"]]:
+        self, path: Int[AnyArray, " k"], s: Float[AnyArray, " k"]
+    ) -> tuple[Float[AnyArray, "k order"], Float[AnyArray, "k order"], Float[AnyArray, "k order"]]:
         """The cubics at positions of paths: phi_n, d(phi_n)/ds and its derivative."""
+        xp = namespace(self.nodes)
         nodes = self.nodes[path]
-        cell = jnp.clip(jnp.sum(nodes <= s[:, None], axis=1) - 1, 0, nodes.shape[1] - 2)
-        start, end = nodes[jnp.arange(s.size), cell], nodes[jnp.arange(s.size), cell + 1]
+        cell = xp.clip(xp.sum(nodes <= s[:, None], axis=1) - 1, 0, nodes.shape[1] - 2)
+        start, end = self.nodes[path, cell], self.nodes[path, cell + 1]
         width, t = (end - start)[:, None], ((s - start) / (end - start))[:, None]
         f0, f1 = self.value[path, cell], self.value[path, cell + 1]
         d0, d1 = self.slope[path, cell] * width, self.slope[path, cell + 1] * width
@@ -64,33 +70,34 @@ class PathTable(eqx.Module):
         value = f0 + t * (d0 + t * (q + t * r))
         return value, (d0 + t * (2 * q + 3 * t * r)) / width, (2 * q + 6 * t * r) / width**2
 
-    def at_node(self, path: Int[Array, " k"], s: Float[Array, " k"]) -> Bool[Array, " k"]:
+    def at_node(self, path: Int[AnyArray, " k"], s: Float[AnyArray, " k"]) -> Bool[AnyArray, " k"]:
         """Whether positions are nodes, at which the cubics are the functions."""
-        return jnp.any(self.nodes[path] == s[:, None], axis=1)
+        return (self.nodes[path] == s[:, None]).any(axis=1)
 
     def minima(
-        self, coefficients: Float[Array, "paths order"]
-    ) -> tuple[Float[Array, "paths cells"], Float[Array, "paths cells"]]:
+        self, coefficients: Float[AnyArray, "paths order"]
+    ) -> tuple[Float[AnyArray, "paths cells"], Float[AnyArray, "paths cells"]]:
         """Smallest value of sum_n E_n phi_n in each cell, and the position where it is."""
-        value = jnp.einsum("pke,pe->pk", self.value, coefficients)
-        slope = jnp.einsum("pke,pe->pk", self.slope, coefficients)
-        width = jnp.diff(self.nodes, axis=1)
+        xp = namespace(self.nodes)
+        value = (self.value @ coefficients[..., None])[..., 0]
+        slope = (self.slope @ coefficients[..., None])[..., 0]
+        width = self.nodes[:, 1:] - self.nodes[:, :-1]
         f0, f1, d0, d1 = value[:, :-1], value[:, 1:], slope[:, :-1] * width, slope[:, 1:] * width
         # f0 + d0 t + q t^2 + r t^3 has its minimum at the larger root of 3 r t^2 + 2 q t + d0 for
         # r > 0, at the smaller for r < 0; both are written so that nothing cancels.
         q, r = 3 * (f1 - f0) - 2 * d0 - d1, d0 + d1 - 2 * (f1 - f0)
         square = q**2 - 3 * r * d0
-        root = jnp.sqrt(jnp.maximum(square, 0.0))
-        over = jnp.where(q > 0, q + root, 3 * r)
-        inside = jnp.where(q > 0, -d0, root - q) / jnp.where(over == 0, 1.0, over)
+        root = xp.sqrt(xp.maximum(square, 0.0))
+        over = xp.where(q > 0, q + root, 3 * r)
+        inside = xp.where(q > 0, -d0, root - q) / xp.where(over == 0, 1.0, over)
         dips = (square > 0) & (over != 0) & (inside > 0) & (inside < 1)
-        inside = jnp.where(dips, inside, 0.0)
+        inside = xp.where(dips, inside, 0.0)
         at = f0 + inside * (d0 + inside * (q + inside * r))
-        ends = jnp.minimum(f0, f1)
+        ends = xp.minimum(f0, f1)
         dips = dips & (at < ends)
         start, end = self.nodes[:, :-1], self.nodes[:, 1:]
-        s = jnp.where(dips, start + inside * width, jnp.where(f0 <= f1, start, end))
-        return jnp.where(dips, at, ends), s
+        s = xp.where(dips, start + inside * width, xp.where(f0 <= f1, start, end))
+        return xp.where(dips, at, ends), s
 
 
 def _value_and_slope(
@@ -129,7 +136,7 @@ def nodes_for(phi: PathFunctions, n_paths: int) -> Float[np.ndarray, "paths node
 
     grids = [np.linspace(0, 1, _FIRST_CELLS + 1)] * n_paths
     while True:
-        nodes = _even(grids)
+        nodes = even(grids)
         value, slope = evaluated(nodes)
         middle, _ = evaluated((nodes[:, 1:] + nodes[:, :-1]) / 2)
         width = np.diff(nodes, axis=1)
@@ -154,7 +161,7 @@ def _inside(
     return _value_and_slope(phi, jnp.maximum(s, _INSIDE))
 
 
-def _even(grids: list[np.ndarray]) -> Float[np.ndarray, "paths nodes"]:
+def even(grids: list[np.ndarray]) -> Float[np.ndarray, "paths nodes"]:
     """The grids in one array; the widest cells of the shorter ones are halved."""
     longest = max(grid.size for grid in grids)
     even = []

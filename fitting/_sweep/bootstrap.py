@@ -5,10 +5,13 @@ Q orthonormal, and nothing else. So a replicate is a few small matrices, and its
 programme that shares its rows with all others of the same form.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
+
+import famjax
 
 from .._convex.constraint import posed
 from .._convex.convex_fit import minimise
@@ -16,8 +19,8 @@ from ..engine.active_set import nearest_points
 from ..engine.small_dense import cholesky, inverse_lower
 from ..engine.status import Status
 from .fits import over_all
+from .forms import CONSTRAINTS, DEPENDENCES, Forms
 from .padded import (
-    CONSTRAINTS,
     Unknowns,
     constraint_of,
     coupled,
@@ -25,7 +28,7 @@ from .padded import (
     huber_threshold,
     objective_of,
 )
-from .problem import Design, Readings
+from .problem import Design, Nodes, Readings, design
 
 
 def draw(
@@ -47,7 +50,7 @@ def draw(
 
 
 def replicate_all(
-    of: Design, orders: tuple[int, ...], weights: Float[Array, "replicates pressures readings"]
+    of: Design, forms: Forms, weights: Float[Array, "replicates pressures readings"]
 ) -> Float[Array, "dependences orders constraints replicates pressures order"]:
     """Coefficients [Pa] of replicates minus those of the fit, of every fit by sum of squares.
 
@@ -55,15 +58,17 @@ def replicate_all(
 
     Args:
         of: the linear problem.
-        orders: of the law.
+        forms: of the law.
         weights: of the readings.
 
     Returns:
         Differences at each pressure; nan where a programme has no certified optimum.
     """
     grams = _grams(of, weights)
-    every, kinds = jnp.arange(of.target.shape[0]), jnp.arange(len(CONSTRAINTS))
-    degrees = jnp.asarray(orders)
+    every = jnp.arange(of.target.shape[0])
+    degrees = jnp.asarray(forms.orders)
+    kinds = jnp.asarray([CONSTRAINTS.index(kind) for kind in forms.constraints])
+    shared = [DEPENDENCES.index(form) for form in forms.dependences if form != "free"]
 
     def together(
         form: Int[Array, ""], order: Int[Array, ""], kind: Int[Array, ""]
@@ -75,9 +80,59 @@ def replicate_all(
     ) -> Float[Array, "replicates 1 order"]:
         return _replicates(of, free(of, order, path), kind, grams[:, path[None]])
 
-    whole = over_all(together, jnp.arange(2), degrees, kinds, one_by_one=True)
-    single = over_all(apart, degrees, kinds, every, one_by_one=True)
-    return jnp.concatenate([whole, jnp.moveaxis(single[..., 0, :], 2, 3)[None]])
+    found = []
+    if shared:
+        found.append(over_all(together, jnp.asarray(shared), degrees, kinds, one_by_one=True))
+    if "free" in forms.dependences:
+        single = over_all(apart, degrees, kinds, every, one_by_one=True)
+        found.append(jnp.moveaxis(single[..., 0, :], 2, 3)[None])
+    return jnp.concatenate(found)
+
+
+def replicate_sums(
+    geometry: famjax.AbstractGeometry,
+    deadband: float,
+    readings: Readings,
+    nodes: Nodes,
+    forms: Forms,
+    weights: Float[np.ndarray, "replicates pressures readings"],
+    count: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sums over the first replicates of their deviations from the fit [Pa].
+
+    Args:
+        geometry: of the fits.
+        deadband: P_d [Pa].
+        readings: of the force map.
+        nodes: of the constraints.
+        forms: of the law.
+        weights: of the readings.
+        count: number of replicates that are summed.
+
+    Returns:
+        (sum, sum of squares, number of those that are known), with the axes of the fits.
+    """
+    given = (jnp.asarray(deadband), jnp.asarray(weights), jnp.asarray(count))
+    found = _sums(geometry, readings, nodes, forms, *given)
+    total, square, known = jax.tree.map(np.asarray, found)
+    return total, square, known
+
+
+@eqx.filter_jit
+def _sums(
+    geometry: famjax.AbstractGeometry,
+    readings: Readings,
+    nodes: Nodes,
+    forms: Forms,
+    deadband: Float[Array, ""],
+    weights: Float[Array, "replicates pressures readings"],
+    count: Int[Array, ""],
+) -> tuple[Array, Array, Array]:
+    each = replicate_all(design(geometry, deadband, readings, nodes), forms, weights)
+    known = jnp.all(jnp.isfinite(each), axis=(-2, -1), keepdims=True)
+    known &= (jnp.arange(weights.shape[0]) < count)[:, None, None]
+    each = jnp.where(known, each, 0.0)
+    return jnp.sum(each, axis=3), jnp.sum(each**2, axis=3), jnp.sum(known, axis=3)
 
 
 def _grams(

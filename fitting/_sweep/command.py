@@ -1,15 +1,17 @@
-"""What `famjax sweep` does besides parsing: geometry, sweep, files and the rows to print."""
+"""What `famjax sweep` does besides parsing: sweep, files and the rows to print."""
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import famjax
+
 from .._data.force_data import ForceData
 from .._data.units import SYSTEMS, from_si
-from .._model.geometry_source import EstimatedSource
 from .._saved.report import as_png, check_output, make_output, write_all
+from .forms import CONSTRAINTS, DEPENDENCES
 from .plot import plot_curves, plot_errors, rows_of
 from .sweep import SweepRow, sweep
 
@@ -21,9 +23,12 @@ _CURVES = 3
 
 def sweep_command(
     data: Sequence[ForceData],
+    geometry: famjax.AbstractGeometry | Sequence[famjax.AbstractGeometry],
     *,
-    geometry: Mapping[str, float],
+    deadband: float,
     orders: Sequence[int] = (1, 2, 3, 4),
+    dependences: Sequence[str] = DEPENDENCES,
+    constraints: Sequence[str] = CONSTRAINTS,
     objective: str = "sum_of_squares",
     bootstrap: int = 0,
     seed: int = 0,
@@ -38,8 +43,11 @@ def sweep_command(
 
     Args:
         data: the force maps.
-        geometry: braid_diameter [m], braid_angle [rad] and deadband_pressure [Pa], of all of them.
+        geometry: of all of them, or one for each.
+        deadband: P_d [Pa], of all of them.
         orders: of the law.
+        dependences: see `sweep`.
+        constraints: see `sweep`.
         objective: see `sweep`.
         bootstrap: number of replicates.
         seed: of the replicates.
@@ -57,9 +65,11 @@ def sweep_command(
     make_output(output)
     found = sweep(
         data,
-        [EstimatedSource(one.specimen).geometry(geometry) for one in data],
-        deadband=geometry["deadband_pressure"],
+        geometry,
+        deadband=deadband,
         orders=orders,
+        dependences=dependences,
+        constraints=constraints,
         objective=objective,
         bootstrap=bootstrap,
         seed=seed,

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, Int
 
 from .._convex.convex_fit import ConvexFit, minimise
 from ..engine.status import Status
+from .forms import CONSTRAINTS
 from .padded import (
-    CONSTRAINTS,
     Unknowns,
     constraint_of,
     coupled,

@@ -14,14 +14,8 @@ from .._convex.constraint import Constraint
 from .._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
 from .._convex.path_functions import AbstractPathFunctions
 from ..engine.qp import inverse_upper
+from .forms import CONSTRAINTS, DEPENDENCES, HUBER, NORMAL_MAD
 from .problem import Design, compressed
-
-CONSTRAINTS = ("none", "positive", "slope", "drucker")
-DEPENDENCES = ("fixed", "linear", "free")
-OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
-
-_HUBER = 1.345  # threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)
-_NORMAL_MAD = 1.4826  # standard deviation per median absolute deviation of normal noise
 
 
 class Unknowns(eqx.Module):
@@ -210,14 +204,25 @@ def objective_of(
 
 
 def huber_threshold(of: Design) -> Float[Array, ""]:
-    """1.345 standard deviations of the noise, from the most flexible law without a constraint."""
+    """1.345 standard deviations of the noise, by the residuals of a law free in pressure.
 
-    def residuals(A: Float[Array, "k n"], y: Float[Array, " k"]) -> Float[Array, " k"]:
+    At each pressure it has the highest order, but no more coefficients than half the readings: a
+    law that goes through all of them shows no noise.
+    """
+    there, y = of.weight > 0, of.target * of.weight
+
+    def residuals(
+        A: Float[Array, "k n"], y: Float[Array, " k"], n_readings: Int[Array, ""]
+    ) -> Float[Array, " k"]:
+        # The first columns of Q span the law of a lower order.
         Q, _ = jnp.linalg.qr(A)
+        Q = jnp.where(2 * jnp.arange(1, A.shape[1] + 1) <= n_readings, Q, 0.0)
         return y - Q @ (Q.T @ y)
 
-    there, y = of.weight > 0, of.target * of.weight
-    left = jax.vmap(residuals)(of.A * of.weight[..., None], y)
-    spread = _NORMAL_MAD * jnp.nanmedian(jnp.where(there, jnp.abs(left), jnp.nan))
+    count = jnp.sum(there, axis=1)
+    left = jax.vmap(residuals)(of.A * of.weight[..., None], y, count)
+    shows = there & (count > 1)[:, None]
+    spread = NORMAL_MAD * jnp.nanmedian(jnp.where(shows, jnp.abs(left), jnp.nan))
     size = jnp.sqrt(jnp.sum(y**2) / jnp.sum(there))
-    return jax.lax.stop_gradient(_HUBER * jnp.maximum(spread, 1e-9 * size))
+    # Of pressures with one reading each there is no spread.
+    return jax.lax.stop_gradient(HUBER * jnp.fmax(spread, 1e-9 * size))

@@ -1,15 +1,12 @@
 """Pictures of a sweep: errors by order, form and constraint, and the force curves of some fits."""
 
-import equinox as eqx
-import jax.numpy as jnp
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-
-import famjax
 
 from .._data.units import SYSTEMS, factor
 from .sweep import Sweep, SweepRow
@@ -43,9 +40,7 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
         ("blocked_error", f"blocked force error, {unit}", force),
         ("free_contraction_error", "free contraction error", 1.0),
     )
-    figure = Figure(figsize=(3.4 * len(forms), 9), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(panels), len(forms), squeeze=False, sharex=True, sharey="row")
+    figure, axes = _panels(len(panels), len(forms), (3.4, 2.25), top=0.75, sharey="row")
     for line, (name, label, scale) in zip(axes, panels, strict=True):
         for one, form in zip(line, forms, strict=True):
             _draw_by_order(one, [r for r in rows if r.dependence == form], name, scale)
@@ -55,7 +50,7 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
     for one in axes[-1]:
         one.set(xlabel="order of the law")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(handles, labels, loc="upper center", ncols=4, frameon=False)
     return figure
 
 
@@ -78,15 +73,13 @@ def plot_curves(
     """
     units, readings = SYSTEMS[system], found.data[data]
     force, pressure = factor(units["force"], "force"), factor(units["pressure"], "pressure")
-    figure = Figure(figsize=(3.8 * len(chosen), 3.9), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, len(chosen), squeeze=False, sharey=True)[0]
+    figure, (axes,) = _panels(1, len(chosen), (3.8, 3.9), top=0.5, sharey="row")
     levels = found.pressures[data]
     shades = _SHADES(np.linspace(0, 0.9, levels.size))
+    contraction, braid, bladder = _isobars(found, data)
     for one, row in zip(axes, chosen, strict=True):
-        for level, E, shade in zip(levels, row.coefficients, shades, strict=True):
+        for k, (level, E, shade) in enumerate(zip(levels, row.coefficients, shades, strict=True)):
             at = readings.loaded & (readings.pressures.level == level)
-            contraction, F = _isobar(found, data, E, float(level), float(readings.length[at].min()))
             one.plot(
                 1 - readings.length[at] / readings.specimen.rest_length,
                 readings.force[at] / force,
@@ -95,7 +88,8 @@ def plot_curves(
                 ms=2,
             )
             label = f"{level / pressure:.4g} {units['pressure']}"
-            one.plot(contraction, F / force, color=shade, lw=1, label=label)
+            F = braid[k] + bladder[k, :, : E.size] @ E
+            one.plot(contraction[k], F / force, color=shade, lw=1, label=label)
         name = f"{row.dependence}, order {row.order}, {row.constraint}"
         one.set_title(f"{name}\nRMSE {row.rmse / force:.3g} {units['force']}", fontsize=9)
         one.set(xlabel="contraction", ylim=(0, None))
@@ -108,6 +102,24 @@ def rows_of(found: Sweep, data: int) -> list[SweepRow]:
     """The rows of one force map."""
     each = len(found.rows) // len(found.data)
     return list(found.rows[data * each : (data + 1) * each])
+
+
+def _panels(
+    lines: int, columns: int, size: tuple[float, float], *, top: float, sharey: Any
+) -> tuple[Figure, np.ndarray]:
+    """A figure of panels, each of a size [inch], with fixed margins and one of `top` [inch].
+
+    A layout that fits the margins to the text takes as long as the picture itself.
+    """
+    width, height = columns * size[0], lines * size[1]
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(lines, columns, squeeze=False, sharex=lines > 1, sharey=sharey)
+    figure.subplots_adjust(
+        left=0.75 / width, right=1 - 0.1 / width, bottom=0.5 / height, top=1 - top / height,
+        wspace=0.08, hspace=0.1,
+    )  # fmt: skip
+    return figure, axes
 
 
 def _draw_by_order(axes: Axes, rows: list[SweepRow], name: str, scale: float) -> None:
@@ -126,24 +138,10 @@ def _draw_by_order(axes: Axes, rows: list[SweepRow], name: str, scale: float) ->
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _isobar(
-    found: Sweep, data: int, coefficients: np.ndarray, pressure: float, shortest: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Contractions and forces [N] from rest to the shortest reading."""
-    geometry = found.geometries[data]
-    rest = float(geometry.rest_length)
-    length = np.linspace(rest, shortest, _LENGTHS)
-    given = (jnp.asarray(v) for v in (coefficients, found.deadbands[data], length, pressure))
-    return 1 - length / rest, np.asarray(_force(geometry, *given))
-
-
-@eqx.filter_jit
-def _force(
-    geometry: famjax.AbstractGeometry,
-    coefficients: Float[Array, " order"],
-    deadband: Float[Array, ""],
-    length: Float[Array, " lengths"],
-    pressure: Float[Array, ""],
-) -> Float[Array, " lengths"]:
-    material = famjax.PolynomialMaterial(coefficients)
-    return famjax.Muscle(geometry, material, deadband).force(length, pressure)
+def _isobars(found: Sweep, data: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Contractions from rest to the shortest reading, braid forces [N] and columns [N/Pa] there."""
+    model, readings, levels = found.models[data], found.data[data], found.pressures[data]
+    loaded = readings.loaded
+    shortest = [readings.length[loaded & (readings.pressures.level == P)].min() for P in levels]
+    length = np.linspace(model.rest_length, shortest, _LENGTHS, axis=1)
+    return 1 - length / model.rest_length, *model.columns(length, levels[:, None])

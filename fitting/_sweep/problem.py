@@ -1,10 +1,8 @@
-"""The linear problem that all fits of a sweep share: columns, target and tables at one geometry.
+"""The linear problem that a batch of fits shares: columns, target and tables at one geometry.
 
 Readings enter once: the columns of each pressure are compressed by a QR factorisation, [A_p y_p] to
 (order + 1) rows. What follows is independent of their number.
 """
-
-import math
 
 import equinox as eqx
 import jax
@@ -23,6 +21,7 @@ from .._convex.path_functions import (
 from .._convex.path_table import PathTable, nodes_for
 from .._data.force_data import ForceData
 from .._errors import InputError
+from .._search.build import path_end_at
 
 STATIONS = 17
 """Points of each path at which a constraint is posed from the start."""
@@ -36,8 +35,6 @@ class Readings(eqx.Module):
         force, length: [N, m], shape (pressures, readings).
         weight: 1/std, 1 without, 0 where there is no reading; shape (pressures, readings).
         path_end: shortest length [m] of each path, shape (pressures,).
-        nodes: of the constraint tables, shape (pressures, nodes).
-        grid: indices of the nodes at which constraints are posed, shape (stations,).
         order: highest of the law.
     """
 
@@ -46,8 +43,6 @@ class Readings(eqx.Module):
     length: np.ndarray
     weight: np.ndarray
     path_end: np.ndarray
-    nodes: np.ndarray
-    grid: np.ndarray
     order: int = eqx.field(static=True)
 
     @property
@@ -56,15 +51,15 @@ class Readings(eqx.Module):
         return self.weight > 0
 
 
-def arrange(data: ForceData, geometry: famjax.AbstractGeometry, order: int) -> Readings:
-    """The readings of a force map by pressure, and nodes for its constraints.
+def arrange(data: ForceData, rest_length: float, order: int) -> Readings:
+    """The readings of a force map by pressure.
 
     The path at a pressure runs from rest to the longest length at which the muscle is slack there,
     or, where no reading is slack, to the shortest length.
 
     Args:
         data: the force map.
-        geometry: fixed.
+        rest_length: L0 [m] of the geometry.
         order: highest of the law.
 
     Raises:
@@ -78,33 +73,58 @@ def arrange(data: ForceData, geometry: famjax.AbstractGeometry, order: int) -> R
     padded = np.stack([np.pad(indices, (0, size - indices.size), mode="edge") for indices in at])
     there = np.arange(size) < np.array([indices.size for indices in at])[:, None]
     std = np.ones_like(data.force) if data.force_std is None else data.force_std
-    rest = float(geometry.rest_length)
-    ends = np.array([_path_end(data, float(level)) for level in levels])
-    short = np.flatnonzero(ends >= rest)
+    ends = np.array([path_end_at(data, float(level)) for level in levels])
+    short = np.flatnonzero(ends >= rest_length)
     if short.size:
         raise InputError(
             f"at {levels[short[0]] / 1e3:.5g} kPa no reading is shorter than the rest length of "
-            f"{rest * 1e3:.5g} mm, so that no actuation path begins there: leave that pressure out"
+            f"{rest_length * 1e3:.5g} mm, so that no actuation path begins there: leave that "
+            "pressure out"
         )
-    functions = DruckerFunctions(geometry, jnp.asarray(levels), jnp.asarray(ends), order)
-    nodes = nodes_for(functions, levels.size)
     return Readings(
         pressure=levels,
         force=data.force[padded],
         length=data.length[padded],
         weight=np.where(there, 1 / std[padded], 0.0),
         path_end=ends,
-        nodes=nodes,
-        grid=np.linspace(0, nodes.shape[1] - 1, STATIONS).round().astype(int),
         order=order,
     )
 
 
-def _path_end(data: ForceData, level: float) -> float:
-    at = data.pressures.level == level
-    shortest = data.length[at & data.loaded].min()
-    slack = data.length[at & ~data.loaded & (data.length < shortest)]
-    return float(slack.max(initial=-math.inf)) if slack.size else float(shortest)
+class Nodes(eqx.Module):
+    """Where the tables of a batch's constraints are kept.
+
+    Attributes:
+        at: nodes of each path, shape (pressures, nodes).
+        grid: indices of those at which constraints are posed from the start, shape (stations,).
+    """
+
+    at: np.ndarray
+    grid: np.ndarray
+
+    @classmethod
+    def of(
+        cls, geometry: famjax.AbstractGeometry, readings: Readings, *, halvings: int = 0
+    ) -> "Nodes":
+        """Those of the actuation paths of a geometry.
+
+        Args:
+            geometry: fixed.
+            readings: of the force map.
+            halvings: of every cell, each of which brings the cubics closer to the functions.
+        """
+        pressure, end = jnp.asarray(readings.pressure), jnp.asarray(readings.path_end)
+        functions = DruckerFunctions(geometry, pressure, end, readings.order)
+        nodes = nodes_for(functions, readings.pressure.size)
+        for _ in range(halvings):
+            middle = (nodes[:, 1:] + nodes[:, :-1]) / 2
+            nodes = np.sort(np.concatenate([nodes, middle], axis=1), axis=1)
+        return cls(nodes, stations_of(nodes))
+
+
+def stations_of(nodes: Float[np.ndarray, "paths nodes"]) -> Int[np.ndarray, " stations"]:
+    """Indices of the nodes at which a constraint is posed from the start."""
+    return np.linspace(0, nodes.shape[1] - 1, STATIONS).round().astype(int)
 
 
 class Design(eqx.Module):
@@ -118,7 +138,7 @@ class Design(eqx.Module):
         unit: of each coefficient [Pa], shape (order,).
         slope, drucker: tables of the two constraints, on the scaled coefficients.
         functions: of both, index 0 and 1, path and position to (order,).
-        grid: see `Readings`.
+        grid: see `Nodes`.
         basis: shares of the coefficients at the lowest and the highest pressure, (pressures, 2).
     """
 
@@ -138,6 +158,7 @@ def design(
     geometry: famjax.AbstractGeometry,
     deadband: Float[Array, ""],
     readings: Readings,
+    nodes: Nodes,
     force: Float[Array, "pressures readings"] | None = None,
 ) -> Design:
     """The linear problem of readings at a geometry, differentiable in both and in the force.
@@ -146,6 +167,7 @@ def design(
         geometry: fixed.
         deadband: pressure P_d [Pa] before the muscle acts.
         readings: of the force map.
+        nodes: of the constraints.
         force: measured [N], in place of that of the readings.
     """
     pressure, length = jnp.asarray(readings.pressure), jnp.asarray(readings.length)
@@ -174,10 +196,10 @@ def design(
         weight=weight,
         factor=jax.vmap(compressed)(weighted * unit, target * weight),
         unit=unit,
-        slope=PathTable.at(functions[0], readings.nodes),
-        drucker=PathTable.at(functions[1], readings.nodes),
+        slope=PathTable.at(functions[0], nodes.at),
+        drucker=PathTable.at(functions[1], nodes.at),
         functions=functions,
-        grid=jnp.asarray(readings.grid),
+        grid=jnp.asarray(nodes.grid),
         basis=jnp.stack([1 - share, share], axis=-1),
     )
 

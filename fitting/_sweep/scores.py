@@ -1,15 +1,14 @@
 """What the fits of a sweep are judged by: errors in force and stroke, information, stability."""
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
+import dataclasses
+
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-import famjax
-
-from .padded import DEPENDENCES
-from .problem import Design, Readings
+from .forms import Forms, n_coefficients
+from .host_design import HostDesign
+from .linear_model import LinearModel
+from .problem import Readings
 
 _AT_REST = 1e-3  # a reading is blocked whose length is the rest length to this part
 _NEARLY_FREE = 0.1  # readings below this part of a pressure's largest force give its free length
@@ -17,7 +16,8 @@ _LENGTHS = 129
 _BEYOND = 2.0  # lengths are looked at to this multiple of the largest measured contraction
 
 
-class Scores(eqx.Module):
+@dataclasses.dataclass(frozen=True)
+class Scores:
     """Figures of merit of every fit, with the leading axes of the fits.
 
     Attributes:
@@ -29,13 +29,13 @@ class Scores(eqx.Module):
         margin: smallest modulus along the actuation paths [Pa], >= 0 when Drucker-stable.
     """
 
-    rmse: Float[Array, "*fits pressures"]
-    mae: Float[Array, "*fits pressures"]
-    blocked_error: Float[Array, "*fits pressures"]
-    free_contraction_error: Float[Array, "*fits pressures"]
-    aicc: Float[Array, "*fits"]
-    bic: Float[Array, "*fits"]
-    margin: Float[Array, "*fits"]
+    rmse: Float[np.ndarray, "*fits pressures"]
+    mae: Float[np.ndarray, "*fits pressures"]
+    blocked_error: Float[np.ndarray, "*fits pressures"]
+    free_contraction_error: Float[np.ndarray, "*fits pressures"]
+    aicc: Float[np.ndarray, "*fits"]
+    bic: Float[np.ndarray, "*fits"]
+    margin: Float[np.ndarray, "*fits"]
 
 
 def measured_ends(
@@ -64,112 +64,78 @@ def measured_ends(
 
 
 def score(
-    of: Design,
-    geometry: famjax.AbstractGeometry,
-    deadband: Float[Array, ""],
+    of: HostDesign,
+    model: LinearModel,
     readings: Readings,
-    coefficients: Float[Array, "dependences orders constraints pressures order"],
-    orders: tuple[int, ...],
-    ends: tuple[Float[Array, " pressures"], Float[Array, " pressures"]],
+    coefficients: Float[np.ndarray, "dependences orders constraints pressures order"],
+    forms: Forms,
 ) -> Scores:
     """The scores of all fits.
 
     Args:
         of: the linear problem.
-        geometry: of the fits.
-        deadband: P_d [Pa].
+        model: of the fits.
         readings: of the force map.
         coefficients: E_n [Pa] of all fits.
-        orders: of the law.
-        ends: blocked force [N] and free contraction [-] from `measured_ends`.
+        forms: of the law.
     """
-    blocked, free = ends
-    shape = coefficients.shape[:-2]
-    flat = coefficients.reshape(-1, *coefficients.shape[-2:])
-    there, count = of.weight > 0, jnp.sum(of.weight > 0, axis=1)
-    curve = _Curves.of(geometry, deadband, readings)
-
-    def one(E: Float[Array, "pressures order"]) -> tuple[Array, ...]:
-        residual = jnp.einsum("pke,pe->pk", of.A, E / of.unit) - of.target
-        residual = jnp.where(there, residual, 0.0)
-        force = curve.braid + jnp.einsum("ple,pe->pl", curve.bladder, E)
-        least, s = of.drucker.minima(E / of.unit)
-        paths, cell = jnp.arange(E.shape[0]), jnp.argmin(least, axis=1)
-        phi = of.functions[1](paths, s[paths, cell])
-        modulus = jnp.sum(phi * E / of.unit, axis=-1)
-        return (
-            jnp.sqrt(jnp.sum(residual**2, axis=1) / count),
-            jnp.sum(jnp.abs(residual), axis=1) / count,
-            force[:, 0] - blocked,
-            _first_zero(curve.contraction, force) - free,
-            jnp.sum((of.weight * residual) ** 2),
-            jnp.min(modulus),
-        )
-
-    rmse, mae, blocked_error, free_error, square, margin = jax.tree.map(
-        lambda leaf: leaf.reshape(*shape, *leaf.shape[1:]), jax.vmap(one)(flat)
+    blocked, free = measured_ends(readings, model.rest_length)
+    there, count = of.there, of.there.sum(axis=1)
+    residual = (of.A @ (coefficients / of.unit)[..., None])[..., 0] - of.target
+    residual = np.where(there, residual, 0.0)
+    contraction = _contractions(model, readings)
+    braid, bladder = model.columns(
+        model.rest_length * (1 - contraction), readings.pressure[:, None]
     )
-    n, k = jnp.sum(count), _n_parameters(orders, len(readings.pressure))[..., None]
-    deviance = n * jnp.log(square / n)
+    force = braid + (bladder @ coefficients[..., None])[..., 0]
+    n = count.sum()
+    k = np.array([
+        [n_coefficients(d, o, count.size) + 1.0 for o in forms.orders] for d in forms.dependences
+    ])[..., None]  # fmt: skip
+    deviance = n * np.log(np.sum((of.weight * residual) ** 2, axis=(-2, -1)) / n)
     room = n - k - 1
-    aicc = deviance + 2 * k + jnp.where(room > 0, 2 * k * (k + 1) / room, jnp.inf)
-    return Scores(rmse, mae, blocked_error, free_error, aicc, deviance + k * jnp.log(n), margin)
+    correction = np.where(room > 0, 2 * k * (k + 1) / np.where(room > 0, room, 1.0), np.inf)
+    return Scores(
+        rmse=np.sqrt(np.sum(residual**2, axis=-1) / count),
+        mae=np.sum(np.abs(residual), axis=-1) / count,
+        blocked_error=force[..., 0] - blocked,
+        free_contraction_error=_first_zero(contraction, force) - free,
+        aicc=deviance + 2 * k + correction,
+        bic=deviance + k * np.log(n),
+        margin=_margins(of, coefficients / of.unit),
+    )
 
 
-def n_coefficients(dependence: str, order: int, n_pressures: int) -> int:
-    """Number of coefficients of a form of the law."""
-    return {"fixed": 1, "linear": min(2, n_pressures), "free": n_pressures}[dependence] * order
+def _margins(
+    of: HostDesign, coefficients: Float[np.ndarray, "*fits paths order"]
+) -> Float[np.ndarray, "*fits"]:
+    """Smallest modulus along the paths [Pa] of scaled coefficients."""
+    paths = np.arange(coefficients.shape[-2])
+    margins = np.full(coefficients.shape[:-2], np.nan)
+    for at in np.ndindex(margins.shape):
+        E = coefficients[at]
+        if np.isfinite(E).all():
+            least, s = of.drucker.table.minima(E)
+            phi = of.drucker.rows(paths, s[paths, least.argmin(axis=1)])[0]
+            margins[at] = np.sum(phi * E, axis=1).min()
+    return margins
 
 
-def _n_parameters(orders: tuple[int, ...], n_pressures: int) -> Float[Array, "dependences orders"]:
-    """Coefficients, and the standard deviation of the errors."""
-    counts = [[n_coefficients(d, o, n_pressures) + 1.0 for o in orders] for d in DEPENDENCES]
-    return jnp.asarray(counts)
-
-
-class _Curves(eqx.Module):
-    """Forces along the isobars, from rest to beyond the measured contractions.
-
-    Attributes:
-        contraction: [-], shape (lengths,).
-        braid: force [N], shape (pressures, lengths).
-        bladder: force [N] per E_n = 1 Pa, shape (pressures, lengths, order).
-    """
-
-    contraction: Float[Array, " lengths"]
-    braid: Float[Array, "pressures lengths"]
-    bladder: Float[Array, "pressures lengths order"]
-
-    @classmethod
-    def of(
-        cls, geometry: famjax.AbstractGeometry, deadband: Float[Array, ""], readings: Readings
-    ) -> "_Curves":
-        """The curves of a geometry."""
-        rest = geometry.rest_length
-        reached = _BEYOND * (1 - jnp.min(jnp.asarray(readings.path_end)) / rest)
-        deepest = jnp.minimum(reached, 1 - geometry.length_range()[0] / rest)
-        contraction = deepest * jnp.arange(_LENGTHS) / (_LENGTHS - 1)
-        length, P = rest * (1 - contraction), jnp.asarray(readings.pressure)[:, None]
-
-        def bladder(E: Float[Array, " order"]) -> Float[Array, "pressures lengths"]:
-            return famjax.Muscle(geometry, famjax.PolynomialMaterial(E)).bladder_force(length, P)
-
-        braid = famjax.Muscle(geometry, famjax.PolynomialMaterial(jnp.zeros(1)), deadband)
-        return cls(
-            contraction,
-            braid.braid_force(length, P),
-            jax.vmap(bladder, out_axes=-1)(jnp.eye(readings.order)),
-        )
+def _contractions(model: LinearModel, readings: Readings) -> Float[np.ndarray, " lengths"]:
+    """Contractions [-] from rest to beyond the measured ones, as far as the geometry goes."""
+    rest = model.rest_length
+    reached = _BEYOND * (1 - readings.path_end.min() / rest)
+    return min(reached, 1 - model.shortest_length / rest) * np.arange(_LENGTHS) / (_LENGTHS - 1)
 
 
 def _first_zero(
-    x: Float[Array, " lengths"], force: Float[Array, "pressures lengths"]
-) -> Float[Array, " pressures"]:
+    x: Float[np.ndarray, " lengths"], force: Float[np.ndarray, "*fits pressures lengths"]
+) -> Float[np.ndarray, "*fits pressures"]:
     """Where the force first falls through zero, nan where it does not."""
-    falls = (force[:, :-1] > 0) & (force[:, 1:] <= 0)
-    at = jnp.argmax(falls, axis=1)
-    rows = jnp.arange(force.shape[0])
-    before, after = force[rows, at], force[rows, at + 1]
-    drop = jnp.where(before > after, before - after, 1.0)
-    zero = x[at] + (x[at + 1] - x[at]) * before / drop
-    return jnp.where(jnp.any(falls, axis=1), zero, jnp.nan)
+    falls = (force[..., :-1] > 0) & (force[..., 1:] <= 0)
+    at = falls.argmax(axis=-1)
+    before, after = (
+        np.take_along_axis(force, (at + k)[..., None], axis=-1)[..., 0] for k in (0, 1)
+    )
+    drop = np.where(before > after, before - after, 1.0)
+    return np.where(falls.any(axis=-1), x[at] + (x[at + 1] - x[at]) * before / drop, np.nan)

@@ -1,16 +1,14 @@
 """The sweep: all permutations of order, pressure dependence and constraint at fixed geometry."""
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
 
 import famjax
 
@@ -18,16 +16,17 @@ from .._data.force_data import ForceData
 from .._errors import InputError
 from .._saved.resumable import ResumableFile
 from ..engine.status import Status
-from .bootstrap import draw, replicate_all
-from .fits import Fits, solve_all
-from .padded import CONSTRAINTS, DEPENDENCES, OBJECTIVES
-from .problem import Readings, arrange, design
-from .scores import Scores, measured_ends, n_coefficients, score
+from .bootstrap import draw, replicate_sums
+from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
+from .host_design import HostDesign
+from .host_fits import HostSolver
+from .linear_model import LinearModel
+from .problem import Nodes, arrange
+from .scores import score
 
 FEASIBLE = 1e-9
 """Violation of a constraint per largest coefficient that counts as rounding."""
 
-_HIGHEST_ORDER = 4  # up to it the tangent modulus is a cubic, and its constraint exact
 _CHUNK = 250  # replicates
 
 
@@ -107,6 +106,7 @@ class Sweep:
         objective: one of "sum_of_squares", "mean_rmse" and "huber".
         replicates: number of bootstrap replicates.
         seed: of the replicates.
+        models: of the fits, with any coefficients.
     """
 
     rows: tuple[SweepRow, ...]
@@ -117,6 +117,7 @@ class Sweep:
     objective: str
     replicates: int
     seed: int
+    models: tuple[LinearModel, ...] = dataclasses.field(repr=False)
 
 
 def sweep(
@@ -171,9 +172,10 @@ def sweep(
     maps = (data,) if isinstance(data, ForceData) else tuple(data)
     geometries = _one_each(geometry, famjax.AbstractGeometry, len(maps), "geometry")
     deadbands = _one_each(deadband, int | float, len(maps), "deadband")
-    degrees = _checked(orders, dependences, constraints, objective, bootstrap)
+    forms = Forms.of(orders, dependences, constraints)
+    _check(objective, bootstrap)
     tasks = [
-        _Task(one, shape, float(dead), degrees, objective)
+        _Task(one, shape, float(dead), forms, objective)
         for one, shape, dead in zip(maps, geometries, deadbands, strict=True)
     ]
     settings = {
@@ -183,7 +185,9 @@ def sweep(
         "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in maps],
         "geometry": [_fingerprint(shape) for shape in geometries],
         "deadband_Pa": [float(dead) for dead in deadbands],
-        "orders": list(degrees),
+        "orders": list(forms.orders),
+        "dependences": list(forms.dependences),
+        "constraints": list(forms.constraints),
         "objective": objective,
         "bootstrap": bootstrap,
         "seed": seed,
@@ -198,9 +202,8 @@ def sweep(
     if progress is not None:
         progress(len(parts), len(parts))
     rows = [row for k, task in enumerate(tasks) for row in task.rows(_of(file.parts, parts, k))]
-    chosen = (r for r in rows if r.dependence in dependences and r.constraint in constraints)
     return Sweep(
-        rows=tuple(chosen),
+        rows=tuple(rows),
         pressures=tuple(task.readings.pressure for task in tasks),
         data=maps,
         geometries=geometries,
@@ -208,6 +211,7 @@ def sweep(
         objective=objective,
         replicates=bootstrap,
         seed=seed,
+        models=tuple(task.model for task in tasks),
     )
 
 
@@ -219,33 +223,40 @@ class _Task:
         data: ForceData,
         geometry: famjax.AbstractGeometry,
         deadband: float,
-        orders: tuple[int, ...],
+        forms: Forms,
         objective: str,
     ) -> None:
-        self.data, self.orders = data, orders
-        self.readings = arrange(data, geometry, max(orders))
-        blocked, free = measured_ends(self.readings, float(geometry.rest_length))
-        ends = (jnp.asarray(blocked), jnp.asarray(free))
-        self._given = (geometry, jnp.asarray(deadband), ends)
-        self._objective = objective
+        self.data, self.forms, self._objective = data, forms, objective
+        self._geometry, self._deadband = geometry, deadband
+        highest = forms.orders[-1]
+        self.readings = arrange(data, float(geometry.rest_length), highest)
+        levels, ends = self.readings.pressure, self.readings.path_end
+        self.model = LinearModel(geometry, deadband, highest, levels, ends)
 
     def fits(self) -> dict[str, Any]:
         """All fits with their scores, as plain lists."""
-        found = _fit_and_score(self.readings, self.orders, self._objective, *self._given)
-        fits, scores, square = jax.tree.map(np.asarray, found)
+        design = HostDesign.of(self.model, self.readings)
+        fits, square = HostSolver(design, self._objective).solve(self.forms, leave_out=True)
+        scores = score(design, self.model, self.readings, fits.coefficients, self.forms)
         return {
             "fits": {name: leaf.tolist() for name, leaf in vars(fits).items()},
             "scores": {name: leaf.tolist() for name, leaf in vars(scores).items()},
             "left_out_N2": square.tolist(),
         }
 
+    @functools.cached_property
+    def _nodes(self) -> Nodes:
+        """Of the constraints of replicates."""
+        return Nodes.of(self._geometry, self.readings)
+
     def replicates(self, part: tuple[int, int], seed: int, index: int) -> dict[str, Any]:
         """Sums over some replicates of the deviation from the fit and of its square."""
         first, count = part
         # Always a whole chunk, so that one compilation serves them all.
-        weights = jnp.asarray(draw(self.readings, _CHUNK, (seed, index, first)))
-        given = (self.readings, self.orders, *self._given[:2], weights, jnp.array(count))
-        total, square, known = jax.tree.map(np.asarray, _replicate_sums(*given))
+        weights = draw(self.readings, _CHUNK, (seed, index, first))
+        total, square, known = replicate_sums(
+            self._geometry, self._deadband, self.readings, self._nodes, self.forms, weights, count
+        )
         return {"sum": total.tolist(), "square": square.tolist(), "count": known.tolist()}
 
     def rows(self, chunks: list[dict[str, Any]]) -> Iterator[SweepRow]:
@@ -255,16 +266,16 @@ class _Task:
         left_out_square = _array(chunks[0]["left_out_N2"])
         spread = _spread(chunks[1:], fits["coefficients"].shape)
         count = self.readings.there.sum(axis=1)
-        for d, dependence in enumerate(DEPENDENCES):
-            for o, order in enumerate(self.orders):
-                for c, constraint in enumerate(CONSTRAINTS):
+        for d, dependence in enumerate(self.forms.dependences):
+            for o, order in enumerate(self.forms.orders):
+                for c, constraint in enumerate(self.forms.constraints):
                     at = (d, o, c)
                     status, margin = Status(int(fits["status"][at])), float(scores["margin"][at])
                     largest = float(np.abs(fits["coefficients"][at]).max())
                     rmse, mae = scores["rmse"][at], scores["mae"][at]
                     blocked = scores["blocked_error"][at]
                     free = scores["free_contraction_error"][at]
-                    beyond = left_out_square[at].sum() / count.sum() if d < 2 else np.nan
+                    beyond = left_out_square[at].sum() / count.sum()
                     stable = "stable" if margin >= -FEASIBLE * largest else "not stable"
                     yield SweepRow(
                         data=self.data.specimen.name,
@@ -294,37 +305,6 @@ class _Task:
                         status=status,
                         verdict=stable if status is Status.OPTIMAL else status.message,
                     )
-
-
-@eqx.filter_jit
-def _fit_and_score(
-    readings: Readings,
-    orders: tuple[int, ...],
-    objective: str,
-    geometry: famjax.AbstractGeometry,
-    deadband: Float[Array, ""],
-    ends: tuple[Float[Array, " pressures"], Float[Array, " pressures"]],
-) -> tuple[Fits, Scores, Float[Array, "2 orders constraints pressures"]]:
-    of = design(geometry, deadband, readings)
-    fits, left_out = solve_all(of, orders, objective, leave_out=True)
-    scores = score(of, geometry, deadband, readings, fits.coefficients, orders, ends)
-    return fits, scores, left_out
-
-
-@eqx.filter_jit
-def _replicate_sums(
-    readings: Readings,
-    orders: tuple[int, ...],
-    geometry: famjax.AbstractGeometry,
-    deadband: Float[Array, ""],
-    weights: Float[Array, "replicates pressures readings"],
-    count: Int[Array, ""],
-) -> tuple[Array, Array, Array]:
-    each = replicate_all(design(geometry, deadband, readings), orders, weights)
-    known = jnp.all(jnp.isfinite(each), axis=(-2, -1), keepdims=True)
-    known &= (jnp.arange(weights.shape[0]) < count)[:, None, None]
-    each = jnp.where(known, each, 0.0)
-    return jnp.sum(each, axis=3), jnp.sum(each**2, axis=3), jnp.sum(known, axis=3)
 
 
 def _spread(chunks: list[dict[str, Any]], shape: tuple[int, ...]) -> np.ndarray:
@@ -368,26 +348,8 @@ def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:
     return each
 
 
-def _checked(
-    orders: Sequence[int],
-    dependences: Sequence[str],
-    constraints: Sequence[str],
-    objective: str,
-    bootstrap: int,
-) -> tuple[int, ...]:
-    degrees = tuple(sorted(set(orders)))
-    if not degrees or degrees[0] < 1 or degrees[-1] > _HIGHEST_ORDER:
-        raise InputError(
-            f"orders of the law lie between 1 and {_HIGHEST_ORDER}, got {list(orders)}"
-        )
-    for name, given, known in (
-        ("dependences", dependences, DEPENDENCES),
-        ("constraints", constraints, CONSTRAINTS),
-        ("objective", [objective], OBJECTIVES),
-    ):
-        strange = [value for value in given if value not in known]
-        if strange or not given:
-            raise InputError(f"{name}: known are {', '.join(known)}; got {strange or 'none'}")
+def _check(objective: str, bootstrap: int) -> None:
+    named("objective", [objective], OBJECTIVES)
     if bootstrap < 0:
         raise InputError(f"the number of replicates cannot be negative, got {bootstrap}")
     if bootstrap and objective != "sum_of_squares":
@@ -395,7 +357,6 @@ def _checked(
             f"bootstrap replicates need the objective sum_of_squares, got {objective}: leave "
             "bootstrap out, or take that objective"
         )
-    return degrees
 
 
 def _fingerprint(geometry: famjax.AbstractGeometry) -> str:

@@ -15,7 +15,7 @@ import famjax
 from fitting import ForceData, InputError, Specimen, Status
 from fitting._convex.convex_fit import minimise
 from fitting._sweep.padded import constraint_of, free, huber_threshold, objective_of
-from fitting._sweep.problem import arrange, design
+from fitting._sweep.problem import Nodes, arrange, design
 from fitting._sweep.sweep import FEASIBLE, Sweep, SweepRow, sweep
 
 OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
@@ -215,13 +215,14 @@ def test_a_stopped_sweep_goes_on_to_the_same_bytes(
 
 def test_derivatives_in_geometry_and_deadband(swept: Sweep) -> None:
     """Of coefficients held by the Drucker constraint between stations."""
-    readings = arrange(DATA, geometry(), 3)
+    readings = arrange(DATA, REST, 3)
+    nodes = Nodes.of(geometry(), readings, halvings=3)
 
     def coefficients(step: jax.Array) -> jax.Array:
         base = geometry()
         longer = base.braid.rest_thread_length * (1 + step)
         shape = eqx.tree_at(lambda g: g.braid.rest_thread_length, base, longer)
-        of = design(shape, 1e4 * (1 + 30 * step), readings)
+        of = design(shape, 1e4 * (1 + 30 * step), readings, nodes)
         at = free(of, jnp.array(3), jnp.array(2))
         constraint = constraint_of(of, at, jnp.array(3))
         aim = objective_of("sum_of_squares", of, at, huber_threshold(of), jnp.ones(1))
@@ -245,8 +246,8 @@ def test_another_map_of_the_same_shape_is_not_compiled_again(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("compiled again")
 
-    monkeypatch.setattr("fitting._sweep.sweep.solve_all", never)
-    monkeypatch.setattr("fitting._sweep.sweep.replicate_all", never)
+    monkeypatch.setattr("fitting.engine.program.response", never)
+    monkeypatch.setattr("fitting._sweep.bootstrap.replicate_all", never)
     other = dataclasses.replace(DATA, force=1.01 * DATA.force)
     found = sweep(other, geometry(), deadband=2e4, orders=(2, 3), bootstrap=250)
     assert len(found.rows) == len(swept.rows)
@@ -296,14 +297,31 @@ def test_the_command_writes_files_and_goes_on(
         return swept
 
     monkeypatch.setattr(_sweep_command, "sweep", recorded)
-    shape = {"braid_diameter": 0.022, "braid_angle": 1.2, "deadband_pressure": 1e4}
-    document, paths = _sweep_command.sweep_command([DATA], geometry=shape, output=tmp_path / "new")
+    document, paths = _sweep_command.sweep_command(
+        [DATA], geometry(), deadband=1e4, output=tmp_path / "new"
+    )
     assert [path.name for path in paths] == ["sweep.jsonl", "errors-1.png", "curves-1.png"]
     assert paths[1].read_bytes().startswith(b"\x89PNG")
     assert len(document["rows"]) == len(swept.rows)
     (given, options), *_ = calls
     assert options["resume"] == tmp_path / "new" / "sweep.jsonl"
     assert options["deadband"] == 1e4
-    at = given[1][0].dimensions(REST, 0.0)
-    assert 2 * float(at.radius) == pytest.approx(0.022)
-    assert float(at.braid_angle) == pytest.approx(1.2)
+    assert given[0] == [DATA]
+
+
+def test_only_what_was_chosen_is_computed(swept: Sweep, tmp_path: Path) -> None:
+    chosen = {"orders": (3,), "dependences": ("free", "fixed"), "constraints": ("drucker",)}
+    file = tmp_path / "some.jsonl"
+    found = sweep(DATA, geometry(), deadband=1e4, **chosen, resume=file)
+    assert [(r.dependence, r.order, r.constraint) for r in found.rows] == [
+        ("fixed", 3, "drucker"), ("free", 3, "drucker"),
+    ]  # fmt: skip
+    for r in found.rows:
+        whole = row(swept, r.dependence, r.order, r.constraint).as_dict() | {
+            "coefficients_std": r.coefficients_std.tolist()
+        }
+        assert json.dumps(r.as_dict()) == json.dumps(whole)
+    part = json.loads(file.read_text().splitlines()[1])
+    assert np.shape(part["fits"]["objective"]) == (2, 1, 1)
+    with pytest.raises(InputError, match="other settings"):
+        sweep(DATA, geometry(), deadband=1e4, **(chosen | {"constraints": ("slope",)}), resume=file)

@@ -1,0 +1,114 @@
+"""One problem, two drivers: the fits on the host and those of a batch are the same numbers."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import famjax
+from fitting import ForceData, Specimen, Status
+from fitting._sweep.fits import solve_all
+from fitting._sweep.forms import OBJECTIVES, Forms
+from fitting._sweep.host_design import HostDesign
+from fitting._sweep.host_fits import HostFits, HostSolver
+from fitting._sweep.linear_model import LinearModel
+from fitting._sweep.problem import Nodes, Readings, arrange, design
+
+AGREEMENT = 1e-9  # relative: of objectives, and of forces to the largest
+REST, DEADBAND = 0.2, 1e4
+SOFTENING = np.array([2.5e6, -4.5e6, 2.4e6, 1e5])  # its tangent falls below zero and rises again
+FORMS = Forms((1, 2, 3, 4))
+
+
+def geometries() -> dict[str, famjax.AbstractGeometry]:
+    """One whose strains keep their sign along the paths, and one whose bladder is slack at rest."""
+    braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.2, length=REST, thickness=2e-4)
+    return {
+        "smooth": famjax.EstimatedGeometry(braid, famjax.Bladder(REST, 0.0195, 1.5e-3)),
+        "corner": famjax.EstimatedGeometry(braid, famjax.Bladder(REST, 0.0235, 1.5e-3)),
+    }
+
+
+def measured(geometry: famjax.AbstractGeometry, seed: int) -> ForceData:
+    length, pressure = (
+        grid.ravel() for grid in np.meshgrid(REST * np.linspace(1, 0.8, 15), [1e5, 2e5, 3e5, 4e5])
+    )
+    muscle = famjax.Muscle(geometry, famjax.PolynomialMaterial(SOFTENING), DEADBAND)
+    rng = np.random.default_rng(seed)
+    force = np.asarray(muscle.force(length, pressure)) + 3 * rng.standard_t(3, size=length.size)
+    return ForceData(force, pressure, length, Specimen("softening", REST, 1.5e-3))
+
+
+@pytest.fixture(scope="module", params=["smooth", "corner"])
+def posed(request: pytest.FixtureRequest) -> tuple[famjax.AbstractGeometry, Readings]:
+    geometry = geometries()[request.param]
+    return geometry, arrange(measured(geometry, 1), REST, FORMS.orders[-1])
+
+
+def on_the_host(
+    geometry: famjax.AbstractGeometry, readings: Readings, objective: str
+) -> tuple[HostDesign, HostFits, np.ndarray]:
+    order = FORMS.orders[-1]
+    model = LinearModel(geometry, DEADBAND, order, readings.pressure, readings.path_end)
+    of = HostDesign.of(model, readings)
+    return of, *HostSolver(of, objective).solve(FORMS, leave_out=True)
+
+
+@pytest.fixture(scope="module")
+def smooth() -> tuple[famjax.AbstractGeometry, Readings, Nodes]:
+    """With nodes so close that the cubics of a batch are the functions."""
+    geometry = geometries()["smooth"]
+    readings = arrange(measured(geometry, 1), REST, FORMS.orders[-1])
+    return geometry, readings, Nodes.of(geometry, readings, halvings=3)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_drivers_agree(
+    smooth: tuple[famjax.AbstractGeometry, Readings, Nodes], objective: str
+) -> None:
+    geometry, readings, nodes = smooth
+    of, mine, left_out = on_the_host(geometry, readings, objective)
+
+    @eqx.filter_jit
+    def batch(readings: Readings, nodes: Nodes) -> tuple:
+        problem = design(geometry, jnp.asarray(DEADBAND), readings, nodes)
+        return solve_all(problem, FORMS.orders, objective, leave_out=True)
+
+    theirs, beyond = jax.tree.map(np.asarray, batch(readings, nodes))
+    both = theirs.status == int(Status.OPTIMAL)
+    assert (mine.status == int(Status.OPTIMAL)).all()
+    assert both.mean() > 0.9
+    assert mine.active.sum() > 50  # constraints are at work, or agreement shows little
+    assert mine.kkt_residual.max() < AGREEMENT
+    np.testing.assert_allclose(mine.objective[both], theirs.objective[both], rtol=AGREEMENT)
+    np.testing.assert_allclose(mine.condition, theirs.condition, rtol=AGREEMENT)
+    forces = [
+        (of.A @ (fits.coefficients / of.unit)[..., None])[both][..., 0] for fits in (mine, theirs)
+    ]
+    largest = np.abs(readings.force).max()
+    np.testing.assert_allclose(*forces, atol=AGREEMENT * largest, rtol=0)
+    beside = both[:2] & np.isfinite(beyond).all(axis=-1)
+    np.testing.assert_allclose(
+        np.sqrt(left_out[:2][beside]), np.sqrt(beyond[beside]), atol=AGREEMENT * largest
+    )
+
+
+def test_nothing_is_violated_between_the_stations(
+    posed: tuple[famjax.AbstractGeometry, Readings],
+) -> None:
+    """On a grid that has nothing to do with either driver's, by the physics itself."""
+    geometry, readings = posed
+    _, found, _ = on_the_host(geometry, readings, "sum_of_squares")
+    held = found.coefficients[:, :, FORMS.constraints.index("drucker")]
+    size, touching = np.abs(held).max(axis=(-2, -1)), []
+    for p, (pressure, end) in enumerate(zip(readings.pressure, readings.path_end, strict=True)):
+        length = REST + np.linspace(0, 1, 3001) * (end - REST)
+        strains = famjax.path_strains(geometry, length, pressure)
+        rows = np.stack(
+            [np.asarray(strains.modulus(famjax.PolynomialMaterial(E))) for E in np.eye(4)], axis=-1
+        )
+        least = (held[:, :, p] @ rows.T).min(axis=-1) / size
+        assert least.min() > -1e-9
+        touching.append(least)
+    assert (np.min(touching, axis=0) < 1e-6).sum() > 2
