@@ -247,7 +247,8 @@ def solve_host_qps(
     scale[~(scale > 0)] = 1.0
     none, empty = np.zeros(0, int), np.zeros(0)
     rows, multipliers = [none] * count, [empty] * count
-    finite = np.isfinite(A).all((1, 2)) & np.isfinite(b).all(1) & np.isfinite(G).all((1, 2))
+    known = [np.isfinite(leaf).reshape(count, -1).all(axis=1) for leaf in (A, b, G)]
+    finite = np.all(known, axis=0)
     status = np.where(finite, Status.OPTIMAL, Status.STALLED)
     if n == 0:
         return HostOptima(

@@ -491,7 +491,8 @@ class Program:
         Args:
             p: parameters; offsets of lengths are zero.
             x0: coefficients.
-            length, pressure: of the readings [m, Pa].
+            length: of the readings [m].
+            pressure: of the readings [Pa].
             reached: forces [N] by which a compliant rig gives way.
         """
         count, size = length.size, self._size
