@@ -147,14 +147,15 @@ class _Recorder:
             raise UnknownPrimitiveError(primitive.name)
         self._within.add(primitive.name)
         examples = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
-        made: Callable[..., Any] = functools.partial(primitive.impl, **eqn.params)
-        if high := eqn.params.get("_prim"):  # from JAX 0.12 on: of trees of arguments
+        high = eqn.params.get("_prim")  # from JAX 0.12 on: of trees of arguments
 
-            def made(*arguments: Any) -> Any:
-                tree = getattr(high, "in_tree", None)
-                return high.expand(
-                    *(arguments if tree is None else jax.tree.unflatten(tree, arguments))
-                )
+        def made(*arguments: Any) -> Any:
+            if high is None:
+                return primitive.impl(*arguments, **eqn.params)
+            tree = getattr(high, "in_tree", None)
+            return high.expand(
+                *(arguments if tree is None else jax.tree.unflatten(tree, arguments))
+            )
 
         try:
             return jax.make_jaxpr(made)(*examples)
