@@ -309,7 +309,7 @@ def _linear_fit(problem: Problem) -> _End:
         linear=found / size,
         cost=float(residual @ residual) / 2,
         converged=True,
-        determined=rank == A.shape[1],
+        determined=bool(rank == A.shape[1]),
         predicted=linear.force + linear.columns @ (found / size),
     )
 
