@@ -56,7 +56,7 @@ def refit(
             progress(next(done), len(problems))
 
     tried = descend_many(
-        [problems[int(k)] for k in which], [start for points in starts for start in points],
+        [problems[k] for k in which.tolist()], [start for points in starts for start in points],
         progress=ended,
     )  # fmt: skip
     costs = np.array([end.cost for end in tried])

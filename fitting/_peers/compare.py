@@ -25,7 +25,7 @@ from .cross_validation import (
 )
 from .families import peer_families
 from .family import Model, PeerFamily
-from .fit import cross_validate_peer, fit_peer
+from .fit import cross_validate_peer_by, fit_peer
 from .hocking import ANGLE, fit_hocking_wereley, hocking_orders
 from .own_models import OWN, identified_row
 from .row import ComparisonRow
@@ -196,7 +196,7 @@ def _peer_row(
         row = row.noted("the best descent did not converge")
     if not fit.determined:
         row = row.noted("the readings do not determine all its parameters")
-    held_out = [cross_validate_peer(fit, data, groups, seed=seed) for groups in _LEFT_OUT]
+    held_out = cross_validate_peer_by(fit, data, _LEFT_OUT, seed=seed)
     for groups, found in zip(_LEFT_OUT, held_out, strict=True):
         if found.ambiguous:
             count = f"{len(found.ambiguous)} of {len(found.errors)}"

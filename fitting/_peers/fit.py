@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -158,7 +158,7 @@ def cross_validate_peer(
 ) -> CrossValidation:
     """The errors of a peer at each pressure or length when refitted to the others.
 
-    What `cross_validate` does, with all refits in the compiled call of the fit. The readings left
+    What `cross_validate` does, with all refits in step. The readings left
     out have no weight. One start is the fit to the whole map; as that has seen them, refits from
     the other starts come first wherever they are as good.
 
@@ -174,19 +174,53 @@ def cross_validate_peer(
     Raises:
         InputError: other groups, or fewer than two of them.
     """
-    if groups not in {"pressure", "length"}:
-        raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
-    check_groups(data, groups)
-    labels = group_labels(data, groups)[data.loaded]
+    return cross_validate_peer_by(fit, data, (groups,), seed=seed)[0]
+
+
+def cross_validate_peer_by(
+    fit: PeerFit, data: ForceData, kinds: Sequence[str], *, seed: int = 0
+) -> list[CrossValidation]:
+    """`cross_validate_peer` for several kinds of groups, the refits of all in step.
+
+    Args:
+        fit: of the whole map.
+        data: the same map.
+        kinds: each "pressure" or "length".
+        seed: of the starts.
+
+    Returns:
+        The errors of each kind.
+
+    Raises:
+        InputError: other groups, or fewer than two of them.
+    """
+    for groups in kinds:
+        if groups not in {"pressure", "length"}:
+            raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
+        check_groups(data, groups)
+    labels = [group_labels(data, groups)[data.loaded] for groups in kinds]
+    held = [label == level for label in labels for level in np.unique(label)]
     starts = _fold_starts(fit, seed)
+    problems = [
+        problem
+        for out in held
+        for problem in [fit.problem.with_readings(factor=1.0 * ~out)]
+        for _ in starts
+    ]
+    refits = _fitted(problems, np.tile(starts, (len(held), 1)))
+    ends = iter([refits[k : k + len(starts)] for k in range(0, len(refits), len(starts))])
+    return [
+        _held_out(data, groups, label, ends) for groups, label in zip(kinds, labels, strict=True)
+    ]
+
+
+def _held_out(
+    data: ForceData, groups: str, labels: Float[np.ndarray, " points"], folds: Iterator[list[_End]]
+) -> CrossValidation:
+    """The errors at the groups, each with the refits of its fold."""
     predicted, ambiguous = np.full(labels.size, math.nan), []
-    levels = np.unique(labels)
-    without = [fit.problem.with_readings(factor=1.0 * (labels != level)) for level in levels]
-    refits = _fitted(
-        [problem for problem in without for _ in starts], np.tile(starts, (len(without), 1))
-    )
-    for k, level in enumerate(levels):
-        held, ends = labels == level, refits[k * len(starts) : (k + 1) * len(starts)]
+    for level in np.unique(labels):
+        held, ends = labels == level, next(folds)
         cost = np.array([end.cost for end in ends])
         good = np.flatnonzero(cost <= (1 + _AS_GOOD) * np.nanmin(cost, initial=math.inf))
         if good.size:
@@ -275,7 +309,7 @@ def _linear_fit(problem: Problem) -> _End:
         linear=found / size,
         cost=float(residual @ residual) / 2,
         converged=True,
-        determined=rank == A.shape[1],
+        determined=bool(rank == A.shape[1]),
         predicted=linear.force + linear.columns @ (found / size),
     )
 

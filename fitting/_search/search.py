@@ -69,7 +69,7 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
     """
     kind = problem.constraint
     for exchange in range(spare):
-        if kind not in {"drucker", "slope"}:
+        if kind not in ("drucker", "slope"):
             break
         found = constraint_margin(problem, best.point, kind)
         lowest = min(float(one.value.min()) for one in found)

@@ -142,7 +142,7 @@ def solve_host_qp(
     Q, R = np.linalg.qr(A / scale)
     diagonal = np.abs(np.diagonal(R))
     norm = np.linalg.norm(R)
-    condition, inverse = np.inf, np.eye(n)
+    condition = np.inf
     if diagonal.min() > _EPS * norm:
         inverse = np.linalg.inv(R)
         condition = float(norm * np.linalg.norm(inverse))
@@ -247,8 +247,8 @@ def solve_host_qps(
     scale[~(scale > 0)] = 1.0
     none, empty = np.zeros(0, int), np.zeros(0)
     rows, multipliers = [none] * count, [empty] * count
-    known = [np.isfinite(leaf).reshape(count, -1).all(axis=1) for leaf in (A, b, G)]
-    finite = np.all(known, axis=0)
+    finite = np.isfinite(b).all(axis=1)
+    finite &= np.isfinite(A).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
     status = np.where(finite, Status.OPTIMAL, Status.STALLED)
     if n == 0:
         return HostOptima(
@@ -277,7 +277,7 @@ def solve_host_qps(
     normals, offsets = normals / size[:, :, None], h / size
     slack = (normals @ centre[:, :, None])[:, :, 0] - offsets
     noise = 32 * _EPS * (np.linalg.norm(centre, axis=1)[:, None] + np.abs(offsets))
-    for one in np.flatnonzero(good & np.any(np.less(slack, -noise), axis=1)).tolist():
+    for one in np.flatnonzero(good & (slack < -noise).any(axis=1)).tolist():
         guess = None if guesses is None else guesses[one]
         y[one], rows[one], found, status[one] = nearest_point(
             normals[one], offsets[one], centre[one], guess

@@ -231,20 +231,24 @@ def _clamp(low: np.ndarray, x: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 def _while(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     of_condition, of_body = params["cond_nconsts"], params["body_nconsts"]
-    condition, body = params["cond"].run, params["body"].run
+    condition, kept, read = params["cond"].run, params["kept"], params["read"]
+    count = of_condition + len(params["body"].inputs)
+    body = params["body"].function(kept)
 
-    def loop(*x: np.ndarray) -> tuple[np.ndarray, ...]:
+    def loop(*given: np.ndarray) -> tuple[Any, ...]:
+        x: list[Any] = [None] * count
+        for place, value in zip(read, given, strict=True):
+            x[place] = value
         first, second = x[:of_condition], x[of_condition : of_condition + of_body]
         carry = x[of_condition + of_body :]
         while True:
             (going,) = condition(*first, *carry)
             if not going.any():
-                return carry
-            new = body(*second, *carry)
-            # Members that are done stay as they are.
-            carry = tuple(new) if going.all() else tuple(
-                np.where(going, a, b) for a, b in zip(new, carry, strict=True)
-            )  # fmt: skip
+                return tuple(carry)
+            new, all_going = body(*second, *carry), going.all()
+            for place, value in zip(kept, new, strict=True):
+                # Members that are done stay as they are.
+                carry[place] = value if all_going else np.where(going, value, carry[place])
 
     return loop
 

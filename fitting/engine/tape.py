@@ -147,8 +147,16 @@ class _Recorder:
             raise UnknownPrimitiveError(primitive.name)
         self._within.add(primitive.name)
         examples = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
-        made = functools.partial(primitive.impl, **eqn.params)
-        made = getattr(eqn.params.get("_prim"), "expand", made)
+        high = eqn.params.get("_prim")  # from JAX 0.12 on: of trees of arguments
+
+        def made(*arguments: Any) -> Any:
+            if high is None:
+                return primitive.impl(*arguments, **eqn.params)
+            tree = getattr(high, "in_tree", None)
+            return high.expand(
+                *(arguments if tree is None else jax.tree.unflatten(tree, arguments))
+            )
+
         try:
             return jax.make_jaxpr(made)(*examples)
         except NotImplementedError as error:
@@ -196,14 +204,45 @@ def _simple(value: Any) -> Any:
     return np.dtype(value).str
 
 
+def _uses(tape: Tape, outputs: Iterable[int]) -> set[int]:
+    """The places of the arguments on which some results depend."""
+    wanted = {tape.outputs[place] for place in outputs}
+    for step in reversed(tape.steps):
+        if wanted.intersection(step.outputs):
+            wanted.update(step.inputs)
+    return {place for place, slot in enumerate(tape.inputs) if slot in wanted}
+
+
+def _asked_of_loop(step: Step, wanted: set[int]) -> Step:
+    """A loop that carries only what is asked for, and reads only what that takes."""
+    of_condition, of_body = step.params["cond_nconsts"], step.params["body_nconsts"]
+    read = _uses(step.params["cond"], [0])
+    kept = {place for place, slot in enumerate(step.outputs) if slot in wanted}
+    kept |= {place - of_condition for place in read if place >= of_condition}
+    while True:
+        within = _uses(step.params["body"], kept)
+        more = {place - of_body for place in within if place >= of_body} - kept
+        if not more:
+            break
+        kept |= more
+    first = of_condition + of_body
+    read = {place for place in read if place < of_condition}
+    read |= {place + of_condition for place in within if place < of_body}
+    read |= {place + first for place in kept}
+    inputs = tuple(slot for place, slot in enumerate(step.inputs) if place in read)
+    params = step.params | {"kept": tuple(sorted(kept)), "read": tuple(sorted(read))}
+    return Step(step.name, inputs, step.outputs, params)
+
+
 def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
     """The tape as a function of its inputs, with nothing done that is not asked for."""
     wanted = {tape.outputs[place] for place in outputs}
     needed: list[Step] = []
     for step in reversed(tape.steps):
         if wanted.intersection(step.outputs):
-            needed.append(step)
-            wanted.update(step.inputs)
+            asked = _asked_of_loop(step, wanted) if step.name == "while" else step
+            needed.append(asked)
+            wanted.update(asked.inputs)
     values: list[Any] = [None] * len(tape.shapes)
     fixed = set(tape.constants)
     for slot, value in tape.constants.items():
