@@ -27,14 +27,9 @@ def log_density(z):  # flat within the bounds: the map's own Jacobian goes with 
 warmup = blackjax.window_adaptation(blackjax.nuts, log_density, is_mass_matrix_diagonal=False)
 (state, tuned), _ = warmup.run(jax.random.key(0), apart.unbounded, num_steps=400)
 nuts = blackjax.nuts(log_density, **tuned)
-
-
-def step(state, key):
-    state, told = nuts.step(key, state)
-    return state, (state.position, told)
-
-
-_, (z, told) = jax.lax.scan(step, state, jax.random.split(jax.random.key(1), 400))
+_, (z, told) = blackjax.util.run_inference_algorithm(
+    jax.random.key(1), nuts, 400, initial_state=state, transform=lambda s, told: (s.position, told)
+)
 values = jax.vmap(lambda z: apart.values(apart.bounded(z)))(z)
-print({name: f"{v.mean():.4g} +- {v.std():.2g}" for name, v in values.items()})
+print(*(f"{name} {v.mean():.4g} +- {v.std():.2g}" for name, v in values.items()), sep="\n")
 print(f"accepted {told.acceptance_rate.mean():.2f}, divergent {int(told.is_divergent.sum())}")

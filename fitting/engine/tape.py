@@ -271,7 +271,7 @@ def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray
     work = [(*one, tuple(gone)) for one, gone in zip(varying, spent, strict=True)]
     shapes = [tape.shapes[slot] for slot in results]
 
-    def run(*arguments: np.ndarray) -> list[np.ndarray]:
+    def run(*arguments: np.ndarray | None) -> list[np.ndarray]:
         v = values.copy()
         for slot, argument in zip(tape.inputs, arguments, strict=True):
             v[slot] = argument

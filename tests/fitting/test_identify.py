@@ -230,14 +230,25 @@ def test_elastic_braid_is_identified() -> None:
     assert identify(data, starts=8).errors.rmse > 100 * elastic.errors.rmse
 
 
+class Silent(famjax.EstimatedGeometry):
+    """A geometry that declares nothing of itself."""
+
+    def declared(self) -> dict[str, famjax.Declared]:
+        return {}
+
+
 def test_known_geometry_is_taken_as_it_is() -> None:
     truth = known_muscle(SOFTENING)
     result = identify(readings(truth), geometry=truth.geometry, starts=2)
     assert result.estimate("braid_diameter").fixed
     assert result.derived == ()
     np.testing.assert_allclose(result.coefficients[0], [4e6, -6e6, 6e6], rtol=1e-6)
+    box = {"braid_diameter": (0.020, 0.0236)}
+    named = identify(readings(truth), geometry=truth.geometry, bounds=box, starts=4)
+    assert named.estimate("braid_diameter").value == pytest.approx(0.022, rel=1e-6)
+    silent = Silent(truth.geometry.braid, truth.geometry.bladder)
     with pytest.raises(InputError, match="braid_diameter: the known geometry says it already"):
-        identify(readings(truth), geometry=truth.geometry, bounds={"braid_diameter": (0.02, 0.021)})
+        identify(readings(truth), geometry=silent, bounds=box)
     other = dataclasses.replace(SPECIMEN, rest_length=0.31)
     with pytest.raises(InputError, match="the geometry's rest length, 300 mm, must be"):
         identify(dataclasses.replace(readings(truth), specimen=other), geometry=truth.geometry)
