@@ -16,6 +16,7 @@ from fitting._sweep.linear_model import LinearModel
 from fitting._sweep.problem import Nodes, Readings, arrange, design
 
 AGREEMENT = 1e-9  # relative: of objectives, and of forces to the largest
+EXACT = 1e-12  # certificate of a batch's fit that is known well enough to be compared
 REST, DEADBAND = 0.2, 1e4
 SOFTENING = np.array([2.5e6, -4.5e6, 2.4e6, 1e5])  # its tangent falls below zero and rises again
 FORMS = Forms((1, 2, 3, 4))
@@ -76,11 +77,11 @@ def test_drivers_agree(
         return solve_all(problem, FORMS.orders, objective, leave_out=True)
 
     theirs, beyond = jax.tree.map(np.asarray, batch(readings, nodes))
-    both = theirs.status == int(Status.OPTIMAL)
+    both = (theirs.status == int(Status.OPTIMAL)) & (theirs.kkt_residual < EXACT)
     assert (mine.status == int(Status.OPTIMAL)).all()
     assert both.mean() > 0.9
     assert mine.active.sum() > 50  # constraints are at work, or agreement shows little
-    assert mine.kkt_residual.max() < AGREEMENT
+    assert mine.kkt_residual.max() < EXACT
     np.testing.assert_allclose(mine.objective[both], theirs.objective[both], rtol=AGREEMENT)
     np.testing.assert_allclose(mine.condition, theirs.condition, rtol=AGREEMENT)
     forces = [
