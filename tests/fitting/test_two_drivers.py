@@ -89,10 +89,11 @@ def test_drivers_agree(
     ]
     largest = np.abs(readings.force).max()
     np.testing.assert_allclose(*forces, atol=AGREEMENT * largest, rtol=0)
-    beside = both[:2] & np.isfinite(beyond).all(axis=-1)
-    np.testing.assert_allclose(
-        np.sqrt(left_out[:2][beside]), np.sqrt(beyond[beside]), atol=AGREEMENT * largest
-    )
+    # Without a pressure Huber's optimum is flat in places: other points have the same objective.
+    if objective != "huber":
+        beside = both[:2] & np.isfinite(beyond).all(axis=-1)
+        without = (np.sqrt(square[:2][beside]) for square in (left_out, beyond))
+        np.testing.assert_allclose(*without, atol=AGREEMENT * largest)
 
 
 def test_nothing_is_violated_between_the_stations(
