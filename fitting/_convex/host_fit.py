@@ -19,9 +19,9 @@ from .path_table import PathTable
 _PER_STEP = 4  # points that become rows at a time
 _STEPS = 40
 _LOOSE = 0.1  # share of the majorant in the curvature: a tenth of a step is then one with it alone
-_LEAST = 1e-6  # of that share: a curvature that nearly vanishes would drown the rows in rounding
+_LEAST = 1e-4  # of that share: a curvature that nearly vanishes would drown the rows in rounding
 _LOOSER = 10.0  # by which that grows with a step that is shortened, and falls with a whole one
-_LAST_STEPS = 12  # at most, to make a near solution exact
+_LAST_STEPS = 20  # at most, to make a near solution exact
 _SHORTENED = (1.0, 0.5, 0.25, 0.1, 0.02)  # parts of a step that are tried
 _NEAR = 1e-6  # violation per largest coefficient, and relative change by a step, of a near solution
 _MATTERS = 1e-4  # slack per largest coefficient above which a dip stays inactive by the last steps

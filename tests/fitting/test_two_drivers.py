@@ -16,6 +16,7 @@ from fitting._sweep.linear_model import LinearModel
 from fitting._sweep.problem import Nodes, Readings, arrange, design
 
 AGREEMENT = 1e-9  # relative: of objectives, and of forces to the largest
+EXACT = 1e-12  # certificate of a batch's fit that is known well enough to be compared
 REST, DEADBAND = 0.2, 1e4
 SOFTENING = np.array([2.5e6, -4.5e6, 2.4e6, 1e5])  # its tangent falls below zero and rises again
 FORMS = Forms((1, 2, 3, 4))
@@ -76,11 +77,11 @@ def test_drivers_agree(
         return solve_all(problem, FORMS.orders, objective, leave_out=True)
 
     theirs, beyond = jax.tree.map(np.asarray, batch(readings, nodes))
-    both = theirs.status == int(Status.OPTIMAL)
+    both = (theirs.status == int(Status.OPTIMAL)) & (theirs.kkt_residual < EXACT)
     assert (mine.status == int(Status.OPTIMAL)).all()
     assert both.mean() > 0.9
     assert mine.active.sum() > 50  # constraints are at work, or agreement shows little
-    assert mine.kkt_residual.max() < AGREEMENT
+    assert mine.kkt_residual.max() < EXACT
     np.testing.assert_allclose(mine.objective[both], theirs.objective[both], rtol=AGREEMENT)
     np.testing.assert_allclose(mine.condition, theirs.condition, rtol=AGREEMENT)
     forces = [
@@ -88,10 +89,11 @@ def test_drivers_agree(
     ]
     largest = np.abs(readings.force).max()
     np.testing.assert_allclose(*forces, atol=AGREEMENT * largest, rtol=0)
-    beside = both[:2] & np.isfinite(beyond).all(axis=-1)
-    np.testing.assert_allclose(
-        np.sqrt(left_out[:2][beside]), np.sqrt(beyond[beside]), atol=AGREEMENT * largest
-    )
+    # Without a pressure Huber's optimum is flat in places: other points have the same objective.
+    if objective != "huber":
+        beside = both[:2] & np.isfinite(beyond).all(axis=-1)
+        without = (np.sqrt(square[:2][beside]) for square in (left_out, beyond))
+        np.testing.assert_allclose(*without, atol=AGREEMENT * largest, rtol=0)
 
 
 def test_nothing_is_violated_between_the_stations(
