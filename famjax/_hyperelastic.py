@@ -164,7 +164,7 @@ class YeohMaterial(AbstractHyperelastic):
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
         """The law of this many terms, by default three."""
-        fields.setdefault("coefficients", [_STRESS] * order)
+        fields.setdefault("coefficients", np.full(order, _STRESS))
         return super().template(**fields)
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:

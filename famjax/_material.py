@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ._types import Given, Real, RealArray, as_real
@@ -90,7 +91,7 @@ class PolynomialMaterial(AbstractMaterial):
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "PolynomialMaterial":
         """The law of this order, by default the cubic one."""
-        fields.setdefault("coefficients", [_STRESS] * order)
+        fields.setdefault("coefficients", np.full(order, _STRESS))
         return super().template(**fields)
 
     def stress(self, strain: Real) -> RealArray:

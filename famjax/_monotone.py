@@ -40,7 +40,7 @@ class MonotoneMaterial(AbstractUniaxialLaw):
         cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any
     ) -> "MonotoneMaterial":
         """The law with these knots and the same modulus at each of them."""
-        fields.setdefault("moduli", [_STRESS] * len(knots))
+        fields.setdefault("moduli", np.full(len(knots), _STRESS))
         return super().template(knots=knots, **fields)
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:

@@ -119,7 +119,12 @@ _NAMES = {
     "_evidence.likelihood": ("Profile", "profile"),
     "_evidence.series": ("SERIES_LAWS", "Series", "identify_series"),
     "_evidence.validation": ("Validation", "validate"),
-    "_model.geometry_source": ("AbstractGeometrySource", "EstimatedSource", "KnownSource"),
+    "_model.geometry_source": (
+        "AbstractGeometrySource",
+        "EstimatedSource",
+        "KnownSource",
+        "WrappedSource",
+    ),
     "_model.laws": (
         "Law",
         "known_laws",

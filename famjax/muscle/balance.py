@@ -36,7 +36,7 @@ class Muscle(AbstractMuscle):
     >>> rubber = famjax.NeoHookeanMaterial(3e5)
     >>> muscle = Muscle(shape, famjax.PressurisedBraid(40e3) + famjax.BladderWall(rubber))
     >>> print(f"{muscle.force(0.28, 4e5):.1f} {Muscle(shape, rubber, 40e3).force(0.28, 4e5):.1f}")
-    741.4 741.4
+    765.2 765.2
     """
 
     geometry: AbstractGeometry

@@ -105,7 +105,7 @@ def parameter(
     >>> from famjax import AbstractForceTerm
     >>> from jaxtyping import Array, Float
     >>> class Tape(AbstractForceTerm):
-    ...     stiffness: Float[Given, ""] = parameter("N/m", low=0.0, linear=True)
+    ...     stiffness: Float[Array, ""] = parameter("N/m", low=0.0, linear=True)
     ...
     ...     def force(self, at, pressure):
     ...         return self.stiffness * (at.length - 0.3)

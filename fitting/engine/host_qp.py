@@ -142,7 +142,7 @@ def solve_host_qp(
     Q, R = np.linalg.qr(A / scale)
     diagonal = np.abs(np.diagonal(R))
     norm = np.linalg.norm(R)
-    condition = np.inf
+    condition, inverse = np.inf, np.eye(n)
     if diagonal.min() > _EPS * norm:
         inverse = np.linalg.inv(R)
         condition = float(norm * np.linalg.norm(inverse))
@@ -247,7 +247,7 @@ def solve_host_qps(
     scale[~(scale > 0)] = 1.0
     none, empty = np.zeros(0, int), np.zeros(0)
     rows, multipliers = [none] * count, [empty] * count
-    finite = np.isfinite(b).all(axis=1)
+    finite = np.atleast_1d(np.isfinite(b).all(axis=1))
     finite &= np.isfinite(A).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
     status = np.where(finite, Status.OPTIMAL, Status.STALLED)
     if n == 0:

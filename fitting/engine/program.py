@@ -221,7 +221,7 @@ def unflat(family: AbstractFamily, numbers: Float[np.ndarray, " l"]) -> Any:
     for leaf in leaves:
         if isinstance(leaf, jax.ShapeDtypeStruct) and jnp.issubdtype(leaf.dtype, jnp.inexact):
             size = math.prod(leaf.shape)
-            found.append(jnp.asarray(np.reshape(numbers[first : first + size], leaf.shape)))
+            found.append(jax.device_put(numbers[first : first + size].reshape(leaf.shape).copy()))
             first += size
         else:
             found.append(leaf)
