@@ -220,7 +220,7 @@ def test_length_errors_are_found_where_a_prior_allows_them() -> None:
         ),
         ({"noise": -1.0}, "noise of a reading must be > 0"),
         (
-            {"geometry": known_muscle().geometry, "parameters": {"end_factor": Parameter()}},
+            {"geometry": known_muscle().geometry, "parameters": {"end_length": Parameter()}},
             "a known geometry has no such parameter",
         ),
     ],
