@@ -10,6 +10,7 @@ inputs, which are padded to buckets: another map, specimen or bound is another i
 """
 
 import copy
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -502,9 +503,10 @@ class Program:
             return np.pad(values, (0, members * size - count), mode="edge").reshape(members, size)
 
         own = [folded(length).T, folded(pressure).T, np.zeros((size, 1)), np.zeros((size, 1), int)]
-        last = len(self._arrays) - 7  # of `MapInputs`, of which the first four are of readings
         arrays = [a[..., None] for a in self._arrays]
-        arrays[last : last + 4] = own
+        # Those of `MapInputs` come last, and of them those of the readings first.
+        first = len(arrays) - len(dataclasses.fields(MapInputs))
+        arrays[first : first + len(own)] = own
         force, stiffness = _traced(*self._key, (p.size, x0.size, size), self._family_key).forces(
             arrays, (p[None], x0[None], folded(reached))
         )

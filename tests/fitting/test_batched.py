@@ -13,8 +13,8 @@ from fitting.engine.descent import descend
 pytestmark = pytest.mark.slow
 
 AGREE = 1e-9  # relative: two drivers of one problem
-STEP = 0.1  # N: of differences, far above what the end of a descent leaves
-DIFFERENCES = 1e-4  # relative: ends are known to the root of rounding, and the step bends the fit
+STEP = 0.1  # N: of differences
+DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9
 RIGID = {"order": 2}
 COMPLIANT = {"law": "saturating", "parameters": {"series_compliance": Parameter()}}
 
@@ -54,7 +54,8 @@ def test_the_derivative_goes_through_the_fit(dmsp20: ForceData) -> None:
     ends = [
         descend(
             problem.with_readings(force=problem.force + sign * STEP * towards),
-            result.end.u,
+            # From the optimum itself a single step is made, and what it leaves grows with STEP.
+            0.7 * result.end.u + 0.1,
             tolerance=1e-13,
         )
         for sign in (1, -1)
