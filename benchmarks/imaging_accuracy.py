@@ -18,6 +18,7 @@ import numpy as np
 
 from imaging import ImagingError, Measurement, Recipe, Scale, calibrate_ruler, measure
 from imaging.synthetic import (
+    render,
     INCH,
     Lens,
     Light,
@@ -26,7 +27,6 @@ from imaging.synthetic import (
     Truth,
     published_ruler,
     published_scene,
-    render,
     render_ruler,
 )
 

@@ -32,15 +32,15 @@ from pathlib import Path
 
 import numpy as np
 
-from rig._device import Device
-from rig._events import Lost
-from rig._journal import Journal
-from rig._journal_reader import read_journal
-from rig._link import Link, serial_opener
-from rig._messages import Sample
-from rig._native_device import NativeDevice, build_native
-from rig._protocol import parse
-from rig._session import Session
+from rig.device.core import Device
+from rig.link.events import Lost
+from rig.journal.writer import Journal
+from rig.journal.reader import read_journal
+from rig.link.serial_link import Link, serial_opener
+from rig.protocol.messages import Sample
+from rig.device.native import NativeDevice, build_native
+from rig.protocol.lines import parse
+from rig.link.session import Session
 from rig.simulation import ByteChannel
 
 SLICE = 2

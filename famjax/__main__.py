@@ -10,7 +10,7 @@ os.environ.setdefault("PJRT_NPROC", "16")
 try:
     from cyclopts import CycloptsError
 
-    from ._commands.app import command_line
+    from .commands.app import command_line
 except ImportError as missing:
     sys.exit(
         f"the famjax command needs its extra 'app' ({missing}); install it with\n"
@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _run(arguments: list[str]) -> int:
     from fitting import InputError  # noqa: PLC0415
 
-    from ._catalogue import CatalogueError  # noqa: PLC0415
+    from .design.catalogue import CatalogueError  # noqa: PLC0415
 
     try:
         code = command_line(arguments)(

@@ -1,5 +1,3 @@
-"""The one error that tells a person what is wrong with what they gave."""
+"""The error that says what is wrong with what was given."""
 
-
-class InputError(ValueError):
-    """What must hold, what was got, and what to do; the command line prints it and exits with 2."""
+from famjax.boundary.errors import InputError as InputError

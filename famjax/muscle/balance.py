@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 
 from .._compiled import compiled
-from .._geometry import AbstractGeometry, Dimensions
-from .._material import AbstractMaterial
+from ..geometries.estimated import AbstractGeometry, Dimensions
+from ..materials.polynomial import AbstractMaterial
 from .._types import Real, RealArray, as_real
 from ..terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 from .abstract_muscle import AbstractMuscle

@@ -6,11 +6,6 @@ values (`parameters`), a muscle with other values (`with_parameters`), and the f
 scaled, bounded parameters that a solver of somebody else's wants (`take_apart`).
 """
 
-from .apart import Apart as Apart, take_apart as take_apart
-from .declared import (
-    Declared as Declared,
-    Quantity as Quantity,
-    number as number,
-    parameter as parameter,
-)
-from .parametrised import Parametrised as Parametrised, template as template
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,12 +6,6 @@
 ['PressurisedBraid', 'BladderWall']
 """
 
-from .abstract import AbstractForceTerm as AbstractForceTerm, SumOfTerms as SumOfTerms
-from .pressurised import PressurisedBraid as PressurisedBraid, VirtualWork as VirtualWork
-from .sliding import Friction as Friction
-from .spring import Spring as Spring
-from .wall import (
-    BladderAxial as BladderAxial,
-    BladderHoop as BladderHoop,
-    BladderWall as BladderWall,
-)
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from .._geometry import Dimensions
+from ..geometries.estimated import Dimensions
 from .._types import Real, RealArray
 from ..parameters import Parametrised
 

@@ -6,8 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._force import gaylord_force
-from .._geometry import Dimensions
+from ..braids.gaylord import gaylord_force
+from ..geometries.estimated import Dimensions
 from .._types import Given, Real, RealArray
 from ..parameters import parameter
 from .abstract import AbstractForceTerm

@@ -2,8 +2,8 @@
 
 from jaxtyping import Float
 
-from .._friction import AbstractFriction
-from .._geometry import Dimensions
+from .friction import AbstractFriction
+from ..geometries.estimated import Dimensions
 from .._types import Given, Real, RealArray
 from ..parameters import number
 from .abstract import AbstractForceTerm

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._geometry import Dimensions
+from ..geometries.estimated import Dimensions
 from .._types import Given, Real, RealArray
 from ..parameters import parameter
 from .abstract import AbstractForceTerm

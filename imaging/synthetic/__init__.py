@@ -15,52 +15,6 @@ Examples:
     ((500, 220, 3), 7.657, 328)
 """
 
-from ._damage import damaged as damaged
-from ._expose import expose as expose
-from ._light import Lamp as Lamp, Light as Light, Reflectance as Reflectance
-from ._linear import LinearPhoto as LinearPhoto
-from ._muscle import (
-    BLUE_HUE as BLUE_HUE,
-    INCH as INCH,
-    TAN as TAN,
-    MuscleScene as MuscleScene,
-    Tape as Tape,
-)
-from ._photo import Photo as Photo
-from ._profiles import (
-    PUBLISHED_CONTRACTIONS as PUBLISHED_CONTRACTIONS,
-    REST_LENGTH as REST_LENGTH,
-    FourierShape as FourierShape,
-    published_shape as published_shape,
-    stroke_shape as stroke_shape,
-)
-from ._random_scene import random_scene as random_scene
-from ._render import (
-    render as render,
-    render_linear as render_linear,
-    render_ruler as render_ruler,
-)
-from ._ruler import (
-    STEEL as STEEL,
-    WOOD as WOOD,
-    RulerScene as RulerScene,
-    published_ruler as published_ruler,
-)
-from ._scene import (
-    PUBLISHED_CROP as PUBLISHED_CROP,
-    PUBLISHED_DISTANCE as PUBLISHED_DISTANCE,
-    PUBLISHED_FRAME as PUBLISHED_FRAME,
-    PUBLISHED_PX_PER_IN as PUBLISHED_PX_PER_IN,
-    Jpeg as Jpeg,
-    Lens as Lens,
-    Scene as Scene,
-    Sensor as Sensor,
-    published_scene as published_scene,
-)
-from ._sequence import (
-    StrokeLog as StrokeLog,
-    render_sequence as render_sequence,
-    stroke_log as stroke_log,
-    triangle_stroke as triangle_stroke,
-)
-from ._truth import RulerTruth as RulerTruth, Truth as Truth
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

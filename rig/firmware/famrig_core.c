@@ -36,7 +36,7 @@ void famrig_reset(famrig *d, uint8_t cause, uint16_t boot)
     d->sending[d->sending_head++] = '\n'; /* ends what the reset has torn */
 }
 
-/* ---- controller: rig/_control_law.py, in 32 bits ---- */
+/* ---- controller: rig/protocol/control_law.py, in 32 bits ---- */
 
 static int32_t pressure_error(const fr_law *law, uint16_t counts, uint8_t ticks)
 {

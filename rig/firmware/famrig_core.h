@@ -2,7 +2,7 @@
  *
  * A port calls famrig_step once per 2 ms tick with the counts of its converter, sets its output and
  * its pins at once, then calls famrig_serve and famrig_release. README.md describes the protocol;
- * rig/_device.py is the same program in Python and must send the same bytes. */
+ * rig/device/core.py is the same program in Python and must send the same bytes. */
 #ifndef FAMRIG_CORE_H
 #define FAMRIG_CORE_H
 
@@ -38,7 +38,7 @@ enum fr_state { FR_SAFE, FR_RUN, FR_MANUAL, FR_TRIP };
 enum fr_fault { FR_NO_FAULT, FR_SILENCE, FR_OVER_PRESSURE, FR_JUMP, FR_STALL, FR_WATCHDOG };
 enum fr_cause { FR_POWER_ON = 1, FR_RESET_PIN = 2, FR_BROWN_OUT = 4, FR_WATCHDOG_RESET = 8 };
 
-/* What the controller controls with; units as in rig/_control_law.py. */
+/* What the controller controls with; units as in rig/protocol/control_law.py. */
 typedef struct {
     int32_t set_point;             /* 1/128 psi */
     uint16_t feed_forward;         /* 1/256 PWM count */

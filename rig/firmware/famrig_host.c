@@ -1,4 +1,4 @@
-/* The core for a computer: one call per tick, for rig/_native_device.py. */
+/* The core for a computer: one call per tick, for rig/device/native.py. */
 #include "famrig_core.h"
 
 #include <stddef.h>

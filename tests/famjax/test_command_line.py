@@ -169,7 +169,11 @@ def test_doctor_reports_versions_and_devices() -> None:
 def test_doctor_names_a_clash(tmp_path: Path) -> None:
     (tmp_path / "fitting.py").write_text("")
     done = subprocess.run(
-        [sys.executable, "-c", "from famjax._doctor import problems; print(problems())"],
+        [
+            sys.executable,
+            "-c",
+            "from famjax.commands.installation import problems; print(problems())",
+        ],
         capture_output=True,
         text=True,
         check=False,

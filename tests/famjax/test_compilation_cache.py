@@ -8,10 +8,10 @@ from pathlib import Path
 import jax
 import pytest
 
-from famjax._commands import compilation_cache
-from famjax._commands.compilation_cache import cache_root, contents
+from famjax.commands import compilation_cache
+from famjax.commands.compilation_cache import cache_root, contents
 
-SWITCH_ON = "from famjax._commands.compilation_cache import switch_on; print(repr(switch_on()))"
+SWITCH_ON = "from famjax.commands.compilation_cache import switch_on; print(repr(switch_on()))"
 
 
 def in_fresh_process(code: str, **environment: str) -> str:

@@ -1,7 +1,7 @@
 import pytest
 
 from famjax import units
-from famjax._design_options import parse_requirement, parse_tube
+from famjax.design.options import parse_requirement, parse_tube
 from famjax.design import CatalogueError
 
 

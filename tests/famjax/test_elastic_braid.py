@@ -12,9 +12,9 @@ import pytest
 from scipy.optimize import brentq
 
 import famjax
-from famjax._elastic_braid import ElasticBraid
-from famjax._elastic_root import strain_under_line
-from famjax._thread import AbstractThread, LinearThread, ToeThread
+from famjax.braids.elastic import ElasticBraid
+from famjax.braids.elastic_root import strain_under_line
+from famjax.braids.thread import AbstractThread, LinearThread, ToeThread
 
 EXACT = 1e-12  # roundings of a few operations, some with cancellation
 DIFFERENCE = 1e-6  # the issue's own figure for derivatives

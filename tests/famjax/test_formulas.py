@@ -106,9 +106,9 @@ def test_formula_is_homogeneous_in_units(formula: Formula) -> None:
 def test_every_public_function_is_in_the_registry() -> None:
     public = {
         name
-        for name in famjax._braid.__dict__.keys()
-        | famjax._bladder.__dict__.keys()
-        | famjax._force.__dict__.keys()
+        for name in famjax.braids.inextensible.__dict__.keys()
+        | famjax.geometries.bladder.__dict__.keys()
+        | famjax.braids.gaylord.__dict__.keys()
         if callable(getattr(famjax, name, None)) and name[0].islower()
     }
     assert public - {"units", "parameter", "number"} == set(FORMULAS)  # two declare fields

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import famjax
-from famjax._friction import (
+from famjax.terms.friction import (
     AbstractFriction,
     PressureFriction,
     ThreadFriction,

@@ -9,7 +9,7 @@ from jax.test_util import check_grads
 from scipy.integrate import quad
 
 import famjax
-from famjax._hyperelastic import (
+from famjax.materials.hyperelastic import (
     AbstractHyperelastic,
     AbstractUniaxialLaw,
     MooneyRivlinMaterial,

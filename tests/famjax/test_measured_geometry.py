@@ -18,11 +18,11 @@ from famjax import (
     gaylord_force,
     path_modulus,
 )
-from famjax._assumed_shapes import Cylinder
-from famjax._elastic_braid import ElasticBraid
-from famjax._measured_geometry import AverageDiameterGeometry, MeasuredGeometry
-from famjax._profile_family import MeasuredFamily
-from famjax._thread import LinearThread
+from famjax.profiles.assumed_shapes import Cylinder
+from famjax.braids.elastic import ElasticBraid
+from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
+from famjax.profiles.family import MeasuredFamily
+from famjax.braids.thread import LinearThread
 
 EXACT = 1e-12
 L0 = 9.28125

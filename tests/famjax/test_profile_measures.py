@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
 from famjax import Bladder
-from famjax._assumed_shapes import (
+from famjax.profiles.assumed_shapes import (
     CircularArcEnds,
     ConicFrustumEnds,
     Cylinder,
@@ -18,8 +18,8 @@ from famjax._assumed_shapes import (
     SemiEllipsoidEnds,
     SteppedCylinder,
 )
-from famjax._profile import AbstractProfile, FourierProfile
-from famjax._profile_measures import Meridian, maximum_diameter, quadrature
+from famjax.profiles.profile import AbstractProfile, FourierProfile
+from famjax.geometries.meridian import Meridian, maximum_diameter, quadrature
 
 EXACT = 1e-12
 QUADRATURE = 1e-8  # the promise of the default order

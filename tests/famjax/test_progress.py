@@ -2,7 +2,7 @@
 
 import pytest
 
-from famjax._commands import progress
+from famjax.commands import progress
 
 
 def test_a_log_gets_a_line_now_and_then(

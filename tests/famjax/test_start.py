@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import famjax
-from famjax._commands import app, rig
+from famjax.commands import app, rig
 
 HEAVY = ("jax", "numpy", "scipy", "matplotlib", "pint", "cv2", "skimage", "serial", "jinja2")
 
@@ -67,8 +67,8 @@ def test_a_namespace_is_imported_as_a_module_or_as_a_name() -> None:
 def commands() -> list[tuple[tuple[str, ...], str, str]]:
     """What a person types, the function behind it, and the sentence that the help shows for it."""
     every = [
-        ((), "famjax._commands.", app.COMMANDS),
-        (("rig",), "famjax._commands.rig.", rig.COMMANDS),
+        ((), "famjax.commands.", app.COMMANDS),
+        (("rig",), "famjax.commands.rig.", rig.COMMANDS),
     ]
     return [
         ((*group, path.partition(":")[2].removeprefix("rig_")), package + path, sentence)

@@ -16,12 +16,12 @@ from famjax import (
     VirtualWork,
     gaylord_force,
 )
-from famjax._assumed_shapes import CircularArcEnds, Cylinder
-from famjax._elastic_braid import ElasticBraid
-from famjax._measured_geometry import AverageDiameterGeometry, MeasuredGeometry
-from famjax._profile_family import AssumedShapeFamily, MeasuredFamily
-from famjax._thread import LinearThread
-from famjax._virtual_work import pressure_terms, virtual_work_force, volume_rate
+from famjax.profiles.assumed_shapes import CircularArcEnds, Cylinder
+from famjax.braids.elastic import ElasticBraid
+from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
+from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily
+from famjax.braids.thread import LinearThread
+from famjax.terms.virtual_work import pressure_terms, virtual_work_force, volume_rate
 
 EXACT = 1e-11  # a derivative of sums over 64 stations
 L0 = 9.28125

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import famjax
-from famjax._friction import AbstractFriction, PressureFriction, ThreadFriction, smooth_sign
+from famjax.terms.friction import AbstractFriction, PressureFriction, ThreadFriction, smooth_sign
 from fitting._errors import InputError
 from fitting._rubber.cyclic_record import CyclicRecord
 from fitting._rubber.hysteresis import fit_pressure_friction, fit_thread_friction

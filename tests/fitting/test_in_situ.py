@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from famjax._elastic_braid import ElasticBraid
-from famjax._thread import LinearThread, ToeThread
+from famjax.braids.elastic import ElasticBraid
+from famjax.braids.thread import LinearThread, ToeThread
 from fitting import InputError
 from fitting._rubber.in_situ import InSitu, thread_in_situ
 

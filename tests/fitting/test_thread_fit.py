@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from famjax._thread import LinearThread, ToeThread
+from famjax.braids.thread import LinearThread, ToeThread
 from fitting import InputError
 from fitting._rubber.thread_fit import fit_thread
 

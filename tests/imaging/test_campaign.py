@@ -14,13 +14,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import imaging._measure
-from imaging import ImagingError, MixedSizes, NoMuscle, _shards, _workers
-from imaging._campaign import process
-from imaging._recipe import Recipe
-from imaging._scale import Scale
-from imaging._shards import CampaignChanged
-from imaging.synthetic import published_scene, render
+import imaging.shape.one_picture
+from imaging.campaign import shards as _shards
+from imaging.campaign import workers as _workers
+from imaging import ImagingError, MixedSizes, NoMuscle
+from imaging.campaign.run import process
+from imaging.shape.recipe import Recipe
+from imaging.ruler.scale import Scale
+from imaging.campaign.shards import CampaignChanged
+from imaging.synthetic import render, published_scene
 
 RECIPE = Recipe(Scale.manual(8922.0, 0.1))
 SMALL = (500, 220)
@@ -69,7 +71,7 @@ def photos(tmp_path, monkeypatch):
             raise NoMuscle("nothing stands out", path=path, eta_value=0.2)
         return fake_measurement(float(text))
 
-    monkeypatch.setattr(imaging._measure, "measure", measure)
+    monkeypatch.setattr(imaging.shape.one_picture, "measure", measure)
     folder = tmp_path / "photos"
     folder.mkdir()
     paths = [folder / f"img{k:02d}.jpg" for k in range(20)]
@@ -124,8 +126,8 @@ def test_a_stopped_campaign_goes_on_where_it_was(photos):
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, {tests!r})
-import test_campaign as t, imaging._measure, imaging._shards
-from imaging._campaign import process
+import test_campaign as t, imaging.shape.one_picture, imaging.campaign.shards
+from imaging.campaign.run import process
 left = [{after}]
 def measure(path, recipe):
     left[0] -= 1
@@ -137,8 +139,8 @@ def replace(draft, path, real=os.replace):
         os.truncate(draft, 100)
         os.kill(os.getpid(), signal.SIGKILL)
     real(draft, path)
-imaging._measure.measure = measure
-imaging._shards.os.replace = replace
+imaging.shape.one_picture.measure = measure
+imaging.campaign.shards.os.replace = replace
 process(sys.argv[2:], t.RECIPE, sys.argv[1], t.Serial(), chunk=1)
 """
 
@@ -307,7 +309,7 @@ def small_recipe():
 
 DYING = """
 import os
-from imaging._read import read_image
+from imaging.camera.read import read_image
 def reader(path):
     if path.endswith("img1.jpg"):
         os._exit(1)
@@ -322,7 +324,7 @@ def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
     monkeypatch.syspath_prepend(tmp_path)
     import dying_reader
 
-    from imaging._measure import measure
+    from imaging.shape.one_picture import measure
 
     table = process(rendered.paths, small_recipe(), workers=2, reader=dying_reader.reader)
     assert [bool(ok) for ok in table.ok] == [True, False, True, True, False]
@@ -340,7 +342,7 @@ def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
 FEW = """
 import sys
 import dying_reader, test_campaign as t
-from imaging._campaign import process
+from imaging.campaign.run import process
 if __name__ == "__main__":
     table = process(sys.argv[2:], t.small_recipe(), sys.argv[1], reader=dying_reader.reader)
     print(*table.error, sep=";")
@@ -386,7 +388,7 @@ def test_an_interrupt_here_keeps_what_was_done_and_trusts_the_picture(photos, mo
             raise KeyboardInterrupt
         return fake_measurement(0.2)
 
-    monkeypatch.setattr(imaging._measure, "measure", measure)
+    monkeypatch.setattr(imaging.shape.one_picture, "measure", measure)
     with pytest.raises(KeyboardInterrupt):
         process(photos.paths[:4], RECIPE, photos.output)
     assert len(list((photos.output / "parts").glob("part-*.npz"))) == 2

@@ -5,12 +5,12 @@ import pytest
 from scipy.integrate import quad
 
 from imaging import Camera, Tone
-from imaging._amount import amount_of_luma
-from imaging._edge_fit import best_shift
-from imaging._limb import LARGEST_DISK, defocused_step, ramp, step
-from imaging._outline import find_outline
-from imaging._smoother import density_left_over, smooth, smooth_robustly, variance_of_smooth
-from imaging._tape_edge import _seen
+from imaging.camera.amount import amount_of_luma
+from imaging.outline.edge_fit import best_shift
+from imaging.outline.limb import LARGEST_DISK, defocused_step, ramp, step
+from imaging.outline.both_sides import find_outline
+from imaging.outline.smoother import density_left_over, smooth, smooth_robustly, variance_of_smooth
+from imaging.tape.ring import _seen
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
 DISK = 5e-3  # six nodes for a disk five times as wide as the Gaussian

@@ -29,7 +29,7 @@ from imaging import (
     measure,
     read_image,
 )
-from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene, render
+from imaging.synthetic import render, INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene
 
 SIZE = (1060, 440)
 

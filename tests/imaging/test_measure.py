@@ -9,8 +9,8 @@ import pytest
 
 import imaging
 from imaging import Camera, Recipe, Scale, Tone, measure
-from imaging._measure import measure as measure_directly
-from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene, render
+from imaging.shape.one_picture import measure as measure_directly
+from imaging.synthetic import render, INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene
 
 HALF = (1325, 550)
 # At half the published resolution, in px of the picture; the full one is benchmarked. A thread is

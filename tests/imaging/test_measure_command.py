@@ -11,11 +11,11 @@ import pytest
 
 from famjax.__main__ import main
 from imaging import AmbiguousRuler, ImagingError, read_recipe
-from imaging._measure_options import command_recipe, expand, parse_scale
+from famjax.commands.measure_options import command_recipe, expand, parse_scale
 from imaging.synthetic import (
+    render,
     published_ruler,
     published_scene,
-    render,
     render_ruler,
     render_sequence,
     stroke_log,
@@ -144,12 +144,12 @@ def test_mixed_sizes_are_code_2(lab, tmp_path, capsys):
 
 
 def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
-    import imaging._campaign
+    import imaging.campaign.run
 
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(imaging._campaign, "in_this_process", stopped)
+    monkeypatch.setattr(imaging.campaign.run, "in_this_process", stopped)
     code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
     assert code == 130
     assert "Run the same command again to go on" in capsys.readouterr().err

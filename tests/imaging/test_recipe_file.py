@@ -16,7 +16,7 @@ from imaging import (
     read_recipe,
     write_recipe,
 )
-from imaging._recipe_file import recipe_as_dict, recipe_text
+from imaging.shape.recipe_file import recipe_as_dict, recipe_text
 
 RULER = Scale(8922.4409, 0.0892, (1.1, 8922.4, -1.7e-9), 0.31, 0.021, 97, "ruler")
 PLAIN = Recipe(Scale.manual(8922.0, 0.1))

@@ -13,7 +13,7 @@ from imaging import (
     apparent_diameter,
     calibrate_ruler,
 )
-from imaging._ruler_marks import marks_of, numbered
+from imaging.ruler.marks import marks_of, numbered
 from imaging.synthetic import INCH, published_ruler, render_ruler
 
 SCALE = 5e-5  # relative; the aim is 1e-5 at full resolution, and these pictures have half of it

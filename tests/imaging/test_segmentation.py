@@ -8,10 +8,10 @@ import pytest
 from skimage.filters import threshold_otsu
 
 from imaging import AmbiguousHue, Limits, Recipe, Scale, measure
-from imaging._otsu import counts_of, otsu_split
-from imaging._segmentation import segment
-from imaging._tape_colour import hue_of
-from imaging.synthetic import INCH, Tape, published_scene, render
+from imaging.segment.otsu import counts_of, otsu_split
+from imaging.segment.segmentation import segment
+from imaging.segment.tape_colour import hue_of
+from imaging.synthetic import render, INCH, Tape, published_scene
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
 

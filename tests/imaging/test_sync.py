@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from imaging import SyncError
-from imaging._machine_log import MachineLog, read_machine_log
-from imaging._sync import synchronise
-from imaging._timestamps import Timestamp, read_timestamp
-from imaging._units import UNITS
+from imaging.campaign.machine_log import MachineLog, read_machine_log
+from imaging.campaign.sync import synchronise
+from imaging.camera.timestamps import Timestamp, read_timestamp
+from imaging.units import UNITS
 
 IN = 0.0254
 REST = 9.28 * IN

@@ -14,6 +14,9 @@ from PIL import Image
 
 from imaging import Camera, apparent_diameter, ring_position, silhouette_from_profile
 from imaging.synthetic import (
+    random_scene,
+    expose,
+    render,
     INCH,
     PUBLISHED_CONTRACTIONS,
     Jpeg,
@@ -26,12 +29,9 @@ from imaging.synthetic import (
     Sensor,
     Tape,
     damaged,
-    expose,
     published_ruler,
     published_scene,
     published_shape,
-    random_scene,
-    render,
     render_linear,
     render_ruler,
     render_sequence,
@@ -39,7 +39,7 @@ from imaging.synthetic import (
     stroke_shape,
     triangle_stroke,
 )
-from imaging.synthetic._world import World
+from imaging.synthetic.world import World
 
 RAY_PX = 1e-4  # table of 4097 radii, three steps, positions tried every 5e-5 px
 LATTICE_PX = 0.01  # 55 rays in a pixel, rows averaged
@@ -240,7 +240,7 @@ def test_sharpening_overshoots_at_the_outline(linear):
     ],
 )
 def test_point_spread_has_its_second_moment(lens, spread):
-    from imaging.synthetic._through_lens import through_lens
+    from imaging.synthetic.through_lens import through_lens
 
     point = np.zeros((81, 81, 3), np.float32)
     point[40, 40] = 1
@@ -431,8 +431,8 @@ def test_marks_of_a_ruler_cover_the_pixels_that_the_truth_says(changes):
         published_ruler(size=(1000, 300)), light=GEOMETRY, lens=SHARP, numbers=False,
         mark_width=wide, ink=(0.0, 0.0, 0.0), **changes,
     )  # fmt: skip
-    from imaging.synthetic._linear import draw
-    from imaging.synthetic._ruler_face import Ruler
+    from imaging.synthetic.linear import draw
+    from imaging.synthetic.ruler_face import Ruler
 
     face = Ruler(ruler)
     light, truth = draw(face, ruler), face.truth()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imaging import ImagingError, MachineLog, Table, synchronise
-from imaging._row import POSITION, Row
+from imaging.campaign.row import POSITION, Row
 from imaging.synthetic import stroke_log, triangle_stroke
 
 IN = 0.0254

@@ -17,9 +17,9 @@ from imaging import (
     Tone,
     measure,
 )
-from imaging._midline import axis_deviation, axis_kink
-from imaging._tape_cover import behind, check_cover, tape_shows
-from imaging.synthetic import INCH, Lens, Tape, published_scene, random_scene, render
+from imaging.outline.midline import axis_deviation, axis_kink
+from imaging.tape.cover import behind, check_cover, tape_shows
+from imaging.synthetic import random_scene, render, INCH, Lens, Tape, published_scene
 
 SIZE = (1325, 550)
 SIGMAS = 3.0  # standard errors by which a length that is given may be off

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rig._calibration import (
+from rig.control.calibration import (
     Calibration,
     calibration_from_dict,
     read_calibration,
     write_calibration,
 )
-from rig._errors import RigError
-from rig._feed_forward import FeedForward, fit_feed_forward
-from rig._sensor import Sensor, fit_sensor
+from rig.errors import RigError
+from rig.control.feed_forward import FeedForward, fit_feed_forward
+from rig.control.sensor import Sensor, fit_sensor
 
 REFERENCES = np.linspace(0, 7e5, 8)
 ROUNDING = 1e-9

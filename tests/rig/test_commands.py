@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from famjax._commands.rig import HELP
+from famjax.commands.rig import HELP
 from fitting import read_csv
 from rig import (
     Monitor,

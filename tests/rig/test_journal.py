@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
-from rig import _journal
-from rig._errors import RigError
-from rig._fault import RigFault
-from rig._journal import Journal
-from rig._journal_reader import Missing, read_journal
-from rig._protocol import frame
+from rig.journal import writer as _journal
+from rig.errors import RigError
+from rig.fault import RigFault
+from rig.journal.writer import Journal
+from rig.journal.reader import Missing, read_journal
+from rig.protocol.lines import frame
 
 PAGE = 4096
 
@@ -278,8 +278,8 @@ def test_recording_stops_at_the_reserve(tmp_path: Path, monkeypatch: pytest.Monk
 
 RECORDER = """
 import sys, time
-from rig._journal import Journal
-from rig._protocol import frame
+from rig.journal.writer import Journal
+from rig.protocol.lines import frame
 journal = Journal(sys.argv[1], time.monotonic, reserve_bytes=0)
 seq = 0
 while True:

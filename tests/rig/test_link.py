@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from rig._device import Device
-from rig._errors import RigError
-from rig._events import Silent
-from rig._fault import RigFault
-from rig._journal import Journal
-from rig._journal_reader import read_journal
-from rig._link import Link, serial_opener
+from rig.device.core import Device
+from rig.errors import RigError
+from rig.link.events import Silent
+from rig.fault import RigFault
+from rig.journal.writer import Journal
+from rig.journal.reader import read_journal
+from rig.link.serial_link import Link, serial_opener
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="a pty is needed")
 

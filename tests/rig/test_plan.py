@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from rig._errors import RigError
-from rig._plan import (
+from rig.errors import RigError
+from rig.control.plan import (
     Isobaric,
     describe,
     duration,
@@ -13,7 +13,7 @@ from rig._plan import (
     next_block,
     seconds_of,
 )
-from rig._plan_file import PRECONDITIONS, read_plan
+from rig.control.plan_file import PRECONDITIONS, read_plan
 
 PSI = 6894.757293168361
 PLAN = Isobaric((1e5, 3e5, 2e5), cycles=2, stroke=0.05, rate=0.001, settle=4.0)

@@ -22,7 +22,7 @@ from rig import (
     frame,
     parse,
 )
-from rig._device_commands import ARGUMENTS
+from rig.device.commands import ARGUMENTS
 
 LINES: list[tuple[str, Message]] = [
     (

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
-from rig._errors import RigError
-from rig._events import Lost, Reset, Silent, Timing
-from rig._fault import RigFault
-from rig._messages import Sample
-from rig._protocol import frame
-from rig._session import ALIVE, HEARTBEAT, Session
+from rig.errors import RigError
+from rig.link.events import Lost, Reset, Silent, Timing
+from rig.fault import RigFault
+from rig.protocol.messages import Sample
+from rig.protocol.lines import frame
+from rig.link.session import ALIVE, HEARTBEAT, Session
 
 
 def record_line(seq: int, tick: int, **fields: int) -> bytes:

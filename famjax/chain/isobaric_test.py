@@ -1,0 +1,115 @@
+"""From a journal and a machine's log to a characterisation."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from fitting.records.alignment import Alignment, align_by_load, align_by_pulses
+from rig.control.calibration import Calibration
+from fitting.records.characterisation import Characterisation, characterise
+from rig.protocol.control_law import TICK_HZ
+from rig.errors import RigError
+from fitting.records.isobaric_record import IsobaricRecord, combine
+from rig.journal.reader import Record
+from fitting.records.machine_log import MachineLog
+from rig.journal.tables import table
+
+
+@dataclasses.dataclass(frozen=True)
+class Analysis:
+    """What a test came to.
+
+    Attributes:
+        alignment: of the machine's clock to the journal's.
+        record: the test on one clock.
+        characterisation: curves and figures.
+    """
+
+    alignment: Alignment
+    record: IsobaricRecord
+    characterisation: Characterisation
+
+
+def analyse(
+    journal: Record,
+    log: MachineLog,
+    *,
+    rest_length: float,
+    calibration: Calibration | None = None,
+    sync_column: str | None = None,
+    near: tuple[float, float] | None = None,
+    skip_cycles: int = 0,
+    shortening_positive: bool = False,
+    zero_displacement: float = 0.0,
+    pushing_positive: bool = False,
+) -> Analysis:
+    """The characterisation of a muscle from the two records of one test.
+
+    A record of the device is a mean over its ticks, so that it belongs to their middle: half a
+    record, less half a tick, before the time of its last tick.
+
+    Args:
+        journal: read back.
+        log: of the test machine.
+        rest_length: L0 [m].
+        calibration: of the sensors; None takes that in the journal.
+        sync_column: column of the log with the rig's sync pulses; None aligns by load.
+        near: offset of the clocks [s] and how far it may be off [s], where it is known roughly.
+        skip_cycles: first strokes at each pressure that are left out.
+        shortening_positive: the machine's displacement grows as the muscle shortens.
+        zero_displacement: what the machine shows at L0 [m].
+        pushing_positive: the machine's force is positive in compression.
+
+    Returns:
+        Alignment, record and characterisation.
+
+    Raises:
+        RigError: the records do not belong together, or hold no complete stroke.
+    """
+    columns = table(journal, calibration)
+    known = np.isfinite(columns["time_s"])
+    if known.sum() < 2:
+        raise RigError(f"{journal.path} has no clock notes: its records have no time of the host")
+    device = columns["device_time_s"][known]
+    period = float(np.median(np.diff(device)))
+    time = columns["time_s"][known] - (period - 1 / TICK_HZ) / 2
+    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0])
+    time = time[rising]
+    pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
+    if sync_column is None:
+        sign = -1.0 if pushing_positive else 1.0
+        alignment = align_by_load(time, force, log.time, sign * log.force, near=near)
+    else:
+        if sync_column not in log.others:
+            raise RigError(f"the log has no column {sync_column!r}; it has {', '.join(log.others)}")
+        ours = _edges(time, columns["sync"][known][rising])
+        theirs = _edges(log.time, log.others[sync_column])
+        # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
+        resolution = log.interval / math.sqrt(12) * math.sqrt(2)
+        alignment = align_by_pulses(ours, theirs, resolution=resolution)
+    sets = [(float(note["at"]), float(note["pressure_Pa"])) for note in journal.notes_of("set")]
+    ends = [(float(note["at"]), float("nan")) for note in journal.notes_of("end")]
+    record = combine(
+        log,
+        alignment,
+        time,
+        pressure,
+        sorted(sets + ends),
+        rest_length=rest_length,
+        shortening_positive=shortening_positive,
+        zero_displacement=zero_displacement,
+        pushing_positive=pushing_positive,
+    )
+    return Analysis(alignment, record, characterise(record, skip_cycles=skip_cycles))
+
+
+def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Times [s] at which a level passes its middle, each half-way between two readings.
+
+    Where readings are missing in between, the time is not known and is left out.
+    """
+    high = level > (np.nanmin(level) + np.nanmax(level)) / 2
+    step = np.diff(time)
+    edges = np.flatnonzero((high[1:] != high[:-1]) & (step < 1.5 * np.median(step)))
+    return (time[edges] + time[edges + 1]) / 2

@@ -1,0 +1,143 @@
+"""A whole test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from .isobaric_test import Analysis, analyse
+from fitting.records.dataset import write_dataset
+from rig.device.core import Device
+from rig.errors import RigError
+from rig.journal.writer import Journal
+from rig.journal.reader import read_journal
+from fitting.records.machine_log import read_machine_log
+from rig.device.native import NativeDevice
+from rig.control.plan import duration
+from rig.control.plan_file import PlanFile
+from rig.control.rig import Rig
+from rig.control.plan_run import run
+from rig.link.virtual_link import VirtualLink
+from rig.simulation.hydraulic import HydraulicCircuit
+from rig.simulation.machine import MachineClock
+from rig.simulation.muscle import SimulatedMuscle, mckibben
+from rig.simulation.pneumatic import PneumaticCircuit
+from rig.simulation.sensors import load_cell
+from rig.simulation.simulated_rig import SimulatedRig, machine_for
+
+CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
+
+JOURNAL, LOG, DATASET = "test.fam", "machine.csv", "dataset.csv"
+"""Names of the files of a test."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulatedTest:
+    """What a simulated test has left behind.
+
+    Attributes:
+        analysis: alignment, record, characterisation.
+        seconds: that it lasted, of the rig's time.
+        paths: the files, in the order in which they arose.
+    """
+
+    analysis: Analysis
+    seconds: float
+    paths: tuple[Path, ...]
+
+
+def simulate(
+    test: PlanFile,
+    folder: str | Path,
+    *,
+    muscle: SimulatedMuscle | None = None,
+    specimen: Mapping[str, object] | None = None,
+    clock: MachineClock | None = None,
+    clock_rate: float = -0.002,
+    device: Device | NativeDevice | None = None,
+    baud: int = 115200,
+    seed: int = 0,
+    progress: Callable[[float, float], None] | None = None,
+) -> SimulatedTest:
+    """Carry out a test against a simulated rig, in virtual time, and analyse its files.
+
+    What is analysed is what was written, read back as a real test's would be. The machine turns
+    where the muscle has no force left, or after the plan's stroke.
+
+    Args:
+        test: plan, circuit, limit and gains. Its calibration is not used: a perfect one is.
+        folder: for the files; must not hold a journal.
+        muscle: the reference work's 7/8 in muscle unless given.
+        specimen: entries of the dataset besides the rest length, unit in the key.
+        clock: of the machine's log; 12.345 s ahead and 50 ppm fast unless given.
+        clock_rate: of the device's clock.
+        device: as for `SimulatedRig`, just switched on.
+        baud: as for `SimulatedRig`.
+        seed: of all noise.
+        progress: called with the seconds done and the seconds planned.
+
+    Returns:
+        The analysis and the paths of journal, log and dataset.
+
+    Raises:
+        RigError: as `Rig`, `run` and `analyse`.
+    """
+    folder = Path(folder)
+    paths = [folder / name for name in (JOURNAL, LOG, DATASET)]
+    folder.mkdir(parents=True, exist_ok=True)
+    muscle = muscle or mckibben()
+    machine = machine_for(muscle, clock or MachineClock(12.345, 50e-6), seed=seed + 2)
+    if test.plan.stroke > machine.rest_length - machine.shortest:
+        raise RigError(
+            f"the plan's stroke of {test.plan.stroke:.5g} m is longer than the "
+            f"{machine.rest_length - machine.shortest:.5g} m that the machine allows this muscle"
+        )
+    # Blocked at the limit, and some more: a load cell that ends below would bend the curves.
+    most = 1.2 * muscle.force(muscle.rest_length, test.pressure_limit)
+    rig = SimulatedRig(
+        CIRCUITS[test.circuit](),
+        muscle,
+        machine,
+        device,
+        force_sensor=load_cell(most),
+        baud=baud,
+        clock_rate=clock_rate,
+        seed=seed,
+    )
+    planned = duration(test.plan)
+    link = _WatchedLink(rig, progress, planned)
+    journal = Journal(paths[0], lambda: link.now, plan_seconds=planned)
+    try:
+        with Rig(
+            link,
+            rig.calibration(),
+            pressure_limit=test.pressure_limit,
+            control=test.control,
+            jump_limit=test.jump_limit,
+            journal=journal,
+        ) as controlled:
+            run(controlled, test.plan, machine=machine)
+    finally:
+        journal.close()
+    machine.write_log(paths[1])
+    found = analyse(
+        read_journal(paths[0]), read_machine_log(paths[1]), rest_length=muscle.rest_length
+    )
+    write_dataset(found.characterisation, paths[2], specimen=specimen)
+    return SimulatedTest(found, rig.now, tuple(paths))
+
+
+class _WatchedLink(VirtualLink):
+    """A virtual link that tells how far its rig has come, about every second of its time."""
+
+    def __init__(
+        self, rig: SimulatedRig, progress: Callable[[float, float], None] | None, planned: float
+    ) -> None:
+        super().__init__(rig)
+        self._progress, self._planned, self._next = progress, planned, 0.0
+
+    def sleep(self, seconds: float) -> None:
+        """Advance the rig, and tell."""
+        super().sleep(seconds)
+        if self._progress is not None and self.now >= self._next:
+            self._next = self.now + 1.0
+            self._progress(min(self.now, self._planned), self._planned)

@@ -1,0 +1,58 @@
+"""The figures of a characterisation for people, in the units that they ask for."""
+
+import math
+
+from .isobaric_test import Analysis
+from fitting.records.characterisation import Characterisation
+from rig.errors import RigError
+from rig.units import UNITS
+
+SYSTEMS = {"si": ("Pa", "N"), "metric": ("kPa", "N"), "us": ("psi", "lbf")}
+"""Unit systems of tables and pictures: pressure and force."""
+
+
+def table_rows(found: Characterisation, system: str) -> list[dict[str, float | str]]:
+    """One row for every isobar, the units in the keys; "none" for what was not measured.
+
+    Raises:
+        RigError: an unknown system.
+    """
+    if system not in SYSTEMS:
+        raise RigError(f"units must be one of {', '.join(SYSTEMS)}, got {system!r}")
+    pressure, force = SYSTEMS[system]
+    Pa, N = UNITS["pressure"][pressure], UNITS["force"][force]
+    rows: list[dict[str, float | str]] = []
+    for bar in found.isobars:
+        row = {
+            f"set_{pressure}": bar.set_pressure / Pa,
+            f"mean_{pressure}": bar.pressure / Pa,
+            f"std_{pressure}": bar.pressure_std / Pa,
+            f"largest_error_{pressure}": bar.largest_pressure_error / Pa,
+            "cycles": bar.cycles,
+            f"blocked_{force}": bar.blocked_force / N,
+            "free_contraction": bar.free_contraction,
+            "hysteresis_J": bar.hysteresis,
+            "hysteresis_ratio": bar.hysteresis_ratio,
+        }
+        rows.append({k: v if math.isfinite(v) else "none" for k, v in row.items()})
+    return rows
+
+
+def figures(found: Analysis) -> dict[str, object]:
+    """The figures of an analysis for a JSON file, unit in each key; None for what was not measured."""
+    rows = [
+        {key: value if math.isfinite(value) else None for key, value in row.items()}
+        for row in found.characterisation.rows()
+    ]
+    aligned = found.alignment
+    residual = "residual_N" if aligned.method == "load" else "residual_s"
+    alignment = {
+        "method": aligned.method,
+        "offset_s": aligned.offset,
+        "reference_s": aligned.reference,
+        "offset_error_s": aligned.offset_error,
+        "rate": aligned.rate,
+        "rate_error": aligned.rate_error if math.isfinite(aligned.rate_error) else None,
+        residual: aligned.residual,
+    }
+    return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}

@@ -1,0 +1,55 @@
+"""`famjax doctor`."""
+
+from pathlib import Path
+
+from .. import __version__
+from .compilation_cache import VARIABLE, cache_root, contents, is_loaded, switch_on
+
+
+def doctor() -> int:
+    """Report versions, devices, precision and name clashes; exit code 1 if something is wrong."""
+    from .installation import problems, versions  # noqa: PLC0415
+
+    print(f"famjax {__version__}")
+    for name, version in versions().items():
+        print(f"  {name} {version}")
+    import jax  # noqa: PLC0415
+
+    print("devices:", ", ".join(str(device) for device in jax.devices()))
+    print(
+        "float64:",
+        "on" if jax.config.read("jax_enable_x64") else "off in this process (JAX's default)",
+        "- the famjax commands that identify switch it on themselves",
+    )
+    print("compilation cache:", _cache_sentence())
+    found = problems()
+    for problem in found:
+        print("problem:", problem)
+    if not found:
+        print("no problems found")
+    return 1 if found else 0
+
+
+def _cache_sentence() -> str:
+    """Where compiled programs are kept, how many, and whether they are used."""
+    folder = switch_on()
+    if not folder:
+        root = cache_root()
+        if root is None:
+            return f"off ({VARIABLE} says so, or there is no home); every command compiles anew"
+        return (
+            f"off, as no folder of this user alone can be written below {root}; every command "
+            f"compiles anew; name another folder in {VARIABLE}"
+        )
+    own = (root := cache_root()) is not None and Path(folder).is_relative_to(root)
+    if is_loaded():
+        used = "what one command compiles the next one loads"
+    elif own:
+        used = (
+            "but what is kept is not loaded, and every command compiles anew (on some processors "
+            "JAX rejects what it has kept: jax issue 38445)"
+        )
+    else:
+        used = "which was given to JAX itself; small programs are not kept or not loaded there"
+    number, size = contents(folder)
+    return f"{folder}, {number} programs, {size / 1e6:.3g} MB; {used}"

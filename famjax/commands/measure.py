@@ -1,0 +1,173 @@
+"""`famjax measure`."""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from .progress import progress_bar
+from .rows import print_rows
+
+
+def measure(
+    *photos: str,
+    ruler: Path | None = None,
+    log: Path | None = None,
+    log_offset: str | None = None,
+    distance: str | None = None,
+    pitch: str | None = None,
+    expected_px_per_in: float | None = None,
+    ruler_placement: str | None = None,
+    crop_offset: str | None = None,
+    frame_size: str | None = None,
+    scale: str | None = None,
+    tape_diameter: str | None = None,
+    tape_hue: str | None = None,
+    recipe: Path | None = None,
+    method: Literal["limb", "pixel"] | None = None,
+    orientation: Literal["vertical", "horizontal", "auto"] | None = None,
+    rest_length: str | None = None,
+    workers: int | None = None,
+    units: Literal["si", "metric", "us"] = "us",
+    output: Path = Path("famjax-measure"),
+    resume: bool = True,
+    overlays: int = 12,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Measure the shape of a muscle in photographs, each picture with its errors.
+
+    Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
+    `recipe.toml` (all choices), `contact_sheet.png`, `profiles.png` and `overlays/`. A stopped
+    campaign goes on when it is run again. Exit code 3 when some pictures could not be measured, or
+    not be matched to the log: they are in the table with the reason.
+
+    Parameters
+    ----------
+    photos
+        Files, folders and patterns such as `'stroke/*.jpg'`, all pictures of one size.
+    ruler
+        Photograph of a ruler in the plane of the muscle's axis, from the same camera.
+    log
+        Of the test machine, CSV with columns such as `time_s,displacement_in,force_lbf,
+        pressure_psi`: each picture gets force and pressure; the clocks are matched by the motion.
+    log_offset
+        What the machine's clock is ahead of the first picture, `12s`, within 10 s; needed where the
+        motion repeats itself.
+    distance
+        Camera to muscle with its unit; 60in unless given.
+    pitch
+        Of the ruler's marks; 0.125in unless given.
+    expected_px_per_in
+        The scale to within a quarter, for a ruler with different marks on its two edges.
+    ruler_placement
+        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`; no
+        picture shows it, and it enters the errors of all figures.
+    crop_offset
+        Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
+    frame_size
+        Width and height of the camera's frame, which a crop offset is counted in; `5568,3712`, the
+        reference work's camera, unless given.
+    scale
+        Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
+    tape_diameter
+        Known diameter of the tapes on the fittings, against which the scale is checked.
+    tape_hue
+        Colour of the tapes, `355deg`; the colour that covers less unless given.
+    recipe
+        A `recipe.toml`, which the options override.
+    method
+        limb: sub-pixel edges in linear light; pixel: the reference work's method.
+    orientation
+        Of the muscle in the pictures.
+    rest_length
+        Against which contraction is counted, `9.28in`; the longest measured picture unless given.
+    workers
+        Number of processes; unless given one for each core, and none for up to four pictures.
+    units
+        Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
+    output
+        Folder for the files, made if need be.
+    resume
+        Go on with what is in the folder, or measure all again.
+    overlays
+        Number of pictures drawn with what was found in them, for people to check.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    from time import monotonic  # noqa: PLC0415
+
+    # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from imaging import ImagingError  # noqa: PLC0415
+    from famjax.commands.measure_campaign import as_document, measure_command  # noqa: PLC0415
+    from famjax.commands.measure_options import command_recipe  # noqa: PLC0415
+
+    began: list[tuple[float, int]] = []
+    try:
+        with progress_bar() as progress:
+            task = progress.add_task("measuring", total=None)
+
+            def show(done: int, total: int) -> None:
+                began.append((monotonic(), done))
+                seconds, fresh = began[-1][0] - began[0][0], done - began[0][1]
+                rate = f", {fresh / seconds:.3g} pictures/s" if fresh and seconds else ""
+                words = f"measuring {done} of {total}{rate}"
+                progress.update(task, completed=done, total=total, description=words)
+
+            how, provenance = command_recipe(
+                recipe=recipe,
+                ruler=ruler,
+                scale=scale,
+                pitch=pitch,
+                expected_px_per_in=expected_px_per_in,
+                ruler_placement=ruler_placement,
+                distance=distance,
+                crop_offset=crop_offset,
+                frame_size=frame_size,
+                tape_diameter=tape_diameter,
+                tape_hue=tape_hue,
+                method=method,
+                orientation=orientation,
+            )
+            outcome = measure_command(
+                photos,
+                recipe=how,
+                provenance=provenance,
+                log=log,
+                log_offset=log_offset,
+                rest_length=rest_length,
+                workers=workers,
+                system=units,
+                output=output,
+                resume=resume,
+                overlays=overlays,
+                progress=show,
+            )
+    except ImagingError as error:
+        print(f"famjax: {type(error).__name__}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        done = f"{began[-1][1]} measured pictures are" if began else "what was measured is"
+        print(
+            f"famjax: stopped; {done} kept in {output}. Run the same command again to go on",
+            file=sys.stderr,
+        )
+        return 130
+    document = as_document(outcome, units)
+    if "frame_size" in provenance:
+        document["notes"].append(f"The camera's frame is {provenance['frame_size']}.")
+    if json_:
+        print(json.dumps(document, allow_nan=False))
+    else:
+        failed = [row for row in document["rows"] if not row["ok"]]
+        print(f"{document['ok']} of {document['pictures']} pictures measured")
+        shown = [{key: row[key] for key in ("path", "error")} for row in failed[:20]]
+        if failed:
+            print_rows(f"{len(shown)} of {len(failed)} that failed", shown)
+        for note in document["notes"]:
+            print(f"note: {note}")
+        print("written:", ", ".join(document["files"]))
+    return 0 if outcome.complete else 3

@@ -1,0 +1,212 @@
+"""The options of `famjax measure`: pictures, and the recipe by which to measure them."""
+
+import dataclasses
+import glob
+import hashlib
+import math
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from imaging.errors import ImagingError
+from imaging.camera.read import read_image
+from imaging.shape.recipe import Recipe
+from imaging.shape.recipe_file import read_recipe
+from imaging.ruler.calibrate import calibrate_ruler
+from imaging.ruler.scale import Scale
+from imaging.units import factor, parse_quantity
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
+"""Files of a folder that are taken for pictures."""
+
+REFERENCE_FRAME = (5568, 3712)
+"""Width and height [px] of the frames of the reference work's camera."""
+
+_SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
+
+
+def command_recipe(
+    *,
+    recipe: Path | None = None,
+    ruler: Path | None = None,
+    scale: str | None = None,
+    pitch: str | None = None,
+    expected_px_per_in: float | None = None,
+    ruler_placement: str | None = None,
+    **given: str | None,
+) -> tuple[Recipe, dict[str, str]]:
+    """The recipe of the options, and what the table shall say of its origin.
+
+    Args:
+        recipe: a file with all choices, which the options override.
+        ruler: photograph of a ruler at the mid-plane, from the same camera.
+        scale: `226.63 px/in` or `226.63+-0.02 px/in`.
+        pitch: of the ruler's marks, with its unit.
+        expected_px_per_in: the scale to within a quarter; tells two edges of a ruler apart.
+        ruler_placement: standard error of the ruler's place in depth, with its unit.
+        given: distance, tape_diameter (with unit), crop_offset, frame_size (two numbers), tape_hue
+            (degrees), method and orientation; None where not given.
+
+    Raises:
+        ImagingError: no scale or two, or an option that cannot be read.
+    """
+    reading: dict[str, Any] = {}
+    if pitch is not None:
+        reading["pitch"] = _length(pitch, "pitch")
+    if expected_px_per_in is not None:
+        reading["expected_px_per_m"] = expected_px_per_in * factor("px/in", "scale")
+    if ruler_placement is not None:
+        reading["placement_stderr"] = parse_quantity(ruler_placement, "length")
+    if reading and ruler is None:
+        raise ImagingError(
+            "pitch, expected scale and ruler placement say how a ruler is read; there is no ruler"
+        )
+    choices: dict[str, Any] = {
+        name: _READ[name](text, name) for name, text in given.items() if text is not None
+    }
+    base = None if recipe is None else read_recipe(recipe)
+    provenance = {} if recipe is None else {"recipe_file": str(recipe)}
+    if "crop_offset" in choices and "frame_size" not in choices and base is None:
+        choices["frame_size"] = REFERENCE_FRAME
+        provenance["frame_size"] = (
+            "assumed: {} x {} px, the reference work's camera; say --frame-size for another"
+        ).format(*REFERENCE_FRAME)
+    if ruler is not None and scale is not None:
+        raise ImagingError("the scale is given twice, by ruler and by number; keep one")
+    if scale is not None:
+        choices["scale"] = parse_scale(scale)
+    elif base is None and ruler is None:
+        raise ImagingError(
+            "the scale is needed: give the photograph of a ruler, a number such as "
+            "226.63+-0.02 px/in, or a recipe that has one"
+        )
+    elif base is None:
+        choices["scale"] = Scale.manual(1.0)  # until the ruler is read
+    try:
+        found = Recipe(**choices) if base is None else dataclasses.replace(base, **choices)
+        if ruler is not None:
+            found = dataclasses.replace(found, ruler=dataclasses.replace(found.ruler, **reading))
+            found = dataclasses.replace(found, scale=_ruler_scale(ruler, found))
+            digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
+            provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
+    except ImagingError:
+        raise
+    except ValueError as error:
+        raise ImagingError(f"the options do not make a recipe: {error}") from None
+    return found, provenance
+
+
+def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
+    """The scale of the ruler, photographed as the muscle was, or in the whole frame."""
+    image = read_image(ruler)
+    height, width = image.shape[:2]
+    whole = (width, height) == recipe.frame_size
+    try:
+        return calibrate_ruler(
+            image,
+            **dataclasses.asdict(recipe.ruler),
+            distance=recipe.distance,
+            centre=None if whole else recipe.camera(width, height).centre,
+            k1=recipe.k1,
+            tone=recipe.tone,
+        )
+    except ImagingError as error:
+        raise error.at(ruler) from None
+
+
+def parse_scale(text: str) -> Scale:
+    """A scale by hand. Without `+-` its standard error is that of rounding to the digits given.
+
+    >>> round(parse_scale("226.63 px/in").stderr * 0.0254, 6)
+    0.002887
+    """
+    match = _SCALE.fullmatch(text)
+    if match is None:
+        raise ImagingError(
+            f"a scale is a number with its error and unit, 226.63+-0.02 px/in, got {text!r}"
+        )
+    number, stderr, unit = match.groups()
+    if stderr is None:
+        decimals = len(number.partition(".")[2])
+        stderr = str(10.0**-decimals / math.sqrt(12))
+    px_per_m = parse_quantity(f"{number} {unit}", "scale")
+    return Scale.manual(px_per_m, parse_quantity(f"{stderr} {unit}", "scale"))
+
+
+def _length(text: str, name: str) -> float:
+    value = parse_quantity(text, "length")
+    if not value > 0:
+        raise ImagingError(f"the {name.replace('_', ' ')} must be above zero, got {text!r}")
+    return value
+
+
+def _pair(text: str, name: str) -> tuple[float, float]:
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ImagingError(
+            f"the {name.replace('_', ' ')} is two numbers in px, 1459,531, got {text!r}"
+        ) from None
+    return first, second
+
+
+def _whole_pair(text: str, name: str) -> tuple[int, int]:
+    first, second = _pair(text, name)
+    if not (first.is_integer() and second.is_integer()):
+        raise ImagingError(f"the {name.replace('_', ' ')} is in whole px, got {text!r}")
+    return int(first), int(second)
+
+
+def _angle(text: str, name: str) -> float:
+    try:
+        return float(text.removesuffix("deg"))
+    except ValueError:
+        raise ImagingError(
+            f"the {name.replace('_', ' ')} is an angle, 355deg, got {text!r}"
+        ) from None
+
+
+_READ: dict[str, Callable[[str, str], Any]] = {
+    "distance": _length,
+    "tape_diameter": _length,
+    "crop_offset": _pair,
+    "frame_size": _whole_pair,
+    "tape_hue": _angle,
+    "method": lambda text, _: text,
+    "orientation": lambda text, _: text,
+}
+
+
+def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
+    """The pictures that files, folders and globs name, those of one folder in natural order.
+
+    Args:
+        photos: what was named.
+        without: a picture that is not one of them, the ruler's.
+
+    Raises:
+        ImagingError: something named holds no picture.
+    """
+    found: list[str] = []
+    for photo in photos:
+        if os.path.isdir(photo):
+            inside = [entry.path for entry in os.scandir(photo)
+                      if entry.is_file() and entry.name.lower().endswith(SUFFIXES)]  # fmt: skip
+        elif os.path.exists(photo):
+            inside = [photo]
+        else:
+            inside = [name for name in glob.glob(photo, recursive=True) if os.path.isfile(name)]
+        if not inside:
+            raise ImagingError(
+                f"{photo} is no file, no folder with pictures ({' '.join(SUFFIXES)}) and no pattern "
+                "that matches any"
+            )
+        found += sorted(inside, key=_natural)
+    return [path for path in found if without is None or not os.path.samefile(path, without)]
+
+
+def _natural(path: str) -> list[tuple[int, str]]:
+    """img2 before img10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path)]

@@ -1,0 +1,9 @@
+"""Design of a muscle: braids, bladders and tubes on offer, what they make, and the end-fittings.
+
+Start with `load_catalogue` and `search`; `size_end_fittings` and `tube_strengths` size the swaged
+ends, `safety_factors` compares what failed in tests with what is asked for.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,218 @@
+"""Search of a catalogue: which bladder under which braid does what is required."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
+from .combination import Combination, Feasibility, fam_angle, feasibility
+from ..materials.polynomial import AbstractMaterial
+from .._types import RealArray, as_real
+
+
+@dataclasses.dataclass(frozen=True)
+class Requirement:
+    """What a muscle must do.
+
+    Attributes:
+        pressure: gauge pressure P [Pa] it is given, > 0.
+        force: least pull [N] at `force_contraction`, >= 0.
+        contraction: [-] it must reach, a fraction in [0, 1).
+        largest_diameter: [m] outside the braid, at `contraction`, not to be exceeded.
+        force_contraction: contraction [-] at which `force` is asked for; 0 asks for blocked force.
+    """
+
+    pressure: float
+    force: float
+    contraction: float
+    largest_diameter: float = math.inf
+    force_contraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no muscle could be asked for."""
+        if not (0 < self.pressure < math.inf):
+            raise ValueError(f"the pressure must be > 0 and finite, got {self.pressure} Pa")
+        if not (0 <= self.force < math.inf):
+            raise ValueError(f"the force must be >= 0 and finite, got {self.force} N")
+        for name in ("contraction", "force_contraction"):
+            value = getattr(self, name)
+            if not 0 <= value < 1:
+                raise ValueError(f"{name} must be a fraction in [0, 1), got {value}; 0.35 is 35 %")
+        if not self.largest_diameter > 0:
+            raise ValueError(f"the largest diameter must be > 0, got {self.largest_diameter} m")
+
+
+@dataclasses.dataclass(frozen=True)
+class Failure:
+    """A requirement that a combination fails: its name, what was required, what was found, in SI.
+
+    `requirement` is "braid" (bladder diameter [m] against the nearer end of the braid's range),
+    "force" [N], "contraction" [-] or "largest_diameter" [m]. `found` is nan where the braid jams
+    before it, or the pressure does not move the bladder.
+    """
+
+    requirement: str
+    required: float
+    found: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A combination held against a requirement.
+
+    Attributes:
+        bladder: row of the catalogue.
+        braid: row of the catalogue.
+        feasibility: of the braid on the bladder.
+        braid_angle: theta0 [rad], from the circumference; nan where the bladder is too wide.
+        blocked_force: [N], at zero contraction and the required pressure.
+        force: [N], at the required `force_contraction`.
+        usable_contraction: [-], to zero force or to jamming.
+        jams: True where the braid jams before the force has fallen to zero.
+        outer_diameter: [m] outside the braid at the required contraction, or at the usable one if
+            that is less.
+        failures: empty where all is met. The numbers above are nan where the braid does not fit.
+    """
+
+    bladder: CatalogueBladder
+    braid: CatalogueBraid
+    feasibility: Feasibility
+    braid_angle: float
+    blocked_force: float
+    force: float
+    usable_contraction: float
+    jams: bool
+    outer_diameter: float
+    failures: tuple[Failure, ...]
+
+
+@eqx.filter_jit
+def _performance(
+    combinations: Combination,
+    demand: tuple[RealArray, RealArray, RealArray],
+    material: AbstractMaterial | None,
+) -> dict[str, Float[Array, " combinations"]]:
+    """The numbers of `Candidate` for stacked combinations."""
+    pressure, contraction, force_contraction = demand
+
+    def one(combination: Combination) -> dict[str, RealArray]:
+        usable = combination.usable_contraction(pressure, material)
+        return {
+            "blocked_force": combination.force(0.0, pressure, material),
+            "force": combination.force(force_contraction, pressure, material),
+            "usable_contraction": usable,
+            "jams": combination.contraction_range()[1] <= usable,
+            "outer_diameter": combination.outer_diameter(jnp.minimum(contraction, usable)),
+        }
+
+    return jax.vmap(one)(combinations)
+
+
+def search(
+    catalogue: Catalogue, requirement: Requirement, *, material: AbstractMaterial | None = None
+) -> list[Candidate]:
+    """Every combination of the catalogue held against a requirement, the best first.
+
+    Those that meet it come first: feasible before boundary, then the smallest outer diameter at the
+    required contraction, then the greatest usable contraction. The others follow, each with all the
+    requirements that it fails, those with the fewest failures first; last come the braids that do
+    not fit. Equal ones stay in the order of the catalogue.
+
+    Args:
+        catalogue: from `load_catalogue`.
+        requirement: in SI.
+        material: of the bladder, in Pa; None neglects the bladder, so that its wall plays no part
+            and every force and contraction is that of the ideal braid.
+
+    Returns:
+        One candidate for each bladder and braid.
+    """
+    pairs = [(bladder, braid) for bladder in catalogue.bladders for braid in catalogue.braids]
+    fits = [feasibility(bladder.diameter, braid) for bladder, braid in pairs]
+    at_work = [
+        Combination.of(*pair)
+        for pair, fit in zip(pairs, fits, strict=True)
+        if fit is not Feasibility.INFEASIBLE
+    ]
+    numbers = iter(_numbers(at_work, requirement, material))
+    candidates = [
+        _candidate(
+            pair, fit, _NOTHING if fit is Feasibility.INFEASIBLE else next(numbers), requirement
+        )
+        for pair, fit in zip(pairs, fits, strict=True)
+    ]
+    return sorted(candidates, key=_rank)
+
+
+_NOTHING = {
+    "blocked_force": math.nan,
+    "force": math.nan,
+    "usable_contraction": math.nan,
+    "jams": False,
+    "outer_diameter": math.nan,
+}
+
+
+def _numbers(
+    combinations: Sequence[Combination],
+    requirement: Requirement,
+    material: AbstractMaterial | None,
+) -> list[dict[str, Any]]:
+    """The numbers of each candidate, as Python values."""
+    if not combinations:
+        return []
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *combinations)
+    demand = (
+        as_real(requirement.pressure),
+        as_real(requirement.contraction),
+        as_real(requirement.force_contraction),
+    )
+    columns = _performance(stacked, demand, material)
+    lists = {name: np.asarray(column).tolist() for name, column in columns.items()}
+    return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+
+
+def _candidate(
+    pair: tuple[CatalogueBladder, CatalogueBraid],
+    fit: Feasibility,
+    numbers: dict[str, Any],
+    requirement: Requirement,
+) -> Candidate:
+    bladder, braid = pair
+    if fit is Feasibility.INFEASIBLE:
+        end = min(braid.diameter_range, key=lambda limit: abs(limit - bladder.diameter))
+        failures = [Failure("braid", end, bladder.diameter)]
+    else:
+        met = {
+            "force": numbers["force"] >= requirement.force,
+            "contraction": numbers["usable_contraction"] >= requirement.contraction,
+            # Not known, hence not failed, where there is no contraction to be reached.
+            "largest_diameter": not numbers["outer_diameter"] > requirement.largest_diameter,
+        }
+        found = {**numbers, "contraction": numbers["usable_contraction"]}
+        found["largest_diameter"] = numbers["outer_diameter"]
+        failures = [
+            Failure(name, getattr(requirement, name), found[name])
+            for name, holds in met.items()
+            if not holds
+        ]
+    angle = float(fam_angle(bladder.diameter, braid.nominal_diameter))
+    return Candidate(bladder, braid, fit, angle, **numbers, failures=tuple(failures))
+
+
+def _rank(candidate: Candidate) -> tuple[bool, int, bool, float, float]:
+    """Sorting key of `search`."""
+    unfit = candidate.feasibility is Feasibility.INFEASIBLE
+    if candidate.failures:
+        return unfit, len(candidate.failures), False, 0.0, 0.0
+    boundary = candidate.feasibility is Feasibility.BOUNDARY
+    # To a micrometre and a millionth, so that the rounding of float32 decides no tie.
+    width, stroke = round(candidate.outer_diameter, 6), round(candidate.usable_contraction, 6)
+    return unfit, 0, boundary, width, -stroke

@@ -1,0 +1,192 @@
+"""Braids on bladders as plain rows, the unit in each key, for a table or a JSON file.
+
+A value that does not exist (a jammed braid has no force) is None.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
+from .combination import Combination, Feasibility, fam_angle, feasibility
+from .catalogue_search import Candidate
+from .units import Row, entry
+from ..materials.polynomial import AbstractMaterial
+from .._types import RealArray
+
+_KINDS = {
+    "braid": "length",
+    "force": "force",
+    "contraction": "number",
+    "largest_diameter": "length",
+}
+
+
+def braid_angle_rows(
+    catalogue: Catalogue, diameters: Iterable[float] | None = None, *, system: str = "si"
+) -> list[Row]:
+    """The braid angle of every braid on every diameter: the reference work's table 2.3.
+
+    Args:
+        catalogue: from `load_catalogue`.
+        diameters: of the muscle [m]; by default those of the bladders, the widest first.
+        system: "si", "metric" or "us".
+
+    Returns:
+        Rows of braid, diameter, angle (that of the rule, also where infeasible) and feasibility.
+    """
+    if diameters is None:
+        diameters = sorted({bladder.diameter for bladder in catalogue.bladders}, reverse=True)
+    widths = list(diameters)
+    return [
+        {
+            "braid": braid.name,
+            **entry("diameter", diameter, "length", system),
+            **entry(
+                "braid_angle",
+                float(fam_angle(diameter, braid.nominal_diameter)),
+                "angle",
+                system,
+            ),
+            "feasibility": str(feasibility(diameter, braid)),
+        }
+        for braid in catalogue.braids
+        for diameter in widths
+    ]
+
+
+def jamming_range_rows(catalogue: Catalogue, *, system: str = "si") -> list[Row]:
+    """The angles at the ends of each braid's jamming range: printed, and implied by its diameters.
+
+    Args:
+        catalogue: from `load_catalogue`.
+        system: "si", "metric" or "us".
+
+    Returns:
+        Rows of braid, diameter, implied angle and printed angle (None where there is none).
+    """
+    return [
+        {
+            "braid": braid.name,
+            **entry("diameter", diameter, "length", system),
+            **entry(
+                "implied_angle", float(fam_angle(diameter, braid.nominal_diameter)), "angle", system
+            ),
+            **entry("printed_angle", printed, "angle", system),
+        }
+        for braid in catalogue.braids
+        for diameter, printed in zip(
+            braid.diameter_range, braid.angle_range or (math.nan, math.nan), strict=True
+        )
+    ]
+
+
+def geometry_rows(catalogue: Catalogue, rest_length: float, *, system: str = "si") -> list[Row]:
+    """The initial geometry of every bladder and braid that fit at an active length L0 [m]."""
+    rows = []
+    for bladder in catalogue.bladders:
+        for braid in catalogue.braids:
+            fit = feasibility(bladder.diameter, braid)
+            if fit is Feasibility.INFEASIBLE:
+                continue
+            combination = Combination.of(bladder, braid, rest_length)
+            at_rest = combination.braid
+            jamming = combination.contraction_range()[1]
+            rows.append(
+                {
+                    "bladder": bladder.name,
+                    "braid": braid.name,
+                    "feasibility": str(fit),
+                    **entry("braid_angle", float(combination.braid_angle), "angle", system),
+                    **entry("thread_length", float(at_rest.rest_thread_length), "length", system),
+                    **entry("turns", float(at_rest.turns), "number", system),
+                    **entry("jamming_contraction", float(jamming), "number", system),
+                }
+            )
+    return rows
+
+
+def performance_rows(
+    bladder: CatalogueBladder,
+    braid: CatalogueBraid,
+    pressure: float,
+    contractions: Sequence[float],
+    *,
+    material: AbstractMaterial | None = None,
+    system: str = "si",
+) -> list[Row]:
+    """Force and diameter against contraction of one combination; None where its braid jams.
+
+    Args:
+        bladder: row of the catalogue.
+        braid: row of the catalogue.
+        pressure: gauge pressure P [Pa].
+        contractions: [-], fractions.
+        material: of the bladder, in Pa; None neglects the bladder.
+        system: "si", "metric" or "us".
+
+    Returns:
+        A row for each contraction.
+    """
+    combination = Combination.of(bladder, braid)
+    at = jnp.asarray(contractions)
+    columns = (at, *_force_and_diameter(combination, at, pressure, material))
+    return [
+        {
+            "contraction": float(contraction),
+            **entry("pressure", pressure, "pressure", system),
+            **entry("force", force, "force", system),
+            **entry("outer_diameter", diameter, "length", system),
+        }
+        for contraction, force, diameter in zip(*map(np.asarray, columns), strict=True)
+    ]
+
+
+@eqx.filter_jit
+def _force_and_diameter(
+    combination: Combination,
+    contraction: RealArray,
+    pressure: float,
+    material: AbstractMaterial | None,
+) -> tuple[RealArray, RealArray]:
+    return combination.force(contraction, pressure, material), combination.outer_diameter(
+        contraction
+    )
+
+
+def candidate_rows(candidates: Iterable[Candidate], *, system: str = "si") -> list[Row]:
+    """The candidates of a search, in their order, with what each of them fails.
+
+    Args:
+        candidates: from `search`.
+        system: "si", "metric" or "us".
+
+    Returns:
+        A row for each; `fails` is a list with the name, what was required and what was found.
+    """
+    return [
+        {
+            "bladder": candidate.bladder.name,
+            "braid": candidate.braid.name,
+            "feasibility": str(candidate.feasibility),
+            "meets": not candidate.failures,
+            **entry("braid_angle", candidate.braid_angle, "angle", system),
+            **entry("blocked_force", candidate.blocked_force, "force", system),
+            **entry("force", candidate.force, "force", system),
+            **entry("usable_contraction", candidate.usable_contraction, "number", system),
+            "jams": candidate.jams,
+            **entry("outer_diameter", candidate.outer_diameter, "length", system),
+            "fails": [
+                {
+                    "requirement": failure.requirement,
+                    **entry("required", failure.required, _KINDS[failure.requirement], system),
+                    **entry("found", failure.found, _KINDS[failure.requirement], system),
+                }
+                for failure in candidate.failures
+            ],
+        }
+        for candidate in candidates
+    ]

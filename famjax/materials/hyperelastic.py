@@ -1,0 +1,360 @@
+"""Stress laws of the bladder from an energy: hyperelastic ones, and laws without interaction.
+
+Every law here has `energy(axial_stretch, hoop_stretch)`, the energy W [J/m3] stored per volume of
+rubber, and its true stresses are sigma_i = lambda_i dW/dlambda_i with lambda = 1 + strain.
+"""
+
+import abc
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .polynomial import AbstractMaterial
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import Declared, parameter
+from ..parameters.parametrised import checked_values, middle
+
+_STRESS = 1e6  # Pa
+
+
+def _slope(function: Callable[[RealArray], RealArray], at: RealArray) -> RealArray:
+    """Derivative, element by element, of a function that acts element by element."""
+    return jax.jvp(function, (at,), (jnp.ones_like(at),))[1]
+
+
+class AbstractHyperelastic(AbstractMaterial):
+    """An incompressible hyperelastic law in plane stress: the wall's radial stress is neglected.
+
+    sigma_z = lambda_z dW/dlambda_z, sigma_c = lambda_c dW/dlambda_c, at the radial stretch
+    lambda_r = 1 / (lambda_z lambda_c). The two directions interact.
+
+    References:
+        Ogden 1997, Non-linear Elastic Deformations, section 4.3.
+    """
+
+    depends_on_pressure: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume at lambda_z, lambda_c [-], both > 0, broadcast shape."""
+
+    @property
+    @abc.abstractmethod
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus mu [Pa] at zero strain; a law of which it is not > 0 is no material."""
+
+    @property
+    def initial_modulus(self) -> RealArray:
+        """Tangent modulus [Pa] of a tensile test at zero strain, E = 3 mu."""
+        return 3 * self.initial_shear_modulus
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True (Cauchy) stresses (sigma_z, sigma_c) [Pa] of the broadcast shape."""
+        axial, hoop, _ = jnp.broadcast_arrays(
+            1 + as_real(axial_strain), 1 + as_real(hoop_strain), as_real(pressure)
+        )
+        return (
+            axial * _slope(lambda stretch: self.energy(stretch, hoop), axial),
+            hoop * _slope(lambda stretch: self.energy(axial, stretch), hoop),
+        )
+
+    def uniaxial_stress(self, strain: Real) -> RealArray:
+        """True stress [Pa] of a tensile test, sigma = lambda dW/dlambda along lambda^-1/2.
+
+        Args:
+            strain: eps [-], engineering, > -1.
+
+        Returns:
+            sigma [Pa], of the strain's shape.
+        """
+        stretch = 1 + as_real(strain)
+        return stretch * _slope(lambda along: self.energy(along, 1 / jnp.sqrt(along)), stretch)
+
+
+def _first_invariant(axial: RealArray, hoop: RealArray) -> RealArray:
+    return axial**2 + hoop**2 + 1 / (axial * hoop) ** 2
+
+
+class NeoHookeanMaterial(AbstractHyperelastic):
+    """The neo-Hookean law, W = mu/2 (I1 - 3).
+
+    Attributes:
+        shear_modulus: mu [Pa], > 0.
+
+    References:
+        Treloar 1943; Rivlin 1948.
+
+    >>> rubber = NeoHookeanMaterial(1.0)
+    >>> print(f"{rubber.uniaxial_stress(1.0):.3f}")  # lambda^2 - 1 / lambda
+    3.500
+    """
+
+    shear_modulus: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
+    )
+
+    law_name: ClassVar[str] = "neo-hookean"
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        I1 = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch))
+        return self.shear_modulus / 2 * (I1 - 3)
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus mu [Pa] at zero strain."""
+        return self.shear_modulus
+
+
+class MooneyRivlinMaterial(AbstractHyperelastic):
+    """The Mooney-Rivlin law, W = C10 (I1 - 3) + C01 (I2 - 3).
+
+    Attributes:
+        c10: C10 [Pa].
+        c01: C01 [Pa]; C10 + C01 > 0.
+
+    References:
+        Mooney 1940; Rivlin 1948.
+    """
+
+    c10: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="C10"
+    )
+    c01: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="C01"
+    )
+
+    law_name: ClassVar[str] = "mooney-rivlin"
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        axial, hoop = as_real(axial_stretch), as_real(hoop_stretch)
+        I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
+        return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus [Pa] at zero strain, 2 (C10 + C01)."""
+        return 2 * (self.c10 + self.c01)
+
+
+class YeohMaterial(AbstractHyperelastic):
+    """The Yeoh law, W = sum over i of C_i (I1 - 3)^i.
+
+    Attributes:
+        coefficients: C_i [Pa], shape (terms,), usually three; C_1 > 0.
+
+    References:
+        Yeoh 1993, Rubber Chemistry and Technology 66.
+    """
+
+    coefficients: Float[Given, " terms"] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="C_{}"
+    )
+
+    law_name: ClassVar[str] = "yeoh"
+
+    @classmethod
+    def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
+        """The law of this many terms, by default three."""
+        fields.setdefault("coefficients", np.full(order, _STRESS))
+        return super().template(**fields)
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        x = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch)) - 3
+        energy = jnp.zeros_like(x)
+        for i in reversed(range(self.coefficients.shape[-1])):
+            energy = x * (self.coefficients[i] + energy)
+        return energy
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus [Pa] at zero strain, 2 C_1."""
+        return 2 * self.coefficients[0]
+
+
+class OgdenMaterial(AbstractHyperelastic):
+    """The Ogden law of any number of terms.
+
+    W = sum over p of mu_p / alpha_p (lambda_z^alpha_p + lambda_c^alpha_p + lambda_r^alpha_p - 3).
+    Some programs write 2 mu_p / alpha_p^2 instead: their mu_p is alpha_p / 2 times this one.
+
+    Attributes:
+        moduli: mu_p [Pa], shape (terms,).
+        exponents: alpha_p [-], shape (terms,), not zero; sum of mu_p alpha_p > 0.
+
+    References:
+        Ogden 1972, Proceedings of the Royal Society A 326.
+
+    >>> treloar = OgdenMaterial([0.63e6, 1.2e3, -1e4], [1.3, 5.0, -2.0])  # Ogden 1972
+    >>> print(f"{treloar.initial_shear_modulus / 1e6:.4f}")
+    0.4225
+    """
+
+    moduli: Float[Given, " terms"] = parameter(
+        "Pa", kind="stress", scale=_STRESS, linear=True, name="mu_{}"
+    )
+    exponents: Float[Given, " terms"] = parameter(name="alpha_{}")
+
+    law_name: ClassVar[str] = "ogden"
+
+    def __check_init__(self) -> None:
+        if self.moduli.shape != self.exponents.shape or self.moduli.ndim == 0:
+            raise ValueError(
+                "an Ogden law needs one exponent for each modulus, got moduli of shape "
+                f"{self.moduli.shape} and exponents of shape {self.exponents.shape}"
+            )
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        axial, hoop = as_real(axial_stretch)[..., None], as_real(hoop_stretch)[..., None]
+        a = self.exponents
+        powers = axial**a + hoop**a + (axial * hoop) ** -a
+        return jnp.sum(self.moduli / a * (powers - 3), axis=-1)
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus [Pa] at zero strain, half the sum of mu_p alpha_p."""
+        return jnp.sum(self.moduli * self.exponents, axis=-1) / 2
+
+    @classmethod
+    def template(cls, **fields: Any) -> "OgdenMaterial":
+        """The law of one term, its exponent in the middle of the range."""
+        exponent = middle(_ONE_TERM["ogden_exponent"])
+        fields.setdefault("moduli", [2 * _STRESS / exponent])
+        fields.setdefault("exponents", [exponent])
+        return super().template(**fields)
+
+    def parameters(self) -> dict[str, RealArray]:
+        """Shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
+        if self.moduli.shape != (1,):
+            return super().parameters()
+        return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
+
+    def declared(self) -> dict[str, Declared]:
+        """The declarations of the same."""
+        return super().declared() if self.moduli.shape != (1,) else dict(_ONE_TERM)
+
+    def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
+        """The law with other values; of one term, mu = 2 G / alpha.
+
+        Raises:
+            ValueError: an unknown name, or a value that is an array.
+        """
+        if self.moduli.shape != (1,):
+            return super().with_parameters(values)
+        given = self.parameters() | checked_values(self, values)
+        modulus, exponent = (given[name] for name in _ONE_TERM)
+        if not values:
+            return self
+        return eqx.tree_at(
+            lambda law: (law.moduli, law.exponents),
+            self,
+            ((2 * modulus / exponent)[None], exponent[None]),
+        )
+
+
+_ONE_TERM = {
+    "shear_modulus": Declared("Pa", "shear_modulus", "stress", low=0.0, scale=_STRESS, linear=True),
+    "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=-0.5),
+}
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+
+
+class AbstractUniaxialLaw(AbstractMaterial):
+    """A law whose two directions do not interact: true stress against its own strain alone.
+
+    The law is given by a potential phi(eps) with sigma = dphi/deps, its integral over engineering
+    strain. As sigma is a true stress, the energy stored is another integral, W in `energy`.
+    """
+
+    directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def potential(self, strain: Real) -> RealArray:
+        """Potential phi [Pa] of one direction at engineering strain eps [-], phi(0) = 0."""
+
+    def stress(self, strain: Real) -> RealArray:
+        """True stress sigma = dphi/deps [Pa] of one direction at engineering strain eps [-]."""
+        return _slope(self.potential, as_real(strain))
+
+    def tangent_modulus(self, strain: Real) -> RealArray:
+        """Tangent modulus dsigma/deps [Pa] at engineering strain eps [-]."""
+        return _slope(self.stress, as_real(strain))
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
+        del pressure
+        return self.stress(axial_strain), self.stress(hoop_strain)
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, the sum over both directions of int sigma dlambda / lambda.
+
+        Gauss-Legendre quadrature with 32 nodes from the unstrained state.
+
+        Args:
+            axial_stretch: lambda_z [-], > 0.
+            hoop_stretch: lambda_c [-], > 0.
+
+        Returns:
+            W [J/m3], broadcast shape.
+        """
+
+        def one(strain: RealArray) -> RealArray:
+            part = strain[..., None] * np.asarray((1 + _NODES) / 2, strain.dtype)
+            weights = np.asarray(_WEIGHTS / 2, strain.dtype)
+            return strain * jnp.sum(weights * self.stress(part) / (1 + part), axis=-1)
+
+        return one(as_real(axial_stretch) - 1) + one(as_real(hoop_stretch) - 1)
+
+
+class SaturatingMaterial(AbstractUniaxialLaw):
+    """The two-term saturating law: a stiff start that softens to a constant modulus; odd.
+
+    sigma = E_inf eps + S (1 - exp(-|eps|/s)) sign(eps)
+
+    Attributes:
+        final_modulus: E_inf [Pa], tangent modulus at large strain.
+        saturation_stress: S [Pa], to which the second term rises.
+        strain_scale: s [-], > 0, strain over which it does.
+
+    >>> law = SaturatingMaterial(2e5, 1e5, 0.2)
+    >>> print(f"{law.stress(0.0):.0f} {law.tangent_modulus(0.0):.0f}")
+    0 700000
+    """
+
+    final_modulus: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
+    )
+    saturation_stress: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
+    )
+    strain_scale: Float[Given, "..."] = parameter(low=2e-3, high=0.5)
+
+    law_name: ClassVar[str] = "saturating"
+
+    def potential(self, strain: Real) -> RealArray:
+        """Potential phi [Pa], E_inf eps^2/2 + S (|eps| + s (exp(-|eps|/s) - 1))."""
+        eps, s = as_real(strain), self.strain_scale
+        # Not jnp.abs: its derivative at zero is zero, and the tangent modulus there would be E_inf.
+        size = jnp.where(eps >= 0, eps, -eps)
+        saturating = size + s * jnp.expm1(-size / s)
+        return self.final_modulus * eps**2 / 2 + self.saturation_stress * saturating
+
+    @property
+    def initial_modulus(self) -> RealArray:
+        """Tangent modulus [Pa] at zero strain, E_inf + S/s."""
+        return self.final_modulus + self.saturation_stress / self.strain_scale

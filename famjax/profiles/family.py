@@ -1,0 +1,278 @@
+"""The shape over contraction and pressure: between the shapes that were measured, or assumed."""
+
+import abc
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from .assumed_shapes import AbstractAssumedShape
+from ..braids.inextensible import AbstractBraid, diameter_from_length
+from .profile import AbstractProfile
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import Parametrised, number
+
+
+class AbstractProfileFamily(Parametrised):
+    """Diameter D at position x, active length L and gauge pressure P."""
+
+    @abc.abstractmethod
+    def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
+        """Braid diameter D [m] at position x [-], length [m] and pressure [Pa], broadcast shape."""
+
+    @abc.abstractmethod
+    def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
+        """Positions x [-] between 0 and 1, increasing, where slope or diameter jumps."""
+
+    def at(self, pressure: Real) -> "IsobaricProfile":
+        """The profile that this family is at one gauge pressure [Pa], a scalar."""
+        return IsobaricProfile(self, pressure)
+
+
+class IsobaricProfile(AbstractProfile):
+    """A family of profiles at one pressure.
+
+    Attributes:
+        family: D(x, L, P).
+        pressure: P [Pa], a scalar.
+    """
+
+    family: AbstractProfileFamily
+    pressure: Float[Given, ""] = number("Pa")
+
+    def diameter(self, x: Real, length: Real) -> RealArray:
+        """Braid diameter D [m] at position x [-] of active length L [m], broadcast shape."""
+        return self.family.diameter(x, length, self.pressure)
+
+    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
+        """Positions x [-] of the family's kinks at active length L [m] and this pressure."""
+        return self.family.breakpoints(length, self.pressure)
+
+
+class AssumedShapeFamily(AbstractProfileFamily):
+    """An assumed shape whose middle diameter follows from the braid's triangle relation.
+
+    D_m = sqrt(B(L, P)^2 - L^2) / (pi N), as if the threads ran straight from fitting to fitting.
+
+    Attributes:
+        braid: gives B and N.
+        shape: its own middle diameter is replaced.
+    """
+
+    braid: AbstractBraid
+    shape: AbstractAssumedShape
+
+    def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
+        """Braid diameter D [m] at position x [-], length [m] and pressure [Pa], broadcast shape."""
+        return self._shape_at(length, pressure).diameter(x, length)
+
+    def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
+        """Positions x [-] of the shape's kinks."""
+        return self._shape_at(length, pressure).breakpoints(length)
+
+    def _shape_at(self, length: Real, pressure: Real) -> AbstractAssumedShape:
+        thread_length = self.braid.thread_length(length, pressure)
+        middle = diameter_from_length(length, thread_length, self.braid.turns)
+        return eqx.tree_at(lambda shape: shape.middle_diameter, self.shape, middle)
+
+
+class MeasuredFamily(AbstractProfileFamily):
+    """Profiles measured at one pressure and several lengths, and what lies between.
+
+    D(x, L, P) = (sum over k of phi_k(L) D_k(x)) D_braid(L, B(L, P)) / D_braid(L, B(L, P_ref))
+
+    The diameters at each x are interpolated in L by a cubic spline with continuous second
+    derivative (not-a-knot; a parabola through three profiles, a line through two): phi_k is 1 at
+    its own length and 0 at the others, so that the measured shapes are returned exactly at P_ref.
+    To other pressures they are scaled as the diameter of the braid's triangle is by the stretch of
+    its threads: with an inelastic braid, not at all.
+
+    Beyond the first and last profile the end cubics go on, by `margin` of the measured range of
+    lengths: enough to reach a free contraction just past the last photograph. That is an
+    extrapolation. Beyond it the shape is not known, and nan.
+
+    Attributes:
+        lengths: L_k [m], decreasing as the muscle contracts, shape (profiles,).
+        profiles: D_k(x), at least two.
+        reference_pressure: P_ref [Pa], at which they were measured.
+        braid: gives B(L, P).
+        margin: extrapolation at either end, as part of the range of lengths.
+
+    Raises:
+        ValueError: lengths and profiles do not match, or an interpolated diameter within the range
+            is not positive; what depends on values is seen on concrete numbers only.
+
+    References:
+        Chambers 2021, section 4.3, for the profiles; the interpolation is de Boor 1978, chapter IV.
+    """
+
+    lengths: Float[Given, " profiles"] = number("m")
+    profiles: tuple[AbstractProfile, ...]
+    reference_pressure: Float[Given, ""] = number("Pa")
+    braid: AbstractBraid
+    margin: float = eqx.field(static=True)
+    _slopes: Float[Array, "profiles profiles"]
+
+    def __init__(
+        self,
+        lengths: Real | Sequence[float],
+        profiles: Sequence[AbstractProfile],
+        reference_pressure: Real,
+        braid: AbstractBraid,
+        *,
+        margin: float = 0.05,
+    ) -> None:
+        """See the class; the profiles are in the order of their lengths."""
+        self.lengths = as_real(lengths)
+        self.profiles = tuple(profiles)
+        self.reference_pressure = as_real(reference_pressure)
+        self.braid = braid
+        self.margin = margin
+        if self.lengths.shape != (len(self.profiles),) or len(self.profiles) < 2:
+            raise ValueError(
+                "a family needs two or more profiles and one length for each, got "
+                f"{len(self.profiles)} profiles and lengths of shape {self.lengths.shape}"
+            )
+        if not 0 <= margin <= 0.25:
+            raise ValueError(
+                f"margin is a part of the measured range, 0 to 0.25, got {margin}: beyond that "
+                "a cubic says nothing of the muscle's shape. Measure further instead"
+            )
+        if not isinstance(self.lengths, Tracer) and not jnp.all(jnp.diff(self.lengths) < 0):
+            raise ValueError(
+                "the lengths of a family must decrease from profile to profile, as the muscle "
+                f"contracts, got {np.asarray(self.lengths)}"
+            )
+        self._slopes = _slope_matrix(self._knots())
+
+    def __check_init__(self) -> None:
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
+            return
+        x, lengths = jnp.linspace(0, 1, 129), jnp.linspace(*self.length_range(), 33)
+        diameter = np.asarray(_diameters(self, x, lengths))
+        if not np.all(diameter > 0):
+            row, column = np.unravel_index(np.argmin(diameter), diameter.shape)
+            raise ValueError(
+                "the diameter of a family must be > 0 at every length and position; it is "
+                f"{diameter[row, column]:.4g} at L = {lengths[row]:.4g}, x = {x[column]:.3f}. "
+                "Check the profile measured nearest to that length, that the threads are longer "
+                "than the active length, and the margin"
+            )
+
+    def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
+        """Braid diameter D [m], broadcast shape; nan outside `length_range`.
+
+        Args:
+            x: position [-] in [0, 1].
+            length: active length L [m].
+            pressure: gauge pressure P [Pa].
+
+        Returns:
+            D [m], broadcast shape.
+        """
+        x, length = as_real(x), as_real(length)
+        measured = jnp.stack(
+            [
+                profile.diameter(x, at)
+                for profile, at in zip(self.profiles, self.lengths, strict=True)
+            ],
+            axis=-1,
+        )
+        interpolated = jnp.sum(self._cardinals(length) * measured, axis=-1)
+        thread = self.braid.thread_length(length, pressure)
+        reference = self.braid.thread_length(length, self.reference_pressure)
+        turns = self.braid.turns
+        scale = diameter_from_length(length, thread, turns) / diameter_from_length(
+            length, reference, turns
+        )
+        return interpolated * scale
+
+    def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
+        """Positions x [-] of the kinks of all profiles, the same at every length and pressure."""
+        del length, pressure
+        return self.kinks
+
+    @property
+    def kinks(self) -> Float[Array, " kinks"]:
+        """Positions x [-] at which any of the measured profiles has a kink."""
+        each = [
+            profile.breakpoints(at) for profile, at in zip(self.profiles, self.lengths, strict=True)
+        ]
+        return jnp.sort(jnp.concatenate(each))
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Shortest and longest length [m]: those measured, and the margin beyond."""
+        longest, shortest = self.lengths[0], self.lengths[-1]
+        beyond = self.margin * (longest - shortest)
+        return shortest - beyond, longest + beyond
+
+    def knows(self, length: Real) -> Bool[Array, "..."]:
+        """Whether the shape is known at a length [m]: within `length_range`, both ends included."""
+        share = (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
+        rounding = 16 * jnp.finfo(self.lengths.dtype).eps
+        return (share >= -self.margin - rounding) & (share <= 1 + self.margin + rounding)
+
+    def _knots(self) -> Float[Array, " profiles"]:
+        """The lengths as parts of the measured range, from 0 at the longest to 1."""
+        return (self.lengths[0] - self.lengths) / (self.lengths[0] - self.lengths[-1])
+
+    def _cardinals(self, length: RealArray) -> Float[Array, "... profiles"]:
+        """phi_k(L), shape (..., profiles): 1 at its own length, 0 at the others."""
+        knots = self._knots()
+        at = (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
+        cell = jnp.clip(jnp.searchsorted(knots, at, side="right") - 1, 0, knots.shape[0] - 2)
+        step = (knots[cell + 1] - knots[cell])[..., None]
+        t = (at - knots[cell])[..., None] / step
+        unit = jnp.eye(knots.shape[0], dtype=knots.dtype)
+        cardinals = (
+            (1 + 2 * t) * (1 - t) ** 2 * unit[cell]
+            + t**2 * (3 - 2 * t) * unit[cell + 1]
+            + step * t * (1 - t) * ((1 - t) * self._slopes[cell] - t * self._slopes[cell + 1])
+        )
+        return jnp.where(self.knows(length)[..., None], cardinals, jnp.nan)
+
+
+@eqx.filter_jit
+def _diameters(family: MeasuredFamily, x: RealArray, lengths: RealArray) -> RealArray:
+    """Diameters [m] at the reference pressure, shape (lengths, positions)."""
+    return family.diameter(x, lengths[:, None], family.reference_pressure)
+
+
+@jax.jit
+def _slope_matrix(knots: Float[Array, " knots"]) -> Float[Array, "knots knots"]:
+    """Slopes of the interpolating spline at its knots, as a matrix on the values there."""
+    n = knots.shape[0]
+    step = jnp.diff(knots)
+    unit = jnp.eye(n, dtype=knots.dtype)
+    secant = (unit[1:] - unit[:-1]) / step[:, None]
+    if n == 2:
+        return jnp.concatenate([secant, secant])
+    left, right = step[:-1, None], step[1:, None]
+    # Continuity of the second derivative at the inner knots.
+    inner = right * unit[:-2] + 2 * (left + right) * unit[1:-1] + left * unit[2:]
+    inner_values = 3 * (right * secant[:-1] + left * secant[1:])
+    first, first_value = _end_condition(unit[:3], step[:2], secant[:2])
+    last, last_value = _end_condition(unit[:-4:-1], step[:-3:-1], secant[:-3:-1])
+    system = jnp.concatenate([first[None], inner, last[None]])
+    values = jnp.concatenate([first_value[None], inner_values, last_value[None]])
+    return jnp.linalg.solve(system, values)
+
+
+def _end_condition(
+    unit: Float[Array, "3 knots"], step: Float[Array, " 2"], secant: Float[Array, "2 knots"]
+) -> tuple[Float[Array, " knots"], Float[Array, " knots"]]:
+    """The spline's condition at one end, seen from it: a row on the slopes, and its value.
+
+    Not-a-knot: the third derivative is continuous at the second knot. Of three knots there is only
+    one such condition; there the end cubic is a parabola instead.
+    """
+    near, next_ = step
+    if unit.shape[-1] == 3:
+        return unit[0] + unit[1], 2 * secant[0]
+    both = near + next_
+    value = ((near + 2 * both) * next_ * secant[0] + near**2 * secant[1]) / both
+    return next_ * unit[0] + both * unit[1], value

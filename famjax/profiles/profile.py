@@ -1,0 +1,113 @@
+"""The shape of a muscle: diameter against the position along the active length."""
+
+import abc
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from .._types import Given, Real, RealArray, as_real
+from ..parameters import Parametrised, number
+
+
+class AbstractProfile(Parametrised):
+    """A surface of revolution: diameter D at the part x in [0, 1] of the active length L."""
+
+    @abc.abstractmethod
+    def diameter(self, x: Real, length: Real) -> RealArray:
+        """Braid diameter D [m] at position x [-] of active length L [m], broadcast shape."""
+
+    @abc.abstractmethod
+    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
+        """Positions x [-] between 0 and 1, increasing, where slope or diameter jumps at L [m]."""
+
+
+class FourierProfile(AbstractProfile):
+    """A truncated Fourier series with a free wave number; the same at every length.
+
+    D(x) = a0 + sum over n of a_n cos(n w x) + b_n sin(n w x)
+
+    A profile that is symmetric about x = 1/2 has b_n / a_n = tan(n w / 2) for every n.
+
+    Attributes:
+        a0: constant term [m].
+        a: a_n [m], shape (terms,).
+        b: b_n [m], shape (terms,).
+        w: wave number [-], any real number; 2 pi gives a profile that is periodic in the length.
+
+    Raises:
+        ValueError: `a` and `b` differ in shape, or the diameter is not positive everywhere. The
+            latter is seen on concrete numbers only; traced ones are checked where a `Meridian` is
+            taken.
+
+    References:
+        Chambers 2021, section 4.3, table 4.3.
+    """
+
+    a0: Float[Given, ""] = number("m")
+    a: Float[Given, " terms"] = number("m")
+    b: Float[Given, " terms"] = number("m")
+    w: Float[Given, ""] = number()
+
+    def __check_init__(self) -> None:
+        if self.a.ndim != 1 or self.a.shape != self.b.shape:
+            raise ValueError(
+                "a and b hold one coefficient per term, without a0; got the shapes "
+                f"{self.a.shape} and {self.b.shape}"
+            )
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
+            return
+        x = np.linspace(0, 1, 32 * (self.a.size + 1) + 1)
+        diameter = np.asarray(self.diameter(x, 1.0))
+        lowest = int(np.argmin(diameter))
+        if not diameter[lowest] > 0:
+            raise ValueError(
+                "the diameter of a profile must be > 0 from x = 0 to 1; it is "
+                f"{diameter[lowest]:.4g} at x = {x[lowest]:.3f}. Check the signs of a_n and b_n, "
+                "and w: terms that cancel need every digit"
+            )
+
+    @classmethod
+    def symmetric(cls, a0: Real, a: Real | Sequence[float], w: Real) -> "FourierProfile":
+        """The profile symmetric about x = 1/2 with these cosine terms, b_n = a_n tan(n w / 2).
+
+        Args:
+            a0: constant term [m].
+            a: a_n [m], shape (terms,).
+            w: wave number [-]; not near an n w = pi, 3 pi ... where b_n is unbounded. To make
+                symmetric what was fitted with both a_n and b_n, `symmetrised` loses fewer digits.
+
+        Returns:
+            The profile.
+
+        >>> profile = FourierProfile.symmetric(1.02, [-0.09, -0.07, -0.01], 5.596)
+        >>> print(f"{profile.diameter(0.2, 1.0):.4f} {profile.diameter(0.8, 1.0):.4f}")
+        1.1043 1.1043
+        """
+        cosine = as_real(a)
+        return cls(a0, cosine, cosine * jnp.tan(_harmonics(cosine) * w / 2), w)
+
+    def symmetrised(self) -> "FourierProfile":
+        """The part of the profile that is even about x = 1/2, (D(x) + D(1 - x)) / 2."""
+        half = _harmonics(self.a) * self.w / 2
+        even = self.a * jnp.cos(half) + self.b * jnp.sin(half)
+        return FourierProfile(self.a0, even * jnp.cos(half), even * jnp.sin(half), self.w)
+
+    def diameter(self, x: Real, length: Real) -> RealArray:
+        """Braid diameter D [m] at position x [-]; the length [m] only sets the shape."""
+        angle = _harmonics(self.a) * self.w * as_real(x)[..., None]
+        series = jnp.sum(self.a * jnp.cos(angle) + self.b * jnp.sin(angle), axis=-1)
+        shape = jnp.broadcast_shapes(jnp.shape(x), jnp.shape(length))
+        return jnp.broadcast_to(self.a0 + series, shape)
+
+    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
+        """None: the series is smooth."""
+        return jnp.zeros((*jnp.shape(length), 0), self.a0.dtype)
+
+
+def _harmonics(coefficients: RealArray) -> np.ndarray:
+    """The numbers n = 1, 2, ... of the terms, as reals of the coefficients' own precision."""
+    return np.arange(1, coefficients.shape[-1] + 1, dtype=coefficients.dtype)

@@ -1,0 +1,23 @@
+from .abstract import AbstractForceTerm as AbstractForceTerm, SumOfTerms as SumOfTerms
+from .bladder_wall import (
+    BladderAxial as BladderAxial,
+    BladderHoop as BladderHoop,
+    BladderWall as BladderWall,
+)
+from .friction import (
+    AbstractFriction as AbstractFriction,
+    PressureFriction as PressureFriction,
+    ThreadFriction as ThreadFriction,
+    crossing_area as crossing_area,
+    smooth_sign as smooth_sign,
+    thread_contact_area as thread_contact_area,
+)
+from .pressurised import PressurisedBraid as PressurisedBraid, VirtualWork as VirtualWork
+from .sliding import Friction as Friction
+from .spring import Spring as Spring
+from .virtual_work import (
+    PressureTerms as PressureTerms,
+    pressure_terms as pressure_terms,
+    virtual_work_force as virtual_work_force,
+    volume_rate as volume_rate,
+)

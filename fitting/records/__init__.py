@@ -1,0 +1,9 @@
+"""Raw tests to force maps: machine logs, clocks and their alignment, strokes, branches.
+
+`read_machine_log` reads the log of a test machine, `align_by_load` lays it onto another record of
+the same load, `combine` makes one record of both, `characterise` finds the curves of its isobars.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,89 @@
+"""The pictures that a campaign leaves for people to check."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .tiles import Tile, contact_sheet
+from ..shape.one_picture import measure
+from ..shape.overlay import draw_overlay
+from .plots import plot_table
+from ..camera.read import readable_part
+from ..shape.recipe import Recipe
+from .table import Table
+from ..units import SYSTEMS, factor
+
+
+def write_check_pictures(
+    table: Table, recipe: Recipe, folder: Path, number: int = 12, system: str = "us"
+) -> list[Path]:
+    """Write `profiles.png`, `contact_sheet.png` and some `overlays/`.
+
+    Args:
+        table: of the campaign.
+        recipe: by which it was measured.
+        folder: made if need be.
+        number: of pictures on the sheet and of overlays: some of those that failed, the others
+            evenly over the contraction. They are measured once more.
+        system: units of the plots.
+
+    Returns:
+        What was written, the folder of overlays as one.
+    """
+    overlays = folder / "overlays"
+    overlays.mkdir(parents=True, exist_ok=True)
+    tiles = []
+    for k in choose(table, number):
+        path = Path(table.path[k])
+        seen = readable_part(path)
+        if table.ok[k] and seen is not None:
+            trace = measure(seen, recipe).trace
+            _save(overlays / f"{k + 1:06d}_{path.stem}.jpg", draw_overlay(seen, trace))
+            seen = draw_overlay(seen, trace, thickness=_thick(seen))
+        tiles.append(Tile(seen, path.name, _text(table, int(k), system), ok=bool(table.ok[k])))
+    plot = io.BytesIO()
+    plot_table(table, system, recipe.limits).savefig(plot, format="png", dpi=130)
+    profiles = folder / "profiles.png"
+    profiles.write_bytes(plot.getvalue())
+    sheet = [_save(folder / "contact_sheet.png", contact_sheet(tiles))] if tiles else []
+    return [*sheet, profiles, overlays]
+
+
+def choose(table: Table, number: int) -> NDArray[np.intp]:
+    """Which pictures to look at: up to a third of them failed ones, the others over the stroke."""
+    failed = np.flatnonzero(~table.ok)
+    good = np.flatnonzero(table.ok)
+    n_failed = min(len(failed), max(number // 3, number - len(good)))
+    ordered = good[np.argsort(table["contraction"][good])] if len(good) else good
+    chosen = [_evenly(failed, n_failed), _evenly(ordered, number - n_failed)]
+    return np.sort(np.concatenate(chosen))
+
+
+def _evenly(which: NDArray[np.intp], number: int) -> NDArray[np.intp]:
+    if not len(which) or number < 1:
+        return which[:0]
+    at = np.linspace(0, len(which) - 1, min(number, len(which)))
+    return which[np.round(at).astype(int)]
+
+
+def _thick(image: NDArray[np.uint8]) -> int:
+    """Lines that can still be seen when the picture has been made small."""
+    return max(1, round(max(image.shape) / 500))
+
+
+def _text(table: Table, k: int, system: str) -> str:
+    if not table.ok[k]:
+        return table.error[k]
+    unit = SYSTEMS[system]["length"]
+    length = table["length"][k] / factor(unit, "length")
+    return f"L {length:.4f} {unit}, contraction {table['contraction'][k]:.4f}"
+
+
+def _save(path: Path, image: NDArray[np.uint8]) -> Path:
+    import cv2  # noqa: PLC0415
+
+    coded = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]
+    path.write_bytes(coded.tobytes())
+    return path

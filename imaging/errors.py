@@ -1,0 +1,123 @@
+"""What can be wrong with a photograph, each case a class of its own that carries its figures."""
+
+# ruff: noqa: N818 - the names say what is wrong; that they are errors, `ImagingError` says
+
+import functools
+from os import PathLike, fspath
+from typing import Any, Self
+
+from famjax.boundary.errors import InputError
+
+
+class ImagingError(InputError):
+    """A picture, a ruler or a log that cannot be measured: what must hold, what was got, what to do.
+
+    It travels between processes with everything that it carries.
+
+    Args:
+        message: what must hold, what was got, what to do.
+        path: the file concerned, if there is one.
+        figures: the numbers behind the refusal, SI or named with their unit.
+
+    Examples:
+        >>> print(NoMuscle("nothing bright stands out from the cloth", path="a.jpg", eta_value=0.2))
+        a.jpg: nothing bright stands out from the cloth [eta_value = 0.2]
+    """
+
+    def __init__(
+        self, message: str, *, path: str | PathLike[str] | None = None, **figures: float | str
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.path = None if path is None else fspath(path)
+        self.figures = figures
+
+    def __str__(self) -> str:
+        place = "" if self.path is None else f"{self.path}: "
+        return f"{place}{self.message}{_listed(self.figures)}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        rebuild = functools.partial(type(self), self.message, path=self.path, **self.figures)
+        return rebuild, ()
+
+    def at(self, path: str | PathLike[str]) -> Self:
+        """The same error with the file it concerns; a path already known is kept."""
+        return type(self)(self.message, path=self.path or path, **self.figures)
+
+
+def _listed(figures: dict[str, Any]) -> str:
+    if not figures:
+        return ""
+    return " [" + ", ".join(f"{name} = {_figure(value)}" for name, value in figures.items()) + "]"
+
+
+def _figure(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+class UnreadableImage(ImagingError):
+    """The file is missing, empty, truncated or not a picture."""
+
+
+class DamagedImage(ImagingError):
+    """The file decodes, but a part of the picture is not what the camera saw."""
+
+
+class NoMuscle(ImagingError):
+    """Nothing in the picture stands out from the cloth as a muscle does."""
+
+
+class Underexposed(ImagingError):
+    """The muscle is too dark to be measured."""
+
+
+class Overexposed(ImagingError):
+    """Too much of the muscle is saturated: where the light is cut off there is no edge to find."""
+
+
+class AmbiguousHue(ImagingError):
+    """The tape's colour cannot be told from the braid's."""
+
+
+class MissingFitting(ImagingError):
+    """Fewer than two tapes are seen, or one of them is covered."""
+
+
+class ExtraFitting(ImagingError):
+    """More than two tapes are seen: which two bound the braid is not known."""
+
+
+class Clipped(ImagingError):
+    """The muscle or a tape runs out of the picture."""
+
+
+class WrongOrientation(ImagingError):
+    """The muscle lies across the picture where it should stand, or the other way round."""
+
+
+class Defocused(ImagingError):
+    """The picture is too blurred for the accuracy that its errors would claim."""
+
+
+class MotionBlurred(ImagingError):
+    """The muscle moved along its axis while the shutter was open."""
+
+
+class RulerNotFound(ImagingError):
+    """No ruler, or too few of its marks, can be seen."""
+
+
+class AmbiguousRuler(ImagingError):
+    """The marks can be numbered in more than one way."""
+
+
+class MixedSizes(ImagingError):
+    """The pictures of one campaign differ in size: one recipe cannot hold for all of them."""
+
+
+class ScaleContradiction(ImagingError):
+    """The scale and a known diameter in the picture exclude each other."""
+
+
+class SyncError(ImagingError):
+    """The clocks of camera and machine cannot be brought together from what was given."""

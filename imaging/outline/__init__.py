@@ -1,0 +1,1 @@
+"""The two edges of the muscle to a fraction of a pixel, by a model of the lit limb under blur."""

@@ -1,0 +1,261 @@
+"""The outline of the muscle to a fraction of a pixel: limb model, blur from the picture itself."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from .edge_fit import best_shift, parabola_peak
+from .edge_profile import BROAD, EdgeProfile, edge_profile, limb, near_edge
+from .edge_windows import Samples, aligned_windows, first_curve
+from .smoother import density_left_over, smooth_robustly, variance_of_smooth
+
+Method = Literal["limb", "gradient", "half-level"]
+"""How an edge is found in linear light: the limb model, the steepest point, half the local step."""
+
+_WIDEST_START = 3.0  # px: from too small a blur the flank of a defocused edge looks like an edge
+_EVERY = 4  # rows of which one is looked at first
+_ALIGNED = 2  # rows of which one is enough to align windows to
+_PASSES = 4
+_SETTLED = (0.15, 0.05)  # px, of which the next pass would leave a fifth; part of the blur
+_LARGEST_PART = 0.35  # of the radius up to which the windows may reach
+_MARGIN = 64  # px beside the coarse outline: its own error, and five times the widest blur
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """One side of the outline.
+
+    Attributes:
+        column: u of the edge in every row [px], shape (n,).
+        stderr: its random standard error [px], shape (n,).
+        residual: root mean square of the single fits about the curve [px].
+        outliers: part of the rows that were thrown out.
+        kappa: strength of the limb's root against its step [px^-0.5].
+        profile: mean of all rows along the normal, linear light, at `Outline.inward`.
+    """
+
+    column: NDArray[np.float64]
+    stderr: NDArray[np.float64]
+    residual: float
+    outliers: float
+    kappa: float
+    profile: NDArray[np.float64]
+
+    def moved(self, columns: int) -> "Side":
+        """The same so many columns further right."""
+        return dataclasses.replace(self, column=self.column + columns)
+
+
+@dataclasses.dataclass(frozen=True)
+class Outline:
+    """Both sides of a muscle.
+
+    Attributes:
+        rows: v, shape (n,).
+        left, right: the sides.
+        blur: s of the edge, a standard deviation, pixel and weave included [px].
+        disk: part of its variance that a disk makes, see `EdgeProfile`.
+        misfit: root mean square between the mean profiles and the model, over the step.
+        inward: distance from the edge of the samples of a profile [px].
+        resolution: wavelength that passed the smoothing at half its height [px].
+    """
+
+    rows: NDArray[np.int64]
+    left: Side
+    right: Side
+    blur: float
+    disk: float
+    misfit: float
+    inward: NDArray[np.float64]
+    resolution: float
+
+
+def find_outline(
+    image: NDArray[np.uint8],
+    amount: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    left: NDArray[np.float64],
+    right: NDArray[np.float64],
+    *,
+    resolution: float,
+    method: Method = "limb",
+    blur: float | None = None,
+) -> Outline:
+    """Both edges of an upright muscle in every row, from a coarse outline.
+
+    I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)] along the normal. Single rows give a first
+    curve; then windows aligned to it are averaged over 21 rows along the edge, the mean of all
+    gives blur s and kappa, and every averaged window a position, which is smoothed.
+
+    Args:
+        image: luma, shape (h, w), or RGB of which luma is taken, shape (h, w, 3).
+        amount: linear amount of braid for each value of luma, shape (256,).
+        rows: v, consecutive, shape (n,).
+        left: columns of the left side to within 10 px, shape (n,).
+        right: the same of the right side.
+        resolution: wavelength that passes at half its height [px].
+        method: the estimator.
+        blur: s [px]; None estimates it.
+
+    Raises:
+        NoMuscle: no edge where the coarse outline has one.
+    """
+    radius = float(np.median(right - left)) / 2
+    u0 = max(int(left.min()) - _MARGIN, 0)
+    box = image[rows[0] : rows[-1] + 1, u0 : int(right.max()) + _MARGIN]
+    luma = cv2.cvtColor(box, cv2.COLOR_RGB2GRAY) if box.ndim == 3 else np.ascontiguousarray(box)
+    luma = np.asarray(luma, np.uint8)
+    curves = [
+        first_curve(luma, coarse - u0, inward, resolution, radius)
+        for coarse, inward in ((left, 1), (right, -1))
+    ]
+    light = np.asarray(cv2.LUT(luma, amount), np.float32)
+    first, curves = _first_look(light, curves, radius, blur)
+    options = (radius, resolution, method, first.kappas)
+    outline = _improved(
+        light, rows, curves, first.blur, first.disk, *options,
+        estimate=blur is None, spacing=_ALIGNED,
+    )  # fmt: skip
+    curves = [_in_every_row(side.column, rows.size) for side in (outline.left, outline.right)]
+    for _ in range(_PASSES):
+        before = outline.blur
+        shape = before, outline.disk
+        outline = _improved(light, rows, curves, *shape, *options, estimate=blur is None)
+        found = [outline.left.column, outline.right.column]
+        moved = max(np.abs(new - old).max() for new, old in zip(found, curves, strict=True))
+        if moved < _SETTLED[0] and abs(outline.blur / before - 1) < _SETTLED[1]:
+            break
+        curves = found
+    return dataclasses.replace(outline, left=outline.left.moved(u0), right=outline.right.moved(u0))
+
+
+def _first_look(
+    light: NDArray[np.float32],
+    curves: list[NDArray[np.float64]],
+    radius: float,
+    blur: float | None,
+) -> tuple[EdgeProfile, list[NDArray[np.float64]]]:
+    """Blur and light to within a tenth or so, and the curves less their mean error."""
+    start = _WIDEST_START if blur is None else blur
+    t = _window(start, radius)
+    profiles = [
+        aligned_windows(light[::_EVERY], curve[::_EVERY], inward, t, radius, _EVERY).profile
+        for curve, inward in zip(curves, (1, -1), strict=True)
+    ]
+    fit = edge_profile(profiles, t, start, radius, estimate=blur is None)
+    left, right = fit.shifts
+    return fit, [curves[0] + left, curves[1] - right]
+
+
+def _improved(
+    light: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    curves: list[NDArray[np.float64]],
+    blur: float,
+    disk: float,
+    radius: float,
+    resolution: float,
+    method: Method,
+    first_kappas: tuple[float, float],
+    *,
+    estimate: bool,
+    spacing: int = 1,
+) -> Outline:
+    """The outline from windows aligned to the curves, and their blur unless it is given.
+
+    Rows `spacing` px apart are enough to align the windows of the next pass to.
+    """
+    t = _window(blur, radius)
+    light, rows, curves = light[::spacing], rows[::spacing], [curve[::spacing] for curve in curves]
+    sides = [
+        aligned_windows(light, curve, inward, t, radius, spacing)
+        for curve, inward in zip(curves, (1, -1), strict=True)
+    ]
+    profiles = [side.profile for side in sides]
+    fit = edge_profile(
+        profiles, t, blur, radius, disk=disk, estimate=estimate, first_kappas=first_kappas
+    )
+    made = []
+    for side, kappa, shift in zip(sides, fit.kappas, fit.shifts, strict=True):
+        estimator = _estimator(method, t, fit, kappa, radius)
+        column, stderr, residual, outliers = _refined(
+            side, estimator, resolution / spacing, shift if method == "limb" else None
+        )
+        made.append(Side(column, stderr, residual, outliers, kappa, side.profile))
+    return Outline(rows, made[0], made[1], fit.blur, fit.disk, fit.misfit, t, resolution)
+
+
+def _in_every_row(column: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """A curve of which every `_ALIGNED`-th of n rows is known."""
+    longer = np.append(column, 2 * column[-1] - column[-2])
+    return np.interp(np.arange(n), _ALIGNED * np.arange(longer.size), longer)
+
+
+def _window(blur: float, radius: float) -> NDArray[np.float64]:
+    outside = round(max(8.0, 5 * blur))
+    inside = round(min(BROAD[1] * max(1.0, blur), _LARGEST_PART * radius))
+    return np.arange(-outside, inside + 1.0)
+
+
+Estimator = Callable[[NDArray[np.float32]], NDArray[np.float64]]
+
+
+def _estimator(
+    method: Method, t: NDArray[np.float64], fit: EdgeProfile, kappa: float, radius: float
+) -> Estimator:
+    """Shift inward [px] of averaged windows, by the method."""
+    s = fit.blur
+    if method == "limb":
+        near = near_edge(t, s)
+        return lambda windows: best_shift(
+            windows[:, near],
+            t[near],
+            lambda x: limb(x, s, kappa, radius, fit.disk),
+            max(2.0, 1.5 * s),
+            0.1,
+        )
+    near = np.abs(t) <= 5 * max(1.0, s)
+    if method == "gradient":
+        return lambda windows: _steepest(windows[:, near], t[near])
+    return lambda windows: _half_level(windows[:, near], t[near], s)
+
+
+def _steepest(windows: NDArray[np.float32], t: NDArray[np.float64]) -> NDArray[np.float64]:
+    slope = gaussian_filter1d(windows.astype(float), 1.0, axis=1, order=1)
+    inner = np.flatnonzero(np.abs(t) <= 0.6 * t[-1])
+    return t[inner[0]] + parabola_peak(slope[:, inner])
+
+
+def _half_level(
+    windows: NDArray[np.float32], t: NDArray[np.float64], s: float
+) -> NDArray[np.float64]:
+    outside = windows[:, t < -3 * s].mean(axis=1)
+    inside = windows[:, (t > 2 * s) & (t < 5 * s)].mean(axis=1)
+    above = windows > ((outside + inside) / 2)[:, None]
+    k = np.clip(np.argmax(above, axis=1), 1, t.size - 1)
+    row = np.arange(k.size)
+    low, high = windows[row, k - 1], windows[row, k]
+    rise = np.where(high > low, high - low, 1.0)
+    return t[k - 1] + ((outside + inside) / 2 - low) / rise
+
+
+def _refined(
+    side: Samples, estimator: Estimator, resolution: float, mean_shift: float | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """Smooth columns, their standard error, residual and part of stray rows."""
+    shift = estimator(side.mean)
+    if mean_shift is not None:
+        # The mean profile has no noise to bias its fit: it says where the edges are on average.
+        shift += mean_shift - np.average(shift, weights=side.weight)
+    position = side.curve + side.inward * side.stretch * shift
+    curve, keep = smooth_robustly(position, resolution, side.weight.astype(float))
+    off = np.where(keep, position - curve, 0.0)
+    residual = float(np.sqrt(np.mean(off[keep] ** 2)))
+    density = density_left_over(off, resolution)
+    stderr = np.sqrt(density * variance_of_smooth(curve.size, resolution))
+    return curve, stderr, residual, 1 - float(keep.mean())

@@ -1,0 +1,126 @@
+"""Blur, light and place of an edge from the mean of all its rows."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .edge_fit import height_and_rest, least_squares
+from .limb import LARGEST_DISK, defocused_step, ramp, step
+
+BROAD = (3.0, 15.0)  # px per px of blur: samples that say how the light falls towards the limb
+_NEAR = (-7.0, 1.75)  # the same: samples that say where the edge is
+_BLURS = (0.4, 8.0)  # px
+_FIRST_DISK = 0.6  # from a large one the fit finds a small one, and not the reverse
+_FARTHEST = 4.0  # px that one pass may move an edge
+_KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
+_LEAST_ANGLE = 0.2  # at 0, which is a Gaussian, all directions lead to larger disks alike
+_GROWTH, _SLIGHT = 1.75, 0.1  # of kappa from the first pass to a later one
+
+
+@dataclasses.dataclass(frozen=True)
+class EdgeProfile:
+    """What the mean profiles of both sides say.
+
+    Attributes:
+        blur: s, standard deviation of the spread of light across the edge, common to both [px].
+        disk: part of its variance that a defocused lens' disk makes, the rest being Gaussian.
+        kappas: strength of the limb's root against its step, left and right [px^-0.5].
+        shifts: of the edge against where the windows were aligned, inward [px].
+        misfit: root mean square between profiles and model, over the step.
+    """
+
+    blur: float
+    disk: float
+    kappas: tuple[float, float]
+    shifts: tuple[float, float]
+    misfit: float
+
+
+def edge_profile(
+    profiles: list[NDArray[np.float64]],
+    t: NDArray[np.float64],
+    blur: float,
+    radius: float,
+    *,
+    disk: float | None = None,
+    estimate: bool,
+    first_kappas: tuple[float, float] | None = None,
+) -> EdgeProfile:
+    """Blur, light and place of the edges, from the mean profiles of both sides.
+
+    How the light falls towards the limb is read where threads average out, 3 to 15 blurs inside;
+    where the edge is, from the outer flank alone, so that the first thread's own shade, which may
+    be anything, moves it little.
+
+    Args:
+        profiles: mean brightness of the left and the right side along the normal, shape (n,) each.
+        t: distance inward of the samples [px], shape (n,).
+        blur: s, about [px].
+        radius: of the body [px].
+        disk: of the pass before; None in the first.
+        estimate: find the blur; else it is taken as it is, and Gaussian.
+        first_kappas: of the first pass, which later ones exceed by three quarters at most. A kappa that is
+            too large puts the edge too far out, and there the next one is larger still.
+    """
+    kappas = np.array([_limb_strength(profile, t, blur, radius) for profile in profiles])
+    if first_kappas is not None:
+        kappas = np.minimum(kappas, _GROWTH * np.maximum(first_kappas, 0.0) + _SLIGHT)
+    near = near_edge(t, blur)
+    parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
+
+    def blur_and_disk(unknown: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        if not estimate:
+            return np.array([blur]), np.zeros(1)
+        s = np.minimum(np.maximum(np.exp(unknown[..., 2:3]), _BLURS[0]), _BLURS[1])
+        return s, LARGEST_DISK * np.sin(unknown[..., 3:]) ** 2
+
+    def left_over(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        s, part = blur_and_disk(unknown)
+        at = t[near] - unknown[..., :2, None]
+        model = limb(at, s[..., None], kappas[:, None], radius, part[..., None])
+        return height_and_rest(parts, model)[1].reshape(*unknown.shape[:-1], -1)
+
+    angle = np.arcsin(np.sqrt((_FIRST_DISK if disk is None else disk) / LARGEST_DISK))
+    first = [0.0, 0.0, np.log(blur), max(float(angle), _LEAST_ANGLE)] if estimate else [0.0, 0.0]
+    best = least_squares(left_over, np.array(first), 1e-3)
+    misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
+    left, right = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
+    kappa_left, kappa_right = kappas.tolist()
+    s, part = (float(value[0]) for value in blur_and_disk(best))
+    return EdgeProfile(s, part, (kappa_left, kappa_right), (left, right), misfit)
+
+
+def limb(
+    t: NDArray[np.float64],
+    s: float | NDArray[np.float64],
+    kappa: float | NDArray[np.float64],
+    radius: float,
+    disk: float | NDArray[np.float64] = 0.0,
+) -> NDArray[np.float64]:
+    """Brightness across a limb, the step under blur plus kappa (root under blur), elementwise.
+
+    Of the blur's shape the root, which is smooth, takes no notice.
+    """
+    edge = defocused_step(t, s, disk) if np.any(disk) else step(t, s)
+    return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge
+
+
+def near_edge(t: NDArray[np.float64], s: float) -> NDArray[np.bool_]:
+    """The samples of the edge's outer flank and of little more."""
+    size = max(1.0, s)
+    return (t >= _NEAR[0] * size) & (t <= _NEAR[1] * size)
+
+
+def _limb_strength(
+    profile: NDArray[np.float64], t: NDArray[np.float64], s: float, radius: float
+) -> float:
+    """The kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur."""
+    inside = t >= BROAD[0] * max(1.0, s)
+    x = t[inside]
+    root = np.sqrt(x * (1 - x / (2 * radius)))
+    slope = float(height_and_rest(profile[inside], root)[0][0])
+    at_limb = float(profile[inside].mean() - slope * root.mean())
+    if at_limb <= 0:
+        return _KAPPAS[1] if slope > 0 else _KAPPAS[0]
+    return float(np.clip(slope / at_limb, *_KAPPAS))

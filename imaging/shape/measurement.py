@@ -1,0 +1,182 @@
+"""What one photograph says about a muscle's shape, each figure with its standard error."""
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fourier import FourierFit, fit_fourier
+from .quality import Quality
+
+
+@dataclasses.dataclass(frozen=True)
+class Trace:
+    """Where the edges were found in the picture [px], for people to check.
+
+    Attributes:
+        rows: v, shape (n,).
+        left, right: u of the outline, shape (n,).
+        upper, lower: u, v of the inner edges of the tapes, shape (2, k).
+        turned: the picture was turned a quarter turn clockwise first, and these positions are in
+            the turned one.
+    """
+
+    rows: NDArray[np.float64]
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    turned: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Errors:
+    """The parts of the standard error of a diameter and a length.
+
+    Each has its cause in the picture itself. The random part of D is the scatter of the edges that
+    passes the smoothing, no less than that of the mid-line, which a body of revolution has smooth,
+    and what the smoothing rounds off. The systematic part of an edge is the root of the summed
+    squares of three, with blur s, kappa and misfit m as in `Quality`, each coefficient read off
+    rendered pictures of known truth:
+
+    - 0.02 px sqrt(s), s no less than 1: the shade of the outermost threads, within whose width the
+      edge is fitted;
+    - 0.6 kappa times the edge's scatter: where light falls off towards the limb, threads shade it
+      more than the model knows;
+    - 20 m s: a lens or a camera program that spreads light otherwise than the model, as halo and
+      sharpening do.
+
+    The length has the scatter of both edges along their tapes, and for each tape 0.045 px, the shade
+    of the threads there, and the same 20 m s.
+
+    What no picture shows is not in it: a tone curve that is not the camera's, which moves an edge
+    by up to 0.2 px, and threads so coarse that their pattern, mirrored on both sides, passes the
+    smoothing whole. Where px_per_m is below 4500 (115 px/in), D(z) of rendered braids is off by up
+    to twice its standard error; length and mean diameter by 1.3 times theirs at 50 to 110 px/in.
+
+    Attributes:
+        edge: systematic part of the diameter, of both edges, common to all of it [m].
+        density: of the diameter's random part along the axis, variance times length [m^3].
+        ends: of the length, from the tapes' edges [m].
+        scale: relative, of the scale.
+    """
+
+    edge: float
+    density: float
+    ends: float
+    scale: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """A muscle's shape in one photograph; perspective, roll and lens are undone.
+
+    The optical edge is the mean outline of the woven threads; a caliper touches their crests.
+
+    Attributes:
+        path: of the picture; empty for an array.
+        time: when it was taken [s]; nan where that is not known.
+        method: of the recipe.
+        z: positions from the upper tape's edge, 0 to the length [m], shape (n,).
+        diameter: D at z [m], shape (n,).
+        diameter_stderr: its standard error, that of the scale included [m], shape (n,).
+        length: between the inner edges of the tapes along the axis [m].
+        px_per_m: scale in the mid-plane [px/m].
+        roll: of the axis, clockwise positive [rad].
+        x0: distance of the axis from the optical axis [m].
+        errors: the parts of the standard errors.
+        quality: the figures that say whether to trust it.
+        trace: the edges in the picture.
+    """
+
+    path: str
+    time: float
+    method: str
+    z: NDArray[np.float64]
+    diameter: NDArray[np.float64]
+    diameter_stderr: NDArray[np.float64]
+    length: float
+    px_per_m: float
+    roll: float
+    x0: float
+    errors: Errors
+    quality: Quality
+    trace: Trace
+
+    @property
+    def length_stderr(self) -> float:
+        """Standard error of the length [m]."""
+        return float(np.hypot(self.errors.ends, self.length * self.errors.scale))
+
+    @property
+    def mean_diameter(self) -> float:
+        """Mean of D over the length [m]."""
+        return float(np.trapezoid(self.diameter, self.z) / self.length)
+
+    @property
+    def mean_diameter_stderr(self) -> float:
+        """Standard error of the mean diameter [m]."""
+        mean = self.mean_diameter
+        at_ends = float(self.diameter[[0, -1]].mean() - mean) / self.length * self.errors.ends
+        parts = (
+            self.errors.edge,
+            math.sqrt(self.errors.density / self.length),
+            at_ends,
+            mean * self.errors.scale,
+        )
+        return float(np.sqrt(np.sum(np.square(parts))))
+
+    @property
+    def maximum_diameter(self) -> float:
+        """Largest D [m]."""
+        return float(self.diameter.max())
+
+    @property
+    def volume(self) -> float:
+        """Volume within the outline by discs, integral of pi D^2 / 4 [m^3]."""
+        return float(np.trapezoid(np.pi / 4 * self.diameter**2, self.z))
+
+    @property
+    def volume_stderr(self) -> float:
+        """Standard error of the volume [m^3]."""
+        by_edge = np.pi / 2 * float(np.trapezoid(self.diameter, self.z)) * self.errors.edge
+        squared = float(np.trapezoid((np.pi / 2 * self.diameter) ** 2, self.z))
+        at_ends = np.pi / 4 * float(np.mean(self.diameter[[0, -1]] ** 2)) * self.errors.ends
+        parts = (
+            by_edge,
+            math.sqrt(self.errors.density * squared),
+            at_ends,
+            3 * self.volume * self.errors.scale,
+        )
+        return float(np.sqrt(np.sum(np.square(parts))))
+
+    def contraction(self, rest: "float | Measurement") -> tuple[float, float]:
+        """Contraction (L0 - L) / L0 and its standard error.
+
+        Args:
+            rest: the rest length L0 [m], taken to be exact, or the measurement at rest in the same
+                set-up, whose scale error is then common to both and cancels.
+        """
+        ends, scale = self.errors.ends, float(self.errors.scale)
+        if isinstance(rest, Measurement):
+            length = rest.length
+            at_rest = rest.errors.ends
+            scale = 0.0 if rest.px_per_m == self.px_per_m else math.hypot(scale, rest.errors.scale)
+        else:
+            length, at_rest = float(rest), 0.0
+        if not length > 0:
+            raise ValueError(f"the rest length must be > 0, got {length} m")
+        ratio = self.length / length
+        parts = (ends / length, ratio * at_rest / length, ratio * scale)
+        return 1 - ratio, float(np.sqrt(np.sum(np.square(parts))))
+
+    def arc_length(self) -> float:
+        """Length of the outline from tape to tape [m], integral of sqrt(1 + R'^2)."""
+        return float(np.hypot(np.diff(self.z), np.diff(self.diameter) / 2).sum())
+
+    def fourier(self, n_terms: int = 3, *, symmetric: bool = False) -> FourierFit:
+        """The truncated Fourier series through D(z), see `fit_fourier`."""
+        return fit_fourier(
+            self.z / self.length, self.diameter, n_terms=n_terms, symmetric=symmetric
+        )

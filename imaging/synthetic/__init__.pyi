@@ -1,0 +1,45 @@
+from .damage import damaged as damaged
+from .exposure import expose as expose
+from .light import Lamp as Lamp, Light as Light, Reflectance as Reflectance
+from .linear import LinearPhoto as LinearPhoto
+from .muscle import (
+    BLUE_HUE as BLUE_HUE,
+    INCH as INCH,
+    MuscleScene as MuscleScene,
+    TAN as TAN,
+    Tape as Tape,
+)
+from .photo import Photo as Photo
+from .profiles import (
+    FourierShape as FourierShape,
+    PUBLISHED_CONTRACTIONS as PUBLISHED_CONTRACTIONS,
+    REST_LENGTH as REST_LENGTH,
+    published_shape as published_shape,
+    stroke_shape as stroke_shape,
+)
+from .random_scenes import random_scene as random_scene
+from .renderer import render as render, render_linear as render_linear, render_ruler as render_ruler
+from .ruler import (
+    RulerScene as RulerScene,
+    STEEL as STEEL,
+    WOOD as WOOD,
+    published_ruler as published_ruler,
+)
+from .scene import (
+    Jpeg as Jpeg,
+    Lens as Lens,
+    PUBLISHED_CROP as PUBLISHED_CROP,
+    PUBLISHED_DISTANCE as PUBLISHED_DISTANCE,
+    PUBLISHED_FRAME as PUBLISHED_FRAME,
+    PUBLISHED_PX_PER_IN as PUBLISHED_PX_PER_IN,
+    Scene as Scene,
+    Sensor as Sensor,
+    published_scene as published_scene,
+)
+from .sequence import (
+    StrokeLog as StrokeLog,
+    render_sequence as render_sequence,
+    stroke_log as stroke_log,
+    triangle_stroke as triangle_stroke,
+)
+from .truth import RulerTruth as RulerTruth, Truth as Truth

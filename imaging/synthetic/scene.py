@@ -1,0 +1,168 @@
+"""A whole photograph before it is taken: muscle, light, lens, sensor and file."""
+
+import dataclasses
+import datetime
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera.pinhole import Camera
+from ..camera.tone import Tone
+from .light import Light
+from .muscle import INCH, MuscleScene, Tape
+from .profiles import PUBLISHED_CONTRACTIONS, REST_LENGTH, published_shape, stroke_shape
+
+PUBLISHED_PX_PER_IN = 226.63
+PUBLISHED_DISTANCE = 60 * INCH
+PUBLISHED_CROP = (2650, 1100)
+PUBLISHED_FRAME = (3712, 5568)
+_STRANDS = 36
+
+
+@dataclasses.dataclass(frozen=True)
+class Lens:
+    """What the lens does to the picture, in linear light.
+
+    Attributes:
+        blur_px: standard deviation of the Gaussian point spread [px]; the pixel's own box comes on top.
+        defocus_px: radius of the disk of a defocused lens [px].
+        halo: part of the light that is spread over a Gaussian of `halo_px` [-].
+        halo_px: its standard deviation [px].
+        motion_px: way of the muscle along the picture's vertical during the exposure [px].
+    """
+
+    blur_px: float = 0.9
+    defocus_px: float = 0.0
+    halo: float = 0.0
+    halo_px: float = 6.0
+    motion_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        widths = (self.blur_px, self.defocus_px, self.halo_px, self.motion_px)
+        if not (min(widths) >= 0 and 0 <= self.halo < 1):
+            raise ValueError(f"a lens has widths >= 0 and a halo in [0, 1), got {self}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensor:
+    """What sensor and camera program make of the light.
+
+    Attributes:
+        full_well: electrons of a white pixel [-]; 1900 at ISO 3200, inversely as the ISO number.
+        read_noise: standard deviation of the read noise in electrons [-].
+        exposure: factor on the light [-]; more than 1 saturates.
+        bayer: one colour per pixel (RGGB), the others interpolated.
+        sharpening: amount of an unsharp mask of `sharpening_px` on the encoded picture [-].
+        sharpening_px: its standard deviation [px].
+        s_curve: steepness that a picture style adds to the middle of the encoded sRGB values [-]:
+            e + s e (1 - e) (2 e - 1), -2 to 1.
+        gamma: exponent on the encoded values [-], 1 is sRGB.
+    """
+
+    full_well: float = 1900.0
+    read_noise: float = 3.0
+    exposure: float = 1.0
+    bayer: bool = False
+    sharpening: float = 0.0
+    sharpening_px: float = 1.0
+    s_curve: float = 0.0
+    gamma: float = 1.0
+
+    def __post_init__(self) -> None:
+        positive = min(self.full_well, self.exposure, self.sharpening_px, self.gamma) > 0
+        noisy = min(self.read_noise, self.sharpening) >= 0
+        if not (positive and noisy and -2 <= self.s_curve <= 1):
+            raise ValueError(
+                "a sensor has full_well, exposure, sharpening_px and gamma > 0, read_noise and "
+                f"sharpening >= 0, and a curve that never falls, s_curve in [-2, 1]; got {self}"
+            )
+
+    def encoded(self, light: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Encoded value in [0, 1] of linear light; light above 1 and below 0 is cut off."""
+        light = np.clip(np.asarray(light, float), 0, 1)
+        e = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+        e = np.clip(e, 0, 1) ** self.gamma
+        return e + self.s_curve * e * (1 - e) * (2 * e - 1)
+
+    def tone(self) -> Tone:
+        """The tone curve that undoes `encoded`: what a perfect calibration would find."""
+        light = np.linspace(0, 1, 1 << 16)
+        return Tone(np.interp(np.arange(256) / 255, self.encoded(light), light))
+
+
+@dataclasses.dataclass(frozen=True)
+class Jpeg:
+    """The file: quality 1 to 100, chroma subsampling "444", "422" or "420"."""
+
+    quality: int = 92
+    subsampling: Literal["444", "422", "420"] = "422"
+
+    def __post_init__(self) -> None:
+        if not (1 <= self.quality <= 100 and self.subsampling in {"444", "422", "420"}):
+            raise ValueError(
+                "a JPEG has a quality from 1 to 100 and the subsampling '444', '422' or '420'; "
+                f"got {self}"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """Everything that a photograph depends on, but for the noise's seed.
+
+    Attributes:
+        camera: the camera, its centre in this picture's px.
+        size: rows and columns of the picture.
+        muscle: the muscle; None leaves the cloth alone.
+        light, lens, sensor: see their classes.
+        jpeg: the file's compression; None keeps the picture as it left the sensor.
+        time: when it was taken, local; None leaves the file without a time stamp.
+        lying: the camera was turned by 90 degrees: the muscle lies across the picture, its upper
+            end to the left. The truth stays that of the upright picture.
+    """
+
+    camera: Camera
+    size: tuple[int, int]
+    muscle: MuscleScene | None
+    light: Light = dataclasses.field(default_factory=Light.side)
+    lens: Lens = dataclasses.field(default_factory=Lens)
+    sensor: Sensor = dataclasses.field(default_factory=Sensor)
+    jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)
+    time: datetime.datetime | None = None
+    lying: bool = False
+
+
+def published_scene(
+    contraction: float = 0.2625,
+    *,
+    size: tuple[int, int] = PUBLISHED_CROP,
+    rest_length: float = REST_LENGTH,
+) -> Scene:
+    """The reference work's muscle at 100 psi, as its camera saw it, in any picture size.
+
+    60 in away, cropped to 2650 x 1100 px at 226.63 px/in. Another height takes proportionally fewer
+    px per inch, and thicker strands in the same measure; the frame of 3712 x 5568 px has the
+    crop's own scale. Tapes of 0.875 in.
+
+    Args:
+        contraction: (L0 - L)/L0 [-], 0 to 0.35; the three-term Fourier profiles at the published
+            contractions (0, 0.0875, 0.175, 0.2625, 0.35), blends of them between.
+        size: rows and columns of the picture.
+        rest_length: L0 [m].
+    """
+    px_per_in = PUBLISHED_PX_PER_IN
+    if size != PUBLISHED_FRAME:
+        px_per_in *= size[0] / PUBLISHED_CROP[0]
+    fitting = 0.875 * INCH
+    if contraction in PUBLISHED_CONTRACTIONS:
+        profile = published_shape(contraction)
+        tape = Tape()
+    else:
+        profile = stroke_shape(contraction, fitting)
+        tape = Tape(diameter=fitting)
+    strands = max(8, 4 * round(_STRANDS * px_per_in / PUBLISHED_PX_PER_IN / 4))
+    muscle = MuscleScene(
+        profile, rest_length * (1 - contraction), strands=strands, upper=tape, lower=tape
+    )
+    centre = ((size[1] - 1) / 2, (size[0] - 1) / 2)
+    return Scene(Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre), size, muscle)

@@ -1,0 +1,148 @@
+"""A stroke: photographs at a camera's times, and the record of the test machine beside them."""
+
+import csv
+import dataclasses
+import datetime
+from collections.abc import Callable, Iterator
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..units import factor
+from .photo import Photo
+from .profiles import stroke_shape
+from .renderer import render
+from .scene import Scene
+from .truth import Truth
+
+Array = NDArray[np.float64]
+Contraction = Callable[[Array], ArrayLike]
+START = datetime.datetime(2021, 3, 1, 10, 0, 0)
+
+
+@dataclasses.dataclass(frozen=True)
+class StrokeLog:
+    """What a test machine records of a stroke, SI, all of shape (n,).
+
+    Attributes:
+        time: the machine's clock, from its start [s].
+        displacement: of the crosshead, positive when the muscle is shorter [m].
+        force: pull of the muscle [N].
+        pressure: gauge pressure [Pa].
+    """
+
+    time: Array
+    displacement: Array
+    force: Array
+    pressure: Array
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write time_s, displacement_in, force_lbf, pressure_psi as CSV; returns the path."""
+        path = Path(path)
+        columns = [
+            self.time,
+            self.displacement / factor("in", "length"),
+            self.force / factor("lbf", "force"),
+            self.pressure / factor("psi", "pressure"),
+        ]
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["time_s", "displacement_in", "force_lbf", "pressure_psi"])
+            writer.writerows(
+                [f"{value:.7g}" for value in row] for row in zip(*columns, strict=True)
+            )
+        return path
+
+
+def triangle_stroke(peak: float, period_s: float) -> Contraction:
+    """A contraction that goes from 0 to `peak` [-] and back at one speed within `period_s` [s]."""
+
+    def contraction(time: Array) -> Array:
+        return peak * (1 - np.abs(np.asarray(time, float) % period_s * 2 / period_s - 1))
+
+    return contraction
+
+
+def render_sequence(
+    scene: Scene,
+    contraction: Contraction,
+    times: ArrayLike,
+    *,
+    jitter: float = 0.0,
+    clock_offset: float = 0.0,
+    clock_rate: float = 1.0,
+    start: datetime.datetime = START,
+    seed: int = 0,
+) -> Iterator[Photo[Truth]]:
+    """Photographs of a stroke, one after the other, each with the truth of its own instant.
+
+    The upper end stays where it is in `scene`, whose muscle is the one at rest; the profile is
+    `stroke_shape` at the contraction of the instant.
+
+    Args:
+        scene: the scene at contraction 0.
+        contraction: of the machine's time [s], shape (n,) to (n,), within 0 to 0.35.
+        times: when the camera is released, by the machine's clock [s], shape (n,).
+        jitter: standard deviation of the shutter's delay against the stamp [s].
+        clock_offset: what the camera's clock shows at the machine's time 0, counted from `start` [s].
+        clock_rate: seconds of the camera's clock in one of the machine's [-].
+        start: date and time from which the stamps count.
+        seed: of the jitter, and with the picture's number of its noise.
+
+    Raises:
+        ValueError: a scene without a muscle.
+    """
+    muscle = scene.muscle
+    if muscle is None:
+        raise ValueError("a stroke needs a scene with a muscle, got one of the cloth alone")
+    times = np.asarray(times, float)
+    taken = times + jitter * np.random.default_rng(seed).standard_normal(times.shape)
+    shortened = np.asarray(contraction(taken), float)
+    for k, (time, c) in enumerate(zip(times, shortened, strict=True)):
+        length = muscle.length * (1 - float(c))
+        now = dataclasses.replace(
+            muscle,
+            profile=stroke_shape(float(c), float(muscle.diameter(0.0))),
+            length=length,
+            y0=muscle.y0 - (muscle.length - length) / 2,
+        )
+        stamp = start + datetime.timedelta(seconds=clock_offset + clock_rate * float(time))
+        picture = dataclasses.replace(scene, muscle=now, time=stamp)
+        yield render(picture, seed + 1 + k)
+
+
+def stroke_log(
+    contraction: Contraction,
+    times: ArrayLike,
+    rest_length: float,
+    *,
+    pressure: float = 100 * factor("psi", "pressure"),
+    blocked_force: float = 1058 * factor("lbf", "force"),
+    free_contraction: float = 0.354,
+    displacement_noise: float = 0.0,
+    seed: int = 0,
+) -> StrokeLog:
+    """The record of a test machine for the same stroke; a force that falls linearly will do here.
+
+    F = F_b (1 - c / c_f): no muscle's law, but it has a muscle's range.
+
+    Args:
+        contraction: as in `render_sequence`.
+        times: of the record [s], shape (n,).
+        rest_length: L0 [m].
+        pressure: gauge pressure P [Pa], held.
+        blocked_force: F_b [N].
+        free_contraction: c_f [-].
+        displacement_noise: standard deviation [m].
+        seed: of the noise.
+
+    References:
+        Chambers 2021, tables 6.11 and 6.12, for the two ends of the force at 100 psi.
+    """
+    times = np.asarray(times, float)
+    c = np.asarray(contraction(times), float)
+    noise = displacement_noise * np.random.default_rng(seed).standard_normal(times.shape)
+    force = blocked_force * (1 - c / free_contraction)
+    return StrokeLog(times, c * rest_length + noise, force, np.full(times.shape, pressure))

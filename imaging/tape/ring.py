@@ -1,0 +1,245 @@
+"""Where a tape's inner edge lies along the muscle's axis: the edge of a ring, seen as an arc."""
+
+import dataclasses
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, spline_filter
+
+from ..camera.amount import LUMA
+from ..camera.pinhole import Camera, turned
+from ..outline.edge_fit import best_shift, height_and_rest, least_squares
+from ..errors import MissingFitting
+from ..shape.fourier import correlated_points
+from ..outline.limb import step
+from .cover import LEAST_SEEN, behind, check_cover, tape_shows
+from ..camera.tone import Tone
+
+_WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray
+_GROUPS = 16
+_BLURS = (0.4, 30.0)
+_PASSES = 4
+_SETTLED = 0.1  # px, which the groups' own shifts take in
+_BRIGHTEST = 1.6
+_DARK_THREAD = 0.22  # of the braid's brightness
+_LEAST_HEIGHT = 0.2  # of the difference between braid and tape
+
+
+@dataclasses.dataclass(frozen=True)
+class Ring:
+    """The inner edge of one tape.
+
+    Attributes:
+        y: position along the axis, as in `Silhouette` [m].
+        stderr: its random standard error [m].
+        tilt: angle against the axis' normal plane, as the camera sees it [rad].
+        spread: standard deviation of the edge along the tape [px].
+        blur: Gaussian blur of the edge along the axis [px].
+        arc: points u, v of the edge in the picture [px], shape (2, n).
+    """
+
+    y: float
+    stderr: float
+    tilt: float
+    spread: float
+    blur: float
+    arc: NDArray[np.float64]
+
+
+def find_ring(
+    rgb: NDArray[np.uint8],
+    tone: Tone,
+    camera: Camera,
+    colours: tuple[NDArray[np.float64], NDArray[np.float64]],
+    *,
+    y: float,
+    radius_at: Callable[[float], float],
+    x0: float,
+    roll: float,
+    lower: bool,
+    blur: float,
+) -> Ring:
+    """The inner edge of a tape, from the picture unrolled around it.
+
+    The picture is sampled at the points (x0 + X, y + h, d - sqrt(R^2 - X^2)) of the cylinder, so
+    that a ring becomes a straight line, in the linear light that the braid has and the tape and its
+    dark rim have not. Groups of neighbouring X are averaged and each gives the position of a
+    blurred step; the mean is the ring's, their scatter its error.
+
+    Args:
+        rgb: picture, shape (h, w, 3).
+        tone: the camera's tone curve.
+        camera: the camera.
+        colours: of tape and braid, encoded values 0 to 255, each of shape (3,).
+        y: position to within some pixels [m].
+        radius_at: R [m] at positions near the edge [m]; where the muscle swells right behind the
+            tape, it matters where on the slope the ring lies.
+        x0: of the axis, as in `Silhouette` [m].
+        roll: of the axis, as in `Silhouette` [rad].
+        lower: the tape is at the lower end.
+        blur: of the outline [px], where the search for the edge's own blur starts.
+
+    Raises:
+        MissingFitting: no edge there, or too much of it is covered.
+    """
+    px = 1 / camera.px_per_m
+    inward = -1 if lower else 1
+    n = max(4 * _GROUPS, int(2 * _WIDTH * radius_at(y) / px))
+
+    amounts = _amounts(
+        rgb, tone, camera, colours, y, radius_at(y), x0, roll, 2 * len(_window(blur))
+    )
+
+    def around(y: float, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        radius = radius_at(y)
+        lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
+        return lateral, *_seen(camera, y + inward * t * px, lateral, radius, x0, roll)
+
+    def uncovered(y: float, s: float) -> NDArray[np.bool_]:
+        return tape_shows(rgb, tone, colours, *around(y, behind(s))[1:])
+
+    def unrolled(
+        y: float, t: NDArray[np.float64], shows: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        lateral, u, v = around(y, t)
+        grid = amounts.at(u, v)
+        lit = _lit(grid, t)
+        shown = lit & shows
+        seen = np.count_nonzero(shown) / np.count_nonzero(lit)
+        use = shown if seen >= LEAST_SEEN else lit
+        return grid[use], lateral[use], seen
+
+    t, s = _window(blur), blur
+    shows = uncovered(y, s)
+    grid, lateral, seen = unrolled(y, t, shows)
+    for _ in range(_PASSES):
+        shift, s = _blurred_step(grid.mean(axis=0), t, s)
+        if abs(shift) < _SETTLED:
+            break
+        y += inward * shift * px
+        t = _window(s)
+        if not shows.all():  # else the tape shows everywhere, here as some pixels beside
+            shows = uncovered(y, s)
+        grid, lateral, seen = unrolled(y, t, shows)
+    check_cover(seen)
+    groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
+    delta, keep = _group_shifts(groups, t, s)
+    where = np.array([part.mean() for part in np.array_split(lateral, _GROUPS)])
+    slope, offset = np.polyfit(where[keep] / px, delta[keep], 1)
+    left_over = delta[keep] - slope * where[keep] / px - offset
+    spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
+    y += inward * float(offset) * px
+    u, v = _seen(camera, np.array([y]), lateral, radius_at(y), x0, roll)
+    return Ring(
+        y=y,
+        # Groups in the width of one thread are moved together.
+        stderr=spread * np.sqrt(correlated_points(left_over) / keep.sum()) * px,
+        tilt=float(np.arctan(inward * slope)),
+        spread=spread,
+        blur=s,
+        arc=np.stack([u[:, 0], v[:, 0]]),
+    )
+
+
+def _window(blur: float) -> NDArray[np.float64]:
+    half = round(max(12.0, 5 * blur))
+    return np.arange(-half, half + 1.0)
+
+
+def _seen(
+    camera: Camera,
+    y: NDArray[np.float64],
+    lateral: NDArray[np.float64],
+    radius: float,
+    x0: float,
+    roll: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Picture positions of the points of the cylinder at each lateral position and y."""
+    depth = camera.distance - np.sqrt(
+        np.maximum(radius**2 - lateral**2, 0.0)
+    )  # the rim itself rounds below
+    X, Y = turned((x0 + lateral)[:, None], y[None, :], roll)
+    return camera.pixels(X, Y, depth[:, None])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Amounts:
+    """The amount of braid against tape in a part of the picture, as a cubic spline's coefficients."""
+
+    spline: NDArray[np.float64]
+    u0: int
+    v0: int
+
+    def at(self, u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The amount at picture positions, of their shape; beyond the part that of its border."""
+        where = [v - self.v0, u - self.u0]
+        return np.asarray(
+            map_coordinates(self.spline, where, order=3, mode="mirror", prefilter=False)
+        )
+
+
+def _amounts(
+    rgb: NDArray[np.uint8],
+    tone: Tone,
+    camera: Camera,
+    colours: tuple[NDArray[np.float64], NDArray[np.float64]],
+    y: float,
+    radius: float,
+    x0: float,
+    roll: float,
+    reach: int,
+) -> _Amounts:
+    """The part of the picture around a ring, to `reach` px above and below."""
+    around = y + np.array([-reach, reach]) / camera.px_per_m
+    u, v = _seen(camera, around, np.array([-1.0, 0.0, 1.0]) * radius, radius, x0, roll)
+    v0, u0 = (max(int(np.floor(x.min())) - 3, 0) for x in (v, u))
+    v1, u1 = int(np.ceil(v.max())) + 4, int(np.ceil(u.max())) + 4
+    tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
+    # Luma less the tape's part in it: tape shows none, nor does a thick tape's dark rim.
+    own = LUMA - tape * (tape @ LUMA) / (tape @ tape)
+    towards = own / (own @ braid)
+    linear = cv2.LUT(np.ascontiguousarray(rgb[v0:v1, u0:u1]), tone.table)
+    patch = cv2.transform(linear, np.array([[*towards, 0.0]]))
+    patch = np.clip(np.asarray(patch, float), -_BRIGHTEST, _BRIGHTEST)
+    return _Amounts(np.asarray(spline_filter(patch, 3, mode="mirror")), u0, v0)
+
+
+def _lit(grid: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Lateral positions where the braid behind the edge is lit; a black thread shows no edge."""
+    height = grid[:, (t > 1) & (t < 6)].mean(axis=1)
+    return height > _DARK_THREAD * np.sort(height)[int(0.7 * height.size)]
+
+
+def _blurred_step(
+    profile: NDArray[np.float64], t: NDArray[np.float64], start: float
+) -> tuple[float, float]:
+    """Shift and blur of the step in the mean profile."""
+
+    def blur_of(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
+
+    def fitted(unknown: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
+
+    steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
+    first = np.array([steepest, np.log(start)])
+    best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
+    height = float(fitted(best)[0][0])
+    if not (height > _LEAST_HEIGHT and abs(best[0]) < t[-1]):
+        raise MissingFitting(
+            "a tape must end in an edge towards the braid; none is seen where its colour ends",
+            step_height=height,
+        )
+    return float(best[0]), float(blur_of(best)[0])
+
+
+def _group_shifts(
+    groups: NDArray[np.float64], t: NDArray[np.float64], s: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    near = np.abs(t) <= max(8.0, 3 * s)
+    delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
+    centre = np.median(delta)
+    spread = 1.4826 * float(np.median(np.abs(delta - centre)))
+    return delta, np.abs(delta - centre) <= 4 * max(spread, 0.05)

@@ -1,0 +1,99 @@
+"""What a person at a terminal sees of a rig: values and a plot of the pressure, as plain text."""
+
+from collections import deque
+
+from .calibration import Calibration
+from ..protocol.messages import FAULTS, STATES, Sample
+from .sensor import READINGS
+from famjax.chain.test_table import SYSTEMS
+from ..units import UNITS
+
+_BLOCKS = " ▁▂▃▄▅▆▇█"
+
+
+class Monitor:
+    """The last records of a rig as a few lines of text.
+
+    Args:
+        calibration: of the sensors; None shows counts.
+        system: "si", "metric" or "us".
+        width: columns of the plot.
+        height: rows of the plot.
+        every: records that one column of the plot stands for.
+        ticks_per_record: as the device has it.
+
+    >>> monitor = Monitor(width=8, height=2)
+    >>> monitor.add(Sample(1, 7, 40, 1000, 200, 500, 131, 0, 1))
+    >>> print(monitor.line())
+    record 7  pressure 200 counts  force 100 counts  output 131  RUN
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration | None = None,
+        system: str = "us",
+        *,
+        width: int = 60,
+        height: int = 8,
+        every: int = 20,
+        ticks_per_record: int = READINGS,
+    ) -> None:
+        self.ticks_per_record = ticks_per_record
+        self._calibration = calibration
+        pressure, force = SYSTEMS[system] if calibration else ("counts", "counts")
+        self._units = pressure, force
+        self._scales = (
+            (UNITS["pressure"][pressure], UNITS["force"][force]) if calibration else (1.0, 1.0)
+        )
+        self._height, self._every = height, every
+        self._columns: deque[float] = deque(maxlen=width)
+        self._sum, self._count = 0.0, 0
+        self._last: Sample | None = None
+
+    def add(self, sample: Sample) -> None:
+        """Take one record."""
+        self._last = sample
+        self._sum += self._values(sample)[0]
+        self._count += 1
+        if self._count == self._every:
+            self._columns.append(self._sum / self._count)
+            self._sum, self._count = 0.0, 0
+
+    def line(self) -> str:
+        """The newest values, units beside them."""
+        sample = self._last
+        if sample is None:
+            return "no record yet"
+        pressure, force = self._values(sample)
+        fault = f"  fault: {FAULTS[sample.fault]}" if sample.fault else ""
+        return (
+            f"record {sample.seq}  pressure {pressure:.5g} {self._units[0]}  "
+            f"force {force:.5g} {self._units[1]}  output {sample.output}  "
+            f"{STATES[sample.state]}{fault}"
+        )
+
+    def plot(self) -> str:
+        """The pressure of the last while, the newest on the right, its range at the left."""
+        if not self._columns:
+            return ""
+        low, high = min(self._columns), max(self._columns)
+        span = (high - low) or 1.0
+        levels = [(value - low) / span * self._height for value in self._columns]
+        rows = []
+        for row in range(self._height - 1, -1, -1):
+            cells = (round(min(max(level - row, 0.0), 1.0) * 8) for level in levels)
+            edge = high if row == self._height - 1 else low if row == 0 else None
+            label = f"{edge:10.5g}" if edge is not None else " " * 10
+            rows.append(f"{label} │{''.join(_BLOCKS[cell] for cell in cells)}")
+        return "\n".join(rows)
+
+    def _values(self, sample: Sample) -> tuple[float, float]:
+        if self._calibration is None:
+            n = self.ticks_per_record
+            return sample.pressure_sum / n, sample.force_sum / n
+        scale = READINGS / self.ticks_per_record
+        found = (
+            self._calibration.pressure.value(sample.pressure_sum * scale),
+            self._calibration.force.value(sample.force_sum * scale),
+        )
+        return float(found[0]) / self._scales[0], float(found[1]) / self._scales[1]

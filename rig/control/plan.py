@@ -1,0 +1,201 @@
+"""Plans: generators of plain tuples, so that a test can be listed, timed, stopped and resumed.
+
+| step | does |
+|---|---|
+| ("block", k, pressure) | begins block k, which is resumed as a whole |
+| ("set", pressure) | sets the pressure [Pa] |
+| ("wait", seconds) | waits |
+| ("strokes", k, n, seconds, stroke, rate, every) | lasts while the test machine makes n cycles of block \
+k: stroke [m], rate [m/s]; the camera is triggered every so many seconds, 0 for never |
+| ("trigger", name) | triggers the camera |
+| ("note", kind, fields) | writes a note |
+| ("done", k) | block k is complete |
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Protocol
+
+from ..errors import RigError
+from ..units import keyed_in_si, to_si
+
+Step = tuple[Any, ...]
+
+
+class Plan(Protocol):
+    """Anything that yields steps from a block on."""
+
+    def steps(self, first_block: int = 0) -> Iterator[Step]:
+        """The steps from block `first_block` on, the same ones every time."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Isobaric:
+    """Constant pressures, at each of them strokes of the test machine, neglecting its ramps.
+
+    At each pressure: set, settle, then `cycles` strokes there and back at `rate`.
+
+    Attributes:
+        pressures: set pressures [Pa gauge], shape (n,), in their order, each >= 0.
+        cycles: strokes there and back at each pressure, >= 1.
+        stroke: of the test machine [m], > 0.
+        rate: of the crosshead [m/s], > 0.
+        settle: time at the pressure before the first stroke [s], >= 0.
+        photograph_every: time between triggers of the camera during strokes [s]; 0 for none.
+    """
+
+    pressures: tuple[float, ...]
+    cycles: int
+    stroke: float
+    rate: float
+    settle: float = 10.0
+    photograph_every: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.pressures:
+            raise RigError("a plan needs one pressure at least")
+        for pressure in self.pressures:
+            if not (math.isfinite(pressure) and pressure >= 0):
+                raise RigError(f"set pressures must be finite and >= 0 Pa gauge, got {pressure}")
+        if self.cycles < 1 or self.cycles != int(self.cycles):
+            raise RigError(f"cycles must be a whole number >= 1, got {self.cycles}")
+        for name, low in (
+            ("stroke", True),
+            ("rate", True),
+            ("settle", False),
+            ("photograph_every", False),
+        ):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value < 0 or (low and value == 0):
+                raise RigError(f"{name} must be finite and {'> 0' if low else '>= 0'}, got {value}")
+
+    def steps(self, first_block: int = 0) -> Iterator[Step]:
+        """The steps from the block of pressure `first_block` on."""
+        if not 0 <= first_block <= len(self.pressures):
+            raise RigError(
+                f"the plan has blocks 0 to {len(self.pressures) - 1}, it cannot start at {first_block}"
+            )
+        for block, pressure in list(enumerate(self.pressures))[first_block:]:
+            yield ("block", block, pressure)
+            yield ("set", pressure)
+            yield ("wait", self.settle)
+            yield (
+                "strokes",
+                block,
+                self.cycles,
+                self.cycles * 2 * self.stroke / self.rate,
+                self.stroke,
+                self.rate,
+                self.photograph_every,
+            )
+            yield ("done", block)
+
+
+def duration(plan: Plan, first_block: int = 0) -> float:
+    """How long a plan lasts [s], neglecting the device's answers.
+
+    >>> plan = Isobaric((1e5, 2e5), cycles=3, stroke=0.05, rate=0.001, settle=5.0)
+    >>> round(duration(plan), 6)
+    610.0
+    """
+    return math.fsum(seconds_of(step) for step in plan.steps(first_block))
+
+
+def seconds_of(step: Step) -> float:
+    """How long one step lasts [s]."""
+    field = {"wait": 1, "strokes": 3}.get(step[0])
+    return float(step[field]) if field else 0.0
+
+
+def highest_pressure(plan: Plan, first_block: int = 0) -> float:
+    """The highest set pressure [Pa] of a plan, 0 where it sets none."""
+    return max((step[1] for step in plan.steps(first_block) if step[0] == "set"), default=0.0)
+
+
+def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
+    """The block with which a plan goes on, from the notes of its journal.
+
+    >>> next_block([{"note": "done", "block": 0}, {"note": "block", "block": 1}])
+    1
+    """
+    return max((note["block"] + 1 for note in notes if note["note"] == "done"), default=0)
+
+
+def describe(plan: Plan, first_block: int = 0) -> list[str]:
+    """One line for each step with the time at which it begins, units in the line; nothing is run.
+
+    >>> describe(Isobaric((1e5,), cycles=1, stroke=0.0625, rate=0.0009765625, settle=5.0))[:3]
+    ['     0.0 s  block 0: 100000 Pa', '     0.0 s  set 100000 Pa', '     0.0 s  wait 5 s']
+    """
+    texts = {
+        "block": "block {1}: {2:.0f} Pa",
+        "set": "set {1:.0f} Pa",
+        "wait": "wait {1:g} s",
+        "strokes": "{2} cycles, {3:g} s: stroke {4:g} m at {5:g} m/s",
+        "trigger": "trigger {1}",
+        "note": "note {1} {2}",
+        "done": "block {1} is complete",
+    }
+    at, lines = 0.0, []
+    for step in plan.steps(first_block):
+        lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
+        at += seconds_of(step)
+    return lines
+
+
+_KEYS = {
+    "pressures": "pressure",
+    "stroke": "length",
+    "rate": "rate",
+    "settle": "time",
+    "photograph_every": "time",
+}
+
+
+def isobaric_from_dict(entries: Mapping[str, Any]) -> Isobaric:
+    """An isobaric plan from entries whose keys end with their units, and `cycles`.
+
+    Raises:
+        RigError: a key is unknown, has no or an unknown unit, or is missing.
+
+    >>> isobaric_from_dict(
+    ...     {"pressures_bar": [1, 2], "cycles": 3, "stroke_mm": 50, "rate_mm_per_s": 1}
+    ... ).pressures
+    (100000.0, 200000.0)
+    """
+    fields: dict[str, Any] = {}
+    for key, value in entries.items():
+        name, field = _entry(key, value)
+        if name in fields:
+            raise RigError(f"{name} is given twice")
+        fields[name] = field
+    missing = [name for name in ("pressures", "cycles", "stroke", "rate") if name not in fields]
+    if missing:
+        raise RigError(
+            f"the plan must have {', '.join(missing)}; as in pressures_psi = [20, 40], cycles = 3, "
+            "stroke_in = 2, rate_in_per_s = 0.02, settle_s = 10"
+        )
+    return Isobaric(**fields)
+
+
+def _entry(key: str, value: Any) -> tuple[str, Any]:
+    if key == "cycles":
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise RigError(f"cycles must be a whole number, got {value!r}")
+        return key, value
+    for name, kind in _KEYS.items():
+        unit = keyed_in_si(key, name, kind)
+        if unit is not None:
+            many = name == "pressures"
+            numbers = value if many and isinstance(value, list) else [value]
+            for number in numbers:
+                if isinstance(number, bool) or not isinstance(number, int | float):
+                    raise RigError(
+                        f"{key} must be {'numbers' if many else 'a number'}, got {value!r}"
+                    )
+            si = tuple(to_si(float(number), unit, kind) for number in numbers)
+            return name, si if many else si[0]
+    known = ", ".join(["cycles", *(f"{name}_<unit>" for name in _KEYS)])
+    raise RigError(f"unknown entry {key!r} of the plan; known are {known}")

@@ -1,0 +1,234 @@
+"""A rig that is safe on every way out: pressure control for a plan, and its record."""
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import NoReturn, Self
+
+import numpy as np
+
+from ..link.abstract_link import AbstractLink
+from .calibration import Calibration
+from .settings import JUMP_LIMIT, Control
+from ..protocol.control_law import TICK_HZ
+from ..errors import RigError
+from ..link.events import Lost, Reset, Silent
+from ..fault import ADVICE, RigFault
+from ..journal.writer import Journal
+from ..protocol.messages import FAULTS, MANUAL, RUN, STATES, Sample
+from .sensor import READINGS
+from .set_up import greet, set_up, told_of
+from ..units import UNITS
+
+LOOK = 0.05
+"""Time [s] between two looks at the device's state during a wait."""
+ACTIVE = (RUN, MANUAL)
+SETTLE = 0.7
+"""Time [s] for which the device keeps its last records."""
+_PSI = UNITS["pressure"]["psi"]
+
+
+class Rig:
+    """A device under a pressure limit, recorded; leaving the `with` block vents it, however it ends.
+
+    Args:
+        link: to the device.
+        calibration: of its sensors and its valve or pump.
+        pressure_limit: at which the device trips [Pa gauge]; there is no default.
+        control: gains.
+        jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
+        journal: records everything, or None.
+        camera: called with a name to take a photograph, or None.
+
+    Raises:
+        RigError: no pressure limit, or a limit that the transducer cannot see.
+    """
+
+    def __init__(
+        self,
+        link: AbstractLink,
+        calibration: Calibration,
+        *,
+        pressure_limit: float,
+        control: Control,
+        jump_limit: float = JUMP_LIMIT,
+        journal: Journal | None = None,
+        camera: Callable[[str], None] | None = None,
+    ) -> None:
+        self.link = link
+        self.calibration = calibration
+        self.control = control
+        self.pressure_limit = pressure_limit
+        self.jump_limit = jump_limit
+        self.lost = 0
+        self._journal = journal
+        self._camera = camera
+        told_of(calibration, pressure_limit, jump_limit)  # or refused before a port is spoken to
+        self._active_from: int | None = None
+        self._cancelled = False
+
+    def __enter__(self) -> Self:
+        self.link.attach(self._journal)
+        try:
+            greet(self.link)
+            set_up(self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit)
+        except BaseException as error:
+            self._leave(error)
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._leave(error)
+
+    def set_pressure(self, pressure: float) -> None:
+        """Hold a pressure from now on.
+
+        Args:
+            pressure: [Pa gauge], >= 0 and below the limit.
+
+        Raises:
+            RigError: it is not, or the feed-forward does not know it.
+        """
+        if not 0 <= pressure < self.pressure_limit:
+            raise RigError(
+                f"a set pressure must be >= 0 and below the limit of {self.pressure_limit:.0f} Pa, "
+                f"got {pressure:.0f} Pa"
+            )
+        feed_forward = self.calibration.feed_forward.output(pressure)
+        answer = self.link.command("set", pressure / _PSI, feed_forward)
+        self.link.note(
+            "set", pressure_Pa=pressure, feed_forward_counts=feed_forward, seq=answer.seq
+        )
+        self._active("run")
+
+    def manual(self, output: int) -> None:
+        """Hold an output [counts, 0..255] with the controller off, for calibrations."""
+        self._active("man", output)
+        self.link.note("manual", output=output)
+
+    def stop(self) -> None:
+        """Output off, dump valve open."""
+        self._active_from = None
+        self.link.command("stop")
+
+    def wait(self, seconds: float) -> None:
+        """Let a time [s] pass and look after the rig.
+
+        Raises:
+            RigFault: the device tripped, was reset or is silent, or the recorder has failed.
+        """
+        end = self.link.now + seconds
+        self.link.kick()
+        while (left := end - self.link.now) > 1e-9:
+            self.link.sleep(min(LOOK, left))
+            self.link.kick()
+            self.check()
+
+    def check(self) -> None:
+        """Look at the device, the link and the recorder once; see `wait`."""
+        self.link.check()
+        while self.link.alarms:
+            match self.link.alarms.popleft():
+                case Lost(_, _, records):
+                    self.lost += records
+                case Reset(old, new, cause):
+                    self._fault(
+                        f"the device was reset (boot {old} to {new}, cause {cause}); it vents; look "
+                        "at its supply"
+                    )
+                case Silent(seconds):
+                    self._fault(
+                        f"the device is silent for {seconds:.1f} s; it vents by itself; look at the "
+                        "cable"
+                    )
+        newest, since = self.link.newest, self._active_from
+        if newest and since is not None and newest.seq >= since and newest.state not in ACTIVE:
+            fault = FAULTS[newest.fault]
+            self._fault(
+                f"the device went to {STATES[newest.state]} by itself: {fault}; it has vented. "
+                + ADVICE.get(fault, "").capitalize()
+            )
+        if self._cancelled:
+            self._fault("the test was stopped on request")
+
+    def cancel(self) -> None:
+        """End the test at the next look, from any thread."""
+        self._cancelled = True
+
+    def average(self, seconds: float) -> tuple[float, float]:
+        """Mean sums of five readings of pressure and force [counts] over a time [s].
+
+        Raises:
+            RigFault: as `wait`; or no record came.
+        """
+        sums: list[Sample] = []
+        self.link.watch = sums.append
+        try:
+            self.wait(seconds)
+        finally:
+            self.link.watch = None
+        if not sums or self.link.session.settings is None:
+            raise RigFault(f"no record came in {seconds:g} s; look at the cable")
+        scale = READINGS / self.link.session.settings.ticks_per_record
+        mean = scale * np.mean([(s.pressure_sum, s.force_sum) for s in sums], axis=0)
+        return float(mean[0]), float(mean[1])
+
+    def sync(self, seconds: float) -> None:
+        """Raise the sync pin for a time [s], in whole records, and note with which one it begins.
+
+        Raises:
+            RigError: less than a record or more than a thousand.
+        """
+        settings = self.link.session.settings
+        ticks = settings.ticks_per_record if settings else READINGS
+        records = round(seconds * TICK_HZ / ticks)
+        answer = self.link.command("sync", records)
+        self.link.note("sync", seq=answer.seq, records=records)
+
+    def trigger(self, name: str) -> None:
+        """Take a photograph and note at which tick it was asked for."""
+        newest = self.link.newest
+        self.link.note("trigger", name=name, tick=newest.tick if newest else None)
+        if self._camera is not None:
+            self._camera(name)
+
+    def _fault(self, what: str) -> NoReturn:
+        """Stop the heartbeats and say why; a fault is told once."""
+        self._active_from = None
+        self.link.rest()
+        self.link.note("fault", what=what)
+        raise RigFault(what)
+
+    def _active(self, verb: str, *values: float) -> None:
+        newest = self.link.newest
+        if verb == "run" and self._active_from is not None and newest and newest.state == RUN:
+            return
+        self.link.kick()
+        self._active_from = None
+        self._active_from = self.link.command(verb, *values).seq
+
+    def _leave(self, error: BaseException | None) -> None:
+        """Vent, say how the test ended, and let the journal go."""
+        self.link.rest()
+        failure: RigFault | None = RigFault("interrupted before the device had stopped")
+        try:
+            self.stop()
+            failure = None
+        except (RigError, RigFault) as stop_error:
+            failure = RigFault(
+                f"the device did not confirm that it stopped ({stop_error}); without heartbeats it "
+                "vents by itself within a second: look at the pressure before you touch the rig"
+            )
+        finally:
+            self.link.settle(SETTLE if failure is None else 0.0)
+            reason = "complete" if error is None else f"{type(error).__name__}: {error}"
+            self.link.note("end", reason=reason, confirmed=failure is None)
+            self.link.attach(None)
+        if failure is not None and error is None:
+            raise failure
+        if failure is not None and error is not None:
+            error.add_note(str(failure))

@@ -1,0 +1,97 @@
+"""Before a test: the device greeted, and told its transducer, its limits and its gains."""
+
+import dataclasses
+
+from ..link.abstract_link import AbstractLink
+from .calibration import Calibration, calibration_as_dict
+from .settings import Control, device_calibration, jump_counts, trip_counts
+from ..errors import RigError
+from ..fault import RigFault
+from ..protocol.messages import PROTOCOL
+from ..units import UNITS
+
+HELLOS = 5
+"""Times that a device is greeted: a board that was reset by opening its port starts in two seconds."""
+_LOOK = 0.05
+_PSI = UNITS["pressure"]["psi"]
+
+
+def told_of(
+    calibration: Calibration, pressure_limit: float, jump_limit: float
+) -> list[tuple[str, tuple[float, ...]]]:
+    """The commands that tell a device of its transducer and its limits.
+
+    Raises:
+        RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
+    """
+    return [
+        ("cal", device_calibration(calibration)),
+        ("trip", (trip_counts(calibration, pressure_limit),)),
+        ("jump", (jump_counts(calibration, jump_limit),)),
+    ]
+
+
+def greet(link: AbstractLink) -> None:
+    """Wait for a device that speaks this protocol and sends records.
+
+    Raises:
+        RigError: it speaks another protocol.
+        RigFault: there is none.
+    """
+    session = link.session
+    for attempt in range(HELLOS):
+        try:
+            link.command("hello")
+            link.command("strict", 1)
+        except (RigFault, RigError):  # before that, a damaged command may be misunderstood
+            if attempt == HELLOS - 1:
+                raise
+            continue
+        link.sleep(4 * _LOOK)
+        if session.hello is not None and link.newest is not None:
+            break
+    if session.hello is None or link.newest is None:
+        raise RigFault("the device answers but sends no hello and records; is it famrig?")
+    if session.hello.protocol != PROTOCOL:
+        raise RigError(
+            f"the device speaks protocol {session.hello.protocol}, this program {PROTOCOL}; upload "
+            "the firmware that comes with it"
+        )
+    link.alarms.clear()  # opening the port may have reset the board
+
+
+def set_up(
+    link: AbstractLink,
+    calibration: Calibration,
+    control: Control,
+    pressure_limit: float,
+    jump_limit: float,
+) -> None:
+    """Tell a device all that it controls with, and note it.
+
+    Raises:
+        RigError: as `told_of`, or the device refuses it.
+        RigFault: it does not answer.
+    """
+    commands = told_of(calibration, pressure_limit, jump_limit)
+    gains = control.proportional * _PSI, control.integral * _PSI
+    commands += [("gain", gains), ("ilim", control.integral_limits)]
+    for verb, values in [("stop", ()), ("clear", ()), *commands]:
+        link.command(verb, *values)
+    session, until = link.session, link.now + 1.0
+    while not session.settings_known:
+        if link.now > until:
+            raise RigFault("the device does not tell its settings; look at the cable")
+        link.sleep(_LOOK)
+    hello, settings = session.hello, session.settings
+    link.note(
+        "rig",
+        pressure_limit_Pa=pressure_limit,
+        jump_limit_Pa=jump_limit,
+        trip_counts=settings.trip if settings else None,
+        jump_counts=settings.jump if settings else None,
+        calibration=calibration_as_dict(calibration),
+        control=dataclasses.asdict(control),
+        gains_stored_counts_per_psi=settings.law.gains if settings else None,
+        hello=hello._asdict() if hello else None,
+    )

@@ -1,0 +1,82 @@
+"""What the device is told before a test: gains, its limits in counts, its transducer."""
+
+import dataclasses
+import math
+from typing import Self
+
+from .calibration import Calibration
+from ..errors import RigError
+from .sensor import READINGS
+from ..units import UNITS
+
+_PSI = UNITS["pressure"]["psi"]
+
+JUMP_LIMIT = 15 * _PSI
+"""Change of the pressure within five ticks (10 ms) that trips [Pa]; see `jump_counts`."""
+LEAST_JUMP = 5
+"""Counts that noise of a count or two does not reach."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Control:
+    """Gains of the pressure controller, u = v + Kp e + Ki int e dt, in counts of pulse-width modulation.
+
+    Attributes:
+        proportional: Kp [counts/Pa], >= 0. The device stores it in 1/256 count per psi.
+        integral: Ki [counts/(Pa s)], >= 0, likewise.
+        integral_limits: least and greatest integral term [counts], within -255..0 and 0..255.
+            Symmetric limits hold the published pressures, limits of 0..255 do not.
+    """
+
+    proportional: float
+    integral: float
+    integral_limits: tuple[int, int] = (-128, 128)
+
+    @classmethod
+    def per_psi(cls, proportional: float, integral: float) -> Self:
+        """Gains in counts per psi and per psi and second, as the reference work prints them."""
+        return cls(proportional / _PSI, integral / _PSI)
+
+
+def trip_counts(calibration: Calibration, limit: float | None) -> int:
+    """The pressure limit in counts of one reading, rounded down."""
+    if limit is None or not math.isfinite(limit) or limit <= 0:
+        raise RigError(
+            f"a rig runs only under a pressure limit > 0, got {limit}; give the muscle's or the "
+            "circuit's, whichever is lower"
+        )
+    counts = int(calibration.pressure.counts(limit) // READINGS)
+    if not 1 <= counts <= 1023 - 3:
+        raise RigError(
+            f"the limit of {limit:.0f} Pa is {counts} counts of the transducer, which ends at 1023: "
+            "it could not be seen; choose a lower limit or another transducer"
+        )
+    return counts
+
+
+def jump_counts(calibration: Calibration, limit: float) -> int:
+    """The change within five ticks that trips, in counts of one reading, rounded.
+
+    A transducer that breaks or is unplugged jumps. So does the pressure of a small muscle that a
+    large valve fills: then the limit must be higher, and guards the less.
+    """
+    counts = round(limit / (calibration.pressure.gain * READINGS)) if math.isfinite(limit) else 0
+    if not LEAST_JUMP <= counts <= 1023:
+        count = calibration.pressure.gain * READINGS / _PSI
+        raise RigError(
+            f"a jump limit of {limit:.0f} Pa is {counts} counts of the transducer; the device takes "
+            f"{LEAST_JUMP} to 1023, here {LEAST_JUMP * count:.3g} to {1023 * count:.4g} psi"
+        )
+    return counts
+
+
+def device_calibration(calibration: Calibration) -> tuple[float, float]:
+    """Zero [counts of one reading] and span [psi per 1024 counts], as the device takes them."""
+    sensor = calibration.pressure
+    zero, span = sensor.zero / READINGS, sensor.gain * READINGS * 1024 / _PSI
+    if not (0 <= zero < 1023.9 and 1 / 64 <= span < 1023.9):
+        raise RigError(
+            f"the device takes a zero of 0 to 1023.9 counts and a span of 0.02 to 1023.9 psi, the "
+            f"calibration gives {zero:.2f} counts and {span:.2f} psi; look at the transducer"
+        )
+    return zero, span

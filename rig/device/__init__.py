@@ -1,0 +1,5 @@
+"""The firmware's core in Python and compiled from C: a device without hardware."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,312 @@
+"""The firmware's core in Python, byte for byte what the C core sends: a device without hardware."""
+
+from ..protocol.control_law import TICK_HZ
+from .commands import (
+    ARGUMENTS,
+    LINE_LIMIT,
+    body_of,
+    read_numbers,
+    read_request,
+    split_command,
+)
+from .decide import (
+    COUNTER,
+    NUMBER,
+    OK,
+    REASONS,
+    VERB,
+    WATCHDOG,
+    DeviceControl,
+    Record,
+)
+from ..protocol.messages import DRIVEN, PROTOCOL, STATES
+from ..protocol.lines import crc16, frame
+
+FIRMWARE = 1
+"""Version of the firmware that this is the port of."""
+
+POWER_ON, RESET_PIN, BROWN_OUT, WATCHDOG_RESET = 1, 2, 4, 8
+"""Causes of a reset, as the ATmega328P's MCUSR has them."""
+
+BAUD_RATES = {115200: (21, 64), 500000: (91, 32)}
+"""Baud rates of the firmware: bytes sent in a tick and records in the ring, as in its Makefile."""
+
+RECEIVE_LIMIT = 127
+"""Bytes received and not yet read that the device can hold."""
+
+_LIMIT = 200  # bytes to send that the device can hold
+_SAMPLE = 68  # room that a record needs; what else is sent leaves as much
+_ANSWER, _REPEAT, _REPORT = _SAMPLE + 50, 2 * _SAMPLE, _SAMPLE + 100
+_COMMENT_TICKS = 100
+_FUTURE = 1 << 31  # a record this old is one that is still to come
+_LINE_END = (b"\r", b"\n")
+
+
+class Device:
+    r"""The device as the host sees it: bytes in, counts in, bytes and an output out.
+
+    It has no clock and no thread: `tick` is one 2 ms tick of the controller. As on the hardware, a
+    tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
+
+    Args:
+        eeprom: two bytes that outlive a reset, the boot counter; blank where none is given.
+        ring: records that can be repeated, 1 to 1024.
+        bytes_per_tick: sent in 2 ms: 21 at 115200 baud, 91 at 500000.
+
+    Attributes:
+        output: PWM counts, 0 to 255; 0 is the safe output.
+        boot: the boot counter.
+
+    Raises:
+        ValueError: `ring` or `bytes_per_tick` is out of range.
+
+    >>> device = Device()
+    >>> device.feed(b"trip 600\n")
+    >>> for _ in range(3):
+    ...     device.tick(102, 0)
+    >>> b"A,0,OK,1" in device.take()
+    True
+    """
+
+    def __init__(
+        self, eeprom: bytearray | None = None, *, ring: int = 64, bytes_per_tick: int = 21
+    ) -> None:
+        if not 1 <= ring <= 1024:
+            raise ValueError(f"ring must be 1 to 1024 records, got {ring}")
+        if not 2 <= bytes_per_tick <= 200:
+            raise ValueError(f"bytes_per_tick must be 2 to 200, got {bytes_per_tick}")
+        self._eeprom = bytearray(b"\xff\xff") if eeprom is None else eeprom
+        self._size = ring
+        self._budget = bytes_per_tick
+        self._out = bytearray()
+        self.reset(POWER_ON)
+
+    def reset(self, cause: int) -> None:
+        """Start again: output off, dump valve open, boot counter moved; what was not sent is lost."""
+        self.boot = (int.from_bytes(self._eeprom[:2], "little") + 1) & 0xFFFF
+        self._eeprom[:2] = self.boot.to_bytes(2, "little")
+        self._cause = cause
+        fault = WATCHDOG if cause & WATCHDOG_RESET else 0
+        self._control = DeviceControl(fault, least_div=-(-_SAMPLE // self._budget))
+        self._ring: list[Record] = []
+        self._received, self._line = bytearray(), bytearray()
+        self._sending = bytearray(b"\n")  # ends what the reset has torn
+        self._strict = self._human = False
+        self._last = (0, 0, OK, 0)  # id, CRC, reason and record of the last command
+        self._base = self._mask = 0
+        self._told = False
+        self._bad = self._good = self._overrun = self._dropped = 0
+        self._hello = True
+        self._control.report_state = self._control.report_settings = True
+        self._comment = False
+
+    @property
+    def output(self) -> int:
+        """The output [PWM counts], 0 to 255."""
+        return self._control.output
+
+    @property
+    def dump_open(self) -> bool:
+        """Whether the normally open dump valve is open: in every state but RUN and MAN."""
+        return self._control.state not in DRIVEN
+
+    @property
+    def sync(self) -> bool:
+        """Whether the sync pin is high."""
+        return self._control.sync
+
+    @property
+    def state(self) -> int:
+        """`SAFE`, `RUN`, `MANUAL` or `TRIP`."""
+        return self._control.state
+
+    def feed(self, data: bytes) -> None:
+        """Bytes that have arrived; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
+        room = RECEIVE_LIMIT - len(self._received)
+        self._received += data[:room]
+        self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF
+
+    def take(self) -> bytes:
+        """What has been sent since the last call."""
+        if not self._out:
+            return b""
+        sent = bytes(self._out)
+        self._out.clear()
+        return sent
+
+    def tick(self, pressure_counts: int, force_counts: int) -> None:
+        """One tick of 2 ms.
+
+        Args:
+            pressure_counts: of the converter, 0 to 1023.
+            force_counts: of the converter, 0 to 1023.
+
+        Raises:
+            ValueError: counts that a 10 bit converter does not give.
+        """
+        if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
+            raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
+        control, sending = self._control, self._sending
+        record = control.step(pressure_counts, force_counts)
+        if record is not None:
+            self._ring.append(record)
+            if len(self._ring) > self._size:
+                del self._ring[0]
+            self._send_record((control.seq - 1) & COUNTER, record)
+        if control.tick % TICK_HZ == 0:
+            control.report_state = control.report_settings = True
+        if self._human and control.tick % _COMMENT_TICKS == 0:
+            self._comment = True
+        answered = self._received and self._room() >= _ANSWER and self._read()
+        if not answered:
+            if self._hello or control.report_state or control.report_settings or self._comment:
+                self._tell()
+            elif self._mask and self._room() >= _REPEAT:
+                self._repeat()
+        if sending:
+            self._out += sending[: self._budget]
+            del sending[: self._budget]
+
+    def _room(self) -> int:
+        return _LIMIT - len(self._sending)
+
+    def _send(self, body: str) -> None:
+        self._sending += frame(body)
+
+    def _send_record(self, seq: int, record: Record) -> None:
+        if self._room() < _SAMPLE:
+            self._dropped = (self._dropped + 1) & 0xFFFF
+            return
+        self._sending += _record_line(self.boot, seq, record)
+
+    def _tell(self) -> None:
+        """One line of what is to be told, where there is room."""
+        control = self._control
+        if self._room() < _REPORT:
+            return
+        if self._hello:
+            self._hello = False
+            self._send_hello()
+        elif control.report_state:
+            control.report_state = False
+            self._send_status()
+        elif control.report_settings:
+            control.report_settings = False
+            self._send_settings()
+        else:
+            self._comment = False
+            self._send_comment()
+
+    def _send_hello(self) -> None:
+        self._send(
+            f"H,famrig,{PROTOCOL},{FIRMWARE},{self.boot},{self._cause},{TICK_HZ},"
+            f"{self._control.div},{self._size},{self._budget}"
+        )
+
+    def _send_status(self) -> None:
+        c = self._control
+        self._send(
+            f"S,{self.boot},{c.seq},{c.tick},{c.state},{c.fault},{c.count},"
+            f"{self._bad},{self._good},{self._overrun},{self._dropped},0"
+        )
+
+    def _send_settings(self) -> None:
+        c = self._control
+        law = ",".join(map(str, c.law))
+        guards = f"{c.div},{c.trip},{c.jump},{c.stall},{c.silent}"
+        self._send(f"P,{self.boot},{c.since},{law},{guards}")
+
+    def _send_comment(self) -> None:
+        c = self._control
+        self._send(
+            f"# p={_hundredths(c.measured())} set={_hundredths(c.law.set_point)} u={c.output} "
+            f"i={c.integral_counts()} {STATES[c.state]} fault={c.fault}"
+        )
+
+    def _repeat(self) -> None:
+        """The next record of the re-request; that some are too old is told once per request."""
+        seq, kept = self._control.seq, len(self._ring)
+        while self._mask:
+            wanted, age = self._mask & 1, (seq - self._base) & COUNTER
+            self._mask >>= 1
+            self._base = (self._base + 1) & COUNTER
+            if wanted and 1 <= age <= kept:
+                self._send_record((seq - age) & COUNTER, self._ring[-age])
+                return
+            if wanted and kept < age < _FUTURE and not self._told:
+                self._told = True
+                self._send(f"L,{(seq - kept) & COUNTER},{seq}")
+                return
+
+    def _read(self) -> bool:
+        """Read up to the end of one line; whether it was answered."""
+        while self._received:
+            ends = [at for at in map(self._received.find, _LINE_END) if at >= 0]
+            end = min(ends, default=len(self._received))
+            self._line += self._received[:end][: LINE_LIMIT + 1 - len(self._line)]
+            del self._received[: end + 1]
+            if ends and self._line:
+                line, self._line = bytes(self._line), bytearray()
+                return self._obey(line)
+        return False
+
+    def _obey(self, line: bytes) -> bool:
+        body = body_of(line, strict=self._strict)
+        if body is None:
+            self._bad = (self._bad + 1) & 0xFFFF
+            return False
+        id_, verb, words = split_command(body)
+        if verb not in ARGUMENTS and body is line:  # noise without a CRC keeps nothing alive
+            self._bad = (self._bad + 1) & 0xFFFF
+        else:
+            self._good = (self._good + 1) & 0xFFFF
+            self._control.silence = 0
+        if verb in (b"hb", b"rp"):
+            if verb == b"rp":
+                self._request(words)
+            return False
+        check = crc16(body)
+        if id_ == 0 or self._last[:2] != (id_, check) or verb == b"hello":
+            reason = self._execute(verb, words)
+            self._last = (id_, check, reason, self._control.in_force())
+        _, _, reason, seq = self._last
+        self._send(f"A,{id_},OK,{seq}" if reason == OK else f"A,{id_},ERR,{REASONS[reason]}")
+        return True
+
+    def _request(self, words: list[bytes]) -> None:
+        request = read_request(words)
+        if request is not None:
+            self._base, self._mask = request
+            self._told = False
+
+    def _execute(self, verb: bytes, words: list[bytes]) -> int:
+        if verb not in ARGUMENTS:
+            return VERB
+        values = read_numbers(verb, words)
+        if values is None:
+            return NUMBER
+        match verb:
+            case b"strict":
+                self._strict = bool(values[0])
+            case b"human":
+                self._human = bool(values[0])
+            case b"hello" | b"status":
+                self._hello = self._hello or verb == b"hello"
+                self._control.report_state = self._control.report_settings = True
+            case _:
+                return self._control.execute(verb, values)
+        return OK
+
+
+def _record_line(boot: int, seq: int, record: Record) -> bytes:
+    tick, sum_p, count, sum_f, output, integral, flags = record
+    body = b"T,%d,%d,%d,%d,%d,%d,%d,%d,%d" % (
+        boot & 15, seq, tick, sum_p, count, sum_f, output, integral, flags
+    )  # fmt: skip
+    return b"%b*%04X\n" % (body, crc16(body))
+
+
+def _hundredths(pressure: int) -> str:
+    """A pressure in 1/128 psi as psi with two decimals."""
+    value = (100 * abs(pressure) + 64) >> 7
+    return f"{'-' * (pressure < 0)}{value // 100}.{value % 100:02d}"

@@ -1,0 +1,223 @@
+"""The part of the device that decides: states, guards, the control law, and what a command changes."""
+
+from typing import NamedTuple
+
+from ..protocol.control_law import INTEGRAL_UNIT, ControlLaw, drive, next_integral, pressure_error
+from ..protocol.messages import DRIVEN, MANUAL, RUN, SAFE, TRIP
+
+SILENCE, OVER_PRESSURE, JUMP, STALL, WATCHDOG = range(1, 6)  # faults, indices into FAULTS
+IN_A_ROW = 3  # conversions beyond a limit that trip
+JUMP_TICKS = 5
+STALL_ERROR = 640  # 1/128 psi below the set point: 5 psi
+STALL_RISE = 5  # counts that count as a rise: about 1 psi of 200
+COUNTER = 0xFFFFFFFF  # records and ticks wrap here, after 99 days
+
+OK, VERB, NUMBER, TRIPPED, NO_LIMIT, PRESSURE, RUNNING, BAUD = range(8)
+REASONS = (
+    "OK",
+    "unknown verb",
+    "number missing or out of range",
+    "tripped: clear first",
+    "no trip limit",
+    "pressure above trip",
+    "running: stop first",
+    "too fast for this baud",
+)
+
+
+class Record(NamedTuple):
+    """What a record keeps, the number aside."""
+
+    tick: int
+    pressure_sum: int
+    pressure_count: int
+    force_sum: int
+    output: int
+    integral: int
+    flags: int
+
+
+class DeviceControl:
+    """State machine, guards and controller: one call of `step` per tick.
+
+    Guards look at raw counts before any arithmetic. What a command sets is staged and acts from the
+    first tick of the next record, so that one law governs the whole of every record; `stop` and the
+    limits of the guards act at once.
+    """
+
+    def __init__(self, fault: int, least_div: int) -> None:
+        self._least_div = least_div  # ticks per record that the serial line can carry
+        self.state = SAFE
+        self.fault = fault
+        self.output = 0
+        self.tick = 0
+        self.seq = 0
+        self.sync = False
+        self.count = 0
+        self.silence = 0
+        self.law = self.next_law = ControlLaw()
+        self.div = self.next_div = 5
+        self.trip, self.jump, self.stall, self.silent = 0, 77, 1500, 500
+        self.since = 0
+        self.changed = False  # settings wait for the next record
+        self.report_state = False
+        self.report_settings = False
+        self.phase = 0
+        self._next_state, self._next_manual, self._next_sync = SAFE, 0, 0
+        self._manual = self._sync_left = 0
+        self._integral = 0
+        self._sum_p = self._sum_f = 0
+        self._history, self._oldest = [0] * JUMP_TICKS, 0
+        self._over = self._jumped = 0
+        self._stall_ticks = self._stall_from = 0
+
+    def step(self, pressure: int, force: int) -> Record | None:
+        """One tick: guards, output, and the record where one is complete."""
+        self.tick = (self.tick + 1) & COUNTER
+        if self.phase == 0:
+            self._begin_record()
+        oldest = self._oldest
+        if self.state in DRIVEN:
+            self._guard(pressure, pressure - self._history[oldest])
+        self.count = self._history[oldest] = pressure
+        self._oldest = oldest + 1 if oldest < JUMP_TICKS - 1 else 0
+        self._sum_p += pressure
+        self._sum_f += force
+        self.phase += 1
+        if self.state == RUN:
+            self._regulate(pressure)
+        elif self.state == MANUAL:
+            self.output = self._manual
+        return self._end_record() if self.phase == self.div else None
+
+    def _begin_record(self) -> None:
+        self._sum_p = self._sum_f = 0
+        if self.changed:
+            self.changed = False
+            self.law, self.div, self.since = self.next_law, self.next_div, self.seq
+            self.report_settings = True
+        if self._next_state != SAFE:
+            self._enter(self._next_state)
+        if self._next_sync:
+            self._sync_left, self._next_sync = self._next_sync, 0
+        # The pin is checked at every record only, so its edges fall between two records.
+        self.sync = self._sync_left > 0
+        self._sync_left -= self.sync
+
+    def _enter(self, state: int) -> None:
+        self.state, self.fault, self._next_state = state, 0, SAFE
+        self._manual = self._next_manual
+        self._integral = 0
+        self._over = self._jumped = self._stall_ticks = 0
+        self.report_state = True
+
+    def leave(self, state: int, fault: int) -> None:
+        """Output off, dump valve open, at once."""
+        self.state, self.fault, self._next_state = state, fault, SAFE
+        self.output = self._integral = 0
+        self.report_state = True
+
+    def _guard(self, pressure: int, change: int) -> None:
+        self._over = self._over + 1 if pressure >= self.trip else 0
+        self._jumped = 0 if -self.jump <= change <= self.jump else self._jumped + 1
+        self.silence += 1
+        if self._over >= IN_A_ROW:
+            self.leave(TRIP, OVER_PRESSURE)
+        elif self._jumped >= IN_A_ROW:
+            self.leave(TRIP, JUMP)
+        elif self.silence >= self.silent:
+            self.leave(SAFE, SILENCE)
+
+    def _regulate(self, pressure: int) -> None:
+        law = self.law
+        error = pressure_error(law, pressure)
+        if self.phase == self.div:
+            self._integral = next_integral(
+                law, self._integral, pressure_error(law, self._sum_p, self.div)
+            )
+        self.output = output = drive(law, self._integral, error)
+        if output < 255 or error <= STALL_ERROR:
+            self._stall_ticks = 0
+            return
+        if self._stall_ticks == 0 or pressure >= self._stall_from + STALL_RISE:
+            self._stall_from, self._stall_ticks = pressure, 0
+        self._stall_ticks += 1
+        if self._stall_ticks >= self.stall:
+            self.leave(TRIP, STALL)
+
+    def _end_record(self) -> Record:
+        self.phase = 0
+        self.seq = (self.seq + 1) & COUNTER
+        flags = self.state + 4 * self.sync + 16 * self.fault
+        return Record(
+            self.tick, self._sum_p, self.count, self._sum_f, self.output, self._integral, flags
+        )
+
+    def in_force(self) -> int:
+        """The first record that a command given now governs in full."""
+        return (self.seq + (self.phase > 0)) & COUNTER
+
+    def measured(self) -> int:
+        """The last pressure [1/128 psi]."""
+        return self.law.set_point - pressure_error(self.law, self.count)
+
+    def integral_counts(self) -> int:
+        """The integral term [PWM counts], rounded."""
+        return (self._integral + INTEGRAL_UNIT // 2) // INTEGRAL_UNIT
+
+    def execute(self, verb: bytes, values: list[int]) -> int:
+        """Carry out one command of the controller; index into `REASONS`."""
+        law = self.next_law
+        match verb, values:
+            case b"set", [set_point, *rest]:
+                feed_forward = rest[0] if rest else law.feed_forward
+                self.next_law = law._replace(set_point=set_point, feed_forward=feed_forward)
+            case b"gain", [proportional, integral]:
+                self.next_law = law._replace(proportional=proportional, integral=integral)
+            case b"ilim", [low, high]:
+                self.next_law = law._replace(low=low, high=high)
+            case b"cal", [zero, span]:
+                if self.state in DRIVEN:
+                    return RUNNING
+                self.next_law = law._replace(zero=zero, span=span)
+            case b"tele", [ticks]:
+                if ticks < self._least_div:
+                    return BAUD
+                self.next_div = ticks
+            case b"trip", [counts]:
+                self.trip = counts
+            case b"jump", [counts]:
+                self.jump = counts
+            case b"stall", [milliseconds]:
+                self.stall = milliseconds // 2
+            case b"hbms", [milliseconds]:
+                self.silent = milliseconds // 2
+            case _:
+                return self._change_state(verb, values)
+        self.changed = True
+        return OK
+
+    def _change_state(self, verb: bytes, values: list[int]) -> int:
+        match verb:
+            case b"run" | b"man":
+                if self.state == TRIP:
+                    return TRIPPED
+                if self.trip == 0:
+                    return NO_LIMIT
+                self._next_state = RUN if verb == b"run" else MANUAL
+                self._next_manual = values[0] if values else 0
+                if self.state == self._next_state == RUN:
+                    self._next_state = SAFE  # it runs already: nothing is staged
+            case b"stop":
+                self._next_state = SAFE
+                if self.state in DRIVEN:
+                    self.leave(SAFE, 0)
+            case b"clear":
+                if self.state in DRIVEN:
+                    return RUNNING
+                if self.state == TRIP and self.count >= self.trip:
+                    return PRESSURE
+                self.leave(SAFE, 0)
+            case b"sync":
+                self._next_sync = values[0]
+        return OK

@@ -1,0 +1,202 @@
+"""A journal as columns in SI with a time of the host's clock, for analysis and other programs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..control.calibration import Calibration, calibration_from_dict
+from .clock import ClockMap, fit_clock
+from ..protocol.control_law import TICK_HZ
+from ..errors import RigError
+from .reader import Record
+from ..control.sensor import READINGS
+from ..units import UNITS
+
+if TYPE_CHECKING:
+    import xarray
+
+UNIT_OF = {
+    "time_s": "s",
+    "device_time_s": "s",
+    "pressure_Pa": "Pa",
+    "force_N": "N",
+    "set_pressure_Pa": "Pa",
+    "output": "1",
+    "integral": "1",
+    "state": "1",
+    "fault": "1",
+    "sync": "1",
+    "block": "1",
+    "epoch": "1",
+    "seq": "1",
+}
+"""Columns of a table and their units; "1" for counts and codes."""
+
+_PSI = UNITS["pressure"]["psi"]
+
+
+def table(record: Record, calibration: Calibration | None = None) -> dict[str, NDArray[Any]]:
+    """The columns of `UNIT_OF`, one row for each record, neglecting the shortest latency of the line.
+
+    Args:
+        record: a journal read back.
+        calibration: of the sensors; None takes that in the journal.
+
+    Returns:
+        Arrays of shape (n,): time on the host's clock, as that of the notes, nan in a boot too short
+        to tell (half a second); time on the device's;
+        pressure and force as means over the ticks of a record; the set pressure that the device
+        controlled for, nan where it has not told; output [0..255] and integral [counts]; state and
+        fault as the indices of `STATES` and `FAULTS`; sync; the plan's block, -1 outside of one.
+
+    Raises:
+        RigError: there is no calibration.
+    """
+    calibration = calibration or stored_calibration(record)
+    ticks = _settings_column(record, "ticks_per_record", 5)
+    scale = READINGS / ticks
+    flags = record.column("flags")
+    device = record.column("tick") / TICK_HZ
+    time = np.full(len(device), np.nan)
+    for epoch, clock in clocks(record).items():
+        mine = record.epoch == epoch
+        time[mine] = clock.host(device[mine])
+    return {
+        "time_s": time,
+        "device_time_s": device,
+        "pressure_Pa": calibration.pressure.value(record.column("pressure_sum") * scale),
+        "force_N": calibration.force.value(record.column("force_sum") * scale),
+        "set_pressure_Pa": _settings_column(record, "set_point", np.nan) / 128 * _PSI,
+        "output": record.column("output"),
+        "integral": record.column("integral") / 32768,
+        "state": flags & 3,
+        "fault": flags >> 4,
+        "sync": flags >> 2 & 1,
+        "block": _blocks(record, time),
+        "epoch": record.epoch,
+        "seq": record.column("seq"),
+    }
+
+
+def stored_calibration(record: Record) -> Calibration:
+    """The calibration with which a journal was recorded.
+
+    Raises:
+        RigError: the journal has none.
+    """
+    notes = record.notes_of("rig")
+    if not notes:
+        raise RigError(f"{record.path} has no calibration in it; give one")
+    return calibration_from_dict(notes[-1]["calibration"])
+
+
+def clocks(record: Record) -> dict[int, ClockMap]:
+    """The map from device to host time of each epoch that has two clock notes or more."""
+    found = {}
+    pairs = _clock_pairs(record)
+    for epoch in np.unique(record.epoch).tolist():
+        mine = [pair for pair in pairs if pair[0] == epoch]
+        if len(mine) > 1:
+            ticks, arrivals = [tick for _, tick, _ in mine], [at for *_, at in mine]
+            found[epoch] = fit_clock(np.array(ticks) / TICK_HZ, arrivals)
+    return found
+
+
+def _clock_pairs(record: Record) -> list[tuple[int, int, float]]:
+    """(epoch, tick, arrival [s]) of every clock note whose record is there."""
+    epochs = record.epoch.tolist()
+    parts = [record.epoch_parts[epoch] for epoch in epochs]
+    boots, ticks = record.column("boot").tolist(), record.column("tick").tolist()
+    at = dict(zip(zip(parts, boots, ticks, strict=True), epochs, strict=True))
+    pairs = []
+    for part, note in zip(record.note_parts, record.notes, strict=True):
+        if (
+            note["note"] == "clock"
+            and (epoch := at.get((part, note["boot"], note["tick"]))) is not None
+        ):
+            pairs.append((epoch, note["tick"], note["arrival_s"]))
+    return pairs
+
+
+def _settings_column(record: Record, name: str, unknown: float) -> NDArray[np.float64]:
+    """What the device's settings were at each row."""
+    values = np.full(len(record.rows), float(unknown))
+    seq = record.column("seq")
+    known = sorted(record.settings, key=lambda item: (item[0], item[1].since))
+    for epoch in {epoch for epoch, _ in known}:
+        mine = [settings for at, settings in known if at == epoch]
+        told = [s.ticks_per_record if name == "ticks_per_record" else s.law.set_point for s in mine]
+        rows = record.epoch == epoch
+        latest = np.searchsorted([s.since for s in mine], seq[rows], side="right")
+        values[rows] = np.array([unknown, *told], float)[latest]
+    return values
+
+
+def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The plan's block at each row, -1 outside."""
+    blocks = np.full(len(time), -1)
+    part_of_row = np.array(record.epoch_parts, np.int64)[record.epoch]
+    for part, note in zip(record.note_parts, record.notes, strict=True):
+        if note["note"] in {"block", "done", "end"}:
+            after = (part_of_row == part) & (time >= note["at"])
+            blocks[after] = note["block"] if note["note"] == "block" else -1
+    return blocks
+
+
+def to_xarray(record: Record, calibration: Calibration | None = None) -> "xarray.Dataset":
+    """The table as a dataset over time, with the unit of each variable as its attribute.
+
+    Raises:
+        RigError: xarray is not installed, or as `table`.
+    """
+    xarray = _import("xarray")
+    columns = table(record, calibration)
+    variables = {
+        name: ("time_s", values, {"units": UNIT_OF[name]})
+        for name, values in columns.items()
+        if name != "time_s"
+    }
+    coordinates = {"time_s": ("time_s", columns["time_s"], {"units": "s"})}
+    return xarray.Dataset(variables, coordinates, attrs={"source": record.path.name})
+
+
+def write_netcdf(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
+    """Write the table as NetCDF 3, the unit of each variable as its attribute.
+
+    Raises:
+        RigError: as `to_xarray`.
+    """
+    dataset = to_xarray(record, calibration)
+    small = {name: v.astype(np.int32) for name, v in dataset.items() if v.dtype.kind == "i"}
+    dataset.assign({n: v.assign_attrs(dataset[n].attrs) for n, v in small.items()}).to_netcdf(
+        path, engine="scipy", format="NETCDF3_64BIT"
+    )
+
+
+def write_parquet(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
+    """Write the table as Parquet, the unit of each column in its name and its metadata.
+
+    Raises:
+        RigError: pyarrow is not installed, or as `table`.
+    """
+    arrow, parquet = _import("pyarrow"), _import("pyarrow.parquet")
+    columns = table(record, calibration)
+    fields = [
+        arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": UNIT_OF[name]})
+        for name, values in columns.items()
+    ]
+    schema = arrow.schema(fields, metadata={"source": record.path.name})
+    parquet.write_table(arrow.table(list(columns.values()), schema=schema), path)
+
+
+def _import(name: str) -> Any:
+    import importlib  # noqa: PLC0415
+
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise RigError(
+            f"{name} is not installed: pip install 'famjax[tables]', or use the arrays of `table`"
+        ) from None

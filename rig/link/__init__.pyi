@@ -1,0 +1,6 @@
+from .abstract_link import AbstractLink as AbstractLink
+from .command_queue import Command as Command
+from .events import Event as Event, Lost as Lost, Reset as Reset, Silent as Silent, Timing as Timing
+from .serial_link import Link as Link, Port as Port, serial_opener as serial_opener
+from .session import Session as Session
+from .virtual_link import VirtualLink as VirtualLink

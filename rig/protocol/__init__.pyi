@@ -1,0 +1,29 @@
+from .control_law import (
+    ControlLaw as ControlLaw,
+    drive as drive,
+    next_integral as next_integral,
+    pressure_error as pressure_error,
+)
+from .lines import (
+    Splitter as Splitter,
+    command_body as command_body,
+    crc16 as crc16,
+    frame as frame,
+    parse as parse,
+)
+from .messages import (
+    Ack as Ack,
+    Comment as Comment,
+    FAULTS as FAULTS,
+    Hello as Hello,
+    Limits as Limits,
+    MANUAL as MANUAL,
+    Message as Message,
+    RUN as RUN,
+    SAFE as SAFE,
+    STATES as STATES,
+    Sample as Sample,
+    Settings as Settings,
+    Status as Status,
+    TRIP as TRIP,
+)

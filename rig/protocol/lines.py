@@ -1,0 +1,189 @@
+"""The lines that host and device exchange: text, a CRC, a line feed; nothing here waits or keeps time.
+
+Every line of the device, and every line of a host under `strict 1`, ends in `*HHHH`, the CRC-16 of
+what stands before the asterisk. `firmware/README.md` lists the lines and their fields.
+"""
+
+import binascii
+import re
+from collections.abc import Callable
+
+from .control_law import ControlLaw
+from .messages import Ack, Comment, Hello, Limits, Message, Sample, Settings, Status
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16 of `data`: polynomial 0x1021, start 0xFFFF, not reflected.
+
+    >>> hex(crc16(b"123456789"))
+    '0x29b1'
+    """
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+def frame(body: str) -> bytes:
+    r"""The line that carries `body`, with its CRC.
+
+    Raises:
+        ValueError: `body` holds an asterisk, a line end or a character that is not ASCII.
+
+    >>> frame("0 hb")
+    b'0 hb*E088\n'
+    """
+    if not body.isascii() or any(c in body for c in "*\r\n"):
+        raise ValueError(f"a line is ASCII without '*' and line ends, got {body!r}")
+    data = body.encode()
+    return b"%b*%04X\n" % (data, crc16(data))
+
+
+def command_body(id_: int, verb: str, *values: float | str) -> str:
+    """The body of a command, numbers with at most four decimals and no trailing zeros.
+
+    The device reads no more decimals than that; it stores gains in 1/256 steps and reports them.
+
+    >>> command_body(7, "set", 40.0, 127.53125)
+    '7 set 40 127.5312'
+    """
+    words = [v if isinstance(v, str) else _number(v) for v in values]
+    return " ".join([str(id_), verb, *words])
+
+
+def _number(value: float) -> str:
+    text = f"{value:.4f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def parse(line: bytes) -> Message | None:
+    """What a line of the device says, or None where its CRC or its form is not right.
+
+    Args:
+        line: without the line feed.
+
+    >>> parse(frame("T,3,17,90,1025,205,512,131,-42,1")[:-1]).pressure_sum
+    1025
+    >>> parse(b"T,3,17,90,1025,205,512,131,-42,1*0000") is None
+    True
+    """
+    body = _verified(line)
+    if body is None:
+        return None
+    if body[:2] == b"T,":
+        match = _SAMPLE(body)
+        return Sample._make(map(int, match.groups())) if match else None
+    reader = _READERS.get(body[:2])
+    return reader(body[2:]) if reader else None
+
+
+def record_fields(line: bytes) -> tuple[bytes, ...] | None:
+    """The fields of a record's line as digits, or None where it is none or not right.
+
+    >>> record_fields(frame("T,3,17,90,1025,205,512,131,-42,1")[:-1])[3]
+    b'1025'
+    """
+    body = _verified(line)
+    match = _SAMPLE(body) if body is not None else None
+    return match.groups() if match else None
+
+
+def _verified(line: bytes) -> bytes | None:
+    """What stands before the asterisk, where the CRC is right."""
+    body = line[:-5]
+    return body if b"*%04X" % binascii.crc_hqx(body, 0xFFFF) == line[-5:] else None
+
+
+_SAMPLE = re.compile(
+    rb"T,(\d{1,2}),(\d{1,10}),(\d{1,10}),(\d{1,5}),(\d{1,4}),(\d{1,5}),(\d{1,3}),(-?\d{1,8}),(\d{1,3})"
+).fullmatch
+_INTEGER = re.compile(rb"-?\d{1,10}").fullmatch
+
+
+def _integers(fields: bytes, number: int) -> list[int] | None:
+    parts = fields.split(b",")
+    if len(parts) != number or not all(map(_INTEGER, parts)):
+        return None
+    return [int(part) for part in parts]
+
+
+def _status(fields: bytes) -> Status | None:
+    values = _integers(fields, len(Status._fields))
+    return Status(*values) if values else None
+
+
+def _settings(fields: bytes) -> Settings | None:
+    values = _integers(fields, 2 + len(ControlLaw._fields) + 5)
+    if values is None:
+        return None
+    boot, since, *rest = values
+    law, guards = ControlLaw(*rest[:-5]), rest[-5:]
+    return Settings(boot, since, law, *guards)
+
+
+def _hello(fields: bytes) -> Hello | None:
+    name, _, rest = fields.partition(b",")
+    values = _integers(rest, len(Hello._fields))
+    return Hello(*values) if name == b"famrig" and values else None
+
+
+def _ack(fields: bytes) -> Ack | None:
+    parts = fields.split(b",")
+    if len(parts) != 3 or not _INTEGER(parts[0]):
+        return None
+    if parts[1] == b"OK" and _INTEGER(parts[2]):
+        return Ack(int(parts[0]), int(parts[2]), "")
+    return Ack(int(parts[0]), None, parts[2].decode("latin-1")) if parts[1] == b"ERR" else None
+
+
+def _limits(fields: bytes) -> Limits | None:
+    values = _integers(fields, 2)
+    return Limits(*values) if values else None
+
+
+def _comment(fields: bytes) -> Comment:
+    return Comment(fields.decode("latin-1"))
+
+
+_READERS: dict[bytes, Callable[[bytes], Message | None]] = {
+    b"S,": _status,
+    b"P,": _settings,
+    b"H,": _hello,
+    b"A,": _ack,
+    b"L,": _limits,
+    b"# ": _comment,
+}
+
+
+class Splitter:
+    r"""Cuts a stream of bytes into lines; what grows beyond `limit` bytes is thrown away and counted.
+
+    Attributes:
+        discarded: bytes thrown away so far.
+
+    >>> Splitter(limit=200).feed(b"one\ntwo\r\nthr")
+    [b'one', b'two']
+    """
+
+    def __init__(self, limit: int = 200) -> None:
+        self.discarded = 0
+        self._limit = limit
+        self._rest = b""
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The lines that `data` completes, without their ends and without empty ones."""
+        *lines, rest = (self._rest + data).split(b"\n")
+        if self._skipping and lines:
+            self.discarded += len(lines.pop(0))
+            self._skipping = False
+        if len(rest) > self._limit or self._skipping:
+            self.discarded += len(rest)
+            self._skipping = True
+            rest = b""
+        self._rest = rest
+        kept = []
+        for line in lines:
+            line = line.removesuffix(b"\r")  # noqa: PLW2901 -- the line without its end
+            if len(line) > self._limit:
+                self.discarded += len(line)
+            elif line:
+                kept.append(line)
+        return kept

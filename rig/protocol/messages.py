@@ -1,0 +1,168 @@
+"""What the lines of the device say: samples, status, settings, answers; plain tuples of integers."""
+
+from typing import NamedTuple
+
+from .control_law import ControlLaw
+
+PROTOCOL = 1
+"""Version of the protocol, field `proto` of the hello line."""
+
+SAFE, RUN, MANUAL, TRIP = range(4)
+"""States of the device."""
+
+DRIVEN = (RUN, MANUAL)
+"""States in which the output is not off and the dump valve is shut."""
+
+STATES = ("SAFE", "RUN", "MAN", "TRIP")
+
+FAULTS = ("none", "silence", "over-pressure", "jump", "stall", "watchdog")
+"""Why the device left RUN or MAN on its own, or started with the output off."""
+
+
+class Sample(NamedTuple):
+    """One record: `T,boot,seq,tick,p,q,f,u,i,st`.
+
+    Attributes:
+        boot: the boot counter modulo 16.
+        seq: number of the record since boot.
+        tick: the 2 ms tick it ended with, counted since boot.
+        pressure_sum: sum of the pressure counts over the ticks of the record.
+        pressure_count: the pressure count of the last tick.
+        force_sum: sum of the force counts over the ticks of the record.
+        output: u [PWM counts], set from `pressure_count` and `integral`.
+        integral: I [1/32768 PWM count].
+        flags: state + 4 * sync + 16 * fault.
+    """
+
+    boot: int
+    seq: int
+    tick: int
+    pressure_sum: int
+    pressure_count: int
+    force_sum: int
+    output: int
+    integral: int
+    flags: int
+
+    @property
+    def state(self) -> int:
+        """`SAFE`, `RUN`, `MANUAL` or `TRIP`, at the last tick."""
+        return self.flags & 3
+
+    @property
+    def sync(self) -> bool:
+        """Whether the sync pin is high."""
+        return bool(self.flags & 4)
+
+    @property
+    def fault(self) -> int:
+        """Index into `FAULTS`."""
+        return self.flags >> 4
+
+
+class Status(NamedTuple):
+    """`S,boot,seq,tick,state,fault,p,bad,good,overrun,dropped,late`; counters wrap at 65536.
+
+    Attributes:
+        boot: the boot counter.
+        seq: number of the next record.
+        tick: the tick of this line.
+        state: as in `Sample`.
+        fault: as in `Sample`.
+        pressure_count: the last pressure count.
+        bad: lines of the host that were refused: CRC, length, no CRC under `strict 1`.
+        good: lines of the host that were accepted.
+        overrun: bytes of the host for which there was no room.
+        dropped: lines of the device for which there was no room.
+        late: ticks that came late.
+    """
+
+    boot: int
+    seq: int
+    tick: int
+    state: int
+    fault: int
+    pressure_count: int
+    bad: int
+    good: int
+    overrun: int
+    dropped: int
+    late: int
+
+
+class Settings(NamedTuple):
+    """What governs the records from `since` on: `P,boot,since,<law>,div,trip,jump,stall,silence`.
+
+    Attributes:
+        boot: the boot counter.
+        since: the first record that all of this governs.
+        law: the control law.
+        ticks_per_record: as set by `tele`.
+        trip: over-pressure limit [counts]; 0 where none has been set.
+        jump: limit of the change over 5 ticks [counts].
+        stall: ticks at full output, 5 psi low, without rise.
+        silence: ticks without an accepted line.
+    """
+
+    boot: int
+    since: int
+    law: ControlLaw
+    ticks_per_record: int
+    trip: int
+    jump: int
+    stall: int
+    silence: int
+
+
+class Hello(NamedTuple):
+    """`H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget`.
+
+    Attributes:
+        protocol: `PROTOCOL`.
+        firmware: version of the firmware.
+        boot: the boot counter.
+        cause: of the reset: 1 power, 2 reset pin, 4 brown-out, 8 watchdog, 0 unknown.
+        tick_hz: ticks per second.
+        ticks_per_record: as set by `tele`.
+        ring: records that the device can still repeat.
+        bytes_per_tick: bytes that it can send in a tick.
+    """
+
+    protocol: int
+    firmware: int
+    boot: int
+    cause: int
+    tick_hz: int
+    ticks_per_record: int
+    ring: int
+    bytes_per_tick: int
+
+
+class Ack(NamedTuple):
+    """`A,id,OK,seq` or `A,id,ERR,why`.
+
+    Attributes:
+        id: of the command.
+        seq: the first record that the command governs in full; None where it was refused.
+        reason: why it was refused; empty where it was not.
+    """
+
+    id: int
+    seq: int | None
+    reason: str
+
+
+class Limits(NamedTuple):
+    """`L,oldest,next`: the records that can still be repeated, oldest <= seq < next."""
+
+    oldest: int
+    next: int
+
+
+class Comment(NamedTuple):
+    """`# text`, for people."""
+
+    text: str
+
+
+Message = Sample | Status | Settings | Hello | Ack | Limits | Comment

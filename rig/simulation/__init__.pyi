@@ -1,0 +1,16 @@
+from .channel import ByteChannel as ByteChannel
+from .circuits import RunningCircuit as RunningCircuit
+from .hydraulic import HydraulicCircuit as HydraulicCircuit, RunningHydraulic as RunningHydraulic
+from .machine import MachineClock as MachineClock, TestMachine as TestMachine
+from .muscle import SimulatedMuscle as SimulatedMuscle, mckibben as mckibben, tabulate as tabulate
+from .orifice import iso_6358_flow as iso_6358_flow
+from .plant import Plant as Plant
+from .pneumatic import PneumaticCircuit as PneumaticCircuit, RunningPneumatic as RunningPneumatic
+from .regulator import Regulator as Regulator, RunningRegulator as RunningRegulator
+from .sensors import (
+    SimulatedSensor as SimulatedSensor,
+    load_cell as load_cell,
+    pressure_transducer as pressure_transducer,
+)
+from .server import RigServer as RigServer
+from .simulated_rig import SimulatedRig as SimulatedRig, machine_for as machine_for
