@@ -98,7 +98,7 @@ def write_maps(folder: Path, name: str) -> None:
 
 def write_photos(folder: Path) -> None:
     """`photo.jpg` and `photo2.jpg` of a muscle, and `ruler.jpg`, at the reference work's size."""
-    from imaging.synthetic import render, published_ruler, published_scene, render_ruler  # noqa: PLC0415
+    from imaging.synthetic import published_ruler, published_scene, render, render_ruler  # noqa: PLC0415
 
     render(published_scene(0.175), 7).save(folder / "photo.jpg")
     render(published_scene(0.1), 11).save(folder / "photo2.jpg")

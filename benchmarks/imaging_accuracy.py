@@ -18,7 +18,6 @@ import numpy as np
 
 from imaging import ImagingError, Measurement, Recipe, Scale, calibrate_ruler, measure
 from imaging.synthetic import (
-    render,
     INCH,
     Lens,
     Light,
@@ -27,6 +26,7 @@ from imaging.synthetic import (
     Truth,
     published_ruler,
     published_scene,
+    render,
     render_ruler,
 )
 

@@ -32,7 +32,7 @@ from skimage.filters import threshold_otsu
 from skimage.measure import find_contours, label, regionprops
 
 from imaging import Measurement, Recipe, Scale, measure, process, read_image
-from imaging.synthetic import render, PUBLISHED_FRAME, Photo, Truth, published_scene
+from imaging.synthetic import PUBLISHED_FRAME, Photo, Truth, published_scene, render
 
 INCH = 0.0254
 CONTRACTIONS = (0.0, 0.175, 0.2625)

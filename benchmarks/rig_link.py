@@ -33,14 +33,14 @@ from pathlib import Path
 import numpy as np
 
 from rig.device.core import Device
-from rig.link.events import Lost
-from rig.journal.writer import Journal
-from rig.journal.reader import read_journal
-from rig.link.serial_link import Link, serial_opener
-from rig.protocol.messages import Sample
 from rig.device.native import NativeDevice, build_native
-from rig.protocol.lines import parse
+from rig.journal.reader import read_journal
+from rig.journal.writer import Journal
+from rig.link.events import Lost
+from rig.link.serial_link import Link, serial_opener
 from rig.link.session import Session
+from rig.protocol.lines import parse
+from rig.protocol.messages import Sample
 from rig.simulation import ByteChannel
 
 SLICE = 2

@@ -11,9 +11,9 @@ from .gaylord import (
     gaylord_force as gaylord_force,
 )
 from .inextensible import (
+    NEUTRAL_ANGLE as NEUTRAL_ANGLE,
     AbstractBraid as AbstractBraid,
     Braid as Braid,
-    NEUTRAL_ANGLE as NEUTRAL_ANGLE,
     braid_angle_from_diameter as braid_angle_from_diameter,
     braid_angle_from_length as braid_angle_from_length,
     diameter_from_length as diameter_from_length,

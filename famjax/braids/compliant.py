@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .inextensible import AbstractBraid, Braid
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
+from .inextensible import AbstractBraid, Braid
 
 _HIGHEST_COMPLIANCE = 3e-5  # 1/N
 

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .inextensible import AbstractBraid, braid_angle_from_length, diameter_from_length
-from .elastic_root import strain_under_cubic, strain_under_line
-from .gaylord import gaylord_force
-from .thread import AbstractThread, thread_tension
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
+from .elastic_root import strain_under_cubic, strain_under_line
+from .gaylord import gaylord_force
+from .inextensible import AbstractBraid, braid_angle_from_length, diameter_from_length
+from .thread import AbstractThread, thread_tension
 
 
 class BraidState(eqx.Module):

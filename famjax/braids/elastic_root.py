@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._implicit import over_slope
-from .thread import AbstractThread
 from .._types import RealArray
+from .thread import AbstractThread
 
 _MAX_STEPS = 64
 

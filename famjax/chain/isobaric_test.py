@@ -6,14 +6,14 @@ import math
 import numpy as np
 
 from fitting.records.alignment import Alignment, align_by_load, align_by_pulses
-from rig.control.calibration import Calibration
 from fitting.records.characterisation import Characterisation, characterise
-from rig.protocol.control_law import TICK_HZ
-from rig.errors import RigError
 from fitting.records.isobaric_record import IsobaricRecord, combine
-from rig.journal.reader import Record
 from fitting.records.machine_log import MachineLog
+from rig.control.calibration import Calibration
+from rig.errors import RigError
+from rig.journal.reader import Record
 from rig.journal.tables import table
+from rig.protocol.control_law import TICK_HZ
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,10 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from famjax.boundary.units import factor, unit_system
+
 from .isobaric_test import Analysis
-from rig.errors import RigError
-from .test_table import SYSTEMS
-from rig.units import UNITS
 
 _MOST_POINTS = 20_000  # drawn of a pressure record
 
@@ -22,12 +21,11 @@ def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
         A figure of two axes.
 
     Raises:
-        RigError: an unknown system.
+        InputError: an unknown system.
     """
-    if system not in SYSTEMS:
-        raise RigError(f"units must be one of {', '.join(SYSTEMS)}, got {system!r}")
-    pressure_unit, force_unit = SYSTEMS[system]
-    N, Pa = UNITS["force"][force_unit], UNITS["pressure"][pressure_unit]
+    units = unit_system(system)
+    pressure_unit, force_unit = units["pressure"], units["force"]
+    N, Pa = factor(force_unit, "force"), factor(pressure_unit, "pressure")
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     muscle, record = found.characterisation, found.record

@@ -2,25 +2,21 @@
 
 import math
 
-from .isobaric_test import Analysis
+from famjax.boundary.units import factor, unit_system
 from fitting.records.characterisation import Characterisation
-from rig.errors import RigError
-from rig.units import UNITS
 
-SYSTEMS = {"si": ("Pa", "N"), "metric": ("kPa", "N"), "us": ("psi", "lbf")}
-"""Unit systems of tables and pictures: pressure and force."""
+from .isobaric_test import Analysis
 
 
 def table_rows(found: Characterisation, system: str) -> list[dict[str, float | str]]:
     """One row for every isobar, the units in the keys; "none" for what was not measured.
 
     Raises:
-        RigError: an unknown system.
+        InputError: an unknown system.
     """
-    if system not in SYSTEMS:
-        raise RigError(f"units must be one of {', '.join(SYSTEMS)}, got {system!r}")
-    pressure, force = SYSTEMS[system]
-    Pa, N = UNITS["pressure"][pressure], UNITS["force"][force]
+    units = unit_system(system)
+    pressure, force = units["pressure"], units["force"]
+    Pa, N = factor(pressure, "pressure"), factor(force, "force")
     rows: list[dict[str, float | str]] = []
     for bar in found.isobars:
         row = {

@@ -215,7 +215,7 @@ def predict(
     fitting = load_fitting()
     import numpy as np  # noqa: PLC0415
 
-    from fitting._data.quantities import parse_quantities  # noqa: PLC0415
+    from famjax.boundary.units import parse_quantities  # noqa: PLC0415
 
     sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
     saved = fitting.load_fit(fit_json)

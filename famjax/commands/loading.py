@@ -28,8 +28,8 @@ def load_map(
     data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
 ) -> "ForceData":
     """A force map: a bundled one by its name, or a CSV file; tolerances with their unit."""
+    from famjax.boundary.units import parse_quantity  # noqa: PLC0415
     from fitting import bundled_names, load_bundled, read_csv  # noqa: PLC0415
-    from fitting._data.quantities import parse_quantity  # noqa: PLC0415
 
     bundled = data.upper() in bundled_names() and not Path(data).exists()
     found = load_bundled(data.upper(), specimen) if bundled else read_csv(data, specimen)

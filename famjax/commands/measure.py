@@ -101,9 +101,9 @@ def measure(
 
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from imaging import ImagingError  # noqa: PLC0415
     from famjax.commands.measure_campaign import as_document, measure_command  # noqa: PLC0415
     from famjax.commands.measure_options import command_recipe  # noqa: PLC0415
+    from imaging import ImagingError  # noqa: PLC0415
 
     began: list[tuple[float, int]] = []
     try:

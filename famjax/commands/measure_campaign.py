@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from imaging.campaign.run import process
+from famjax.boundary.units import parse_quantity
 from imaging.campaign.check_pictures import write_check_pictures
-from imaging.errors import ImagingError, SyncError
+from imaging.campaign.columns import column_name
 from imaging.campaign.machine_log import MachineLog, read_machine_log
-from .measure_options import expand
-from imaging.shape.recipe import Recipe
-from imaging.shape.recipe_file import write_recipe
+from imaging.campaign.run import process
 from imaging.campaign.sync import synchronise
 from imaging.campaign.table import Table
-from imaging.campaign.columns import column_name
-from imaging.units import parse_quantity
+from imaging.errors import ImagingError, SyncError
+from imaging.shape.recipe import Recipe
+from imaging.shape.recipe_file import write_recipe
+
+from .measure_options import expand
 
 _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 

@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from imaging.errors import ImagingError
+from famjax.boundary.units import factor, parse_quantity
 from imaging.camera.read import read_image
-from imaging.shape.recipe import Recipe
-from imaging.shape.recipe_file import read_recipe
+from imaging.errors import ImagingError
 from imaging.ruler.calibrate import calibrate_ruler
 from imaging.ruler.scale import Scale
-from imaging.units import factor, parse_quantity
+from imaging.shape.recipe import Recipe
+from imaging.shape.recipe_file import read_recipe
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Files of a folder that are taken for pictures."""

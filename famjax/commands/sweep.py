@@ -69,7 +69,7 @@ def sweep(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from fitting._data.quantities import parse_quantity  # noqa: PLC0415
+    from famjax.boundary.units import parse_quantity  # noqa: PLC0415
     from fitting._search.options import parse_specimen  # noqa: PLC0415
     from fitting._sweep.command import sweep_command  # noqa: PLC0415
 

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ..boundary.units import UNITS
 from .catalogue import CatalogueError
-from .units import UNITS
 
 
 class CatalogueRow:

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._types import RealArray, as_real
+from ..materials.polynomial import AbstractMaterial
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
 from .combination import Combination, Feasibility, fam_angle, feasibility
-from ..materials.polynomial import AbstractMaterial
-from .._types import RealArray, as_real
 
 
 @dataclasses.dataclass(frozen=True)

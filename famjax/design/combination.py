@@ -12,15 +12,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..geometries.bladder import Bladder
-from ..braids.inextensible import NEUTRAL_ANGLE, Braid, braid_angle_from_diameter
-from .catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid
+from .._types import Given, Real, RealArray, as_real
 from ..braids.gaylord import gaylord_force
+from ..braids.inextensible import NEUTRAL_ANGLE, Braid, braid_angle_from_diameter
+from ..geometries.bladder import Bladder
 from ..geometries.estimated import EstimatedGeometry
 from ..materials.polynomial import AbstractMaterial
-from .._types import Given, Real, RealArray, as_real
 from ..muscle import Muscle
 from ..parameters import number
+from .catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid
 
 _ROUNDING = 1e-9  # relative: 0.75 in and 19.05 mm are the same diameter
 

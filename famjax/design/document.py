@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from .. import units
+from ..boundary.units import unit_system
+from ..materials.polynomial import PolynomialMaterial
 from .catalogue import Catalogue
 from .catalogue_file import load_catalogue
-from .combination import Feasibility, feasibility
-from .report import braid_angle_rows, candidate_rows, geometry_rows, performance_rows
 from .catalogue_search import Candidate, Requirement, search
-from .units import unit_in
+from .combination import Feasibility, feasibility
 from .end_fitting import size_end_fittings
 from .end_fitting_report import end_fitting_rows, safety_factor_rows, tube_buckling_rows
-from ..materials.polynomial import PolynomialMaterial
+from .report import braid_angle_rows, candidate_rows, geometry_rows, performance_rows
 from .safety import safety_factors
 from .tube_strength import TubeOptions, assumption_notes, tube_strengths
 
@@ -109,7 +109,7 @@ def design_picture(document: dict[str, Any], system: str) -> bytes:
     figure = Figure(figsize=(11, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
-    force, length = unit_in(system, "force")[0], unit_in(system, "length")[0]
+    force, length = unit_system(system)["force"], unit_system(system)["length"]
     pairs = dict.fromkeys((row["bladder"], row["braid"]) for row in document["performance"])
     braids = list(dict.fromkeys(braid for _, braid in pairs))
     bladders = list(dict.fromkeys(bladder for bladder, _ in pairs))

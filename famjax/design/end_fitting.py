@@ -26,8 +26,8 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid, CatalogueTube
 from .._types import Real, RealArray, as_real
+from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid, CatalogueTube
 
 
 def swaged_bore(outer_diameter: Real, thickness: Real, reduction: Real) -> RealArray:

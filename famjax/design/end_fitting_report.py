@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 
-from .units import Row, entry, unit_in
+from ..boundary.units import Row, entry, factor, unit_system
 from .end_fitting import EndFitting
 from .safety import SafetyFactor
 from .tube_strength import TubeStrength
@@ -11,7 +11,8 @@ from .tube_strength import TubeStrength
 
 def end_fitting_rows(fittings: Iterable[EndFitting], *, system: str = "si") -> list[Row]:
     """The sizings of an end-fitting, in their order; sensitivities are per length of the radius."""
-    unit, factor = unit_in(system, "length")
+    unit = unit_system(system)["length"]
+    per_unit = factor(unit, "length")
     return [
         {
             "tube": fitting.tube.name,
@@ -22,8 +23,8 @@ def end_fitting_rows(fittings: Iterable[EndFitting], *, system: str = "si") -> l
             **entry("bladder_bore", fitting.bladder.bore, "length", system),
             "bore_stretch": fitting.bore_stretch,
             "feasible": fitting.feasible,
-            f"braid_compression_per_{unit}": fitting.braid_sensitivity * factor,
-            f"bladder_compression_per_{unit}": fitting.bladder_sensitivity * factor,
+            f"braid_compression_per_{unit}": fitting.braid_sensitivity * per_unit,
+            f"bladder_compression_per_{unit}": fitting.bladder_sensitivity * per_unit,
         }
         for fitting in fittings
     ]

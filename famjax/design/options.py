@@ -3,9 +3,9 @@
 import math
 from collections.abc import Iterable, Mapping
 
+from ..boundary.units import UNITS
 from .catalogue import CatalogueError
 from .catalogue_search import Requirement
-from .units import UNITS
 from .tube_strength import TubeOptions
 
 _REQUIREMENT = {

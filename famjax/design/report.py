@@ -10,12 +10,12 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
-from .combination import Combination, Feasibility, fam_angle, feasibility
-from .catalogue_search import Candidate
-from .units import Row, entry
-from ..materials.polynomial import AbstractMaterial
 from .._types import RealArray
+from ..boundary.units import Row, entry
+from ..materials.polynomial import AbstractMaterial
+from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
+from .catalogue_search import Candidate
+from .combination import Combination, Feasibility, fam_angle, feasibility
 
 _KINDS = {
     "braid": "length",

@@ -6,9 +6,9 @@ from typing import Literal
 
 import jax.numpy as jnp
 
+from .._types import Real, RealArray
 from .catalogue import Catalogue, CatalogueTest
 from .catalogue_search import Candidate, Requirement
-from .._types import Real, RealArray
 
 Failing = Literal["burst_pressure", "burst_force", "tensile_force"]
 """The numbers of a `CatalogueTest`."""

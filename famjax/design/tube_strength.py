@@ -5,8 +5,8 @@ import math
 from collections.abc import Iterable
 
 from .. import units
-from .catalogue import Catalogue, CatalogueError, CatalogueTube
 from .buckling import tube_buckling, yield_load
+from .catalogue import Catalogue, CatalogueError, CatalogueTube
 
 ASSUMED: dict[str, tuple[float, str]] = {
     "modulus": (68.9e9, "68.9 GPa, of aluminium 6061-T6 (Aluminum Association, typical)"),

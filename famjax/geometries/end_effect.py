@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from ..profiles.assumed_shapes import tondu_lopez_length
-from .estimated import AbstractGeometry, Dimensions
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
+from ..profiles.assumed_shapes import tondu_lopez_length
+from .estimated import AbstractGeometry, Dimensions
 
 _LARGEST_FACTOR = 1.4
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .bladder import Bladder, cylinder_volume
+from .._types import Real, RealArray, as_real
 from ..braids.inextensible import (
     NEUTRAL_ANGLE,
     AbstractBraid,
@@ -19,9 +19,9 @@ from ..braids.inextensible import (
     thread_length_from_angle,
     turns_from_angle,
 )
-from .._types import Real, RealArray, as_real
 from ..parameters import Declared, Parametrised
 from ..parameters.parametrised import checked_values
+from .bladder import Bladder, cylinder_volume
 
 _BELOW_NEUTRAL = 0.95  # at the neutral length itself a limp bladder's force is zero, not negative
 

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Bool
 
-from .bladder import Bladder
-from ..braids.inextensible import AbstractBraid
-from .estimated import AbstractGeometry, Dimensions, cylinder_dimensions
-from ..profiles.family import MeasuredFamily
-from .meridian import QUADRATURE_ORDER, Meridian, quadrature
 from .._types import Real, RealArray, as_real
+from ..braids.inextensible import AbstractBraid
+from ..profiles.family import MeasuredFamily
+from .bladder import Bladder
+from .estimated import AbstractGeometry, Dimensions, cylinder_dimensions
+from .meridian import QUADRATURE_ORDER, Meridian, quadrature
 
 
 class MeasuredGeometry(AbstractGeometry):

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .bladder import Bladder
-from ..profiles.profile import AbstractProfile
 from .._types import Real, RealArray, as_real
+from ..profiles.profile import AbstractProfile
+from .bladder import Bladder
 
 QUADRATURE_ORDER = 64
 """Stations per smooth piece, by default: relative error below 1e-8 for Fourier profiles of up to

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .polynomial import AbstractMaterial
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import Declared, parameter
 from ..parameters.parametrised import checked_values, middle
+from .polynomial import AbstractMaterial
 
 _STRESS = 1e6  # Pa
 

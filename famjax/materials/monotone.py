@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .hyperelastic import AbstractUniaxialLaw
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
+from .hyperelastic import AbstractUniaxialLaw
 
 _STRESS = 1e6  # Pa
 

@@ -5,9 +5,9 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .polynomial import AbstractMaterial, PressurePolynomialMaterial, stresses_between_nodes
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
+from .polynomial import AbstractMaterial, PressurePolynomialMaterial, stresses_between_nodes
 
 
 class PlainPowerMaterial(AbstractMaterial):

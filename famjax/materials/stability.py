@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._types import Real, RealArray, as_real
 from ..geometries.estimated import AbstractGeometry
 from .polynomial import AbstractMaterial
-from .._types import Real, RealArray, as_real
 
 
 class PathStrains(eqx.Module):

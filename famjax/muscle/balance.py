@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 
 from .._compiled import compiled
+from .._types import Real, RealArray, as_real
 from ..geometries.estimated import AbstractGeometry, Dimensions
 from ..materials.polynomial import AbstractMaterial
-from .._types import Real, RealArray, as_real
 from ..terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 from .abstract_muscle import AbstractMuscle
 from .one_muscle import check_one_muscle

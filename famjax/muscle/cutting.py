@@ -5,9 +5,9 @@ import dataclasses
 import equinox as eqx
 import jax.numpy as jnp
 
+from .._types import Real, RealArray, as_real
 from ..geometries.end_effect import EndEffectGeometry
 from ..geometries.estimated import AbstractGeometry, EstimatedGeometry
-from .._types import Real, RealArray, as_real
 from . import AbstractMuscle, Muscle
 
 

@@ -3,14 +3,14 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from .._types import Given, Real, RealArray, as_real
+from ..braids.gaylord import gaylord_force
 from ..braids.inextensible import (
     AbstractBraid,
     Braid,
     braid_angle_from_length,
     diameter_from_length,
 )
-from ..braids.gaylord import gaylord_force
-from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from .model import PeerModel, braid_range, known
 

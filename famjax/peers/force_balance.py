@@ -2,14 +2,14 @@
 
 from jax.typing import ArrayLike
 
-from ..profiles.assumed_shapes import kothera_length
+from .._types import Real, RealArray, as_real
 from ..geometries.estimated import AbstractGeometry
 from ..materials.hyperelastic import MooneyRivlinMaterial
-from ..materials.polynomial import PolynomialMaterial
-from .._types import Real, RealArray, as_real
-from ..muscle import Muscle
-from .model import PeerModel, at_positive
 from ..materials.plain_power import PlainPowerMaterial
+from ..materials.polynomial import PolynomialMaterial
+from ..muscle import Muscle
+from ..profiles.assumed_shapes import kothera_length
+from .model import PeerModel, at_positive
 
 
 def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:

@@ -5,8 +5,8 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..braids.inextensible import Braid
 from .._types import Given, Real, RealArray
+from ..braids.inextensible import Braid
 from ..parameters import parameter
 from ..units import DEGREE, MEGAPASCAL
 from .braid_alone import Gaylord

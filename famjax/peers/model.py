@@ -4,8 +4,8 @@ import math
 
 import jax.numpy as jnp
 
-from ..braids.inextensible import NEUTRAL_ANGLE, AbstractBraid
 from .._types import Real, RealArray
+from ..braids.inextensible import NEUTRAL_ANGLE, AbstractBraid
 from ..muscle import AbstractMuscle
 
 

@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from ..profiles.assumed_shapes import tondu_lopez_length
-from ..braids.inextensible import Braid
 from .._types import Given, Real, RealArray, as_real
+from ..braids.inextensible import Braid
 from ..parameters import parameter
+from ..profiles.assumed_shapes import tondu_lopez_length
 from ..units import BAR
 from .braid_alone import Gaylord
 from .model import PeerModel, around_rest, at_positive

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from .profile import AbstractProfile
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number
+from .profile import AbstractProfile
 
 
 class AbstractAssumedShape(AbstractProfile):

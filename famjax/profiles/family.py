@@ -10,11 +10,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from .assumed_shapes import AbstractAssumedShape
-from ..braids.inextensible import AbstractBraid, diameter_from_length
-from .profile import AbstractProfile
 from .._types import Given, Real, RealArray, as_real
+from ..braids.inextensible import AbstractBraid, diameter_from_length
 from ..parameters import Parametrised, number
+from .assumed_shapes import AbstractAssumedShape
+from .profile import AbstractProfile
 
 
 class AbstractProfileFamily(Parametrised):

@@ -7,8 +7,8 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..geometries.estimated import Dimensions
 from .._types import Real, RealArray
+from ..geometries.estimated import Dimensions
 from ..parameters import Parametrised
 
 

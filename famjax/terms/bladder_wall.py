@@ -4,10 +4,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from .._types import Real, RealArray, as_real
 from ..braids.gaylord import bladder_axial_force, bladder_hoop_force
 from ..geometries.estimated import Dimensions
 from ..materials.polynomial import AbstractMaterial
-from .._types import Real, RealArray, as_real
 from .abstract import AbstractForceTerm
 
 

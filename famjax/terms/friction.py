@@ -9,8 +9,8 @@ import abc
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from ..geometries.estimated import Dimensions
 from .._types import Given, Real, RealArray, as_real
+from ..geometries.estimated import Dimensions
 from ..parameters import Parametrised, number, parameter
 
 

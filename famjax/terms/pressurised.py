@@ -6,9 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from .._types import Given, Real, RealArray
 from ..braids.gaylord import gaylord_force
 from ..geometries.estimated import Dimensions
-from .._types import Given, Real, RealArray
 from ..parameters import parameter
 from .abstract import AbstractForceTerm
 

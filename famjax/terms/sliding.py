@@ -2,11 +2,11 @@
 
 from jaxtyping import Float
 
-from .friction import AbstractFriction
-from ..geometries.estimated import Dimensions
 from .._types import Given, Real, RealArray
+from ..geometries.estimated import Dimensions
 from ..parameters import number
 from .abstract import AbstractForceTerm
+from .friction import AbstractFriction
 
 
 class Friction(AbstractForceTerm):

@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from ..geometries.estimated import Dimensions
 from .._types import Given, Real, RealArray
+from ..geometries.estimated import Dimensions
 from ..parameters import parameter
 from .abstract import AbstractForceTerm
 

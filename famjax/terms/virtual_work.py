@@ -8,12 +8,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..braids.inextensible import AbstractBraid
-from ..braids.gaylord import gaylord_force
-from ..geometries.estimated import AbstractGeometry
-from ..profiles.family import AbstractProfileFamily
-from ..geometries.meridian import Meridian
 from .._types import Real, RealArray, as_real
+from ..braids.gaylord import gaylord_force
+from ..braids.inextensible import AbstractBraid
+from ..geometries.estimated import AbstractGeometry
+from ..geometries.meridian import Meridian
+from ..profiles.family import AbstractProfileFamily
 
 
 def volume_rate(

@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from famjax.boundary.units import UNITS, si_unit, to_si
+
 from .._errors import InputError
 from .force_data import COLUMNS, ForceData, Specimen
-from .units import UNITS, to_si
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
 """Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""
@@ -135,7 +136,7 @@ def _columns(header: list[str]) -> list[tuple[str, str]]:
         quantity, _, unit = name.rpartition("_")
         if quantity not in COLUMNS:
             bare = name if name in COLUMNS else None
-            known = ", ".join(f"{key}_{UNITS[kind][0]}" for key, kind in COLUMNS.items())
+            known = ", ".join(f"{key}_{si_unit(kind)}" for key, kind in COLUMNS.items())
             if bare:
                 raise InputError(
                     f"column {name!r} has no unit; write for example "

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from famjax.boundary.units import factor, unit_system
+
 from .._errors import InputError
 from .force_data import COLUMNS, ForceData
-from .units import SYSTEMS, factor
 
 
 def csv_text(data: ForceData, system: str = "si") -> str:
@@ -22,9 +23,7 @@ def csv_text(data: ForceData, system: str = "si") -> str:
     >>> next(line for line in lines if not line.startswith("#"))
     'force_N,pressure_Pa,length_m'
     """
-    if system not in SYSTEMS:
-        raise InputError(f"units must be one of {', '.join(SYSTEMS)}, got {system!r}")
-    units = SYSTEMS[system]
+    units = unit_system(system)
     lines = [f"# note: {note}" for note in data.notes]
     for key, value in dataclasses.asdict(data.specimen).items():
         if isinstance(value, str):

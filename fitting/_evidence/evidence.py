@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .._data.units import SYSTEMS, UNITS, from_si
+from famjax.boundary.units import from_si, si_unit, unit_system
+
 from .._search.result import Identification
 from .bootstrap import Bootstrap, bootstrap
 from .likelihood import LEVELS, Profile, profile
@@ -102,7 +103,7 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
         document["profiles"] = {
             one.name: {
                 "verdict": one.verdict,
-                "unit": UNITS[one.kind][0],
+                "unit": si_unit(one.kind),
                 "values": one.values.tolist(),
                 "excess": [number(v) for v in one.excess],
                 **{
@@ -129,7 +130,7 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
     """The evidence as tables of text in a unit system."""
     tables: list[Table] = []
     if evidence.validations:
-        unit = SYSTEMS[system]["force"]
+        unit = unit_system(system)["force"]
 
         def force(value: float) -> str:
             return f"{from_si(value, unit, 'force'):.4g}" if math.isfinite(value) else "none"
@@ -149,14 +150,19 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
 
 def _profile_table(profiles: tuple[Profile, ...], system: str) -> Table:
     def interval(one: Profile, level: float) -> str:
-        unit = SYSTEMS[system][one.kind]
+        unit = unit_system(system)[one.kind]
         low, high = (from_si(end, unit, one.kind) for end in one.intervals[level])
         left = f"{low:.5g}" if math.isfinite(low) else "open"
         right = f"{high:.5g}" if math.isfinite(high) else "open"
         return f"{left} to {right}"
 
     rows = [
-        (one.name, SYSTEMS[system][one.kind], *(interval(one, at) for at in LEVELS), one.verdict)
+        (
+            one.name,
+            unit_system(system)[one.kind],
+            *(interval(one, at) for at in LEVELS),
+            one.verdict,
+        )
         for one in profiles
     ]
     levels = tuple(f"{100 * at:.0f} %" for at in LEVELS)
@@ -168,7 +174,7 @@ def _bootstrap_table(drawn: Bootstrap, result: Identification, system: str) -> T
     for estimate in result.estimates:
         if estimate.name not in drawn.names:
             continue
-        unit, kind = SYSTEMS[system][estimate.kind], estimate.kind
+        unit, kind = unit_system(system)[estimate.kind], estimate.kind
         low, high = (from_si(end, unit, kind) for end in drawn.interval(estimate.name))
         error = from_si(drawn.stderr[estimate.name], unit, kind)
         text = f"{error:.2g}" if math.isfinite(error) else "none"

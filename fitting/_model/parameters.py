@@ -4,8 +4,9 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 
+from famjax.boundary.units import UNITS, to_si
+
 from .._data.force_data import Specimen
-from .._data.units import UNITS, to_si
 from .._errors import InputError
 
 GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure")
@@ -144,7 +145,7 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
         raise InputError(
             f"{name} is a {standard.kind} and needs a unit, one of "
             f"{', '.join(UNITS[standard.kind])}, as in Parameter(..., unit="
-            f"{UNITS[standard.kind][-1]!r})"
+            f"{next(reversed(UNITS[standard.kind]))!r})"
         )
 
     def si(value: float) -> float:

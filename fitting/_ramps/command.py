@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from famjax.boundary.units import UNITS, from_si, parse_quantity, unit_system
+
 from .._data.csv import DEFAULT_WALL_THICKNESS
 from .._data.force_data import Specimen
-from .._data.quantities import parse_quantity
-from .._data.units import SYSTEMS, UNITS, from_si
 from .._data.write_csv import csv_text
 from .._errors import InputError
 from .branch_curves import Branches
@@ -137,8 +137,6 @@ def ramps_command(
     Raises:
         InputError: what is wrong with entries, records or options.
     """
-    if system not in SYSTEMS:
-        raise InputError(f"units must be one of {', '.join(SYSTEMS)}, got {system!r}")
     fields = {"wall_thickness": DEFAULT_WALL_THICKNESS, "name": "ramps", **(specimen or {})}
     if "rest_length" not in fields:
         raise InputError(
@@ -172,7 +170,7 @@ def _picture(static: StaticMap, system: str) -> bytes:
 
 def ramp_summary(static: StaticMap, system: str = "metric") -> dict[str, Any]:
     """What the records show, JSON-ready: totals, then a row for each record and each length."""
-    points, units = static.points, SYSTEMS[system]
+    points, units = static.points, unit_system(system)
 
     def value(number: float | None, kind: str) -> float | None:
         if number is None or not math.isfinite(number):

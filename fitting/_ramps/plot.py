@@ -6,7 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from .._data.units import SYSTEMS, factor
+from famjax.boundary.units import factor, unit_system
+
 from .quasi_static import QuasiStatic
 from .static_map import StaticMap
 
@@ -33,7 +34,7 @@ def plot_ramps(static: StaticMap, system: str = "metric") -> Figure:
     _draw_raw(axes["pressure"], axes["force"], static.points, colours, system)
     _draw_branches(axes["branches"], static, colours, system)
     _draw_hysteresis(axes["hysteresis"], static, colours, system)
-    unit = SYSTEMS[system]["length"]
+    unit = unit_system(system)["length"]
     for length, colour in colours.items():
         axes["branches"].plot(
             [], [], color=colour, label=f"{length / factor(unit, 'length'):.5g} {unit}"
@@ -49,7 +50,7 @@ def plot_ramps(static: StaticMap, system: str = "metric") -> Figure:
 
 
 def _draw_raw(top: Axes, bottom: Axes, points: QuasiStatic, colours: dict, system: str) -> None:
-    pressure, force = (factor(SYSTEMS[system][kind], kind) for kind in ("pressure", "force"))
+    pressure, force = (factor(unit_system(system)[kind], kind) for kind in ("pressure", "force"))
     for number, record in enumerate(points.records):
         rows = slice(None, None, -(-record.time.size // _MOST_DRAWN))
         style = {"color": colours[record.length], "lw": 0.4, "alpha": 0.5}
@@ -61,15 +62,15 @@ def _draw_raw(top: Axes, bottom: Axes, points: QuasiStatic, colours: dict, syste
         top.plot(points.time[mine], points.pressure[mine] / pressure, **dots)
         bottom.plot(points.time[mine], points.force[mine] / force, **dots)
     bottom.axhline(points.slack_below / force, color="0.6", lw=0.8, ls=":")
-    top.set(ylabel=f"gauge pressure, {SYSTEMS[system]['pressure']}")
-    bottom.set(xlabel="time, s", ylabel=f"force, {SYSTEMS[system]['force']}")
+    top.set(ylabel=f"gauge pressure, {unit_system(system)['pressure']}")
+    bottom.set(xlabel="time, s", ylabel=f"force, {unit_system(system)['force']}")
     top.set_title("readings; dots: points", fontsize=9)
     bottom.set_title("dotted: slack below", fontsize=9)
 
 
 def _draw_branches(axes: Axes, static: StaticMap, colours: dict, system: str) -> None:
     points = static.points
-    pressure, force = (factor(SYSTEMS[system][kind], kind) for kind in ("pressure", "force"))
+    pressure, force = (factor(unit_system(system)[kind], kind) for kind in ("pressure", "force"))
     for length, colour in colours.items():
         for filling, marker in ((True, "^"), (False, "v")):
             mine = (points.length == length) & (points.filling == filling) & ~points.slack
@@ -91,13 +92,13 @@ def _draw_branches(axes: Axes, static: StaticMap, colours: dict, system: str) ->
         color="0.7",
         ms=3,
     )
-    units = SYSTEMS[system]
+    units = unit_system(system)
     axes.set(xlabel=f"gauge pressure, {units['pressure']}", ylabel=f"force, {units['force']}")
     axes.set_title("triangles: fill up, vent down; crosses: slack; line: map", fontsize=9)
 
 
 def _draw_hysteresis(axes: Axes, static: StaticMap, colours: dict, system: str) -> None:
-    pressure, force = (factor(SYSTEMS[system][kind], kind) for kind in ("pressure", "force"))
+    pressure, force = (factor(unit_system(system)[kind], kind) for kind in ("pressure", "force"))
     axes.axhline(0, color="0.7", lw=0.8)
     for length, colour in colours.items():
         rows = (static.length == length) & ~static.slack & np.isfinite(static.half_width)
@@ -110,7 +111,7 @@ def _draw_hysteresis(axes: Axes, static: StaticMap, colours: dict, system: str) 
             lw=1,
             elinewidth=0.6,
         )
-    units = SYSTEMS[system]
+    units = unit_system(system)
     axes.set(
         xlabel=f"gauge pressure, {units['pressure']}",
         ylabel=f"(vent - fill)/2, {units['force']}",

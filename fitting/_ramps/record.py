@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from .._data.units import factor
+from famjax.boundary.units import factor
+
 from .._errors import InputError
 from .._rubber.cycles import checked_columns
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 import famjax
+from famjax.boundary.units import from_si, si_unit, unit_system
 
 from .._data.csv import specimen_as_dict
-from .._data.units import SYSTEMS, UNITS, from_si
 from .._evidence.evidence import Evidence, evidence_as_dict, evidence_warnings
 from .._evidence.series import Series
 from .._evidence.spread import muscle_spread
@@ -34,7 +34,7 @@ def all_estimates(result: Identification) -> tuple[Estimate, ...]:
 
 def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
     """One estimate in a unit system, ready for JSON."""
-    unit = SYSTEMS[system][estimate.kind]
+    unit = unit_system(system)[estimate.kind]
 
     def scaled(value: float) -> float | None:
         return finite_or_none(from_si(value, unit, estimate.kind))
@@ -107,7 +107,7 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
     """The whole content of `fit.json`, in SI."""
     data = result.data
     readings = {
-        f"{name}_{UNITS[name.removesuffix('_std')][0]}": values.tolist()
+        f"{name}_{si_unit(name.removesuffix('_std'))}": values.tolist()
         for name in ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
         if (values := getattr(data, name)) is not None
     }

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import famjax
+from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
 
-from .._data.units import SYSTEMS, factor
 from .._search.result import Identification
 
 _COLOURS = mpl.colormaps["viridis"]
@@ -41,7 +41,7 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
             "hspace": 0.36,
         },
     )  # fmt: skip
-    units = SYSTEMS[system]
+    units = unit_system(system)
     pressure_unit = factor(units["pressure"], "pressure")
     levels = np.unique(result.data.pressures.level)
     shade = Normalize(levels[0] / pressure_unit, levels[-1] / pressure_unit)
@@ -63,8 +63,8 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
 
 
 def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normalize) -> None:
-    data, force_unit = result.data, factor(SYSTEMS[system]["force"], "force")
-    pressure_unit = factor(SYSTEMS[system]["pressure"], "pressure")
+    data, force_unit = result.data, factor(unit_system(system)["force"], "force")
+    pressure_unit = factor(unit_system(system)["pressure"], "pressure")
     rest = data.specimen.rest_length
     lengths, loaded = np.linspace(data.length.min(), data.length.max(), 200), data.loaded
     levels = np.unique(data.pressures.level[loaded])
@@ -98,20 +98,20 @@ def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normal
             clip_on=False,
             label="slack (not data)",
         )
-    axes.set(xlabel="contraction", ylabel=f"force, {SYSTEMS[system]['force']}", ylim=(0, None))
+    axes.set(xlabel="contraction", ylabel=f"force, {unit_system(system)['force']}", ylim=(0, None))
     axes.legend(frameon=False)
 
 
 def _draw_residuals(axes: Axes, result: Identification, system: str, shade: Normalize) -> None:
-    data, force_unit = result.data, factor(SYSTEMS[system]["force"], "force")
-    loaded, unit = data.loaded, SYSTEMS[system]["force"]
+    data, force_unit = result.data, factor(unit_system(system)["force"], "force")
+    loaded, unit = data.loaded, unit_system(system)["force"]
     axes.axhline(0, color="0.7", lw=0.8)
     for sign in (-1, 1):
         axes.axhline(sign * result.errors.rmse / force_unit, color="0.7", lw=0.8, ls=":")
     axes.scatter(
         1 - data.length[loaded] / data.specimen.rest_length,
         result.residuals / force_unit,
-        c=data.pressure[loaded] / factor(SYSTEMS[system]["pressure"], "pressure"),
+        c=data.pressure[loaded] / factor(unit_system(system)["pressure"], "pressure"),
         norm=shade,
         cmap=_COLOURS,
         s=14,
@@ -122,7 +122,7 @@ def _draw_residuals(axes: Axes, result: Identification, system: str, shade: Norm
 
 
 def _draw_law(axes: Axes, result: Identification, system: str) -> None:
-    unit = SYSTEMS[system]["stress"]
+    unit = unit_system(system)["stress"]
     strain = np.linspace(0, _BEYOND * result.strain_range, 400)
     for label, true_stress in _laws(result, strain):
         stress = true_stress / factor(unit, "stress")

@@ -15,7 +15,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from .._data.units import SYSTEMS, from_si
+from famjax.boundary.units import from_si, unit_system
+
 from .._errors import InputError
 from .._evidence.evidence import Evidence, Table, evidence_tables, evidence_warnings
 from .._search.result import Estimate, Identification
@@ -62,7 +63,7 @@ def notes(result: Identification, evidence: Evidence | None = None) -> tuple[str
 def _parameter_table(result: Identification, system: str) -> Table:
     rows = []
     for estimate in all_estimates(result) + result.derived:
-        unit = SYSTEMS[system][estimate.kind]
+        unit = unit_system(system)[estimate.kind]
         value, low, high, error = (
             from_si(v, unit, estimate.kind)
             for v in (estimate.value, estimate.min, estimate.max, estimate.stderr)
@@ -86,7 +87,7 @@ def _number(value: float) -> str:
 
 
 def _error_table(result: Identification, system: str) -> Table:
-    errors, unit = result.errors, SYSTEMS[system]["force"]
+    errors, unit = result.errors, unit_system(system)["force"]
     rows = [
         (name, f"{from_si(value, unit, 'force'):.4g}", f"{100 * value / errors.max_force:.3g} %")
         for name, value in (("RMSE", errors.rmse), ("MAE", errors.mae), ("largest", errors.max))
@@ -99,7 +100,7 @@ def _error_table(result: Identification, system: str) -> Table:
 
 
 def _certificate_table(result: Identification, system: str) -> Table:
-    certificate, unit = result.certificate, SYSTEMS[system]["stress"]
+    certificate, unit = result.certificate, unit_system(system)["stress"]
 
     def stress(value: float) -> str:
         return f"{from_si(value, unit, 'stress'):.4g} {unit}"

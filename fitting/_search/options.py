@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 
+from famjax.boundary.units import UNITS, si_unit, to_si
+
 from .._data.csv import parse_specimen as parse_specimen
-from .._data.units import UNITS, to_si
 from .._errors import InputError
 from .._model.laws import LawGiven, known_laws, law_named
 from .._model.parameters import KINDS, Parameter
@@ -33,9 +34,9 @@ def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, 
     if key in kinds:
         known = ", ".join(UNITS[kinds[key]])
         raise InputError(f"{what} {entry!r}: {key} needs a unit, one of {known}, as in "
-                         f"{key}_{UNITS[kinds[key]][-1]}=...")  # fmt: skip
+                         f"{key}_{next(reversed(UNITS[kinds[key]]))}=...")  # fmt: skip
     if kind is None:
-        known = ", ".join(f"{n}_{UNITS[k][0]}".rstrip("_") for n, k in kinds.items())
+        known = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in kinds.items())
         raise InputError(f"{what} {entry!r}: unknown parameter; known, with any unit: {known}")
     return name, unit, kind
 
@@ -77,7 +78,7 @@ def as_parameters(bounds: dict[str, tuple[float, float]]) -> dict[str, Parameter
     """Bounds in SI as parameters."""
     kinds = parameter_kinds()
     return {
-        name: Parameter(min=low, max=high, unit=UNITS[kinds.get(name, "stress")][0])
+        name: Parameter(min=low, max=high, unit=si_unit(kinds.get(name, "stress")))
         for name, (low, high) in bounds.items()
     }
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import famjax
+from famjax.boundary.units import from_si, unit_system
 
 from .._data.force_data import ForceData
-from .._data.units import SYSTEMS, from_si
 from .._saved.report import as_png, check_output, make_output, write_all
 from .forms import CONSTRAINTS, DEPENDENCES
 from .plot import plot_curves, plot_errors, rows_of
@@ -91,7 +91,7 @@ def sweep_command(
 
 def table_row(row: SweepRow, system: str) -> dict[str, Any]:
     """One line of the table, the unit in each name; what is not known is null."""
-    force, stress = SYSTEMS[system]["force"], SYSTEMS[system]["stress"]
+    force, stress = unit_system(system)["force"], unit_system(system)["stress"]
     numbers = {
         f"rmse_{force}": from_si(row.rmse, force, "force"),
         f"mae_{force}": from_si(row.mae, force, "force"),

@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from .._data.units import SYSTEMS, factor
+from famjax.boundary.units import factor, unit_system
+
 from .sweep import Sweep, SweepRow
 
 _COLOURS = {"none": "C0", "positive": "C3", "slope": "C1", "drucker": "C2"}
@@ -30,7 +31,7 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
     References:
         Chambers 2021, figures 7.2 to 7.5.
     """
-    unit = SYSTEMS[system]["force"]
+    unit = unit_system(system)["force"]
     force = factor(unit, "force")
     rows = rows_of(found, data)
     forms = list(dict.fromkeys(row.dependence for row in rows))
@@ -71,7 +72,7 @@ def plot_curves(
     References:
         Chambers 2021, figures 7.6 to 7.10.
     """
-    units, readings = SYSTEMS[system], found.data[data]
+    units, readings = unit_system(system), found.data[data]
     force, pressure = factor(units["force"], "force"), factor(units["pressure"], "pressure")
     figure, (axes,) = _panels(1, len(chosen), (3.8, 3.9), top=0.5, sharey="row")
     levels = found.pressures[data]

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from famjax.boundary.errors import InputError
+
 from .load_match import best_lag, local_lags, refine
 
 MAX_RATE = 0.01

@@ -3,6 +3,7 @@
 import numpy as np
 
 from famjax.boundary.errors import InputError
+
 from .isobaric_record import IsobaricRecord
 from .stroke import Stroke
 

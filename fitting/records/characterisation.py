@@ -5,8 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .branch import branch, contraction_at_zero, force_at_rest, held_force, hole
 from famjax.boundary.errors import InputError
+
+from .branch import branch, contraction_at_zero, force_at_rest, held_force, hole
 from .isobaric_record import IsobaricRecord
 from .stroke import Stroke, strokes
 

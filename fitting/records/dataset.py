@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from .characterisation import Characterisation
 from famjax.boundary.errors import InputError
+
+from .characterisation import Characterisation
 
 
 def dataset_text(

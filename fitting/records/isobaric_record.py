@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .alignment import Alignment
 from famjax.boundary.errors import InputError
+
+from .alignment import Alignment
 from .machine_log import MachineLog
 
 _BRIDGE = 5  # usual intervals: where the journal is silent for longer, there is no pressure

@@ -4,8 +4,9 @@ import re
 from collections.abc import Mapping
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import UNITS
+
 from .log_text import LogText
-from rig.units import UNITS
 
 KINDS = {"time": "time", "displacement": "length", "force": "force"}
 """The columns of a machine log and the kind of unit of each."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from famjax.boundary.errors import InputError
+
 from .log_header import KINDS, columns as find_columns
 from .log_text import LogText, decoded, number, split
 

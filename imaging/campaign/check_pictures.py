@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .tiles import Tile, contact_sheet
+from famjax.boundary.units import factor, unit_system
+
+from ..camera.read import readable_part
 from ..shape.one_picture import measure
 from ..shape.overlay import draw_overlay
-from .plots import plot_table
-from ..camera.read import readable_part
 from ..shape.recipe import Recipe
+from .plots import plot_table
 from .table import Table
-from ..units import SYSTEMS, factor
+from .tiles import Tile, contact_sheet
 
 
 def write_check_pictures(
@@ -76,7 +77,7 @@ def _thick(image: NDArray[np.uint8]) -> int:
 def _text(table: Table, k: int, system: str) -> str:
     if not table.ok[k]:
         return table.error[k]
-    unit = SYSTEMS[system]["length"]
+    unit = unit_system(system)["length"]
     length = table["length"][k] / factor(unit, "length")
     return f"L {length:.4f} {unit}, contraction {table['contraction'][k]:.4f}"
 

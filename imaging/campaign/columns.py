@@ -1,7 +1,6 @@
 """The columns of a campaign's table: kinds, units and names in files."""
 
-from ..errors import ImagingError
-from ..units import SYSTEMS, factor
+from famjax.boundary.units import factor, unit_system
 
 _KINDS = {
     "time": "time",
@@ -55,26 +54,24 @@ def column_name(name: str, system: str) -> str:
     """
     unit, _ = column_unit(name, system)
     if name == "px_per_m":
-        return f"px_per_{SYSTEMS[system]['length']}"
+        return f"px_per_{unit_system(system)['length']}"
     return f"{name}_{unit}" if unit else name
 
 
 def column_unit(name: str, system: str) -> tuple[str, float]:
     """Unit of a column, and SI per unit."""
-    if system not in SYSTEMS:
-        raise ImagingError(f"units must be one of {', '.join(SYSTEMS)}, got {system!r}")
     if name == "px_per_m":
-        return "", factor(SYSTEMS[system]["scale"], "scale")
+        return "", factor(unit_system(system)["scale"], "scale")
     if name not in _KINDS:
         return "", 1.0
-    unit = SYSTEMS[system][_KINDS[name]]
+    unit = unit_system(system)[_KINDS[name]]
     return unit, factor(unit, _KINDS[name])
 
 
 def cf_unit(name: str) -> str:
     """Unit in the spelling of the CF conventions."""
     if name in _KINDS:
-        return SYSTEMS["si"][_KINDS[name]]
+        return unit_system("si")[_KINDS[name]]
     for ending, unit in {"_deg": "degree", "_px": "pixel", "px_per_m": "pixel m-1"}.items():
         if name.endswith(ending):
             return unit

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from famjax.boundary.units import UNITS, factor
+
 from ..errors import ImagingError
-from ..units import UNITS, factor
 
 _COLUMNS = {
     "time": "time", "displacement": "length", "force": "force", "pressure": "pressure"

@@ -8,9 +8,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from famjax.boundary.units import factor, unit_system
+
 from ..shape.quality import Limits
 from .table import Table
-from ..units import SYSTEMS, factor
 
 _PROFILES = 40  # drawn at most, evenly over the contraction
 _MARGINS = {"left": 0.07, "right": 0.98, "top": 0.95, "bottom": 0.07, "wspace": 0.25, "hspace": 0.3}
@@ -36,7 +37,7 @@ def plot_table(table: Table, system: str = "us", limits: Limits | None = None) -
         A figure, not shown; save it with `savefig`. Pictures that failed are marked below the
         quality.
     """
-    unit = SYSTEMS[system]["length"]
+    unit = unit_system(system)["length"]
     per_unit = factor(unit, "length")
     if len(table) == 1:
         figure = Figure(figsize=(11, 4))

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ImagingError
 from ..camera.timestamps import read_timestamp
+from ..errors import ImagingError
 
 POSITION = np.linspace(0, 1, 201)
 """Where the profiles of all pictures are given: z/L, from the upper tape edge to the lower one."""

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ImagingError
+from .columns import cf_unit, column_name, column_unit, describe
 from .machine_log import MachineLog
 from .netcdf import Variable, netcdf_content
 from .row import POSITION, Row
 from .sync import Synchronisation
-from .columns import cf_unit, column_name, column_unit, describe
 
 if TYPE_CHECKING:
     import xarray

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import grey_opening, median_filter, percentile_filter
 
-from .edge_fit import best_shift
 from ..errors import NoMuscle
+from .edge_fit import best_shift
 from .limb import step
 from .smoother import smooth_robustly
 

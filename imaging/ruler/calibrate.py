@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.pinhole import Camera
-from ..errors import ImagingError, RulerNotFound
 from ..camera.read import Reader, read_image
+from ..camera.tone import Tone
+from ..errors import ImagingError, RulerNotFound
 from .choice import FEWEST, Strip, choose_strip, is_ruler, read_strip
 from .marks import Numbered, marks_of, numbered
-from .strip import Line
 from .scale import RulerReading, Scale
-from ..camera.tone import Tone
+from .strip import Line
 
 _TURNS = 3
 _LEAST_EXACT = 1e-3  # standard error of the scale, relative

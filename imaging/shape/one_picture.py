@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 
 from ..camera.amount import amount_of_luma
 from ..camera.pinhole import Camera, Silhouette, profile_from_silhouette, ring_position
-from ..errors import ImagingError, NoMuscle, WrongOrientation
-from .measurement import Measurement
-from ..outline.midline import axis_deviation, axis_kink
-from ..outline.both_sides import Outline, find_outline
-from .pixel_method import measure_pixels
-from .profile_of_body import end_radius, measurement_of_body
-from .quality import Quality
 from ..camera.read import Reader, read_image
-from .recipe import Recipe
+from ..errors import ImagingError, NoMuscle, WrongOrientation
+from ..outline.both_sides import Outline, find_outline
+from ..outline.midline import axis_deviation, axis_kink
 from ..segment.segmentation import Segmentation, Tape, segment
 from ..segment.tape_colour import hue_of
 from ..tape.diameter import check_tape_diameter
 from ..tape.ring import Ring, find_ring
+from .measurement import Measurement
+from .pixel_method import measure_pixels
+from .profile_of_body import end_radius, measurement_of_body
+from .quality import Quality
+from .recipe import Recipe
 
 _LEAST_WIDTH = 16  # px
 

@@ -5,8 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import AmbiguousHue, Clipped, ExtraFitting, MissingFitting, NoMuscle
-from .measurement import Errors, Measurement, Trace
 from ..segment.otsu import counts_of, otsu_split
+from .measurement import Errors, Measurement, Trace
 from .quality import Quality
 from .recipe import Recipe
 

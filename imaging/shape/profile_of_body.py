@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from ..camera.pinhole import Camera, Silhouette
+from ..outline.both_sides import Outline
+from ..outline.smoother import smooth
+from ..ruler.scale import Scale
+from ..tape.ring import Ring
 from .fourier import correlated_points
 from .measurement import Errors, Measurement, Trace
-from ..outline.both_sides import Outline
 from .quality import Quality
-from ..ruler.scale import Scale
-from ..outline.smoother import smooth
-from ..tape.ring import Ring
 
 _SHADE = 0.02  # px per edge and px^0.5 of blur
 _OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1

@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 
 from ..camera.pinhole import Camera
-from .quality import Limits
-from ..ruler.scale import RulerReading, Scale
 from ..camera.tone import Tone
+from ..ruler.scale import RulerReading, Scale
+from .quality import Limits
 
 METHODS = ("limb", "gradient", "half-level", "pixel")
 ORIENTATIONS = ("vertical", "horizontal", "auto")

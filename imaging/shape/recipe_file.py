@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from famjax.boundary.units import UNITS, factor
+
+from ..camera.tone import Tone
 from ..errors import ImagingError
 from .recipe import Recipe
-from ..camera.tone import Tone
-from ..units import UNITS, factor
 
 _FORMAT = "famjax recipe 1"
 _LENGTHS = ("distance", "tape_diameter", "pitch", "placement_stderr")

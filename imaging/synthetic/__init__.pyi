@@ -5,33 +5,33 @@ from .linear import LinearPhoto as LinearPhoto
 from .muscle import (
     BLUE_HUE as BLUE_HUE,
     INCH as INCH,
-    MuscleScene as MuscleScene,
     TAN as TAN,
+    MuscleScene as MuscleScene,
     Tape as Tape,
 )
 from .photo import Photo as Photo
 from .profiles import (
-    FourierShape as FourierShape,
     PUBLISHED_CONTRACTIONS as PUBLISHED_CONTRACTIONS,
     REST_LENGTH as REST_LENGTH,
+    FourierShape as FourierShape,
     published_shape as published_shape,
     stroke_shape as stroke_shape,
 )
 from .random_scenes import random_scene as random_scene
 from .renderer import render as render, render_linear as render_linear, render_ruler as render_ruler
 from .ruler import (
-    RulerScene as RulerScene,
     STEEL as STEEL,
     WOOD as WOOD,
+    RulerScene as RulerScene,
     published_ruler as published_ruler,
 )
 from .scene import (
-    Jpeg as Jpeg,
-    Lens as Lens,
     PUBLISHED_CROP as PUBLISHED_CROP,
     PUBLISHED_DISTANCE as PUBLISHED_DISTANCE,
     PUBLISHED_FRAME as PUBLISHED_FRAME,
     PUBLISHED_PX_PER_IN as PUBLISHED_PX_PER_IN,
+    Jpeg as Jpeg,
+    Lens as Lens,
     Scene as Scene,
     Sensor as Sensor,
     published_scene as published_scene,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..units import factor
+from famjax.boundary.units import factor
 
 INCH = factor("in", "length")
 TAN = (0.72, 0.58, 0.33)  # aramid thread, linear RGB

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..units import factor
+from famjax.boundary.units import factor
+
 from .photo import Photo
 from .profiles import stroke_shape
 from .renderer import render

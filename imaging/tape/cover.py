@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingFitting
 from ..camera.tone import Tone
+from ..errors import MissingFitting
 
 LEAST_SEEN = 0.6
 """Of the lit part of an edge: less than this cannot stand for all of it."""

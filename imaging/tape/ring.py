@@ -10,12 +10,12 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from ..camera.amount import LUMA
 from ..camera.pinhole import Camera, turned
-from ..outline.edge_fit import best_shift, height_and_rest, least_squares
-from ..errors import MissingFitting
-from ..shape.fourier import correlated_points
-from ..outline.limb import step
-from .cover import LEAST_SEEN, behind, check_cover, tape_shows
 from ..camera.tone import Tone
+from ..errors import MissingFitting
+from ..outline.edge_fit import best_shift, height_and_rest, least_squares
+from ..outline.limb import step
+from ..shape.fourier import correlated_points
+from .cover import LEAST_SEEN, behind, check_cover, tape_shows
 
 _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray
 _GROUPS = 16

@@ -2,11 +2,11 @@
 
 from collections import deque
 
-from .calibration import Calibration
+from famjax.boundary.units import factor, unit_system
+
 from ..protocol.messages import FAULTS, STATES, Sample
+from .calibration import Calibration
 from .sensor import READINGS
-from famjax.chain.test_table import SYSTEMS
-from ..units import UNITS
 
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 
@@ -40,11 +40,11 @@ class Monitor:
     ) -> None:
         self.ticks_per_record = ticks_per_record
         self._calibration = calibration
-        pressure, force = SYSTEMS[system] if calibration else ("counts", "counts")
-        self._units = pressure, force
-        self._scales = (
-            (UNITS["pressure"][pressure], UNITS["force"][force]) if calibration else (1.0, 1.0)
-        )
+        self._units, self._scales = ("counts", "counts"), (1.0, 1.0)
+        if calibration:
+            pressure, force = unit_system(system)["pressure"], unit_system(system)["force"]
+            self._units = pressure, force
+            self._scales = factor(pressure, "pressure"), factor(force, "force")
         self._height, self._every = height, every
         self._columns: deque[float] = deque(maxlen=width)
         self._sum, self._count = 0.0, 0

@@ -5,17 +5,18 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from .calibration import read_calibration
+from famjax.boundary.units import to_si
+
 from ..errors import RigError
-from ..journal.writer import Journal
 from ..journal.reader import read_journal
+from ..journal.tables import table, write_netcdf, write_parquet
+from ..journal.writer import Journal
 from ..link.serial_link import Link, serial_opener
+from .calibration import read_calibration
 from .plan import duration, next_block
 from .plan_file import PlanFile
-from .rig import Rig
 from .plan_run import run
-from ..journal.tables import table, write_netcdf, write_parquet
-from ..units import to_si
+from .rig import Rig
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""

@@ -17,8 +17,9 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol
 
+from famjax.boundary.units import to_si, unit_of_key
+
 from ..errors import RigError
-from ..units import keyed_in_si, to_si
 
 Step = tuple[Any, ...]
 
@@ -186,7 +187,7 @@ def _entry(key: str, value: Any) -> tuple[str, Any]:
             raise RigError(f"cycles must be a whole number, got {value!r}")
         return key, value
     for name, kind in _KEYS.items():
-        unit = keyed_in_si(key, name, kind)
+        unit = unit_of_key(key, name, kind)
         if unit is not None:
             many = name == "pressures"
             numbers = value if many and isinstance(value, list) else [value]

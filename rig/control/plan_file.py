@@ -5,10 +5,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from .settings import JUMP_LIMIT, Control
+from famjax.boundary.units import to_si, unit_of_key
+
 from ..errors import RigError
 from .plan import Isobaric, isobaric_from_dict
-from ..units import keyed_in_si, to_si
+from .settings import JUMP_LIMIT, Control
 
 PRECONDITIONS: dict[str, tuple[str, ...]] = {
     "air": (
@@ -95,9 +96,9 @@ def _plan_file(content: dict[str, Any], folder: Path) -> PlanFile:
             gains[key.split("_")[0]] = _number(key, value)
         elif key == "integral_limits_counts":
             gains[key.removesuffix("_counts")] = _limits(value)
-        elif unit := keyed_in_si(key, "pressure_limit", "pressure"):
+        elif unit := unit_of_key(key, "pressure_limit", "pressure"):
             fields["pressure_limit"] = to_si(_number(key, value), unit, "pressure")
-        elif unit := keyed_in_si(key, "jump_limit", "pressure"):
+        elif unit := unit_of_key(key, "jump_limit", "pressure"):
             fields["jump_limit"] = to_si(_number(key, value), unit, "pressure")
         elif key == "circuit":
             fields[key] = _circuit(value)

@@ -6,18 +6,19 @@ from typing import NoReturn, Self
 
 import numpy as np
 
-from ..link.abstract_link import AbstractLink
-from .calibration import Calibration
-from .settings import JUMP_LIMIT, Control
-from ..protocol.control_law import TICK_HZ
+from famjax.boundary.units import UNITS
+
 from ..errors import RigError
-from ..link.events import Lost, Reset, Silent
 from ..fault import ADVICE, RigFault
 from ..journal.writer import Journal
+from ..link.abstract_link import AbstractLink
+from ..link.events import Lost, Reset, Silent
+from ..protocol.control_law import TICK_HZ
 from ..protocol.messages import FAULTS, MANUAL, RUN, STATES, Sample
+from .calibration import Calibration
 from .sensor import READINGS
 from .set_up import greet, set_up, told_of
-from ..units import UNITS
+from .settings import JUMP_LIMIT, Control
 
 LOOK = 0.05
 """Time [s] between two looks at the device's state during a wait."""

@@ -2,13 +2,14 @@
 
 import dataclasses
 
-from ..link.abstract_link import AbstractLink
-from .calibration import Calibration, calibration_as_dict
-from .settings import Control, device_calibration, jump_counts, trip_counts
+from famjax.boundary.units import UNITS
+
 from ..errors import RigError
 from ..fault import RigFault
+from ..link.abstract_link import AbstractLink
 from ..protocol.messages import PROTOCOL
-from ..units import UNITS
+from .calibration import Calibration, calibration_as_dict
+from .settings import Control, device_calibration, jump_counts, trip_counts
 
 HELLOS = 5
 """Times that a device is greeted: a board that was reset by opening its port starts in two seconds."""

@@ -4,10 +4,11 @@ import dataclasses
 import math
 from typing import Self
 
-from .calibration import Calibration
+from famjax.boundary.units import UNITS
+
 from ..errors import RigError
+from .calibration import Calibration
 from .sensor import READINGS
-from ..units import UNITS
 
 _PSI = UNITS["pressure"]["psi"]
 

@@ -1,6 +1,8 @@
 """The firmware's core in Python, byte for byte what the C core sends: a device without hardware."""
 
 from ..protocol.control_law import TICK_HZ
+from ..protocol.lines import crc16, frame
+from ..protocol.messages import DRIVEN, PROTOCOL, STATES
 from .commands import (
     ARGUMENTS,
     LINE_LIMIT,
@@ -19,8 +21,6 @@ from .decide import (
     DeviceControl,
     Record,
 )
-from ..protocol.messages import DRIVEN, PROTOCOL, STATES
-from ..protocol.lines import crc16, frame
 
 FIRMWARE = 1
 """Version of the firmware that this is the port of."""

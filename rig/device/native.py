@@ -6,9 +6,9 @@ import subprocess
 from importlib import resources
 from pathlib import Path
 
-from .core import POWER_ON
 from ..errors import RigError
 from ..protocol.messages import DRIVEN
+from .core import POWER_ON
 
 _SOURCES = ("famrig_core.c", "famrig_text.c", "famrig_host.c")
 _SENT = 256

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..protocol.control_law import drive, next_integral, pressure_error
-from .reader import Record
 from ..protocol.messages import RUN, STATES, Settings
+from .reader import Record
 
 
 @dataclasses.dataclass(frozen=True)

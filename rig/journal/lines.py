@@ -4,8 +4,8 @@ import json
 from array import array
 from typing import Any, NamedTuple
 
-from ..protocol.messages import Comment, Hello, Message, Settings, Status
 from ..protocol.lines import crc16, parse, record_fields
+from ..protocol.messages import Comment, Hello, Message, Settings, Status
 
 
 class Damage(NamedTuple):

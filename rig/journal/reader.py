@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RigError
-from .writer import FORMAT
-from .lines import Damage, JournalLines
 from ..protocol.messages import Sample, Settings, Status
+from .lines import Damage, JournalLines
+from .writer import FORMAT
 
 COLUMNS = Sample._fields
 

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from famjax.boundary.units import UNITS
+
 from ..control.calibration import Calibration, calibration_from_dict
-from .clock import ClockMap, fit_clock
-from ..protocol.control_law import TICK_HZ
-from ..errors import RigError
-from .reader import Record
 from ..control.sensor import READINGS
-from ..units import UNITS
+from ..errors import RigError
+from ..protocol.control_law import TICK_HZ
+from .clock import ClockMap, fit_clock
+from .reader import Record
 
 if TYPE_CHECKING:
     import xarray

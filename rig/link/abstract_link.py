@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import Self
 
 from ..errors import RigError
-from .events import Event, Lost, Reset, Silent, Timing
 from ..fault import RigFault
 from ..journal.writer import Journal
 from ..protocol.messages import Ack, Sample
+from .events import Event, Lost, Reset, Silent, Timing
 from .session import Session
 
 _POLL = 0.004

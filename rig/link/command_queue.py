@@ -5,8 +5,8 @@ import math
 from collections import deque
 
 from ..errors import RigError
-from ..protocol.messages import Ack
 from ..protocol.lines import command_body, frame
+from ..protocol.messages import Ack
 
 RETRY = 0.06
 """Time [s] after which a command that was not answered is sent again."""

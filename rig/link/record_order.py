@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+from ..protocol.messages import Sample
 from .events import Event, Lost, Reset
 from .gaps import Gaps
-from ..protocol.messages import Sample
 
 JUMP = Sample(0, 0, 0, 64, 13, 64, 32, 2 << 15, 0)
 """Change from one record to the next that is odd: 2.5 psi of 200, 32 and 2 counts of output."""

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from .abstract_link import AbstractLink
 from ..errors import RigError
+from .abstract_link import AbstractLink
 
 READ_TIMEOUT = 0.004
 """Longest wait for a byte [s], and with it the grain of heartbeats and requests."""

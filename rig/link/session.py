@@ -2,11 +2,11 @@
 
 import math
 
-from .command_queue import RETRY, Command, CommandQueue
 from ..protocol.control_law import TICK_HZ
-from .events import Event, Reset, Silent, Timing
-from ..protocol.messages import MANUAL, RUN, Ack, Hello, Message, Sample, Settings, Status
 from ..protocol.lines import Splitter, frame, parse
+from ..protocol.messages import MANUAL, RUN, Ack, Hello, Message, Sample, Settings, Status
+from .command_queue import RETRY, Command, CommandQueue
+from .events import Event, Reset, Silent, Timing
 from .record_order import RecordOrder
 
 HEARTBEAT = 0.2

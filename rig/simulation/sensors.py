@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import RigError
 from ..control.sensor import READINGS, Sensor
+from ..errors import RigError
 from .circuits import PSI
 from .muscle import POUND
 

@@ -39,6 +39,8 @@ class SerialLine(ABC):
 
 
 class PtyLine(SerialLine):
+    """A pseudo-terminal."""
+
     def __init__(self, link: str | Path | None) -> None:
         try:
             import pty  # noqa: F401, PLC0415 -- tells whether there are any
@@ -68,6 +70,7 @@ class PtyLine(SerialLine):
         self.address = str(self._link)
 
     def read(self) -> bytes:
+        """Bytes that have come, none if nothing is connected."""
         if self._master < 0:
             return b""
         try:
@@ -78,6 +81,7 @@ class PtyLine(SerialLine):
             raise
 
     def write(self, data: bytes) -> None:
+        """Send bytes; without a peer they are lost."""
         if self._master < 0 or not data:
             return
         try:
@@ -87,6 +91,7 @@ class PtyLine(SerialLine):
                 raise
 
     def hang_up(self) -> None:
+        """Break the connection, as a pulled cable does."""
         if self._master >= 0:
             os.close(self._slave)
             os.close(self._master)
@@ -95,14 +100,18 @@ class PtyLine(SerialLine):
                 self._link.unlink()
 
     def restore(self) -> None:
+        """Connect again."""
         if self._master < 0:
             self._open()
 
     def close(self) -> None:
+        """End for good."""
         self.hang_up()
 
 
 class TcpLine(SerialLine):
+    """A TCP port of this computer."""
+
     def __init__(self, port: int) -> None:
         self._server = socket.socket()
         self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -118,6 +127,7 @@ class TcpLine(SerialLine):
         self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
     def read(self) -> bytes:
+        """Bytes that have come, none if nothing is connected."""
         if self._peer is None:
             self._accept()
             return b""
@@ -132,6 +142,7 @@ class TcpLine(SerialLine):
         return data
 
     def write(self, data: bytes) -> None:
+        """Send bytes; without a peer they are lost."""
         if self._peer is None or not data:
             return
         try:
@@ -142,13 +153,16 @@ class TcpLine(SerialLine):
             self._drop()
 
     def hang_up(self) -> None:
+        """Break the connection, as a pulled cable does."""
         self._out = True
         self._drop()
 
     def restore(self) -> None:
+        """Connect again."""
         self._out = False
 
     def close(self) -> None:
+        """End for good."""
         self._drop()
         self._server.close()
 

@@ -1,10 +1,10 @@
 """A whole rig in virtual time: device, sensors, serial line and plant behind four calls."""
 
 from ..control.calibration import Calibration
-from ..device.core import BAUD_RATES, Device
-from ..errors import RigError
 from ..control.feed_forward import FeedForward, fit_feed_forward
+from ..device.core import BAUD_RATES, Device
 from ..device.native import NativeDevice
+from ..errors import RigError
 from .channel import ByteChannel
 from .circuits import PSI
 from .hydraulic import HydraulicCircuit

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from famjax.geometries.meridian import Meridian
 from famjax.profiles.assumed_shapes import (
     AbstractAssumedShape,
     CircularArcEnds,
@@ -17,7 +18,6 @@ from famjax.profiles.assumed_shapes import (
     kothera_length,
     tondu_lopez_length,
 )
-from famjax.geometries.meridian import Meridian
 
 EXACT = 1e-12
 MIDDLE, END, A, LENGTH = 2.2, 0.9, 1.1, 6.0

@@ -18,11 +18,11 @@ from famjax import (
     gaylord_force,
     path_modulus,
 )
-from famjax.profiles.assumed_shapes import Cylinder
 from famjax.braids.elastic import ElasticBraid
-from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
-from famjax.profiles.family import MeasuredFamily
 from famjax.braids.thread import LinearThread
+from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
+from famjax.profiles.assumed_shapes import Cylinder
+from famjax.profiles.family import MeasuredFamily
 
 EXACT = 1e-12
 L0 = 9.28125

@@ -7,10 +7,10 @@ from jax.test_util import check_grads
 from scipy.interpolate import CubicSpline
 
 from famjax import AbstractBraid, Braid, diameter_from_length
-from famjax.profiles.assumed_shapes import CircularArcEnds, ConicFrustumEnds
-from famjax.profiles.profile import FourierProfile
-from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily
 from famjax.geometries.meridian import Meridian
+from famjax.profiles.assumed_shapes import CircularArcEnds, ConicFrustumEnds
+from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily
+from famjax.profiles.profile import FourierProfile
 
 EXACT = 1e-12
 ROUNDING = 1e-11  # a small linear system has been solved

@@ -10,6 +10,7 @@ from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
 from famjax import Bladder
+from famjax.geometries.meridian import Meridian, maximum_diameter, quadrature
 from famjax.profiles.assumed_shapes import (
     CircularArcEnds,
     ConicFrustumEnds,
@@ -19,7 +20,6 @@ from famjax.profiles.assumed_shapes import (
     SteppedCylinder,
 )
 from famjax.profiles.profile import AbstractProfile, FourierProfile
-from famjax.geometries.meridian import Meridian, maximum_diameter, quadrature
 
 EXACT = 1e-12
 QUADRATURE = 1e-8  # the promise of the default order

@@ -8,12 +8,12 @@ import pytest
 
 from famjax import units
 from famjax.design import (
-    tube_buckling,
     CatalogueError,
     TubeOptions,
     assumption_notes,
     euler_load,
     load_catalogue,
+    tube_buckling,
     tube_buckling_rows,
     tube_second_moment,
     tube_strengths,

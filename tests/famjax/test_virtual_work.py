@@ -16,11 +16,11 @@ from famjax import (
     VirtualWork,
     gaylord_force,
 )
-from famjax.profiles.assumed_shapes import CircularArcEnds, Cylinder
 from famjax.braids.elastic import ElasticBraid
-from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
-from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily
 from famjax.braids.thread import LinearThread
+from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
+from famjax.profiles.assumed_shapes import CircularArcEnds, Cylinder
+from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily
 from famjax.terms.virtual_work import pressure_terms, virtual_work_force, volume_rate
 
 EXACT = 1e-11  # a derivative of sums over 64 stations

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting._data.quantities import parse_quantity
+from famjax.boundary.units import parse_quantity
 from fitting._errors import InputError
 from fitting._ramps.holds import find_staircase, noise_of
 from fitting._ramps.record import RampRecord, read_ramp

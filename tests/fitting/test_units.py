@@ -3,13 +3,13 @@
 import pint
 import pytest
 
+from famjax.boundary.units import UNITS, factor, from_si, si_unit, to_si
 from fitting import InputError
-from fitting._data.units import UNITS, factor, from_si, to_si
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(k, u) for k, units in UNITS.items() for u in units])
 def test_multipliers_are_those_of_pint(kind: str, unit: str) -> None:
-    si = UNITS[kind][0]
+    si = si_unit(kind)
     registry = pint.get_application_registry()
     expected = registry.Quantity(1.0, unit).to(si).magnitude
     assert factor(unit, kind) == pytest.approx(expected, rel=1e-15)

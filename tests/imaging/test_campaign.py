@@ -15,14 +15,13 @@ import numpy as np
 import pytest
 
 import imaging.shape.one_picture
-from imaging.campaign import shards as _shards
-from imaging.campaign import workers as _workers
 from imaging import ImagingError, MixedSizes, NoMuscle
+from imaging.campaign import shards as _shards, workers as _workers
 from imaging.campaign.run import process
-from imaging.shape.recipe import Recipe
-from imaging.ruler.scale import Scale
 from imaging.campaign.shards import CampaignChanged
-from imaging.synthetic import render, published_scene
+from imaging.ruler.scale import Scale
+from imaging.shape.recipe import Recipe
+from imaging.synthetic import published_scene, render
 
 RECIPE = Recipe(Scale.manual(8922.0, 0.1))
 SMALL = (500, 220)

@@ -6,9 +6,9 @@ from scipy.integrate import quad
 
 from imaging import Camera, Tone
 from imaging.camera.amount import amount_of_luma
+from imaging.outline.both_sides import find_outline
 from imaging.outline.edge_fit import best_shift
 from imaging.outline.limb import LARGEST_DISK, defocused_step, ramp, step
-from imaging.outline.both_sides import find_outline
 from imaging.outline.smoother import density_left_over, smooth, smooth_robustly, variance_of_smooth
 from imaging.tape.ring import _seen
 

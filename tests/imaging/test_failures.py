@@ -29,7 +29,7 @@ from imaging import (
     measure,
     read_image,
 )
-from imaging.synthetic import render, INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene
+from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene, render
 
 SIZE = (1060, 440)
 

@@ -12,12 +12,12 @@ from PIL import Image
 from imaging import ImagingError, UnreadableImage, read_image
 from imaging.camera.jpeg_damage import JpegHeader, find_seam, read_header
 from imaging.synthetic import (
-    render,
     Jpeg,
     Sensor,
     damaged,
     published_ruler,
     published_scene,
+    render,
     render_ruler,
 )
 

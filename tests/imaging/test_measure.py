@@ -10,7 +10,7 @@ import pytest
 import imaging
 from imaging import Camera, Recipe, Scale, Tone, measure
 from imaging.shape.one_picture import measure as measure_directly
-from imaging.synthetic import render, INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene
+from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene, render
 
 HALF = (1325, 550)
 # At half the published resolution, in px of the picture; the full one is benchmarked. A thread is

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from imaging import AmbiguousRuler, ImagingError, read_recipe
 from famjax.commands.measure_options import command_recipe, expand, parse_scale
+from imaging import AmbiguousRuler, ImagingError, read_recipe
 from imaging.synthetic import (
-    render,
     published_ruler,
     published_scene,
+    render,
     render_ruler,
     render_sequence,
     stroke_log,

@@ -6,9 +6,9 @@ import pytest
 
 from imaging import Recipe, Scale, Table, Tile, contact_sheet, draw_overlay, plot_table
 from imaging.campaign.check_pictures import choose, write_check_pictures
-from imaging.shape.measurement import Trace
 from imaging.campaign.row import POSITION, Row, measured_row
-from imaging.synthetic import render, damaged, published_scene
+from imaging.shape.measurement import Trace
+from imaging.synthetic import damaged, published_scene, render
 
 RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)
 

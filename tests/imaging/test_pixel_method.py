@@ -8,7 +8,7 @@ import pytest
 
 from imaging import Recipe, Scale, measure
 from imaging.shape.pixel_method import hue_saturation_value
-from imaging.synthetic import render, INCH, published_scene
+from imaging.synthetic import INCH, published_scene, render
 
 # Clockwise from the east, as (du, dv), v downwards.
 AROUND = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]

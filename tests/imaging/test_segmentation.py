@@ -11,7 +11,7 @@ from imaging import AmbiguousHue, Limits, Recipe, Scale, measure
 from imaging.segment.otsu import counts_of, otsu_split
 from imaging.segment.segmentation import segment
 from imaging.segment.tape_colour import hue_of
-from imaging.synthetic import render, INCH, Tape, published_scene
+from imaging.synthetic import INCH, Tape, published_scene, render
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
 

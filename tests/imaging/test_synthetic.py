@@ -14,9 +14,6 @@ from PIL import Image
 
 from imaging import Camera, apparent_diameter, ring_position, silhouette_from_profile
 from imaging.synthetic import (
-    random_scene,
-    expose,
-    render,
     INCH,
     PUBLISHED_CONTRACTIONS,
     Jpeg,
@@ -29,9 +26,12 @@ from imaging.synthetic import (
     Sensor,
     Tape,
     damaged,
+    expose,
     published_ruler,
     published_scene,
     published_shape,
+    random_scene,
+    render,
     render_linear,
     render_ruler,
     render_sequence,

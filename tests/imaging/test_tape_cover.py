@@ -18,8 +18,8 @@ from imaging import (
     measure,
 )
 from imaging.outline.midline import axis_deviation, axis_kink
+from imaging.synthetic import INCH, Lens, Tape, published_scene, random_scene, render
 from imaging.tape.cover import behind, check_cover, tape_shows
-from imaging.synthetic import random_scene, render, INCH, Lens, Tape, published_scene
 
 SIZE = (1325, 550)
 SIGMAS = 3.0  # standard errors by which a length that is given may be off

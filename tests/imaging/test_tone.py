@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imaging import Tone
-from imaging.synthetic import expose, Sensor, published_scene, render_linear
+from imaging.synthetic import Sensor, expose, published_scene, render_linear
 
 BRACKET_S = (1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0)
 DEBEVEC = 0.06  # relative, from value 30 up: six JPEG pictures with the noise of ISO 3200

@@ -13,9 +13,9 @@ from rig.control.calibration import (
     read_calibration,
     write_calibration,
 )
-from rig.errors import RigError
 from rig.control.feed_forward import FeedForward, fit_feed_forward
 from rig.control.sensor import Sensor, fit_sensor
+from rig.errors import RigError
 
 REFERENCES = np.linspace(0, 7e5, 8)
 ROUNDING = 1e-9

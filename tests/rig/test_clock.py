@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rig.journal.clock import fit_clock
 from rig.errors import RigError
+from rig.journal.clock import fit_clock
 
 LATENCY = 0.002
 """Shortest latency [s]: the map cannot know it."""

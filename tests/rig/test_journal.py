@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
-from rig.journal import writer as _journal
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal.writer import Journal
+from rig.journal import writer as _journal
 from rig.journal.reader import Missing, read_journal
+from rig.journal.writer import Journal
 from rig.protocol.lines import frame
 
 PAGE = 4096

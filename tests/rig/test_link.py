@@ -13,10 +13,10 @@ import pytest
 
 from rig.device.core import Device
 from rig.errors import RigError
-from rig.link.events import Silent
 from rig.fault import RigFault
-from rig.journal.writer import Journal
 from rig.journal.reader import read_journal
+from rig.journal.writer import Journal
+from rig.link.events import Silent
 from rig.link.serial_link import Link, serial_opener
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="a pty is needed")

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from rig.errors import RigError
 from rig.control.plan import (
     Isobaric,
     describe,
@@ -14,6 +13,7 @@ from rig.control.plan import (
     seconds_of,
 )
 from rig.control.plan_file import PRECONDITIONS, read_plan
+from rig.errors import RigError
 
 PSI = 6894.757293168361
 PLAN = Isobaric((1e5, 3e5, 2e5), cycles=2, stroke=0.05, rate=0.001, settle=4.0)

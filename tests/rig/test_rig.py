@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.journal.law_audit import audit
 from rig.control.calibration import Calibration, read_calibration
-from rig.protocol.control_law import PRESSURE_UNIT
+from rig.control.feed_forward import FeedForward
+from rig.control.plan import Isobaric, next_block
+from rig.control.plan_run import calibrate_feed_forward, run
+from rig.control.rig import Control, Rig
+from rig.control.sensor import Sensor
+from rig.device.native import firmware_folder
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.control.feed_forward import FeedForward
-from rig.journal.writer import Journal
+from rig.journal.law_audit import audit
 from rig.journal.reader import read_journal
-from rig.protocol.messages import MANUAL, RUN, SAFE
-from rig.device.native import firmware_folder
-from rig.control.plan import Isobaric, next_block
-from rig.protocol.lines import frame
-from rig.control.rig import Control, Rig
-from rig.control.plan_run import calibrate_feed_forward, run
-from rig.control.sensor import Sensor
 from rig.journal.tables import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
+from rig.journal.writer import Journal
 from rig.link.virtual_link import VirtualLink
+from rig.protocol.control_law import PRESSURE_UNIT
+from rig.protocol.lines import frame
+from rig.protocol.messages import MANUAL, RUN, SAFE
 from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
 
 PSI = 6894.757293168361

@@ -5,11 +5,11 @@ import pytest
 from bare_rig import BareRig, Recorder
 
 from rig.errors import RigError
-from rig.link.events import Lost, Reset, Silent, Timing
 from rig.fault import RigFault
-from rig.protocol.messages import Sample
-from rig.protocol.lines import frame
+from rig.link.events import Lost, Reset, Silent, Timing
 from rig.link.session import ALIVE, HEARTBEAT, Session
+from rig.protocol.lines import frame
+from rig.protocol.messages import Sample
 
 
 def record_line(seq: int, tick: int, **fields: int) -> bytes:

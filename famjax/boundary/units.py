@@ -1,0 +1,197 @@
+"""Units at the boundary: the unit is in the name of a column, a key or an option.
+
+The multipliers stand here as numbers, and the tests hold them to pint: importing pint would double
+what a short command takes.
+"""
+
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from ..units import BAR, DEGREE, INCH, KILOPASCAL, LBF, MEGAPASCAL, MILLIMETRE, PSI
+from .errors import InputError
+
+Row = dict[str, Any]
+"""A row of a table: the unit of each quantity is the last part of its key."""
+
+_STANDARD_GRAVITY = 9.80665  # m/s2, by definition
+
+
+class _Kinds(dict[str, dict[str, float]]):
+    """By kind of quantity; a kind that is not known is an SI unit by itself, such as N/m."""
+
+    def __missing__(self, kind: str) -> dict[str, float]:
+        return {kind: 1.0}
+
+
+_PRESSURES = {"Pa": 1.0, "kPa": KILOPASCAL, "MPa": MEGAPASCAL, "bar": BAR, "psi": PSI}
+UNITS = _Kinds({
+    "force": {"N": 1.0, "kN": 1e3, "lbf": LBF, "kgf": _STANDARD_GRAVITY},
+    "pressure": _PRESSURES,
+    "length": {"m": 1.0, "cm": 1e-2, "mm": MILLIMETRE, "um": 1e-6, "in": INCH},
+    "stress": {"Pa": 1.0, "kPa": KILOPASCAL, "MPa": MEGAPASCAL, "GPa": 1e9, "psi": PSI},
+    "angle": {"rad": 1.0, "deg": DEGREE},
+    "compliance": {"m/N": 1.0, "mm/N": MILLIMETRE, "in/lbf": INCH / LBF},
+    "strain compliance": {"1/N": 1.0, "1/kN": 1e-3, "1/lbf": 1 / LBF},
+    "number": {"": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
+    "volume": {"m3": 1.0, "cm3": 1e-6, "mm3": 1e-9, "in3": INCH**3},
+    "scale": {"px/m": 1.0, "px/cm": 1e2, "px/mm": 1e3, "px/in": 1 / INCH},
+    "rate": {
+        "m_per_s": 1.0,
+        "mm_per_s": MILLIMETRE,
+        "in_per_s": INCH,
+        "mm_per_min": MILLIMETRE / 60,
+        "in_per_min": INCH / 60,
+    },
+})  # fmt: skip
+"""Multipliers to SI of each kind of quantity; the first unit is the SI unit used inside."""
+
+
+class _System(dict[str, str]):
+    """The unit of each kind; a kind that is not known is an SI unit by itself."""
+
+    def __missing__(self, kind: str) -> str:
+        return kind
+
+
+_SYSTEM_UNITS = {
+    "force": ("N", "N", "lbf"),
+    "pressure": ("Pa", "kPa", "psi"),
+    "length": ("m", "mm", "in"),
+    "stress": ("Pa", "MPa", "psi"),
+    "angle": ("rad", "deg", "deg"),
+    "compliance": ("m/N", "mm/N", "in/lbf"),
+    "strain compliance": ("1/N", "1/kN", "1/lbf"),
+    "number": ("", "", ""),
+    "time": ("s", "s", "s"),
+    "volume": ("m3", "m3", "in3"),
+    "scale": ("px/m", "px/mm", "px/in"),
+}
+SYSTEMS: dict[str, _System] = {
+    system: _System({kind: units[k] for kind, units in _SYSTEM_UNITS.items()})
+    for k, system in enumerate(("si", "metric", "us"))
+}
+"""Unit systems of tables, reports and pictures: the unit of each kind."""
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z/]*)\s*")
+
+
+def factor(unit: str, kind: str) -> float:
+    """The multiplier that takes a value in `unit` to SI.
+
+    Args:
+        unit: one of `UNITS[kind]`.
+        kind: one of `UNITS`.
+
+    Raises:
+        InputError: the unit is not known for that kind.
+
+    >>> round(factor("psi", "pressure"), 3), factor("in", "length")
+    (6894.757, 0.0254)
+    """
+    if unit not in UNITS[kind]:
+        raise InputError(
+            f"{unit!r} is not a known unit of {kind}; known are: {', '.join(UNITS[kind])}"
+        )
+    return UNITS[kind][unit]
+
+
+def to_si(value: float, unit: str, kind: str) -> float:
+    """A value in `unit`, in SI.
+
+    >>> to_si(2.0, "bar", "pressure")
+    200000.0
+    """
+    return value * factor(unit, kind)
+
+
+def from_si(value: float, unit: str, kind: str) -> float:
+    """An SI value, in `unit`."""
+    return value / factor(unit, kind)
+
+
+def si_unit(kind: str) -> str:
+    """The SI unit of a kind of quantity.
+
+    >>> si_unit("pressure"), si_unit("N/m")
+    ('Pa', 'N/m')
+    """
+    return next(iter(UNITS[kind]))
+
+
+def unit_system(name: str) -> _System:
+    """The units of a system by its name.
+
+    Raises:
+        InputError: the system is not known.
+
+    >>> unit_system("metric")["length"]
+    'mm'
+    """
+    if name not in SYSTEMS:
+        raise InputError(f"units must be one of {', '.join(SYSTEMS)}; got {name!r}")
+    return SYSTEMS[name]
+
+
+def entry(name: str, value: float, kind: str, system: str) -> Row:
+    """One key with its unit and the SI value in it; None for nan. A "number" has no unit.
+
+    >>> entry("length", 0.27, "length", "metric")
+    {'length_mm': 270.0}
+    """
+    unit = unit_system(system)[kind]
+    scaled = float(value) / UNITS[kind][unit]
+    return {f"{name}_{unit}" if unit else name: None if math.isnan(scaled) else scaled}
+
+
+def parse_quantity(text: str, kind: str) -> float:
+    """A number with its unit as one types it, in SI.
+
+    Raises:
+        InputError: not a number, or no unit or one that is not known.
+
+    >>> parse_quantity("270mm", "length"), parse_quantity("5 bar", "pressure")
+    (0.27, 500000.0)
+    >>> parse_quantity("60in", "length"), parse_quantity("100 px/mm", "scale")
+    (1.524, 100000.0)
+    """
+    match = _QUANTITY.fullmatch(text)
+    known = ", ".join(UNITS[kind])
+    if match is None:
+        raise InputError(f"a {kind} is a number with its unit ({known}), got {text!r}")
+    number, unit = match.groups()
+    if not unit and kind != "number":
+        raise InputError(f"the {kind} {text!r} has no unit; known are: {known}")
+    return to_si(float(number), unit, kind)
+
+
+def parse_quantities(texts: Iterable[str], kind: str) -> list[float]:
+    """All numbers of comma-separated lists."""
+    return [parse_quantity(one, kind) for text in texts for one in text.split(",") if one.strip()]
+
+
+def unit_of_key(key: str, quantity: str, kind: str) -> str | None:
+    """The unit at the end of a key such as `pressure_limit_psi`, or None if it is another key.
+
+    Args:
+        key: the key.
+        quantity: its name without the unit.
+        kind: one of `UNITS`.
+
+    Raises:
+        InputError: the key is that quantity with no unit, or with an unknown one.
+
+    >>> unit_of_key("stroke_in", "stroke", "length")
+    'in'
+    """
+    if key != quantity and not key.startswith(quantity + "_"):
+        return None
+    unit = key[len(quantity) + 1 :]
+    if unit not in UNITS[kind]:
+        raise InputError(
+            f"{key!r} must end with a unit of {kind}, as in {quantity}_{si_unit(kind)}; "
+            f"known are: {', '.join(UNITS[kind])}"
+        )
+    return unit
