@@ -9,7 +9,8 @@ from chambers_reference import PRESSURES, muscles, printed
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from famjax import Muscle, bladder_axial_force, bladder_hoop_force, gaylord_force
+from famjax import Muscle
+from famjax.braids import bladder_axial_force, bladder_hoop_force, gaylord_force
 from famjax.compile_options import quick_jit
 from famjax.terms import VirtualWork
 

@@ -8,7 +8,8 @@ import numpy as np
 from chambers_reference import PRESSURES, Row, Table, elastic_braid, printed
 from jaxtyping import Array, Float
 
-from famjax import BraidStretch, units
+from famjax import units
+from famjax.braids import BraidStretch
 from famjax.compile_options import quick_jit
 from fitting._rubber.in_situ import InSitu, thread_in_situ
 

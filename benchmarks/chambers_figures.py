@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from famjax import BraidState
+from famjax.braids import BraidState
 
 _STYLES: dict[str, dict[str, Any]] = {
     "estimated inelastic": {"color": "C0", "ls": "--"},

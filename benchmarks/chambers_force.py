@@ -6,7 +6,7 @@ import numpy as np
 from chambers_balance import LAST, PRINTED, PRINTED_FREE, TESTED, free_contractions, terms
 from chambers_reference import PRESSURES, Row, Table, printed
 
-from famjax import tube_volume
+from famjax.geometries import tube_volume
 
 MOMENTS = 0.015
 """Relative tolerance of strain moments, to which half a unit of the last printed digit is added."""

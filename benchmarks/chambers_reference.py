@@ -14,22 +14,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from famjax import (
-    AbstractGeometry,
-    AverageDiameterGeometry,
-    Bladder,
-    Braid,
-    ElasticBraid,
-    EstimatedGeometry,
-    FourierProfile,
-    LinearThread,
-    MeasuredFamily,
-    MeasuredGeometry,
-    Muscle,
-    PressurePolynomialMaterial,
-    Real,
-)
+from famjax import Bladder, Braid, ElasticBraid, EstimatedGeometry, MeasuredGeometry, Muscle, Real
+from famjax.braids import LinearThread
 from famjax.compile_options import quick_jit
+from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
+from famjax.materials import PressurePolynomialMaterial
+from famjax.profiles import FourierProfile, MeasuredFamily
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
 """Gauge pressures [psi] at which the work prints its tables of forces."""

@@ -10,8 +10,10 @@ import numpy as np
 from chambers_reference import Row, Table, inelastic_braid, printed, profile, transcribed_profile
 from jaxtyping import Array, Float
 
-from famjax import EllipticToroidEnds, FourierProfile, Meridian, diameter_from_length, tube_volume
+from famjax.braids import diameter_from_length
 from famjax.compile_options import quick_jit
+from famjax.geometries import Meridian, tube_volume
+from famjax.profiles import EllipticToroidEnds, FourierProfile
 
 VOLUME = 0.0005
 """Tolerance [in3]: half the last digit of the printed volumes."""

@@ -212,7 +212,7 @@ def recovered(seed: int, law: str) -> Callable[[Case], float]:
                 truth |= {f"E_{n}": value for n, value in enumerate(E, 1)}
             else:
                 shear, exponent, compliance = 1.2e6 * scale, -6.0, 2e-6
-                material = famjax.OgdenMaterial([2 * shear / exponent], [exponent])
+                material = famjax.materials.OgdenMaterial([2 * shear / exponent], [exponent])
                 truth |= {"shear_modulus": shear, "ogden_exponent": exponent,
                           "series_compliance": compliance}  # fmt: skip
                 options = {"law": "ogden", "parameters": {"series_compliance": Parameter()}}

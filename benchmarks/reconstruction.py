@@ -38,7 +38,8 @@ from chambers_reference import ENDS, geometries, printed
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from famjax import Muscle, PressurePolynomialMaterial, units
+from famjax import Muscle, units
+from famjax.materials import PressurePolynomialMaterial
 
 NAME = "SYNTHETIC reconstruction of the 7/8 in FAM of Chambers 2021"
 HYSTERESIS_LBF, HYSTERESIS_LBF_PER_PSI, HYSTERESIS_CONTRACTION = 2.0, 0.1, 0.01

@@ -30,17 +30,9 @@ from typing import Any
 
 import numpy as np
 
-from rig import (
-    Characterisation,
-    Control,
-    Isobaric,
-    IsobaricRecord,
-    NativeDevice,
-    PlanFile,
-    build_native,
-    characterise,
-    force_rmse,
-)
+from fitting.records import Characterisation, IsobaricRecord, characterise, force_rmse
+from rig.control import Control, Isobaric, PlanFile
+from rig.device import NativeDevice, build_native
 from rig.simulation import Plant, Regulator, machine_for, mckibben, simulate
 
 PSI, INCH, POUND = 6894.757293168361, 0.0254, 4.4482216152605

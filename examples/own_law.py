@@ -12,7 +12,7 @@ import famjax
 jax.config.update("jax_enable_x64", True)
 
 
-class Gent(famjax.AbstractHyperelastic):
+class Gent(famjax.materials.AbstractHyperelastic):
     """W = -mu/2 J ln(1 - (I1 - 3)/J); mu enters linearly, J is searched in its range."""
 
     shear_modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)

@@ -31,9 +31,9 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    from fitting import InputError  # noqa: PLC0415
+    from fitting import InputError
 
-    from .design.catalogue import CatalogueError  # noqa: PLC0415
+    from .design.catalogue import CatalogueError
 
     try:
         code = command_line(arguments)(

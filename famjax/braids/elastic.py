@@ -68,7 +68,7 @@ class ElasticBraid(AbstractBraid):
     References:
         Chambers 2021, section 5.1.
 
-    >>> from famjax import LinearThread
+    >>> from famjax.braids import LinearThread
     >>> kevlar = LinearThread(11.6e6, 1.332e-4)
     >>> braid = ElasticBraid(9.89, 1.09, 0.011, 144, kevlar)  # inches, psi
     >>> print(f"{braid.thread_length(9.28125, 100.0):.3f}")

@@ -51,9 +51,9 @@ def compare(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from fitting._peers.plot import plot_comparison  # noqa: PLC0415
-    from fitting._saved.report import as_png, check_output, make_output, write_all  # noqa: PLC0415
-    from fitting._search.options import parse_specimen  # noqa: PLC0415
+    from fitting._peers.plot import plot_comparison
+    from fitting._saved.report import as_png, check_output, make_output, write_all
+    from fitting._search.options import parse_specimen
 
     check_output(output)
     measured = load_map(

@@ -35,7 +35,7 @@ def switch_on() -> str:
     Returns:
         The folder, or "" and no cache: it is off, or no private folder can be written.
     """
-    import jax  # noqa: PLC0415
+    import jax
 
     # A broken or rejected entry is compiled again; a full disk keeps nothing.
     warnings.filterwarnings(
@@ -144,8 +144,8 @@ def _hits_of_a_process() -> int:
 
 def print_hits() -> None:
     """Compile one program, and print how many were loaded in place of being compiled."""
-    import jax  # noqa: PLC0415
-    import numpy as np  # noqa: PLC0415
+    import jax
+    import numpy as np
 
     hits = []
     jax.monitoring.register_event_listener(

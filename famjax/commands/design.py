@@ -49,10 +49,10 @@ def design(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from fitting._saved.report import check_output, write_all  # noqa: PLC0415
+    from fitting._saved.report import check_output, write_all
 
-    from ..design.document import design_document, design_picture  # noqa: PLC0415
-    from ..design.options import parse_requirement, parse_tube  # noqa: PLC0415
+    from ..design.document import design_document, design_picture
+    from ..design.options import parse_requirement, parse_tube
 
     check_output(output)
     document = design_document(

@@ -8,12 +8,12 @@ from .compilation_cache import VARIABLE, cache_root, contents, is_loaded, switch
 
 def doctor() -> int:
     """Report versions, devices, precision and name clashes; exit code 1 if something is wrong."""
-    from .installation import problems, versions  # noqa: PLC0415
+    from .installation import problems, versions
 
     print(f"famjax {__version__}")
     for name, version in versions().items():
         print(f"  {name} {version}")
-    import jax  # noqa: PLC0415
+    import jax
 
     print("devices:", ", ".join(str(device) for device in jax.devices()))
     print(

@@ -105,9 +105,9 @@ def fit(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from fitting._evidence.evidence import gather  # noqa: PLC0415
-    from fitting._saved.report import check_output, write_fit  # noqa: PLC0415
-    from fitting._search.options import (  # noqa: PLC0415
+    from fitting._evidence.evidence import gather
+    from fitting._saved.report import check_output, write_fit
+    from fitting._search.options import (
         parameter_kinds,
         parse_bounds,
         parse_free,
@@ -115,7 +115,7 @@ def fit(
         parse_specimen,
     )
 
-    from .progress import progress_bar  # noqa: PLC0415
+    from .progress import progress_bar
 
     check_output(output)
     if ":" in law:
@@ -163,7 +163,7 @@ def fit(
 
 
 def _print_fit(result: "Identification", units: str, evidence: "Evidence") -> None:
-    from fitting._saved.report import notes, tables, verdict  # noqa: PLC0415
+    from fitting._saved.report import notes, tables, verdict
 
     console = Console(highlight=False)
     console.print(f"[bold]{result.data.specimen.name}[/bold]  ({result.data.source})")
@@ -213,9 +213,9 @@ def predict(
         Print one JSON list to standard output and nothing else there.
     """
     fitting = load_fitting()
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from famjax.boundary.units import parse_quantities  # noqa: PLC0415
+    from famjax.boundary.units import parse_quantities
 
     sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
     saved = fitting.load_fit(fit_json)

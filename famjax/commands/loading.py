@@ -10,15 +10,15 @@ if TYPE_CHECKING:
 
 def load_fitting():
     """The fitting package, with JAX in float64; programs and tapes of fits are kept on disk."""
-    from .. import require  # noqa: PLC0415
-    from .compilation_cache import switch_on  # noqa: PLC0415
+    from .. import require
+    from .compilation_cache import switch_on
 
     fitting = require("fitting")
-    import jax  # noqa: PLC0415
+    import jax
 
     jax.config.update("jax_enable_x64", True)
     if folder := switch_on():
-        from fitting.engine.tape_store import keep_tapes  # noqa: PLC0415
+        from fitting.engine.tape_store import keep_tapes
 
         keep_tapes(Path(folder) / "famjax-tapes")
     return fitting
@@ -28,8 +28,8 @@ def load_map(
     data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
 ) -> "ForceData":
     """A force map: a bundled one by its name, or a CSV file; tolerances with their unit."""
-    from famjax.boundary.units import parse_quantity  # noqa: PLC0415
-    from fitting import bundled_names, load_bundled, read_csv  # noqa: PLC0415
+    from famjax.boundary.units import parse_quantity
+    from fitting import bundled_names, load_bundled, read_csv
 
     bundled = data.upper() in bundled_names() and not Path(data).exists()
     found = load_bundled(data.upper(), specimen) if bundled else read_csv(data, specimen)

@@ -97,13 +97,13 @@ def measure(
     json_
         Print one JSON object to standard output and nothing else there.
     """
-    from time import monotonic  # noqa: PLC0415
+    from time import monotonic
 
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from famjax.commands.measure_campaign import as_document, measure_command  # noqa: PLC0415
-    from famjax.commands.measure_options import command_recipe  # noqa: PLC0415
-    from imaging import ImagingError  # noqa: PLC0415
+    from famjax.commands.measure_campaign import as_document, measure_command
+    from famjax.commands.measure_options import command_recipe
+    from imaging import ImagingError
 
     began: list[tuple[float, int]] = []
     try:

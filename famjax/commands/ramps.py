@@ -58,9 +58,9 @@ def ramps(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from fitting._ramps.command import parse_atmosphere, ramps_command  # noqa: PLC0415
-    from fitting._saved.report import check_output, write_all  # noqa: PLC0415
-    from fitting._search.options import parse_specimen  # noqa: PLC0415
+    from fitting._ramps.command import parse_atmosphere, ramps_command
+    from fitting._saved.report import check_output, write_all
+    from fitting._search.options import parse_specimen
 
     check_output(output)
     summary, files = ramps_command(

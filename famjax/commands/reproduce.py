@@ -30,8 +30,8 @@ def reproduce(
         of a synthetic reconstruction, which have no verdict, are on the page without this option.
     """
     load_fitting()
-    from fitting import InputError  # noqa: PLC0415
-    from fitting._saved.report import check_output  # noqa: PLC0415
+    from fitting import InputError
+    from fitting._saved.report import check_output
 
     folder = Path(__file__).resolve().parents[2] / "benchmarks"
     if not (folder / "reproduce.py").exists():
@@ -40,7 +40,7 @@ def reproduce(
         )
     check_output(output)
     sys.path.insert(0, str(folder))
-    from importlib import import_module  # noqa: PLC0415
+    from importlib import import_module
 
     benchmark = import_module("reproduce")
     with progress_bar(every=0.0) as progress:

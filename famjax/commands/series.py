@@ -59,9 +59,9 @@ def series(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from fitting._evidence.series import DEFAULT_LAWS  # noqa: PLC0415
-    from fitting._saved.report import check_output, write_all  # noqa: PLC0415
-    from fitting._search.options import as_parameters, parse_bounds, parse_free  # noqa: PLC0415
+    from fitting._evidence.series import DEFAULT_LAWS
+    from fitting._saved.report import check_output, write_all
+    from fitting._search.options import as_parameters, parse_bounds, parse_free
 
     check_output(output)
     maps = [load_map(one, {}) for one in data]

@@ -69,9 +69,9 @@ def sweep(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from famjax.boundary.units import parse_quantity  # noqa: PLC0415
-    from fitting._search.options import parse_specimen  # noqa: PLC0415
-    from fitting._sweep.command import sweep_command  # noqa: PLC0415
+    from famjax.boundary.units import parse_quantity
+    from fitting._search.options import parse_specimen
+    from fitting._sweep.command import sweep_command
 
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}

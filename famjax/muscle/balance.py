@@ -33,8 +33,8 @@ class Muscle(AbstractMuscle):
     >>> import famjax
     >>> braid = famjax.Braid.from_rest(diameter=0.023, braid_angle=1.1, length=0.296)
     >>> shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.296, 0.023, 1.8e-3, embedded=True))
-    >>> rubber = famjax.NeoHookeanMaterial(3e5)
-    >>> muscle = Muscle(shape, famjax.PressurisedBraid(40e3) + famjax.BladderWall(rubber))
+    >>> rubber = famjax.materials.NeoHookeanMaterial(3e5)
+    >>> muscle = Muscle(shape, famjax.terms.PressurisedBraid(40e3) + famjax.terms.BladderWall(rubber))
     >>> print(f"{muscle.force(0.28, 4e5):.1f} {Muscle(shape, rubber, 40e3).force(0.28, 4e5):.1f}")
     765.2 765.2
     """

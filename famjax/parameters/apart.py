@@ -127,7 +127,7 @@ def take_apart(
         ValueError: an unknown name, one that is given twice, bounds of a parameter that is not
             free, or a lower bound that is not below the upper one.
 
-    >>> from famjax import NeoHookeanMaterial
+    >>> from famjax.materials import NeoHookeanMaterial
     >>> apart = take_apart(NeoHookeanMaterial(2e5), bounds={"shear_modulus": (0.0, 1e6)})
     >>> print(apart.names, apart.scaled, apart.muscle(apart.scaled * 2).shear_modulus)
     ('shear_modulus',) [0.2] 400000.0

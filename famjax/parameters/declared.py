@@ -102,7 +102,7 @@ def parameter(
     Returns:
         The field, for the body of a class derived from `Parametrised`.
 
-    >>> from famjax import AbstractForceTerm
+    >>> from famjax.terms import AbstractForceTerm
     >>> from jaxtyping import Array, Float
     >>> class Tape(AbstractForceTerm):
     ...     stiffness: Float[Array, ""] = parameter("N/m", low=0.0, linear=True)

@@ -116,7 +116,7 @@ def template(cls: type[_Family], **fields: Any) -> _Family:
     Raises:
         ValueError: a field is missing that has no default and is no scalar parameter.
 
-    >>> from famjax import NeoHookeanMaterial
+    >>> from famjax.materials import NeoHookeanMaterial
     >>> template(NeoHookeanMaterial).parameters().keys()
     dict_keys(['shear_modulus'])
     """

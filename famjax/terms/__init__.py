@@ -1,7 +1,7 @@
 """Force terms: what a muscle's pull is the sum of. A new one is a class with one method, `force`.
 
->>> import famjax
->>> terms = famjax.PressurisedBraid(40e3) + famjax.BladderWall(famjax.NeoHookeanMaterial(3e5))
+>>> from famjax.materials import NeoHookeanMaterial
+>>> terms = PressurisedBraid(40e3) + BladderWall(NeoHookeanMaterial(3e5))
 >>> [type(term).__name__ for term in terms.terms]
 ['PressurisedBraid', 'BladderWall']
 """

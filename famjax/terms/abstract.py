@@ -66,9 +66,9 @@ class SumOfTerms(AbstractForceTerm):
         for term in terms:
             if not isinstance(term, AbstractForceTerm):
                 raise ValueError(
-                    "a force term is derived from famjax.AbstractForceTerm and has the method "
+                    "a force term is derived from famjax.terms.AbstractForceTerm and has the method "
                     f"force(at, pressure); got {type(term).__name__}. A bladder material becomes a "
-                    "term by famjax.BladderWall(material)"
+                    "term by famjax.terms.BladderWall(material)"
                 )
             flat.extend(term.terms if isinstance(term, SumOfTerms) else [term])
         if not flat:

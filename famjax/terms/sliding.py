@@ -18,7 +18,7 @@ class Friction(AbstractForceTerm):
             velocity.
 
     >>> import famjax
-    >>> shortening = Friction(famjax.PressureFriction(8.0, 6e-5), -1.0)
+    >>> shortening = Friction(famjax.terms.PressureFriction(8.0, 6e-5), -1.0)
     """
 
     law: AbstractFriction

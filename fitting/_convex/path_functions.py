@@ -58,7 +58,7 @@ class DruckerFunctions(AbstractPathFunctions):
         order: of the law.
     """
 
-    geometry: famjax.AbstractGeometry
+    geometry: famjax.geometries.AbstractGeometry
     pressure: Float[Array, " paths"]
     end: Float[Array, " paths"]
     order: int = eqx.field(static=True)
@@ -67,7 +67,7 @@ class DruckerFunctions(AbstractPathFunctions):
         """The path modulus [-] of each power of the strain at the share s of the stroke."""
         rest = self.geometry.rest_length
         length = rest + s * (self.end[path] - rest)
-        strains = famjax.path_strains(self.geometry, length, self.pressure[path])
+        strains = famjax.materials.path_strains(self.geometry, length, self.pressure[path])
 
         def of_law(coefficients: Float[Array, " order"]) -> Float[Array, " k"]:
             return strains.modulus(famjax.PolynomialMaterial(coefficients))

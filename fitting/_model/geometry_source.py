@@ -45,7 +45,7 @@ class AbstractGeometrySource(eqx.Module):
     """Makes a geometry of a specimen's parameters."""
 
     @abc.abstractmethod
-    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+    def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """The geometry of these parameters [SI]; those it does not know are ignored."""
 
     @property
@@ -54,7 +54,7 @@ class AbstractGeometrySource(eqx.Module):
         return True
 
     @property
-    def declared(self) -> dict[str, famjax.Declared]:
+    def declared(self) -> dict[str, famjax.parameters.Declared]:
         """What can be identified of it besides the parameters of every fit, by name."""
         return {}
 
@@ -78,7 +78,7 @@ class EstimatedSource(AbstractGeometrySource):
 
     specimen: Specimen | SpecimenNumbers
     n_threads: float | None = None
-    thread: famjax.AbstractThread | None = None
+    thread: famjax.braids.AbstractThread | None = None
 
     def __check_init__(self) -> None:
         if (self.n_threads is None) != (self.thread is None):
@@ -97,7 +97,7 @@ class EstimatedSource(AbstractGeometrySource):
         assert isinstance(self.specimen, Specimen)
         return EstimatedSource(SpecimenNumbers.of(self.specimen), self.n_threads, self.thread)
 
-    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+    def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """The cylinder with that braid, behind its end effect if there is one."""
         specimen, diameter = self.specimen, values["braid_diameter"]
         rest_length = values.get("rest_length", specimen.rest_length)
@@ -112,13 +112,13 @@ class EstimatedSource(AbstractGeometrySource):
         )
         cylinder = famjax.EstimatedGeometry(self._braid(values, rest_length), bladder)
         if "end_factor" in values:
-            return famjax.EndEffectGeometry(cylinder, values["end_factor"])
+            return famjax.geometries.EndEffectGeometry(cylinder, values["end_factor"])
         if "end_length" in values:
             factor = rest_length / (rest_length - values["end_length"])
-            return famjax.EndEffectGeometry(cylinder, factor)
+            return famjax.geometries.EndEffectGeometry(cylinder, factor)
         return cylinder
 
-    def _braid(self, values: Values, rest_length: famjax.Real) -> famjax.AbstractBraid:
+    def _braid(self, values: Values, rest_length: famjax.Real) -> famjax.braids.AbstractBraid:
         braid = famjax.Braid.from_rest(
             diameter=values["braid_diameter"],
             braid_angle=values["braid_angle"],
@@ -130,7 +130,7 @@ class EstimatedSource(AbstractGeometrySource):
                 braid.rest_thread_length, braid.turns, braid.thickness, self.n_threads, self.thread
             )
         if "braid_compliance" in values:
-            return famjax.CompliantBraid.of(braid, values["braid_compliance"])
+            return famjax.braids.CompliantBraid.of(braid, values["braid_compliance"])
         return braid
 
 
@@ -142,15 +142,15 @@ class KnownSource(AbstractGeometrySource):
         identified: names of its declared parameters that are not known.
     """
 
-    known: famjax.AbstractGeometry
+    known: famjax.geometries.AbstractGeometry
     identified: tuple[str, ...] = eqx.field(static=True, default=())
 
     @property
-    def declared(self) -> dict[str, famjax.Declared]:
+    def declared(self) -> dict[str, famjax.parameters.Declared]:
         """What the geometry declares."""
         return self.known.declared()
 
-    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+    def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """The known geometry, with what is identified of it."""
         if not self.identified:
             return self.known
@@ -167,11 +167,13 @@ class WrappedSource(AbstractGeometrySource):
     """
 
     inner: AbstractGeometrySource
-    wrap: Callable[[famjax.AbstractGeometry], famjax.AbstractGeometry] = eqx.field(static=True)
+    wrap: Callable[[famjax.geometries.AbstractGeometry], famjax.geometries.AbstractGeometry] = (
+        eqx.field(static=True)
+    )
     identified: tuple[str, ...] = eqx.field(static=True, default=())
 
     @property
-    def declared(self) -> dict[str, famjax.Declared]:
+    def declared(self) -> dict[str, famjax.parameters.Declared]:
         """What the outer geometry declares and the estimated one does not."""
         inner = self.inner.geometry({"braid_diameter": 0.02, "braid_angle": 1.1})
         return {n: d for n, d in self.wrap(inner).declared().items() if n not in inner.declared()}
@@ -180,7 +182,7 @@ class WrappedSource(AbstractGeometrySource):
         """The same source with the specimen's numbers as arrays."""
         return WrappedSource(self.inner.as_arrays(), self.wrap, self.identified)
 
-    def geometry(self, values: Values) -> famjax.AbstractGeometry:
+    def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """The outer geometry of these parameters."""
         outer = self.wrap(self.inner.geometry(values))
         return outer.with_parameters({name: values[name] for name in self.identified})

@@ -24,7 +24,7 @@ class Law(eqx.Module):
         material: any member of the family.
     """
 
-    material: famjax.AbstractMaterial
+    material: famjax.materials.AbstractMaterial
 
     @property
     def coefficients(self) -> dict[str, Entry]:
@@ -46,12 +46,12 @@ class Law(eqx.Module):
         """What the command line calls it: a known name, or `module:Class`."""
         return type(self.material).law_name or class_path(type(self.material))
 
-    def with_values(self, values: Mapping[str, famjax.Real]) -> famjax.AbstractMaterial:
+    def with_values(self, values: Mapping[str, famjax.Real]) -> famjax.materials.AbstractMaterial:
         """The material of these values [SI], which hold at least those of the law."""
         return self.material.with_parameters({n: values[n] for n in self.material.declared()})
 
 
-def _entry(declared: famjax.Declared) -> Entry:
+def _entry(declared: famjax.parameters.Declared) -> Entry:
     return Entry(declared.low, declared.high, declared.kind)
 
 
@@ -60,16 +60,16 @@ def class_path(cls: type) -> str:
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
-def known_laws() -> dict[str, type[famjax.AbstractMaterial]]:
+def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
     """The laws of famjax that can be identified, by name."""
     laws = (
         famjax.PolynomialMaterial,
-        famjax.OgdenMaterial,
-        famjax.MooneyRivlinMaterial,
-        famjax.SaturatingMaterial,
-        famjax.MonotoneMaterial,
-        famjax.NeoHookeanMaterial,
-        famjax.YeohMaterial,
+        famjax.materials.OgdenMaterial,
+        famjax.materials.MooneyRivlinMaterial,
+        famjax.materials.SaturatingMaterial,
+        famjax.materials.MonotoneMaterial,
+        famjax.materials.NeoHookeanMaterial,
+        famjax.materials.YeohMaterial,
     )
     return {law.law_name: law for law in laws}
 
@@ -100,7 +100,7 @@ def class_named(path: str, base: type, what: str) -> type:
     return found
 
 
-LawGiven = str | Law | type[famjax.AbstractMaterial] | famjax.AbstractMaterial
+LawGiven = str | Law | type[famjax.materials.AbstractMaterial] | famjax.materials.AbstractMaterial
 """What a law may be given as."""
 
 
@@ -122,7 +122,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
             )
         law = laws[law]
     elif isinstance(law, str):
-        law = class_named(law, famjax.AbstractMaterial, "law")
+        law = class_named(law, famjax.materials.AbstractMaterial, "law")
     if law is famjax.PolynomialMaterial:
         return Law(famjax.PolynomialMaterial.template(order=checked_order(order)))
     if order is not None:
@@ -136,8 +136,10 @@ def law_named(law: LawGiven, order: int | None) -> Law:
             raise InputError(
                 f"{law.__name__} cannot be identified by its class alone: {error}"
             ) from None
-    if not isinstance(law, famjax.AbstractMaterial):
-        raise InputError(f"a law is a name, a famjax.AbstractMaterial or its class, got {law!r}")
+    if not isinstance(law, famjax.materials.AbstractMaterial):
+        raise InputError(
+            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {law!r}"
+        )
     if not law.declared():
         raise InputError(
             f"{type(law).__name__} declares no number to identify: declare its fields by "

@@ -15,7 +15,7 @@ from .geometry_source import AbstractGeometrySource, EstimatedSource
 from .laws import Law
 
 
-class _NearestNode(famjax.PressurePolynomialMaterial):
+class _NearestNode(famjax.materials.PressurePolynomialMaterial):
     """The coefficients of the nearest node: readings of one level differ a little in pressure."""
 
     def coefficients_at(self, pressure: famjax.Real) -> Float[Array, "... order"]:
@@ -42,7 +42,7 @@ class MuscleFamily(AbstractFamily):
     source: AbstractGeometrySource
     law: Law
     rest: Float[np.ndarray, ""]
-    terms: famjax.SumOfTerms | None
+    terms: famjax.terms.SumOfTerms | None
     of_terms: tuple[str, ...] = eqx.field(static=True)
     nodes: Float[np.ndarray, " nodes"] | None
     nearest: bool = eqx.field(static=True)
@@ -54,7 +54,7 @@ class MuscleFamily(AbstractFamily):
         source: AbstractGeometrySource,
         law: Law,
         nonlinear: Sequence[str],
-        terms: famjax.SumOfTerms | None = None,
+        terms: famjax.terms.SumOfTerms | None = None,
         nodes: np.ndarray | None = None,
         *,
         nearest: bool = False,
@@ -91,17 +91,17 @@ class MuscleFamily(AbstractFamily):
         if self.nodes is None:
             material = self.law.with_values(values)
         else:
-            kind = _NearestNode if self.nearest else famjax.PressurePolynomialMaterial
+            kind = _NearestNode if self.nearest else famjax.materials.PressurePolynomialMaterial
             coefficients = jnp.stack([values[name] for name in self.linear])
             material = kind(self.nodes, coefficients.reshape(len(self.nodes), -1))
         geometry, deadband = self.source.geometry(values), values["deadband_pressure"]
         if self.terms is None:
             return famjax.Muscle(geometry, material, deadband)
-        wall = famjax.BladderWall(material)
+        wall = famjax.terms.BladderWall(material)
         further = self.terms.with_parameters({name: values[name] for name in self.of_terms})
         if "deadband_pressure" in self.of_terms:  # they have a pressure term of their own
             return famjax.Muscle(geometry, wall + further)
-        return famjax.Muscle(geometry, wall + famjax.PressurisedBraid(deadband) + further)
+        return famjax.Muscle(geometry, wall + famjax.terms.PressurisedBraid(deadband) + further)
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """L0 [m] at which every path starts."""
@@ -112,8 +112,10 @@ class MuscleFamily(AbstractFamily):
         if not self.nearest:
             return muscle
         law = muscle.material
-        assert isinstance(law, famjax.PressurePolynomialMaterial)
-        smooth = famjax.PressurePolynomialMaterial(law.node_pressures, law.node_coefficients)
+        assert isinstance(law, famjax.materials.PressurePolynomialMaterial)
+        smooth = famjax.materials.PressurePolynomialMaterial(
+            law.node_pressures, law.node_coefficients
+        )
         return famjax.Muscle(muscle.geometry, smooth, muscle.deadband_pressure)
 
     @property
@@ -126,7 +128,7 @@ class MuscleFamily(AbstractFamily):
         if not isinstance(self.source, EstimatedSource):
             return ()
         geometry = self.source.geometry(values)
-        if isinstance(geometry, famjax.EndEffectGeometry):
+        if isinstance(geometry, famjax.geometries.EndEffectGeometry):
             geometry = geometry.cylinder
         assert isinstance(geometry, famjax.EstimatedGeometry)
         return geometry.braid.rest_thread_length, geometry.braid.turns

@@ -64,7 +64,9 @@ def _braids(at: PeerContext) -> dict[str, PeerFamily]:
         braid = at.braid(values)
         around = 2 * math.pi * braid.turns**2
         tension = at.pressures[1] * at.rest * braid.rest_thread_length / around
-        return peers.Gaylord(famjax.CompliantBraid.of(braid, values["thread_strain"] / tension))
+        return peers.Gaylord(
+            famjax.braids.CompliantBraid.of(braid, values["thread_strain"] / tension)
+        )
 
     offset = _linear("force_offset", "N")
     strain = PeerParameter("thread_strain", "", 0.0, 0.5)

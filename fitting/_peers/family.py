@@ -202,7 +202,7 @@ class PeerContext:
             diameter=values["braid_diameter"], braid_angle=values["braid_angle"], length=self.rest
         )
 
-    def cylinder(self, values: Values) -> famjax.AbstractGeometry:
+    def cylinder(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """The estimated geometry with these values at rest."""
         known = {name: values[name] for name in ("braid_diameter", "braid_angle")}
         return EstimatedSource(self.specimen).geometry(known)

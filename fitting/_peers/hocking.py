@@ -86,7 +86,7 @@ def fit_hocking_wereley(train: ForceData) -> Predictor:
 
 
 def _parts(
-    geometry: famjax.AbstractGeometry, length: Float[np.ndarray, " n"]
+    geometry: famjax.geometries.AbstractGeometry, length: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n order"]]:
     """Braid force per pressure [m2], and bladder force [N] of each E_n = 1 Pa."""
     lengths, where = np.unique(length, return_inverse=True)
@@ -97,7 +97,7 @@ def _parts(
 
 @eqx.filter_jit
 def _parts_at(
-    geometry: famjax.AbstractGeometry, length: Float[Array, ""]
+    geometry: famjax.geometries.AbstractGeometry, length: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " order"]]:
     nodes = np.array([0.0, 1.0])
 

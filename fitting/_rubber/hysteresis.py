@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax import AbstractFriction, PressureFriction, ThreadFriction
+from famjax.terms import AbstractFriction, PressureFriction, ThreadFriction
 
 from .._errors import InputError
 from .cyclic_record import ISOBAR
@@ -44,7 +44,7 @@ def fit_pressure_friction(loops: Sequence[HysteresisLoop], *, trim: float = 0.05
             round and friction has not fully built up.
 
     Returns:
-        The fit, its term a `famjax.PressureFriction`.
+        The fit, its term a `famjax.terms.PressureFriction`.
 
     Raises:
         InputError: fewer than two pressures.
@@ -66,7 +66,7 @@ def fit_pressure_friction(loops: Sequence[HysteresisLoop], *, trim: float = 0.05
 
 def fit_thread_friction(
     loops: Sequence[HysteresisLoop],
-    geometry: famjax.AbstractGeometry,
+    geometry: famjax.geometries.AbstractGeometry,
     *,
     rest_area: float | None = None,
     trim: float = 0.05,
@@ -81,7 +81,7 @@ def fit_thread_friction(
             round and friction has not fully built up.
 
     Returns:
-        The fit, its term a `famjax.ThreadFriction`.
+        The fit, its term a `famjax.terms.ThreadFriction`.
 
     Raises:
         InputError: no loops, a `rest_area` that is not > 0, or loops at lengths that the geometry

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from famjax import AbstractThread, LinearThread, ToeThread
+from famjax.braids import AbstractThread, LinearThread, ToeThread
 
 from .._errors import InputError
 from ..engine.covariance import covariance

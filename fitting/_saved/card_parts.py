@@ -1,7 +1,7 @@
 """What a muscle card holds of each part of a muscle, as the class of the part declares it.
 
-A number says its unit where it is declared (`famjax.parameter`, `famjax.number`), and a field that
-is a part says its class: there is no table of classes, and one of a modeller's own has a card too.
+A number says its unit where it is declared (`famjax.parameter`, `famjax.parameters.number`), and a
+field that is a part says its class: there is no table of classes, and one of a modeller's own has a card too.
 """
 
 import dataclasses
@@ -41,19 +41,19 @@ Fields = Mapping[str, str | Part]
 """Name of each field, with the unit that its key ends in, "" for a pure number, or its part."""
 
 MUSCLE: Fields = {
-    "geometry": Part(famjax.AbstractGeometry),
-    "material": Part(famjax.AbstractMaterial),
+    "geometry": Part(famjax.geometries.AbstractGeometry),
+    "material": Part(famjax.materials.AbstractMaterial),
     "deadband_pressure": "Pa",
 }
 """A muscle of a pressurised braid and the wall of one material."""
 
 MUSCLE_OF_TERMS: Fields = {
-    "geometry": Part(famjax.AbstractGeometry),
-    "terms": Part(famjax.AbstractForceTerm, many=True),
+    "geometry": Part(famjax.geometries.AbstractGeometry),
+    "terms": Part(famjax.terms.AbstractForceTerm, many=True),
 }
 """A muscle with other terms."""
 
-_UNTYPED = {famjax.AbstractBraid: famjax.Braid, famjax.Bladder: famjax.Bladder}
+_UNTYPED = {famjax.braids.AbstractBraid: famjax.Braid, famjax.Bladder: famjax.Bladder}
 _PLAIN = (bool, int, float, tuple[float, ...])
 
 
@@ -91,7 +91,7 @@ def _part(cls: type, name: str, annotation: Any) -> Part:
     if not (isinstance(base, type) and issubclass(base, eqx.Module)):
         raise InputError(
             f"no card can hold the field {name!r} of {cls.__name__}: declare a number by "
-            "famjax.parameter or famjax.number with its unit, and a part by its class"
+            "famjax.parameter or famjax.parameters.number with its unit, and a part by its class"
         )
     return Part(base, untyped=_UNTYPED.get(base), optional=optional, many=many)
 

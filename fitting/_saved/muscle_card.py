@@ -56,7 +56,7 @@ def _of_terms(card: Any) -> Any:
 
 def _fields_of(part: famjax.Muscle) -> Fields:
     """The fields of a muscle's card: its material and deadband, or its terms if it has others."""
-    usual = [famjax.BladderWall, famjax.PressurisedBraid]
+    usual = [famjax.terms.BladderWall, famjax.terms.PressurisedBraid]
     return MUSCLE if [*map(type, part.terms.terms)] == usual else MUSCLE_OF_TERMS
 
 
@@ -66,7 +66,7 @@ def _written(part: Any, where: str) -> dict[str, Any]:
     fields = _fields_of(part) if isinstance(part, famjax.Muscle) else fields_of(type(part))
     for name, form in fields.items():
         value, at = getattr(part, name), f"{where}.{name}"
-        value = value.terms if isinstance(value, famjax.SumOfTerms) else value
+        value = value.terms if isinstance(value, famjax.terms.SumOfTerms) else value
         if isinstance(form, str):
             card[_key(name, form)] = _number_written(value, at)
         elif form.many:
@@ -103,7 +103,7 @@ def _read(card: Any, form: Part, where: str) -> Any:
             f"the muscle card has the unknown entry {unknown[0]!r} in {where}; known are "
             f"{', '.join(forms)}"
         )
-    holders = (famjax.PressurisedBraid, cls)  # the deadband of a muscle is its braid's
+    holders = (famjax.terms.PressurisedBraid, cls)  # the deadband of a muscle is its braid's
     annotations = {field.name: field.type for one in holders for field in dataclasses.fields(one)}
     values = {
         name: _value(card[key], form, annotations.get(name), f"{where}.{name}")

@@ -151,7 +151,7 @@ def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, 
 
 @quick_jit
 def _stress(
-    material: famjax.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
+    material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:
     """Stress [Pa] of a tensile test, or where the directions do not interact of either of them."""
     tensile = getattr(material, "uniaxial_stress", None)

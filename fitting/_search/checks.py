@@ -47,7 +47,7 @@ def check_options(
 
 
 def known_bounds(
-    data: ForceData, geometry: famjax.AbstractGeometry, given: Mapping[str, object]
+    data: ForceData, geometry: famjax.geometries.AbstractGeometry, given: Mapping[str, object]
 ) -> dict[str, tuple[float, float]]:
     """Diameter and angle of a known geometry at rest and without pressure, as held parameters.
 
@@ -107,7 +107,7 @@ def check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
         )
     if "braid_compliance" in table or "series_compliance" in table:
         return  # how short it may become depends on what gives way
-    shortest = longest * math.sin(famjax.NEUTRAL_ANGLE)
+    shortest = longest * math.sin(famjax.braids.NEUTRAL_ANGLE)
     pulling = np.where(data.loaded, data.length, np.inf)
     reading = int(np.argmin(pulling))
     if pulling[reading] <= shortest:

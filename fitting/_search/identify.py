@@ -37,8 +37,8 @@ from .summary import Asked, summarise
 
 Geometry = (
     AbstractGeometrySource
-    | famjax.AbstractGeometry
-    | Callable[[famjax.AbstractGeometry], famjax.AbstractGeometry]
+    | famjax.geometries.AbstractGeometry
+    | Callable[[famjax.geometries.AbstractGeometry], famjax.geometries.AbstractGeometry]
 )
 """What a geometry may be given as."""
 
@@ -56,7 +56,7 @@ def identify(
     noise: float | None = None,
     objective: str = "sum_of_squares",
     geometry: Geometry | None = None,
-    terms: famjax.AbstractForceTerm | None = None,
+    terms: famjax.terms.AbstractForceTerm | None = None,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -71,7 +71,7 @@ def identify(
     Args:
         data: the force map; slack readings are censored.
         law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", "neo-hookean",
-            "yeoh"; or a class of your own, derived from `famjax.AbstractMaterial`, whose numbers
+            "yeoh"; or a class of your own, derived from `famjax.materials.AbstractMaterial`, whose numbers
             are declared by `famjax.parameter`, as a class, an instance, or "module:Class".
         order: of the polynomial law, 1 to 8; 3 unless given.
         constraint: "none", "positive" (every coefficient >= 0), "slope" (rising stress on the
@@ -96,7 +96,7 @@ def identify(
             such as a `famjax.MeasuredGeometry`: as it is, and of it only what `bounds` or
             `parameters` name is identified. A function, or class, that makes a geometry of the
             estimated one: its declared parameters take part where they are named.
-        terms: further force terms, such as `famjax.Spring`; their declared parameters take part
+        terms: further force terms, such as `famjax.terms.Spring`; their declared parameters take part
             where they are named. A term with a `deadband_pressure` takes the place of Gaylord's.
         starts: number of starts, Latin hypercube over the box.
         seed: of the starts.
@@ -117,7 +117,7 @@ def identify(
     source = _source(data, geometry, tuple(named))
     if isinstance(source, KnownSource):
         given |= known_bounds(data, source.known, named)
-    further = None if terms is None else famjax.SumOfTerms((terms,))
+    further = None if terms is None else famjax.terms.SumOfTerms((terms,))
     declared = {**source.declared, **({} if further is None else further.declared())}
     table = complete_table(
         data.specimen, box, {**chosen.shape, **chosen.coefficients}, given, parameters or {},
@@ -138,7 +138,7 @@ def _source(
         return EstimatedSource(data.specimen)
     if isinstance(geometry, AbstractGeometrySource):
         return geometry
-    if isinstance(geometry, famjax.AbstractGeometry):
+    if isinstance(geometry, famjax.geometries.AbstractGeometry):
         known = KnownSource(geometry)
         return KnownSource(geometry, tuple(n for n in known.declared if n in named))
     wrapped = WrappedSource(EstimatedSource(data.specimen), geometry)
@@ -232,7 +232,7 @@ def _identified(
     table: dict[str, Entry],
     law: Law,
     *,
-    terms: famjax.SumOfTerms | None = None,
+    terms: famjax.terms.SumOfTerms | None = None,
     constraint: str,
     dependence: str,
     box: str,

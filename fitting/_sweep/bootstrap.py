@@ -90,7 +90,7 @@ def replicate_all(
 
 
 def replicate_sums(
-    geometry: famjax.AbstractGeometry,
+    geometry: famjax.geometries.AbstractGeometry,
     deadband: float,
     readings: Readings,
     nodes: Nodes,
@@ -120,7 +120,7 @@ def replicate_sums(
 
 @eqx.filter_jit
 def _sums(
-    geometry: famjax.AbstractGeometry,
+    geometry: famjax.geometries.AbstractGeometry,
     readings: Readings,
     nodes: Nodes,
     forms: Forms,

@@ -23,7 +23,7 @@ _CURVES = 3
 
 def sweep_command(
     data: Sequence[ForceData],
-    geometry: famjax.AbstractGeometry | Sequence[famjax.AbstractGeometry],
+    geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
     *,
     deadband: float,
     orders: Sequence[int] = (1, 2, 3, 4),

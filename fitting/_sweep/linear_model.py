@@ -32,11 +32,13 @@ class FixedGeometry(AbstractFamily):
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
     linear: tuple[str, ...] = eqx.field(static=True)
-    geometry: famjax.AbstractGeometry
+    geometry: famjax.geometries.AbstractGeometry
     deadband: Float[np.ndarray, ""]
 
     @classmethod
-    def of(cls, geometry: famjax.AbstractGeometry, deadband: float, order: int) -> "FixedGeometry":
+    def of(
+        cls, geometry: famjax.geometries.AbstractGeometry, deadband: float, order: int
+    ) -> "FixedGeometry":
         """Those with a law of that order."""
         names = tuple(f"E_{n}" for n in range(1, order + 1))
         return cls((), names, geometry, np.asarray(deadband, float))
@@ -75,7 +77,7 @@ class LinearModel:
 
     def __init__(
         self,
-        geometry: famjax.AbstractGeometry,
+        geometry: famjax.geometries.AbstractGeometry,
         deadband: float,
         order: int,
         pressure: Float[np.ndarray, " paths"],

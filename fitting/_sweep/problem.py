@@ -104,7 +104,7 @@ class Nodes(eqx.Module):
 
     @classmethod
     def of(
-        cls, geometry: famjax.AbstractGeometry, readings: Readings, *, halvings: int = 0
+        cls, geometry: famjax.geometries.AbstractGeometry, readings: Readings, *, halvings: int = 0
     ) -> "Nodes":
         """Those of the actuation paths of a geometry.
 
@@ -155,7 +155,7 @@ class Design(eqx.Module):
 
 
 def design(
-    geometry: famjax.AbstractGeometry,
+    geometry: famjax.geometries.AbstractGeometry,
     deadband: Float[Array, ""],
     readings: Readings,
     nodes: Nodes,
@@ -215,7 +215,7 @@ def compressed(A: Float[Array, "k n"], y: Float[Array, " k"]) -> Float[Array, "n
 
 
 def _largest_strain(
-    geometry: famjax.AbstractGeometry,
+    geometry: famjax.geometries.AbstractGeometry,
     pressure: Float[Array, " paths"],
     end: Float[Array, " paths"],
 ) -> Float[Array, " paths"]:

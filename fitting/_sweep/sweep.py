@@ -112,7 +112,7 @@ class Sweep:
     rows: tuple[SweepRow, ...]
     pressures: tuple[np.ndarray, ...]
     data: tuple[ForceData, ...]
-    geometries: tuple[famjax.AbstractGeometry, ...]
+    geometries: tuple[famjax.geometries.AbstractGeometry, ...]
     deadbands: tuple[float, ...]
     objective: str
     replicates: int
@@ -122,7 +122,7 @@ class Sweep:
 
 def sweep(
     data: ForceData | Sequence[ForceData],
-    geometry: famjax.AbstractGeometry | Sequence[famjax.AbstractGeometry],
+    geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
     *,
     deadband: float | Sequence[float] = 0.0,
     orders: Sequence[int] = (1, 2, 3, 4),
@@ -170,7 +170,7 @@ def sweep(
             'any other use of JAX: jax.config.update("jax_enable_x64", True)'
         )
     maps = (data,) if isinstance(data, ForceData) else tuple(data)
-    geometries = _one_each(geometry, famjax.AbstractGeometry, len(maps), "geometry")
+    geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
     deadbands = _one_each(deadband, int | float, len(maps), "deadband")
     forms = Forms.of(orders, dependences, constraints)
     _check(objective, bootstrap)
@@ -221,7 +221,7 @@ class _Task:
     def __init__(
         self,
         data: ForceData,
-        geometry: famjax.AbstractGeometry,
+        geometry: famjax.geometries.AbstractGeometry,
         deadband: float,
         forms: Forms,
         objective: str,
@@ -359,7 +359,7 @@ def _check(objective: str, bootstrap: int) -> None:
         )
 
 
-def _fingerprint(geometry: famjax.AbstractGeometry) -> str:
+def _fingerprint(geometry: famjax.geometries.AbstractGeometry) -> str:
     """Hash of a geometry's numbers."""
     digest = hashlib.sha256(type(geometry).__name__.encode())
     for leaf in jax.tree.leaves(geometry):

@@ -232,7 +232,7 @@ def unflat(family: AbstractFamily, numbers: Float[np.ndarray, " l"]) -> Any:
 class _Paths(eqx.Module):
     """Actuation paths of a geometry: strains at the stations, and the largest strain."""
 
-    strains: famjax.PathStrains | None
+    strains: famjax.materials.PathStrains | None
     pressure: Float[Array, " paths"]
     shares: Float[Array, "paths stations"]
     largest: Float[Array, " paths"]
@@ -247,7 +247,7 @@ class _Paths(eqx.Module):
         ends = jnp.stack([jnp.broadcast_to(rest, end.shape), end], axis=-1)
         lengths = rest + shares * (end - rest)[:, None]
         # One evaluation serves the stations and both ends.
-        both = famjax.path_strains(
+        both = famjax.materials.path_strains(
             model.geometry, jnp.concatenate([lengths, ends], axis=-1), pressure[:, None]
         )
         size = jnp.maximum(
@@ -280,7 +280,7 @@ class _Paths(eqx.Module):
         )[1]
 
 
-def bladder_of(model: Any) -> famjax.AbstractMaterial | None:
+def bladder_of(model: Any) -> famjax.materials.AbstractMaterial | None:
     """The bladder's law of a model that has one and a geometry; None of one that has not."""
     if getattr(model, "geometry", None) is None:
         return None

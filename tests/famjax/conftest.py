@@ -9,7 +9,7 @@ REST_LENGTH = 9.28125  # in, of the reference work's specimen
 
 
 @pytest.fixture(scope="session")
-def table_4_3() -> dict[float, tuple[famjax.FourierProfile, float]]:
+def table_4_3() -> dict[float, tuple[famjax.profiles.FourierProfile, float]]:
     """Chambers 2021, table 4.3 as corrected, 100 psi: by contraction, profile and length [in]."""
     rows = [  # contraction, a0, a_n, b_n, w
         (0.0, 1.02, [-0.09, -0.07, -0.01], [0.03, 0.06, 0.02], 5.596),
@@ -19,19 +19,21 @@ def table_4_3() -> dict[float, tuple[famjax.FourierProfile, float]]:
         (0.35, -32.74, [24.82, 12.82, -3.90], [47.44, -18.47, -0.5], 2.176),
     ]
     return {
-        contraction: (famjax.FourierProfile(*series), REST_LENGTH * (1 - contraction))
+        contraction: (famjax.profiles.FourierProfile(*series), REST_LENGTH * (1 - contraction))
         for contraction, *series in rows
     }
 
 
 @pytest.fixture(scope="session")
-def measured_family(table_4_3: dict) -> Callable[[famjax.AbstractBraid], famjax.MeasuredFamily]:
+def measured_family(
+    table_4_3: dict,
+) -> Callable[[famjax.braids.AbstractBraid], famjax.profiles.MeasuredFamily]:
     """The family of table 4.3's profiles, made symmetric, about a braid."""
 
-    def about(braid: famjax.AbstractBraid) -> famjax.MeasuredFamily:
+    def about(braid: famjax.braids.AbstractBraid) -> famjax.profiles.MeasuredFamily:
         profiles, lengths = zip(*table_4_3.values(), strict=True)
         even = [profile.symmetrised() for profile in profiles]
-        return famjax.MeasuredFamily(lengths, even, 100.0, braid)
+        return famjax.profiles.MeasuredFamily(lengths, even, 100.0, braid)
 
     return about
 

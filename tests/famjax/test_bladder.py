@@ -30,4 +30,4 @@ def test_rubber_volume_is_constant(*, embedded: bool) -> None:
 
 
 def test_rubber_that_does_not_fit_is_nan() -> None:
-    assert np.isnan(famjax.bladder_thickness(0.3, 0.001, 4e-5))
+    assert np.isnan(famjax.geometries.bladder_thickness(0.3, 0.001, 4e-5))

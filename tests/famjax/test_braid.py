@@ -17,15 +17,19 @@ def test_triangle_round_trips(angle: float, diameter: float, length: float) -> N
     B, N = braid.rest_thread_length, braid.turns
     assert float(braid.diameter(length)) == pytest.approx(diameter, rel=1e-10)
     assert float(braid.braid_angle(length)) == pytest.approx(angle, rel=EXACT)
-    assert float(famjax.length_from_diameter(diameter, B, N)) == pytest.approx(length, rel=1e-10)
+    assert float(famjax.braids.length_from_diameter(diameter, B, N)) == pytest.approx(
+        length, rel=1e-10
+    )
     shorter = 0.8 * length
-    by_diameter = famjax.braid_angle_from_diameter(braid.diameter(shorter), diameter, angle)
+    by_diameter = famjax.braids.braid_angle_from_diameter(braid.diameter(shorter), diameter, angle)
     assert float(by_diameter) == pytest.approx(float(braid.braid_angle(shorter)), rel=1e-8)
 
 
 def test_neutral_angle_has_no_magnification() -> None:
-    assert math.degrees(famjax.NEUTRAL_ANGLE) == pytest.approx(35.26, abs=0.005)
-    assert float(famjax.force_magnification(famjax.NEUTRAL_ANGLE)) == pytest.approx(0, abs=1e-15)
+    assert math.degrees(famjax.braids.NEUTRAL_ANGLE) == pytest.approx(35.26, abs=0.005)
+    assert float(famjax.braids.force_magnification(famjax.braids.NEUTRAL_ANGLE)) == pytest.approx(
+        0, abs=1e-15
+    )
 
 
 def test_neutral_length_is_the_zero_of_the_braid_force(festo: famjax.Muscle) -> None:
@@ -34,8 +38,8 @@ def test_neutral_length_is_the_zero_of_the_braid_force(festo: famjax.Muscle) -> 
 
 
 def test_longer_than_the_thread_is_nan_not_a_number() -> None:
-    assert np.isnan(famjax.diameter_from_length(0.35, 0.34, 2.1))
-    assert np.isnan(famjax.braid_angle_from_length(0.35, 0.34))
+    assert np.isnan(famjax.braids.diameter_from_length(0.35, 0.34, 2.1))
+    assert np.isnan(famjax.braids.braid_angle_from_length(0.35, 0.34))
 
 
 def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo: famjax.Muscle) -> None:
@@ -44,8 +48,12 @@ def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo: famjax.Mus
 
     braid = festo.geometry.braid
     lengths = jnp.linspace(0.2, 0.33, 40)
-    slope = jax.vmap(jax.grad(lambda L: famjax.cylinder_volume(L, braid.diameter(L) / 2)))(lengths)
-    force = famjax.gaylord_force(4e5, braid.diameter(lengths) / 2, braid.braid_angle(lengths))
+    slope = jax.vmap(
+        jax.grad(lambda L: famjax.geometries.cylinder_volume(L, braid.diameter(L) / 2))
+    )(lengths)
+    force = famjax.braids.gaylord_force(
+        4e5, braid.diameter(lengths) / 2, braid.braid_angle(lengths)
+    )
     np.testing.assert_allclose(force, -4e5 * slope, rtol=1e-11, atol=1e-9)
 
 
@@ -53,7 +61,7 @@ def test_gaylord_closed_form(festo: famjax.Muscle) -> None:
     """P (3 L^2 - B^2) / (4 pi N^2), the form of Chou & Hannaford 1996."""
     braid, L = festo.geometry.braid, jnp.linspace(0.2, 0.33, 40)
     B, N = braid.rest_thread_length, braid.turns
-    force = famjax.gaylord_force(4e5, braid.diameter(L) / 2, braid.braid_angle(L))
+    force = famjax.braids.gaylord_force(4e5, braid.diameter(L) / 2, braid.braid_angle(L))
     np.testing.assert_allclose(
         force, 4e5 * (3 * L**2 - B**2) / (4 * jnp.pi * N**2), rtol=1e-11, atol=1e-9
     )

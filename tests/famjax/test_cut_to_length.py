@@ -12,10 +12,10 @@ REST, OTHER = 0.3, 0.083
 EXACT = 1e-12  # proportional numbers, rounded once or twice
 BLADDER = famjax.Bladder(REST, 0.0098, 0.0016)
 BRAID = famjax.Braid.from_rest(diameter=0.0112, braid_angle=1.1, length=REST, thickness=3e-4)
-THREAD = famjax.LinearThread(8e10, 8.6e-8)
+THREAD = famjax.braids.LinearThread(8e10, 8.6e-8)
 BRAIDS = {
     "inextensible": BRAID,
-    "compliant": famjax.CompliantBraid.of(BRAID, 4e-6),
+    "compliant": famjax.braids.CompliantBraid.of(BRAID, 4e-6),
     "elastic": famjax.ElasticBraid(
         BRAID.rest_thread_length, BRAID.turns, BRAID.thickness, 144, THREAD
     ),
@@ -24,9 +24,9 @@ LAW = famjax.PolynomialMaterial([1.2e6, -0.4e6, 0.3e6])
 
 
 def muscle(kind: str, end_factor: float | None = None) -> famjax.Muscle:
-    geometry: famjax.AbstractGeometry = famjax.EstimatedGeometry(BRAIDS[kind], BLADDER)
+    geometry: famjax.geometries.AbstractGeometry = famjax.EstimatedGeometry(BRAIDS[kind], BLADDER)
     if end_factor is not None:
-        geometry = famjax.EndEffectGeometry(geometry, end_factor)
+        geometry = famjax.geometries.EndEffectGeometry(geometry, end_factor)
     return famjax.Muscle(geometry, LAW, 2e4)
 
 
@@ -68,8 +68,8 @@ def test_what_cannot_be_cut() -> None:
         famjax.cut_to_length(muscle("inextensible", 1.05), 0.01)
     with pytest.raises(eqx.EquinoxRuntimeError, match="above 0"):
         famjax.cut_to_length(muscle("inextensible"), 0.0)
-    profile = famjax.FourierProfile(1.0, [0.1], [0.0], 3.0)
-    family = famjax.MeasuredFamily(
+    profile = famjax.profiles.FourierProfile(1.0, [0.1], [0.0], 3.0)
+    family = famjax.profiles.MeasuredFamily(
         jnp.array([0.3, 0.28]), [profile, profile], 1.0, BRAIDS["elastic"]
     )
     shaped = famjax.Muscle(famjax.MeasuredGeometry(family, BLADDER), LAW)

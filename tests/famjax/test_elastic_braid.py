@@ -331,7 +331,7 @@ def test_table_5_1_within_the_threads_own_uncertainty() -> None:
     np.testing.assert_allclose(np.degrees(state.braid_angle), table["theta_deg"], atol=0.08)
 
 
-def muscle(one: famjax.AbstractBraid) -> famjax.Muscle:
+def muscle(one: famjax.braids.AbstractBraid) -> famjax.Muscle:
     bladder = famjax.Bladder(L0, 0.875, 0.0625)
     law = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
     return famjax.Muscle(famjax.EstimatedGeometry(one, bladder), law)

@@ -13,7 +13,7 @@ DIFFERENCE = 1e-6  # central differences of a function of order one
 
 
 def test_end_factor_of_one_is_no_end_effect(festo: famjax.Muscle) -> None:
-    ends = famjax.EndEffectGeometry(festo.geometry, 1.0)
+    ends = famjax.geometries.EndEffectGeometry(festo.geometry, 1.0)
     muscle = famjax.Muscle(ends, festo.material, festo.deadband_pressure)
     L, P = jnp.linspace(0.24, 0.296, 5), 4e5
     np.testing.assert_allclose(muscle.force(L, P), festo.force(L, P), rtol=EXACT)
@@ -33,7 +33,9 @@ def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
         festo.deadband_pressure,
     )
     muscle = famjax.Muscle(
-        famjax.EndEffectGeometry(festo.geometry, k), festo.material, festo.deadband_pressure
+        famjax.geometries.EndEffectGeometry(festo.geometry, k),
+        festo.material,
+        festo.deadband_pressure,
     )
     L = jnp.linspace(0.25, 0.296, 7)
     np.testing.assert_allclose(
@@ -44,21 +46,21 @@ def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
 
 
 def test_compliant_braid_is_the_elastic_braid_of_linear_threads() -> None:
-    thread = famjax.LinearThread(60e9, 2e-8)
+    thread = famjax.braids.LinearThread(60e9, 2e-8)
     elastic = famjax.ElasticBraid(0.33, 2.2, 0.0, 200.0, thread)
     rigid = famjax.Braid(0.33, 2.2)
-    compliant = famjax.CompliantBraid.of(rigid, 1 / (200.0 * 60e9 * 2e-8))
+    compliant = famjax.braids.CompliantBraid.of(rigid, 1 / (200.0 * 60e9 * 2e-8))
     L, P = jnp.linspace(0.24, 0.3, 5), jnp.linspace(0, 8e5, 5)
     np.testing.assert_allclose(
         compliant.thread_length(L, P), elastic.thread_length(L, P), rtol=1e-12
     )
-    none = famjax.CompliantBraid.of(rigid, 0.0)
+    none = famjax.braids.CompliantBraid.of(rigid, 0.0)
     np.testing.assert_array_equal(none.thread_length(L, P), np.full(5, 0.33))
-    slope = jax.grad(lambda c: famjax.CompliantBraid.of(rigid, c).thread_length(0.28, 5e5))
+    slope = jax.grad(lambda c: famjax.braids.CompliantBraid.of(rigid, c).thread_length(0.28, 5e5))
     h = 1e-9
-    wider = famjax.CompliantBraid.of(rigid, h).thread_length(0.28, 5e5)
+    wider = famjax.braids.CompliantBraid.of(rigid, h).thread_length(0.28, 5e5)
     assert float(slope(0.0)) == pytest.approx(float(wider - 0.33) / h, rel=1e-4)
-    assert np.isnan(famjax.CompliantBraid.of(rigid, 1.0).thread_length(0.28, 5e5))
+    assert np.isnan(famjax.braids.CompliantBraid.of(rigid, 1.0).thread_length(0.28, 5e5))
 
 
 def test_mounted_muscle_balances(festo: famjax.Muscle) -> None:
@@ -101,7 +103,7 @@ def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
 ) -> None:
     """At rest rounding alone keeps the force from zero; a stretched one pulls without pressure."""
     for end_factor in (1.0, 1.1, 1.3):
-        ends = famjax.EndEffectGeometry(festo.geometry, end_factor)
+        ends = famjax.geometries.EndEffectGeometry(festo.geometry, end_factor)
         muscle = famjax.Muscle(ends, festo.material, 0.0)
         L0 = float(ends.rest_length)
         assert float(muscle.onset_pressure(L0, 2e6)) == pytest.approx(0.0, abs=1e-3)  # Pa
@@ -110,7 +112,7 @@ def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
 
 def test_monotone_law_is_its_modulus_integrated() -> None:
     knots, moduli = (0.0, 0.05, 0.2), np.array([6e6, 2e6, 4e6])
-    law = famjax.MonotoneMaterial(knots, moduli)
+    law = famjax.materials.MonotoneMaterial(knots, moduli)
     strain = np.linspace(-0.4, 0.4, 41)
     modulus = np.interp(np.abs(strain), knots, moduli)
     np.testing.assert_allclose(law.tangent_modulus(strain), modulus, rtol=1e-12)
@@ -131,4 +133,4 @@ def test_monotone_law_is_its_modulus_integrated() -> None:
 )
 def test_monotone_law_refuses(knots: tuple[float, ...], moduli: list, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        famjax.MonotoneMaterial(knots, moduli)
+        famjax.materials.MonotoneMaterial(knots, moduli)

@@ -26,22 +26,35 @@ LENGTH, AREA, VOLUME, PRESSURE, NUMBER, FORCE = (1, 0), (2, 0), (3, 0), (0, 1), 
 FORMULAS = {
     f.function.__name__: f
     for f in [
-        Formula(famjax.thread_length_from_angle, (0.3, 1.1), (LENGTH, NUMBER), LENGTH),
-        Formula(famjax.turns_from_angle, (0.3, 0.02, 1.1), (LENGTH, LENGTH, NUMBER), NUMBER),
-        Formula(famjax.diameter_from_length, (0.3, 0.34, 2.1), (LENGTH, LENGTH, NUMBER), LENGTH),
-        Formula(famjax.length_from_diameter, (0.02, 0.34, 2.1), (LENGTH, LENGTH, NUMBER), LENGTH),
-        Formula(famjax.braid_angle_from_length, (0.3, 0.34), (LENGTH, LENGTH), NUMBER),
+        Formula(famjax.braids.thread_length_from_angle, (0.3, 1.1), (LENGTH, NUMBER), LENGTH),
+        Formula(famjax.braids.turns_from_angle, (0.3, 0.02, 1.1), (LENGTH, LENGTH, NUMBER), NUMBER),
         Formula(
-            famjax.braid_angle_from_diameter, (0.03, 0.02, 1.1), (LENGTH, LENGTH, NUMBER), NUMBER
+            famjax.braids.diameter_from_length, (0.3, 0.34, 2.1), (LENGTH, LENGTH, NUMBER), LENGTH
         ),
-        Formula(famjax.cylinder_volume, (0.3, 0.01), (LENGTH, LENGTH), VOLUME),
-        Formula(famjax.tube_volume, (0.3, 0.02, 0.002), (LENGTH, LENGTH, LENGTH), VOLUME),
-        Formula(famjax.bladder_thickness, (0.3, 0.01, 4e-5), (LENGTH, LENGTH, VOLUME), LENGTH),
-        Formula(famjax.force_magnification, (1.1,), (NUMBER,), NUMBER),
-        Formula(famjax.gaylord_force, (5e5, 0.01, 1.1), (PRESSURE, LENGTH, NUMBER), FORCE),
-        Formula(famjax.bladder_axial_force, (-1e6, 4e-5, 0.3), (PRESSURE, VOLUME, LENGTH), FORCE),
         Formula(
-            famjax.bladder_hoop_force,
+            famjax.braids.length_from_diameter, (0.02, 0.34, 2.1), (LENGTH, LENGTH, NUMBER), LENGTH
+        ),
+        Formula(famjax.braids.braid_angle_from_length, (0.3, 0.34), (LENGTH, LENGTH), NUMBER),
+        Formula(
+            famjax.braids.braid_angle_from_diameter,
+            (0.03, 0.02, 1.1),
+            (LENGTH, LENGTH, NUMBER),
+            NUMBER,
+        ),
+        Formula(famjax.geometries.cylinder_volume, (0.3, 0.01), (LENGTH, LENGTH), VOLUME),
+        Formula(
+            famjax.geometries.tube_volume, (0.3, 0.02, 0.002), (LENGTH, LENGTH, LENGTH), VOLUME
+        ),
+        Formula(
+            famjax.geometries.bladder_thickness, (0.3, 0.01, 4e-5), (LENGTH, LENGTH, VOLUME), LENGTH
+        ),
+        Formula(famjax.braids.force_magnification, (1.1,), (NUMBER,), NUMBER),
+        Formula(famjax.braids.gaylord_force, (5e5, 0.01, 1.1), (PRESSURE, LENGTH, NUMBER), FORCE),
+        Formula(
+            famjax.braids.bladder_axial_force, (-1e6, 4e-5, 0.3), (PRESSURE, VOLUME, LENGTH), FORCE
+        ),
+        Formula(
+            famjax.braids.bladder_hoop_force,
             (1e6, 2e-3, 0.3, 0.01, 2.1),
             (PRESSURE, LENGTH, LENGTH, LENGTH, NUMBER),
             FORCE,

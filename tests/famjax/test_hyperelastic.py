@@ -108,7 +108,9 @@ def test_ogden_refuses_unpaired_terms() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_stress_is_stretch_times_slope_of_the_energy(law: famjax.AbstractMaterial) -> None:
+def test_stress_is_stretch_times_slope_of_the_energy(
+    law: famjax.materials.AbstractMaterial,
+) -> None:
     assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
     z, c, h = 0.8, 2.1, 1e-5
 
@@ -122,7 +124,7 @@ def test_stress_is_stretch_times_slope_of_the_energy(law: famjax.AbstractMateria
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_jit_vmap_and_loop_agree(law: famjax.AbstractMaterial) -> None:
+def test_jit_vmap_and_loop_agree(law: famjax.materials.AbstractMaterial) -> None:
     z, c = jnp.linspace(-0.3, 0.1, 5), jnp.linspace(0.0, 1.8, 5)
     eager = jnp.stack(law.stresses(z, c, 0.0))
     jitted = jnp.stack(eqx.filter_jit(law.stresses)(z, c, 0.0))
@@ -135,10 +137,10 @@ def test_jit_vmap_and_loop_agree(law: famjax.AbstractMaterial) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_derivatives_in_strains_and_parameters(law: famjax.AbstractMaterial) -> None:
+def test_derivatives_in_strains_and_parameters(law: famjax.materials.AbstractMaterial) -> None:
     arrays, static = eqx.partition(law, eqx.is_array)
 
-    def stress(arrays: famjax.AbstractMaterial, strains: jax.Array) -> jax.Array:
+    def stress(arrays: famjax.materials.AbstractMaterial, strains: jax.Array) -> jax.Array:
         return jnp.stack(eqx.combine(arrays, static).stresses(strains[0], strains[1], 0.0))
 
     check_grads(stress, (arrays, jnp.array([-0.2, 0.9])), order=1, atol=DIFFERENCE, rtol=DIFFERENCE)
@@ -148,7 +150,7 @@ def test_derivatives_in_strains_and_parameters(law: famjax.AbstractMaterial) -> 
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_float32_stays_and_is_as_exact_as_it_can_be(law: famjax.AbstractMaterial) -> None:
+def test_float32_stays_and_is_as_exact_as_it_can_be(law: famjax.materials.AbstractMaterial) -> None:
     single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), law)
     z, c = jnp.float32(-0.25), jnp.linspace(0, 1.5, 4, dtype=jnp.float32)
     for got, want in zip(
@@ -162,7 +164,7 @@ def test_float32_stays_and_is_as_exact_as_it_can_be(law: famjax.AbstractMaterial
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_bladder_force_is_the_slope_of_the_stored_energy(
-    law: famjax.AbstractMaterial, festo: famjax.Muscle
+    law: famjax.materials.AbstractMaterial, festo: famjax.Muscle
 ) -> None:
     """Virtual work: where threads and mid-wall coincide, F dL = V dW with no other term."""
     assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
@@ -178,7 +180,9 @@ def test_bladder_force_is_the_slope_of_the_stored_energy(
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_laws_work_in_a_muscle(law: famjax.AbstractMaterial, chambers: famjax.Muscle) -> None:
+def test_laws_work_in_a_muscle(
+    law: famjax.materials.AbstractMaterial, chambers: famjax.Muscle
+) -> None:
     stresses = {"moduli", "final_modulus", "saturation_stress", "shear_modulus", "coefficients"}
     stiff = eqx.tree_at(  # 50 times the moduli, in psi; exponents and strain scale stay
         lambda m: [getattr(m, name) for name in vars(m) if name in stresses | {"c10", "c01"}],

@@ -17,7 +17,7 @@ def test_law_is_odd_and_its_tangent_at_zero_is_the_first_coefficient(order: int)
 
 
 def test_pressure_law_interpolates_its_nodes() -> None:
-    law = famjax.PressurePolynomialMaterial([1e5, 3e5], [[1.0, 2.0], [3.0, 6.0]])
+    law = famjax.materials.PressurePolynomialMaterial([1e5, 3e5], [[1.0, 2.0], [3.0, 6.0]])
     np.testing.assert_allclose(law.coefficients_at(2e5), [2, 4])
     np.testing.assert_allclose(law.coefficients_at(4e5), [4, 8])  # two nodes: a linear law
     for P, node in ((1e5, [1, 2]), (3e5, [3, 6])):
@@ -25,11 +25,11 @@ def test_pressure_law_interpolates_its_nodes() -> None:
 
 
 def test_free_law_knows_nothing_outside_its_nodes() -> None:
-    law = famjax.PressurePolynomialMaterial([1e5, 2e5, 3e5], [[1.0], [2.0], [5.0]])
+    law = famjax.materials.PressurePolynomialMaterial([1e5, 2e5, 3e5], [[1.0], [2.0], [5.0]])
     at = law.coefficients_at(jnp.array([0.5e5, 1e5, 2.5e5, 3e5, 3.1e5]))[:, 0]
     np.testing.assert_allclose(at, [np.nan, 1, 3.5, 5, np.nan])
 
 
 def test_one_node_is_refused() -> None:
     with pytest.raises(ValueError, match="at least two node pressures"):
-        famjax.PressurePolynomialMaterial([1e5], [[1.0]])
+        famjax.materials.PressurePolynomialMaterial([1e5], [[1.0]])

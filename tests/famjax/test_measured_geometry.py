@@ -9,15 +9,8 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from famjax import (
-    AbstractBraid,
-    Bladder,
-    Braid,
-    Muscle,
-    PolynomialMaterial,
-    gaylord_force,
-    path_modulus,
-)
+from famjax import Bladder, Braid, Muscle, PolynomialMaterial, path_modulus
+from famjax.braids import AbstractBraid, gaylord_force
 from famjax.braids.elastic import ElasticBraid
 from famjax.braids.thread import LinearThread
 from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry

@@ -18,58 +18,60 @@ from famjax import peers
 L0, P, PSI = 9.28125, 60.0, 100.0  # the reference work's specimen: in, psi
 BLADDER = famjax.Bladder(L0, 0.875, 0.0625)
 BRAID = famjax.Braid(9.89, 1.09, 0.011)
-KEVLAR = famjax.ElasticBraid(9.89, 1.09, 0.011, 144, famjax.LinearThread(11.6e6, 1.332e-4))
-TOE = famjax.ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)
+KEVLAR = famjax.ElasticBraid(9.89, 1.09, 0.011, 144, famjax.braids.LinearThread(11.6e6, 1.332e-4))
+TOE = famjax.braids.ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)
 LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
 CYLINDER = famjax.EstimatedGeometry(BRAID, BLADDER)
 PROFILES = [
-    famjax.FourierProfile(1.02, [-0.09, -0.07], [0.03, 0.06], 5.596).symmetrised(),
-    famjax.FourierProfile(1.51, [-0.3, -0.1], [0.2, 0.1], 4.961).symmetrised(),
+    famjax.profiles.FourierProfile(1.02, [-0.09, -0.07], [0.03, 0.06], 5.596).symmetrised(),
+    famjax.profiles.FourierProfile(1.51, [-0.3, -0.1], [0.2, 0.1], 4.961).symmetrised(),
 ]
 
 
-def family(braid: famjax.AbstractBraid) -> famjax.MeasuredFamily:
-    return famjax.MeasuredFamily([L0, 0.75 * L0], PROFILES, PSI, braid)
+def family(braid: famjax.braids.AbstractBraid) -> famjax.profiles.MeasuredFamily:
+    return famjax.profiles.MeasuredFamily([L0, 0.75 * L0], PROFILES, PSI, braid)
 
 
-GEOMETRIES: dict[str, Callable[[], famjax.AbstractGeometry]] = {
+GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
     "estimated": lambda: CYLINDER,
     "embedded": lambda: famjax.EstimatedGeometry(BRAID, famjax.Bladder(L0, 1.0, 0.0625, True)),
     "elastic": lambda: famjax.EstimatedGeometry(KEVLAR, BLADDER),
     "toe": lambda: famjax.EstimatedGeometry(dataclasses.replace(KEVLAR, thread=TOE), BLADDER),
-    "compliant": lambda: famjax.EstimatedGeometry(famjax.CompliantBraid.of(BRAID, 4e-6), BLADDER),
+    "compliant": lambda: famjax.EstimatedGeometry(
+        famjax.braids.CompliantBraid.of(BRAID, 4e-6), BLADDER
+    ),
     "measured": lambda: famjax.MeasuredGeometry(family(KEVLAR), BLADDER, 8),
-    "average": lambda: famjax.AverageDiameterGeometry(family(BRAID), BLADDER, 8),
-    "end effect": lambda: famjax.EndEffectGeometry(CYLINDER, 1.1),
+    "average": lambda: famjax.geometries.AverageDiameterGeometry(family(BRAID), BLADDER, 8),
+    "end effect": lambda: famjax.geometries.EndEffectGeometry(CYLINDER, 1.1),
 }
 
-TERMS: dict[str, famjax.AbstractForceTerm] = {
-    "pressurised braid": famjax.PressurisedBraid(3.0),
-    "virtual work": famjax.VirtualWork(3.0),
-    "virtual work at thread length": famjax.VirtualWork(3.0, at_thread_length=True),
-    "axial": famjax.BladderAxial(LATEX),
-    "hoop": famjax.BladderHoop(LATEX),
-    "wall": famjax.BladderWall(LATEX),
-    "thread friction": famjax.Friction(famjax.ThreadFriction(0.015, 24.0, 1.2), -1.0),
-    "pressure friction": famjax.Friction(famjax.PressureFriction(2.0, 0.05), 0.5),
-    "spring": famjax.Spring(3.0, 8.5, 1.0),
+TERMS: dict[str, famjax.terms.AbstractForceTerm] = {
+    "pressurised braid": famjax.terms.PressurisedBraid(3.0),
+    "virtual work": famjax.terms.VirtualWork(3.0),
+    "virtual work at thread length": famjax.terms.VirtualWork(3.0, at_thread_length=True),
+    "axial": famjax.terms.BladderAxial(LATEX),
+    "hoop": famjax.terms.BladderHoop(LATEX),
+    "wall": famjax.terms.BladderWall(LATEX),
+    "thread friction": famjax.terms.Friction(famjax.terms.ThreadFriction(0.015, 24.0, 1.2), -1.0),
+    "pressure friction": famjax.terms.Friction(famjax.terms.PressureFriction(2.0, 0.05), 0.5),
+    "spring": famjax.terms.Spring(3.0, 8.5, 1.0),
 }
 
 # Made in SI, for lengths about 0.25 m.
 REST = 0.25
 _BRAID = famjax.Braid.from_rest(diameter=0.012, braid_angle=1.12, length=REST)
 _CYLINDER = famjax.EstimatedGeometry(_BRAID, famjax.Bladder(REST, 0.012, 1.8e-3, embedded=True))
-_RUBBER = famjax.Muscle(_CYLINDER, famjax.NeoHookeanMaterial(3e5), 3e4)
+_RUBBER = famjax.Muscle(_CYLINDER, famjax.materials.NeoHookeanMaterial(3e5), 3e4)
 _TONDU = peers.TonduLopez(_BRAID, REST, 1.2, 0.5, 2e4)
 
 MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "muscle": _RUBBER,
     "virtual work": famjax.Muscle(
-        _CYLINDER, famjax.VirtualWork(3e4) + famjax.BladderWall(_RUBBER.material)
+        _CYLINDER, famjax.terms.VirtualWork(3e4) + famjax.terms.BladderWall(_RUBBER.material)
     ),
     "mounted": famjax.MountedMuscle(_RUBBER, 1e-5),
     "gaylord": peers.Gaylord(_BRAID, 3e4, -5.0, REST),
-    "davis": peers.Gaylord(famjax.CompliantBraid.of(_BRAID, 2e-6), resting_length=REST),
+    "davis": peers.Gaylord(famjax.braids.CompliantBraid.of(_BRAID, 2e-6), resting_length=REST),
     "chou_hannaford": peers.ChouHannaford(_BRAID, 1e-3, REST),
     "tondu_lopez": _TONDU,
     "kerscher": peers.Kerscher(_TONDU, 0.4, 20.0, 0.8),
@@ -111,7 +113,7 @@ IS_GOOD = np.array([True, False, True, False, False])
 
 @pytest.fixture(params=GEOMETRIES)
 def muscle(request: pytest.FixtureRequest) -> famjax.Muscle:
-    terms = famjax.PressurisedBraid(3.0) + famjax.BladderWall(LATEX)
+    terms = famjax.terms.PressurisedBraid(3.0) + famjax.terms.BladderWall(LATEX)
     return famjax.Muscle(GEOMETRIES[request.param](), terms)
 
 
@@ -263,7 +265,7 @@ def test_terms_add_flat_in_any_order() -> None:
         (braid + wall) + spring,
         braid + (wall + spring),
         sum([braid, wall, spring]),
-        famjax.SumOfTerms([braid, wall + spring]),
+        famjax.terms.SumOfTerms([braid, wall + spring]),
     ):
         assert [*map(type, terms.terms)] == [*map(type, (braid, wall, spring))]
         total = famjax.Muscle(CYLINDER, terms).force(GOOD, P)
@@ -279,7 +281,9 @@ def test_axial_and_hoop_are_the_wall() -> None:
 
 def test_a_material_stands_for_braid_and_wall() -> None:
     short = famjax.Muscle(CYLINDER, LATEX, 3.0)
-    long = famjax.Muscle(CYLINDER, famjax.PressurisedBraid(3.0) + famjax.BladderWall(LATEX))
+    long = famjax.Muscle(
+        CYLINDER, famjax.terms.PressurisedBraid(3.0) + famjax.terms.BladderWall(LATEX)
+    )
     np.testing.assert_allclose(short.force(GOOD, P), long.force(GOOD, P), rtol=EXACT)
     for muscle in (short, long):
         assert eqx.tree_equal(muscle.material, LATEX)
@@ -299,12 +303,12 @@ def test_virtual_work_of_a_cylinder_is_gaylord() -> None:
         np.testing.assert_allclose(got, want, rtol=SOLVED)
 
 
-class Coulomb(famjax.AbstractForceTerm):
+class Coulomb(famjax.terms.AbstractForceTerm):
     """A term of somebody else: friction that does not depend on anything."""
 
     amount: Float[Array, ""] = famjax.parameter("N", low=0.0, linear=True, name="coulomb")
 
-    def force(self, at: famjax.Dimensions, pressure: famjax.Real) -> jax.Array:
+    def force(self, at: famjax.geometries.Dimensions, pressure: famjax.Real) -> jax.Array:
         return jnp.broadcast_to(-self.amount, jnp.shape(at.length))
 
 
@@ -454,16 +458,16 @@ def test_what_is_no_muscle_is_refused() -> None:
     with pytest.raises(ValueError, match="at least one force term, got none"):
         famjax.Muscle(CYLINDER, ())
     with pytest.raises(ValueError, match=r"got PolynomialMaterial.*BladderWall"):
-        famjax.SumOfTerms([LATEX])
+        famjax.terms.SumOfTerms([LATEX])
     with pytest.raises(ValueError, match="belongs to the term of the pressure"):
-        famjax.Muscle(CYLINDER, famjax.BladderWall(LATEX), 3.0)
+        famjax.Muscle(CYLINDER, famjax.terms.BladderWall(LATEX), 3.0)
     with pytest.raises(AttributeError, match=r"no term of this muscle has a material; .* Pressuri"):
-        _ = famjax.Muscle(CYLINDER, famjax.PressurisedBraid()).material
+        _ = famjax.Muscle(CYLINDER, famjax.terms.PressurisedBraid()).material
     with pytest.raises(AttributeError, match="no term of this muscle has a deadband_pressure"):
-        famjax.Muscle(CYLINDER, famjax.BladderWall(LATEX)).braid_force(9.0, P)
+        famjax.Muscle(CYLINDER, famjax.terms.BladderWall(LATEX)).braid_force(9.0, P)
     with pytest.raises(TypeError, match="unsupported operand"):
-        famjax.PressurisedBraid() + LATEX
+        famjax.terms.PressurisedBraid() + LATEX
     with pytest.raises(ValueError, match="Gaylord knows no rest length"):
         famjax.peers.Gaylord(BRAID).blocked_force(P)
     with pytest.raises(ValueError, match="virtual work needs the rate of the volume"):
-        famjax.VirtualWork().force(CYLINDER.dimensions(9.0, P), P)
+        famjax.terms.VirtualWork().force(CYLINDER.dimensions(9.0, P), P)

@@ -20,14 +20,14 @@ EMBEDDED = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.296, 0.023, 1.8e-3, 
 CUBIC = famjax.PolynomialMaterial([5.9e6, -19.0e6, 25.8e6])
 MUSCLE = famjax.Muscle(EMBEDDED, CUBIC, 40e3)
 
-LAWS: dict[type[famjax.AbstractMaterial], tuple[str, ...]] = {
+LAWS: dict[type[famjax.materials.AbstractMaterial], tuple[str, ...]] = {
     famjax.PolynomialMaterial: ("E_1", "E_2", "E_3"),
-    famjax.OgdenMaterial: ("shear_modulus", "ogden_exponent"),
-    famjax.MooneyRivlinMaterial: ("C10", "C01"),
-    famjax.NeoHookeanMaterial: ("shear_modulus",),
-    famjax.YeohMaterial: ("C_1", "C_2", "C_3"),
-    famjax.SaturatingMaterial: ("final_modulus", "saturation_stress", "strain_scale"),
-    famjax.MonotoneMaterial: (
+    famjax.materials.OgdenMaterial: ("shear_modulus", "ogden_exponent"),
+    famjax.materials.MooneyRivlinMaterial: ("C10", "C01"),
+    famjax.materials.NeoHookeanMaterial: ("shear_modulus",),
+    famjax.materials.YeohMaterial: ("C_1", "C_2", "C_3"),
+    famjax.materials.SaturatingMaterial: ("final_modulus", "saturation_stress", "strain_scale"),
+    famjax.materials.MonotoneMaterial: (
         "modulus_at_0",
         "modulus_at_0.03",
         "modulus_at_0.1",
@@ -37,7 +37,7 @@ LAWS: dict[type[famjax.AbstractMaterial], tuple[str, ...]] = {
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
-def test_a_law_is_named_by_its_class_alone(law: type[famjax.AbstractMaterial]) -> None:
+def test_a_law_is_named_by_its_class_alone(law: type[famjax.materials.AbstractMaterial]) -> None:
     material = template(law)
     assert tuple(material.declared()) == LAWS[law]
     assert law.law_name
@@ -54,28 +54,32 @@ def test_a_law_is_named_by_its_class_alone(law: type[famjax.AbstractMaterial]) -
 
 
 def test_ogden_of_one_term_is_shear_modulus_and_exponent() -> None:
-    law = famjax.OgdenMaterial([-2e5], [-3.0])
+    law = famjax.materials.OgdenMaterial([-2e5], [-3.0])
     assert float(law.parameters()["shear_modulus"]) == pytest.approx(3e5)
     other = law.with_parameters({"ogden_exponent": -4.0})
     np.testing.assert_allclose(other.moduli, [-1.5e5])  # 2 G / alpha
     np.testing.assert_allclose(other.initial_shear_modulus, 3e5)
-    several = famjax.OgdenMaterial([0.63e6, 1.2e3], [1.3, 5.0])
+    several = famjax.materials.OgdenMaterial([0.63e6, 1.2e3], [1.3, 5.0])
     assert [*several.parameters()] == ["mu_1", "mu_2", "alpha_1", "alpha_2"]
 
 
 def test_tangent_modulus_of_laws_without_interaction() -> None:
     h = 1e-6
-    for law in (famjax.PolynomialMaterial, famjax.SaturatingMaterial, famjax.MonotoneMaterial):
+    for law in (
+        famjax.PolynomialMaterial,
+        famjax.materials.SaturatingMaterial,
+        famjax.materials.MonotoneMaterial,
+    ):
         material = template(law)
         for strain in (0.07, 0.4):
             up, down = (material.stresses(strain + d, 0.0, 0.0)[0] for d in (h, -h))
-            got = famjax.tangent_modulus(material, strain)
+            got = famjax.materials.tangent_modulus(material, strain)
             assert float(got) == pytest.approx(float(up - down) / (2 * h), rel=1e-6)
-    by_pressure = famjax.PressurePolynomialMaterial([0.0, 2e5], [[1e6], [3e6]])
-    got = famjax.tangent_modulus(by_pressure, np.array([0.1, 0.2]), 1e5)
+    by_pressure = famjax.materials.PressurePolynomialMaterial([0.0, 2e5], [[1e6], [3e6]])
+    got = famjax.materials.tangent_modulus(by_pressure, np.array([0.1, 0.2]), 1e5)
     np.testing.assert_allclose(got, 2e6)
     with pytest.raises(ValueError, match="OgdenMaterial has no tangent modulus of one direction"):
-        famjax.tangent_modulus(template(famjax.OgdenMaterial), 0.1)
+        famjax.materials.tangent_modulus(template(famjax.materials.OgdenMaterial), 0.1)
 
 
 def test_a_muscle_has_the_parameters_of_an_identification() -> None:
@@ -87,8 +91,9 @@ def test_a_muscle_has_the_parameters_of_an_identification() -> None:
     assert kinds["braid_angle"] == ("rad", "angle")
     assert kinds["deadband_pressure"] == ("Pa", "pressure")
     assert kinds["E_2"] == ("Pa", "stress")
-    ends = famjax.EndEffectGeometry(
-        famjax.EstimatedGeometry(famjax.CompliantBraid.of(BRAID, 1e-6), EMBEDDED.bladder), 1.1
+    ends = famjax.geometries.EndEffectGeometry(
+        famjax.EstimatedGeometry(famjax.braids.CompliantBraid.of(BRAID, 1e-6), EMBEDDED.bladder),
+        1.1,
     )
     mounted = famjax.MountedMuscle(famjax.Muscle(ends, CUBIC, 0.0), 1e-6)
     declared = mounted.declared()
@@ -128,19 +133,19 @@ def test_with_parameters_is_differentiable_and_traceable() -> None:
     np.testing.assert_allclose(batch[1], force(1.01 * x), rtol=EXACT)
 
 
-class Hose(famjax.AbstractForceTerm):
+class Hose(famjax.terms.AbstractForceTerm):
     """Of somebody else: one declared number, one that is known, and springs within."""
 
     pull: Float[Array, ""] = famjax.parameter("N", low=-50.0, high=50.0, linear=True)
-    width: Float[Array, ""] = famjax.number("m", default=0.01)
-    springs: tuple[famjax.Spring, ...] = ()
+    width: Float[Array, ""] = famjax.parameters.number("m", default=0.01)
+    springs: tuple[famjax.terms.Spring, ...] = ()
 
-    def force(self, at: famjax.Dimensions, pressure: famjax.Real) -> jax.Array:
+    def force(self, at: famjax.geometries.Dimensions, pressure: famjax.Real) -> jax.Array:
         return self.pull + sum(spring.force(at, pressure) for spring in self.springs)
 
 
 def test_names_that_clash_say_where_they_stand() -> None:
-    springs = (famjax.Spring(10.0, 0.3), famjax.Spring(20.0, 0.2))
+    springs = (famjax.terms.Spring(10.0, 0.3), famjax.terms.Spring(20.0, 0.2))
     muscle = famjax.Muscle(EMBEDDED, MUSCLE.terms + Hose(5.0, springs=springs))
     names = [*muscle.declared()]
     assert names[-7:] == [
@@ -171,13 +176,13 @@ def test_values_that_are_no_parameters_are_refused() -> None:
 
 
 def test_every_unit_has_its_kind() -> None:
-    class Many(famjax.AbstractForceTerm):
+    class Many(famjax.terms.AbstractForceTerm):
         a: Float[Array, ""] = famjax.parameter("N/m")
         b: Float[Array, ""] = famjax.parameter("Pa")
         c: Float[Array, ""] = famjax.parameter("Pa", kind="stress")
         d: Float[Array, " 2"] = famjax.parameter(("m", "rad"), name=("x", "y"))
 
-        def force(self, at: famjax.Dimensions, pressure: famjax.Real) -> jax.Array:
+        def force(self, at: famjax.geometries.Dimensions, pressure: famjax.Real) -> jax.Array:
             return self.a * at.length
 
     declared = Many(1.0, 2.0, 3.0, [4.0, 5.0]).declared()

@@ -6,7 +6,8 @@ import pytest
 from jax.test_util import check_grads
 from scipy.interpolate import CubicSpline
 
-from famjax import AbstractBraid, Braid, diameter_from_length
+from famjax import Braid
+from famjax.braids import AbstractBraid, diameter_from_length
 from famjax.geometries.meridian import Meridian
 from famjax.profiles.assumed_shapes import CircularArcEnds, ConicFrustumEnds
 from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily

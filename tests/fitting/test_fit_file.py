@@ -50,7 +50,7 @@ def test_saving_twice_gives_the_same_bytes(fitted20: Identification, tmp_path: P
 
 
 def test_pressure_dependent_muscle_round_trips(fitted20: Identification) -> None:
-    law = famjax.PressurePolynomialMaterial([1e5, 5e5], [[1e6, -2e6], [3e6, 0.1e6]])
+    law = famjax.materials.PressurePolynomialMaterial([1e5, 5e5], [[1e6, -2e6], [3e6, 0.1e6]])
     muscle = famjax.Muscle(fitted20.muscle.geometry, law, 1e4)
     again = muscle_from_dict(json.loads(json.dumps(muscle_as_dict(muscle))))
     assert float(again.force(0.27, 3e5)) == float(muscle.force(0.27, 3e5))

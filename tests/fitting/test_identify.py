@@ -28,7 +28,7 @@ ROUNDING = 1e-9  # certificates in float64
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
 
 
-def known_muscle(law: famjax.AbstractMaterial) -> famjax.Muscle:
+def known_muscle(law: famjax.materials.AbstractMaterial) -> famjax.Muscle:
     braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=math.radians(65), length=0.3)
     bladder = famjax.Bladder(0.3, 0.022, 0.002, embedded=True)
     return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 30e3)
@@ -181,7 +181,7 @@ def test_positive_constraint(dmsp20: ForceData) -> None:
 
 
 def test_linear_and_free_laws_recover_a_linear_truth() -> None:
-    law = famjax.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
+    law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
     data = readings(known_muscle(law))
     linear = identify(data, order=2, dependence="linear", starts=4)
     assert linear.errors.rmse < 1e-6
@@ -220,7 +220,7 @@ def test_units_of_the_file_do_not_matter(
 
 def test_elastic_braid_is_identified() -> None:
     """The truth has soft threads: the elastic geometry finds it, the inelastic one cannot."""
-    thread = famjax.LinearThread(8e9, 1e-7)
+    thread = famjax.braids.LinearThread(8e9, 1e-7)
     source = EstimatedSource(SPECIMEN, 200.0, thread)
     geometry = source.geometry({"braid_diameter": 0.022, "braid_angle": math.radians(65)})
     data = readings(famjax.Muscle(geometry, SOFTENING, 30e3))
@@ -233,7 +233,7 @@ def test_elastic_braid_is_identified() -> None:
 class Silent(famjax.EstimatedGeometry):
     """A geometry that declares nothing of itself."""
 
-    def declared(self) -> dict[str, famjax.Declared]:
+    def declared(self) -> dict[str, famjax.parameters.Declared]:
         return {}
 
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 RECOVERED = 1e-6  # relative: noise-free readings, as the project promises
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
-OGDEN = famjax.OgdenMaterial([2 * 1.2e6 / -6.0], [-6.0])
+OGDEN = famjax.materials.OgdenMaterial([2 * 1.2e6 / -6.0], [-6.0])
 COMPLIANCE, END_FACTOR = 2e-6, 1.1
 
 L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 6), np.linspace(2.5e5, 7e5, 6)))
@@ -33,7 +33,7 @@ L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 6), np.linspace(2.
 def known_muscle(diameter: float = 0.022, deadband: float = 30e3) -> famjax.Muscle:
     braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=math.radians(65), length=0.3)
     cylinder = famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, diameter, 0.002, embedded=True))
-    return famjax.Muscle(famjax.EndEffectGeometry(cylinder, END_FACTOR), OGDEN, deadband)
+    return famjax.Muscle(famjax.geometries.EndEffectGeometry(cylinder, END_FACTOR), OGDEN, deadband)
 
 
 def readings(muscle: famjax.Muscle | famjax.MountedMuscle, name: str = "known") -> ForceData:
@@ -57,7 +57,7 @@ def noisy(mounted: Identification) -> Identification:
     """The same with noise; nothing new is compiled."""
     noise = np.random.default_rng(5).normal(0, 2.0, L.size)
     data = dataclasses.replace(mounted.data, force=mounted.data.force + noise)
-    return identify(data, law=famjax.OgdenMaterial, parameters=TABLE, starts=8)
+    return identify(data, law=famjax.materials.OgdenMaterial, parameters=TABLE, starts=8)
 
 
 TRUTH = {

@@ -25,7 +25,7 @@ HELD = {
     "deadband_pressure": (3e4, 3e4),
 }
 KNOTS = (0.0, 0.02, 0.15)
-TRUTHS: dict[str, tuple[object, famjax.AbstractMaterial, dict[str, float]]] = {
+TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, float]]] = {
     "polynomial": (
         famjax.PolynomialMaterial.template(order=2),
         famjax.PolynomialMaterial([3e6, -2e6]),
@@ -33,38 +33,38 @@ TRUTHS: dict[str, tuple[object, famjax.AbstractMaterial, dict[str, float]]] = {
     ),
     "ogden": (
         "ogden",
-        famjax.OgdenMaterial([2 * 1.2e6 / -6.0], [-6.0]),
+        famjax.materials.OgdenMaterial([2 * 1.2e6 / -6.0], [-6.0]),
         {"shear_modulus": 1.2e6, "ogden_exponent": -6.0},
     ),
     "mooney-rivlin": (
         "mooney-rivlin",
-        famjax.MooneyRivlinMaterial(0.5e6, 0.2e6),
+        famjax.materials.MooneyRivlinMaterial(0.5e6, 0.2e6),
         {"C10": 0.5e6, "C01": 0.2e6},
     ),
     "saturating": (
         "saturating",
-        famjax.SaturatingMaterial(2e6, 0.2e6, 0.03),
+        famjax.materials.SaturatingMaterial(2e6, 0.2e6, 0.03),
         {"final_modulus": 2e6, "saturation_stress": 0.2e6, "strain_scale": 0.03},
     ),
     "monotone": (
-        famjax.MonotoneMaterial.template(knots=KNOTS),
-        famjax.MonotoneMaterial(KNOTS, [8e6, 3e6, 2e6]),
+        famjax.materials.MonotoneMaterial.template(knots=KNOTS),
+        famjax.materials.MonotoneMaterial(KNOTS, [8e6, 3e6, 2e6]),
         {"modulus_at_0": 8e6, "modulus_at_0.02": 3e6, "modulus_at_0.15": 2e6},
     ),
     "neo-hookean": (
-        famjax.NeoHookeanMaterial,
-        famjax.NeoHookeanMaterial(0.7e6),
+        famjax.materials.NeoHookeanMaterial,
+        famjax.materials.NeoHookeanMaterial(0.7e6),
         {"shear_modulus": 0.7e6},
     ),
     "yeoh": (
-        famjax.YeohMaterial([1e6, 1e6, 1e6]),
-        famjax.YeohMaterial([0.4e6, -0.05e6, 0.02e6]),
+        famjax.materials.YeohMaterial([1e6, 1e6, 1e6]),
+        famjax.materials.YeohMaterial([0.4e6, -0.05e6, 0.02e6]),
         {"C_1": 0.4e6, "C_2": -0.05e6, "C_3": 0.02e6},
     ),
 }
 
 
-def readings(material: famjax.AbstractMaterial) -> ForceData:
+def readings(material: famjax.materials.AbstractMaterial) -> ForceData:
     L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 7), np.linspace(3e5, 7e5, 4)))
     braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=math.radians(65), length=0.3)
     geometry = famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.022, 0.002, embedded=True))
@@ -88,7 +88,7 @@ def test_the_law_is_recovered(name: str) -> None:
 
 def test_bounds_of_coefficients_at_each_pressure_are_kept() -> None:
     """A law linear in pressure, one coefficient held from above: bounds and stop are saved."""
-    law = famjax.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
+    law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
     result = identify(
         readings(law), order=2, dependence="linear", starts=1, constraint="none",
         bounds=HELD | {"E_1": (0.0, 3.5e6)},

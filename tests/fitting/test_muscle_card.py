@@ -17,25 +17,27 @@ from fitting._saved.card_parts import fields_of
 L0, P = 9.28125, 60.0
 BLADDER = famjax.Bladder(L0, 0.875, 0.0625)
 BRAID = famjax.Braid(9.89, 1.09, 0.011)
-KEVLAR = famjax.ElasticBraid(9.89, 1.09, 0.011, 144, famjax.LinearThread(11.6e6, 1.332e-4))
-TOE = famjax.ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)
+KEVLAR = famjax.ElasticBraid(9.89, 1.09, 0.011, 144, famjax.braids.LinearThread(11.6e6, 1.332e-4))
+TOE = famjax.braids.ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)
 INELASTIC = famjax.EstimatedGeometry(BRAID, BLADDER)
 ELASTIC = famjax.EstimatedGeometry(KEVLAR, BLADDER)
-NARROW = famjax.EllipticToroidEnds(1.7, 0.9, 1.1, 1.0)
+NARROW = famjax.profiles.EllipticToroidEnds(1.7, 0.9, 1.1, 1.0)
 PROFILES = (
-    famjax.Cylinder(1.0),
-    famjax.SteppedCylinder(1.2, 0.9, 1.1),
-    famjax.ConicFrustumEnds(1.4, 0.9, 1.1),
-    famjax.SemiEllipsoidEnds(1.5, 0.9, 1.1),
-    famjax.CircularArcEnds(1.6, 0.9),
+    famjax.profiles.Cylinder(1.0),
+    famjax.profiles.SteppedCylinder(1.2, 0.9, 1.1),
+    famjax.profiles.ConicFrustumEnds(1.4, 0.9, 1.1),
+    famjax.profiles.SemiEllipsoidEnds(1.5, 0.9, 1.1),
+    famjax.profiles.CircularArcEnds(1.6, 0.9),
     NARROW,
-    famjax.IsobaricProfile(famjax.AssumedShapeFamily(BRAID, NARROW), 50.0),
-    famjax.FourierProfile(1.27, [-0.83, 0.29, 0.18], [1.2, 0.75, 0.04], 4.347).symmetrised(),
+    famjax.profiles.IsobaricProfile(famjax.profiles.AssumedShapeFamily(BRAID, NARROW), 50.0),
+    famjax.profiles.FourierProfile(
+        1.27, [-0.83, 0.29, 0.18], [1.2, 0.75, 0.04], 4.347
+    ).symmetrised(),
 )
-FAMILY = famjax.MeasuredFamily(
+FAMILY = famjax.profiles.MeasuredFamily(
     L0 * np.linspace(1.0, 0.73, len(PROFILES)), PROFILES, 100.0, KEVLAR, margin=0.01
 )
-TWO = famjax.MeasuredFamily(
+TWO = famjax.profiles.MeasuredFamily(
     [L0, 0.73 * L0], [NARROW, PROFILES[-1]], 100.0, KEVLAR
 )  # quick to compile
 LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
@@ -45,51 +47,55 @@ GEOMETRIES = {
     "toe": famjax.EstimatedGeometry(dataclasses.replace(KEVLAR, thread=TOE), BLADDER),
     "embedded": famjax.EstimatedGeometry(BRAID, dataclasses.replace(BLADDER, embedded=True)),
     "measured": famjax.MeasuredGeometry(TWO, BLADDER, 8),
-    "average": famjax.AverageDiameterGeometry(FAMILY, BLADDER),
+    "average": famjax.geometries.AverageDiameterGeometry(FAMILY, BLADDER),
     "compliant": famjax.EstimatedGeometry(
-        famjax.CompliantBraid(9.89, 1.09, 0.011, 4.5e-6), BLADDER
+        famjax.braids.CompliantBraid(9.89, 1.09, 0.011, 4.5e-6), BLADDER
     ),
-    "end effect": famjax.EndEffectGeometry(INELASTIC, 1.1),
+    "end effect": famjax.geometries.EndEffectGeometry(INELASTIC, 1.1),
 }
 MATERIALS = {
     "polynomial": LATEX,
-    "pressure": famjax.PressurePolynomialMaterial([10.0, 100.0], [[200.0, -50.0], [100.0, 1 / 3]]),
-    "neo-Hookean": famjax.NeoHookeanMaterial(100 / 3),
-    "Mooney-Rivlin": famjax.MooneyRivlinMaterial(30.1, 7.7),
-    "Yeoh": famjax.YeohMaterial([30.0, -1.1, 0.3]),
-    "Ogden": famjax.OgdenMaterial([91.4, 0.174, -1.45], [1.3, 5.0, -2.0]),
-    "saturating": famjax.SaturatingMaterial(80.0, 40.0, 0.2),
-    "monotone": famjax.MonotoneMaterial((0.0, 0.1, 1.3), [400.0, 200.0, 100 / 3]),
+    "pressure": famjax.materials.PressurePolynomialMaterial(
+        [10.0, 100.0], [[200.0, -50.0], [100.0, 1 / 3]]
+    ),
+    "neo-Hookean": famjax.materials.NeoHookeanMaterial(100 / 3),
+    "Mooney-Rivlin": famjax.materials.MooneyRivlinMaterial(30.1, 7.7),
+    "Yeoh": famjax.materials.YeohMaterial([30.0, -1.1, 0.3]),
+    "Ogden": famjax.materials.OgdenMaterial([91.4, 0.174, -1.45], [1.3, 5.0, -2.0]),
+    "saturating": famjax.materials.SaturatingMaterial(80.0, 40.0, 0.2),
+    "monotone": famjax.materials.MonotoneMaterial((0.0, 0.1, 1.3), [400.0, 200.0, 100 / 3]),
 }
 MUSCLES = {
     **{name: famjax.Muscle(geometry, LATEX, 0.1) for name, geometry in GEOMETRIES.items()},
     **{name: famjax.Muscle(INELASTIC, law, 1 / 3) for name, law in MATERIALS.items()},
-    "virtual work": famjax.Muscle(INELASTIC, famjax.VirtualWork(0.1) + famjax.BladderWall(LATEX)),
+    "virtual work": famjax.Muscle(
+        INELASTIC, famjax.terms.VirtualWork(0.1) + famjax.terms.BladderWall(LATEX)
+    ),
     "virtual work, elastic": famjax.Muscle(
         ELASTIC,
-        (famjax.BladderWall(LATEX), famjax.VirtualWork(0.1, at_thread_length=True)),
+        (famjax.terms.BladderWall(LATEX), famjax.terms.VirtualWork(0.1, at_thread_length=True)),
     ),
     "terms": famjax.Muscle(
         INELASTIC,
         (
-            famjax.PressurisedBraid(0.1),
-            famjax.BladderAxial(LATEX),
-            famjax.BladderHoop(LATEX),
-            famjax.Spring(3.0, 9.0, 1 / 3),
-            famjax.Friction(famjax.ThreadFriction(0.015, 24.0, 1.2), -1.0),
-            famjax.Friction(famjax.PressureFriction(1.0, 1e-3), 0.5),
+            famjax.terms.PressurisedBraid(0.1),
+            famjax.terms.BladderAxial(LATEX),
+            famjax.terms.BladderHoop(LATEX),
+            famjax.terms.Spring(3.0, 9.0, 1 / 3),
+            famjax.terms.Friction(famjax.terms.ThreadFriction(0.015, 24.0, 1.2), -1.0),
+            famjax.terms.Friction(famjax.terms.PressureFriction(1.0, 1e-3), 0.5),
         ),
     ),
 }
 BASES = (
-    famjax.AbstractGeometry,
-    famjax.AbstractMaterial,
-    famjax.AbstractBraid,
-    famjax.AbstractThread,
-    famjax.AbstractProfile,
-    famjax.AbstractProfileFamily,
-    famjax.AbstractForceTerm,
-    famjax.AbstractFriction,
+    famjax.geometries.AbstractGeometry,
+    famjax.materials.AbstractMaterial,
+    famjax.braids.AbstractBraid,
+    famjax.braids.AbstractThread,
+    famjax.profiles.AbstractProfile,
+    famjax.profiles.AbstractProfileFamily,
+    famjax.terms.AbstractForceTerm,
+    famjax.terms.AbstractFriction,
     famjax.Bladder,
     famjax.Muscle,
 )
@@ -99,7 +105,7 @@ CONCRETE = [
     if inspect.isclass(cls)
     and issubclass(cls, BASES)
     and not inspect.isabstract(cls)
-    and cls is not famjax.SumOfTerms
+    and cls is not famjax.terms.SumOfTerms
 ]
 
 
@@ -210,8 +216,8 @@ def test_an_earlier_card_of_virtual_work_is_still_read(braid: str | None) -> Non
         }
     }
     plain = muscle_from_dict(through_text(EARLIER))
-    term = famjax.VirtualWork(4e4, at_thread_length=braid is not None)
-    expected = famjax.Muscle(plain.geometry, (famjax.BladderWall(plain.material), term))
+    term = famjax.terms.VirtualWork(4e4, at_thread_length=braid is not None)
+    expected = famjax.Muscle(plain.geometry, (famjax.terms.BladderWall(plain.material), term))
     assert eqx.tree_equal(muscle_from_dict(through_text(card)), expected)
 
 
@@ -267,7 +273,7 @@ def test_what_a_class_refuses_is_explained() -> None:
         muscle_from_dict(card)
 
 
-class Undeclared(famjax.AbstractMaterial):
+class Undeclared(famjax.materials.AbstractMaterial):
     """Its modulus says no unit."""
 
     modulus: np.ndarray
@@ -277,7 +283,7 @@ class Undeclared(famjax.AbstractMaterial):
 
 
 def test_what_has_no_card_is_refused() -> None:
-    class Local(famjax.AbstractMaterial):
+    class Local(famjax.materials.AbstractMaterial):
         def stresses(self, axial_strain, hoop_strain, pressure):
             return axial_strain, hoop_strain
 

@@ -23,7 +23,7 @@ CYLINDER = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.3, 0.022, 0.002, emb
 STARTS = 6
 
 
-class Gent(famjax.AbstractHyperelastic):
+class Gent(famjax.materials.AbstractHyperelastic):
     """W = -mu/2 J_m ln(1 - (I1 - 3)/J_m)."""
 
     shear_modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
@@ -39,7 +39,7 @@ class Gent(famjax.AbstractHyperelastic):
         return self.shear_modulus
 
 
-class PressureStiffening(famjax.AbstractMaterial):
+class PressureStiffening(famjax.materials.AbstractMaterial):
     """sigma = E eps (1 + P/P_s): a rubber that the pressure makes stiffer."""
 
     modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
@@ -51,10 +51,10 @@ class PressureStiffening(famjax.AbstractMaterial):
         return modulus * axial_strain, modulus * hoop_strain
 
 
-class ConicalEnds(famjax.AbstractGeometry):
+class ConicalEnds(famjax.geometries.AbstractGeometry):
     """A cylinder whose ends, cones of the given length, do not take part in the contraction."""
 
-    cylinder: famjax.AbstractGeometry
+    cylinder: famjax.geometries.AbstractGeometry
     cone_length: Float[Array, ""] = famjax.parameter("m", low=0.0, high=0.05, default=0.0)
 
     def dimensions(self, length, pressure):
@@ -72,7 +72,7 @@ class ConicalEnds(famjax.AbstractGeometry):
         return self.cylinder.rest_length
 
 
-class ReturnSpring(famjax.AbstractForceTerm):
+class ReturnSpring(famjax.terms.AbstractForceTerm):
     """A spring beside the muscle that pulls it short."""
 
     spring_rate: Float[Array, ""] = famjax.parameter("N/m", low=0.0, high=5e3)
@@ -81,7 +81,7 @@ class ReturnSpring(famjax.AbstractForceTerm):
         return self.spring_rate * (at.length - 0.2)
 
 
-class Coulomb(famjax.AbstractForceTerm):
+class Coulomb(famjax.terms.AbstractForceTerm):
     """Dry friction while the muscle shortens."""
 
     friction: Float[Array, ""] = famjax.parameter("N", low=0.0, high=50.0)
@@ -93,7 +93,7 @@ class Coulomb(famjax.AbstractForceTerm):
 class Foreign(famjax.AbstractMuscle):
     """F = a P (1 - k eps)^2 - b: somebody else's model, with no geometry at all."""
 
-    rest_length: Float[Array, ""] = famjax.number("m")
+    rest_length: Float[Array, ""] = famjax.parameters.number("m")
     section: Float[Array, ""] = famjax.parameter("m2", low=0.0, linear=True)
     offset: Float[Array, ""] = famjax.parameter("N", linear=True)
     shape: Float[Array, ""] = famjax.parameter(low=0.5, high=5.0)
@@ -158,7 +158,9 @@ def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
 
 def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
     law, spring = famjax.PolynomialMaterial([4e6, -6e6, 6e6]), ReturnSpring(800.0)
-    terms = famjax.PressurisedBraid(30e3) + famjax.BladderWall(law) + spring + Coulomb(5.0)
+    terms = (
+        famjax.terms.PressurisedBraid(30e3) + famjax.terms.BladderWall(law) + spring + Coulomb(5.0)
+    )
     data = readings(famjax.Muscle(CYLINDER, terms))
     result = identify(
         data, terms=ReturnSpring(0.0) + Coulomb(5.0), parameters={"spring_rate": Parameter()}
@@ -181,7 +183,7 @@ def test_a_foreign_model_as_a_peer() -> None:
     assert jax.grad(fit.model.blocked_force)(5e5) == pytest.approx(4e-4, rel=1e-6)
 
 
-class Quadratic(famjax.AbstractMaterial):
+class Quadratic(famjax.materials.AbstractMaterial):
     """It says that the stress is linear in its modulus, and squares it."""
 
     modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)

@@ -44,7 +44,7 @@ def in_rig(rest: float, values: jax.Array) -> famjax.MountedMuscle:
     bladder = famjax.Bladder(rest, diameter, 1.8e-3, embedded=True)
     geometry = famjax.EstimatedGeometry(braid, bladder)
     return famjax.MountedMuscle(
-        famjax.Muscle(geometry, famjax.MooneyRivlinMaterial(c10, c01)), compliance
+        famjax.Muscle(geometry, famjax.materials.MooneyRivlinMaterial(c10, c01)), compliance
     )
 
 

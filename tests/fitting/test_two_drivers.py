@@ -22,7 +22,7 @@ SOFTENING = np.array([2.5e6, -4.5e6, 2.4e6, 1e5])  # its tangent falls below zer
 FORMS = Forms((1, 2, 3, 4))
 
 
-def geometries() -> dict[str, famjax.AbstractGeometry]:
+def geometries() -> dict[str, famjax.geometries.AbstractGeometry]:
     """One whose strains keep their sign along the paths, and one whose bladder is slack at rest."""
     braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.2, length=REST, thickness=2e-4)
     return {
@@ -31,7 +31,7 @@ def geometries() -> dict[str, famjax.AbstractGeometry]:
     }
 
 
-def measured(geometry: famjax.AbstractGeometry, seed: int) -> ForceData:
+def measured(geometry: famjax.geometries.AbstractGeometry, seed: int) -> ForceData:
     length, pressure = (
         grid.ravel() for grid in np.meshgrid(REST * np.linspace(1, 0.8, 15), [1e5, 2e5, 3e5, 4e5])
     )
@@ -42,13 +42,13 @@ def measured(geometry: famjax.AbstractGeometry, seed: int) -> ForceData:
 
 
 @pytest.fixture(scope="module", params=["smooth", "corner"])
-def posed(request: pytest.FixtureRequest) -> tuple[famjax.AbstractGeometry, Readings]:
+def posed(request: pytest.FixtureRequest) -> tuple[famjax.geometries.AbstractGeometry, Readings]:
     geometry = geometries()[request.param]
     return geometry, arrange(measured(geometry, 1), REST, FORMS.orders[-1])
 
 
 def on_the_host(
-    geometry: famjax.AbstractGeometry, readings: Readings, objective: str
+    geometry: famjax.geometries.AbstractGeometry, readings: Readings, objective: str
 ) -> tuple[HostDesign, HostFits, np.ndarray]:
     order = FORMS.orders[-1]
     model = LinearModel(geometry, DEADBAND, order, readings.pressure, readings.path_end)
@@ -57,7 +57,7 @@ def on_the_host(
 
 
 @pytest.fixture(scope="module")
-def smooth() -> tuple[famjax.AbstractGeometry, Readings, Nodes]:
+def smooth() -> tuple[famjax.geometries.AbstractGeometry, Readings, Nodes]:
     """With nodes so close that the cubics of a batch are the functions."""
     geometry = geometries()["smooth"]
     readings = arrange(measured(geometry, 1), REST, FORMS.orders[-1])
@@ -66,7 +66,7 @@ def smooth() -> tuple[famjax.AbstractGeometry, Readings, Nodes]:
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
 def test_drivers_agree(
-    smooth: tuple[famjax.AbstractGeometry, Readings, Nodes], objective: str
+    smooth: tuple[famjax.geometries.AbstractGeometry, Readings, Nodes], objective: str
 ) -> None:
     geometry, readings, nodes = smooth
     of, mine, left_out = on_the_host(geometry, readings, objective)
@@ -97,7 +97,7 @@ def test_drivers_agree(
 
 
 def test_nothing_is_violated_between_the_stations(
-    posed: tuple[famjax.AbstractGeometry, Readings],
+    posed: tuple[famjax.geometries.AbstractGeometry, Readings],
 ) -> None:
     """On a grid that has nothing to do with either driver's, by the physics itself."""
     geometry, readings = posed
@@ -106,7 +106,7 @@ def test_nothing_is_violated_between_the_stations(
     size, touching = np.abs(held).max(axis=(-2, -1)), []
     for p, (pressure, end) in enumerate(zip(readings.pressure, readings.path_end, strict=True)):
         length = REST + np.linspace(0, 1, 3001) * (end - REST)
-        strains = famjax.path_strains(geometry, length, pressure)
+        strains = famjax.materials.path_strains(geometry, length, pressure)
         rows = np.stack(
             [np.asarray(strains.modulus(famjax.PolynomialMaterial(E))) for E in np.eye(4)], axis=-1
         )

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from imaging import (
+from imaging.camera import (
     Camera,
     apparent_diameter,
     profile_from_silhouette,

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 import imaging.shape.one_picture
-from imaging import ImagingError, MixedSizes, NoMuscle
+from imaging import ImagingError
 from imaging.campaign import shards as _shards, workers as _workers
 from imaging.campaign.run import process
 from imaging.campaign.shards import CampaignChanged
+from imaging.errors import MixedSizes, NoMuscle
 from imaging.ruler.scale import Scale
 from imaging.shape.recipe import Recipe
 from imaging.synthetic import published_scene, render

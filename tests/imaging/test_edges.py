@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from imaging import Camera, Tone
+from imaging.camera import Camera, Tone
 from imaging.camera.amount import amount_of_luma
 from imaging.outline.both_sides import find_outline
 from imaging.outline.edge_fit import best_shift

@@ -5,7 +5,8 @@ import pickle
 import pytest
 
 import imaging
-from imaging import Defocused, ImagingError
+from imaging import ImagingError
+from imaging.errors import Defocused
 
 KINDS = [
     kind

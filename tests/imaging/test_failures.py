@@ -8,27 +8,23 @@ import pickle
 import numpy as np
 import pytest
 
-from imaging import (
+from imaging import ImagingError, Recipe, Scale, measure, read_image
+from imaging.errors import (
     AmbiguousHue,
     Clipped,
     DamagedImage,
     Defocused,
     ExtraFitting,
-    ImagingError,
-    Limits,
     MissingFitting,
     MotionBlurred,
     NoMuscle,
     Overexposed,
-    Recipe,
-    Scale,
     ScaleContradiction,
     Underexposed,
     UnreadableImage,
     WrongOrientation,
-    measure,
-    read_image,
 )
+from imaging.shape import Limits
 from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene, render
 
 SIZE = (1060, 440)

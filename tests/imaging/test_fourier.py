@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import famjax
-from imaging import fit_fourier
+from imaging.shape import fit_fourier
 from imaging.synthetic import INCH, PUBLISHED_CONTRACTIONS, published_shape
 
 X = np.linspace(0, 1, 801)
@@ -50,7 +50,7 @@ def test_a_symmetric_fit_is_even_about_the_middle():
 def test_it_is_the_muscles_own_profile(symmetric):
     true = np.asarray(published_shape(0.2625)(X))
     fit = fit_fourier(X, true, n_terms=3, symmetric=symmetric)
-    profile = famjax.FourierProfile(fit.mean, fit.cosines, fit.sines, fit.frequency)
+    profile = famjax.profiles.FourierProfile(fit.mean, fit.cosines, fit.sines, fit.frequency)
     rounding = 1e-9  # the tests run the model in float64
     spread = np.abs(fit.cosines).sum() + np.abs(fit.sines).sum() + abs(fit.mean)
     np.testing.assert_allclose(

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from imaging import ImagingError, UnreadableImage, read_image
+from imaging import ImagingError, read_image
 from imaging.camera.jpeg_damage import JpegHeader, find_seam, read_header
+from imaging.errors import UnreadableImage
 from imaging.synthetic import (
     Jpeg,
     Sensor,

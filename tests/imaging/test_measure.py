@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import imaging
-from imaging import Camera, Recipe, Scale, Tone, measure
+from imaging import Recipe, Scale, measure
+from imaging.camera import Camera, Tone
 from imaging.shape.one_picture import measure as measure_directly
 from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene, render
 

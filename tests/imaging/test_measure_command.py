@@ -11,7 +11,8 @@ import pytest
 
 from famjax.__main__ import main
 from famjax.commands.measure_options import command_recipe, expand, parse_scale
-from imaging import AmbiguousRuler, ImagingError, read_recipe
+from imaging import ImagingError, read_recipe
+from imaging.errors import AmbiguousRuler
 from imaging.synthetic import (
     published_ruler,
     published_scene,
@@ -83,7 +84,8 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
 def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
     recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
     render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
-    from imaging import Recipe, Scale, write_recipe
+    from imaging import Recipe, Scale
+    from imaging.shape import write_recipe
 
     write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
     picture.write_bytes(b"\xff\xd8 no picture")
@@ -184,7 +186,8 @@ def test_a_scale_by_hand_has_the_error_given_or_that_of_its_digits():
 
 
 def test_options_override_the_recipe_file(tmp_path):
-    from imaging import Recipe, Scale, write_recipe
+    from imaging import Recipe, Scale
+    from imaging.shape import write_recipe
 
     path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
     found, provenance = command_recipe(recipe=path, distance="60in", method="pixel")
@@ -194,7 +197,8 @@ def test_options_override_the_recipe_file(tmp_path):
 
 def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
     """Sixteenths on the other edge: the options tell which, and how well it was placed."""
-    from imaging import RulerReading, write_recipe
+    from imaging.ruler import RulerReading
+    from imaging.shape import write_recipe
 
     scene = dataclasses.replace(published_ruler(size=(1325, 300)), edge="both", other_pitch=IN / 16)
     shot = render_ruler(scene, 5)

@@ -5,14 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from imaging import (
-    AmbiguousRuler,
-    RulerNotFound,
-    Scale,
-    UnreadableImage,
-    apparent_diameter,
-    calibrate_ruler,
-)
+from imaging import Scale, calibrate_ruler
+from imaging.camera import apparent_diameter
+from imaging.errors import AmbiguousRuler, RulerNotFound, UnreadableImage
 from imaging.ruler.marks import marks_of, numbered
 from imaging.synthetic import INCH, published_ruler, render_ruler
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from famjax.boundary.units import UNITS
-from imaging import SyncError
 from imaging.camera.timestamps import Timestamp, read_timestamp
 from imaging.campaign.machine_log import MachineLog, read_machine_log
 from imaging.campaign.sync import synchronise
+from imaging.errors import SyncError
 
 IN = 0.0254
 REST = 9.28 * IN

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from imaging import Camera, apparent_diameter, ring_position, silhouette_from_profile
+from imaging.camera import Camera, apparent_diameter, ring_position, silhouette_from_profile
 from imaging.synthetic import (
     INCH,
     PUBLISHED_CONTRACTIONS,

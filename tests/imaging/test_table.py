@@ -8,7 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from imaging import ImagingError, MachineLog, Table, synchronise
+from imaging import ImagingError, Table
+from imaging.campaign import MachineLog, synchronise
 from imaging.campaign.row import POSITION, Row
 from imaging.synthetic import stroke_log, triangle_stroke
 

@@ -7,16 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from imaging import (
-    DamagedImage,
-    ImagingError,
-    MissingFitting,
-    MotionBlurred,
-    Recipe,
-    Scale,
-    Tone,
-    measure,
-)
+from imaging import ImagingError, Recipe, Scale, measure
+from imaging.camera import Tone
+from imaging.errors import DamagedImage, MissingFitting, MotionBlurred
 from imaging.outline.midline import axis_deviation, axis_kink
 from imaging.synthetic import INCH, Lens, Tape, published_scene, random_scene, render
 from imaging.tape.cover import behind, check_cover, tape_shows

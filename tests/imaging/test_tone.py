@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from imaging import Tone
+from imaging.camera import Tone
 from imaging.synthetic import Sensor, expose, published_scene, render_linear
 
 BRACKET_S = (1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0)

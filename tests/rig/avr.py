@@ -5,7 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from rig import frame
+from rig.protocol import frame
 
 HARNESS = Path(__file__).with_name("simavr_harness.c")
 FREQUENCY = 16e6  # Hz

@@ -2,17 +2,8 @@
 
 from typing import TypeVar
 
-from rig import (
-    Ack,
-    Device,
-    Message,
-    NativeDevice,
-    Sample,
-    Splitter,
-    command_body,
-    frame,
-    parse,
-)
+from rig.device import Device, NativeDevice
+from rig.protocol import Ack, Message, Sample, Splitter, command_body, frame, parse
 
 AnyMessage = TypeVar("AnyMessage", bound=Message)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rig import build_native, firmware_folder
+from rig.device import build_native, firmware_folder
 
 sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
 

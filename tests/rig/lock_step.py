@@ -3,7 +3,7 @@
 from avr import Avr
 from session_fuzz import Fuzz
 
-from rig import Device, NativeDevice
+from rig.device import Device, NativeDevice
 
 LAG = 120  # bytes that the AVR's line may be behind the core: one tick's, and those it releases
 

@@ -4,7 +4,7 @@ import random
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from rig import Sample, Splitter, command_body, frame, parse
+from rig.protocol import Sample, Splitter, command_body, frame, parse
 
 
 class Tick(NamedTuple):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rig import RigError, align_by_load, align_by_pulses
+from fitting.records import align_by_load, align_by_pulses
+from rig import RigError
 
 SIGMAS = 4.5  # of about 40 checks each; the standard errors themselves are estimates
 

@@ -19,25 +19,12 @@ from avr import (
 from lock_step import lock_step
 from session_fuzz import Fuzz
 
-from rig import (
-    RUN,
-    Control,
-    Device,
-    Hello,
-    Isobaric,
-    Journal,
-    Rig,
-    Splitter,
-    Status,
-    VirtualLink,
-    audit,
-    firmware_folder,
-    frame,
-    parse,
-    read_journal,
-    run,
-    table,
-)
+from rig import Journal, Rig, audit, read_journal, run
+from rig.control import Control, Isobaric
+from rig.device import Device, firmware_folder
+from rig.journal import table
+from rig.link import VirtualLink
+from rig.protocol import RUN, Hello, Splitter, Status, frame, parse
 from rig.simulation import SimulatedRig
 
 FIRMWARE = firmware_folder()

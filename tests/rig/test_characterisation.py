@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from fitting import read_csv
-from rig import (
+from fitting.records import (
     Alignment,
     Gap,
     IsobaricRecord,
     MachineLog,
-    RigError,
     characterise,
     combine,
     dataset_text,
     force_rmse,
     write_dataset,
 )
+from rig import RigError
 
 L0, STROKE, RATE, DT = 0.24, 0.06, 1e-3, 0.02
 HALF = 12.0  # N, half of the loop's width

@@ -15,17 +15,9 @@ import pytest
 from famjax.__main__ import main
 from famjax.commands.rig import HELP
 from fitting import read_csv
-from rig import (
-    Monitor,
-    RigError,
-    Sample,
-    audit,
-    frame,
-    quantity,
-    read_journal,
-    read_plan,
-    write_calibration,
-)
+from rig import RigError, audit, read_journal, read_plan
+from rig.control import Monitor, quantity, write_calibration
+from rig.protocol import Sample, frame
 from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
 
 PLAN = """

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from rig import ControlLaw, drive, next_integral, pressure_error
+from rig.protocol import ControlLaw, drive, next_integral, pressure_error
 
 SEED_COUNT = 400
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from session_fuzz import Fuzz
 
-from rig import Device, NativeDevice, RigError, build_native, firmware_folder, frame
+from rig import RigError
+from rig.device import Device, NativeDevice, build_native, firmware_folder
+from rig.protocol import frame
 
 TICKS = 20_000  # per seed; the benchmark does millions
 

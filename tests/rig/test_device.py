@@ -6,17 +6,16 @@ from collections.abc import Iterator
 import pytest
 from bench import Bench
 
-from rig import (
+from rig.device import Device, NativeDevice
+from rig.protocol import (
     MANUAL,
     RUN,
     SAFE,
     TRIP,
     Ack,
     Comment,
-    Device,
     Hello,
     Limits,
-    NativeDevice,
     Sample,
     Settings,
     Status,

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig import RigError, read_machine_log
+from fitting.records import read_machine_log
+from rig import RigError
 
 TIME = 0.02 * np.arange(150)
 DISPLACEMENT = -1.016e-3 * TIME

@@ -5,7 +5,9 @@ import re
 
 import pytest
 
-from rig import (
+from rig.device import firmware_folder
+from rig.device.commands import ARGUMENTS
+from rig.protocol import (
     Ack,
     Comment,
     ControlLaw,
@@ -18,11 +20,9 @@ from rig import (
     Status,
     command_body,
     crc16,
-    firmware_folder,
     frame,
     parse,
 )
-from rig.device.commands import ARGUMENTS
 
 LINES: list[tuple[str, Message]] = [
     (

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from rig import Ack, RigError, Sample, Splitter, parse
+from rig import RigError
+from rig.protocol import Ack, Sample, Splitter, parse
 from rig.simulation import RigServer, SimulatedRig
 
 PATIENCE = 10.0  # s, for what takes milliseconds on an idle machine

@@ -8,25 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from famjax.chain import analyse
 from fitting import read_csv
-from rig import (
-    Control,
-    Hello,
-    Isobaric,
-    Journal,
-    PlanFile,
-    Rig,
-    RigError,
-    RigFault,
-    Sample,
-    Splitter,
-    VirtualLink,
-    analyse,
-    audit,
-    parse,
-    read_journal,
-    read_machine_log,
-)
+from fitting.records import read_machine_log
+from rig import Journal, Rig, RigError, RigFault, audit, read_journal
+from rig.control import Control, Isobaric, PlanFile
+from rig.link import VirtualLink
+from rig.protocol import Hello, Sample, Splitter, parse
 from rig.simulation import (
     ByteChannel,
     HydraulicCircuit,

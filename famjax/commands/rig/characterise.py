@@ -64,14 +64,10 @@ def rig_characterise(
     json_
         Print one JSON object to standard output and nothing else there.
     """
-    from rig import (  # noqa: PLC0415
-        analyse,
-        quantity,
-        read_journal,
-        read_machine_log,
-        specimen_entries,
-        write_dataset,
-    )
+    from famjax.chain import analyse
+    from fitting.records import read_machine_log, write_dataset
+    from rig import read_journal
+    from rig.control import quantity, specimen_entries
 
     with rig_problems():
         entries = specimen_entries(specimen)
@@ -95,7 +91,7 @@ def rig_characterise(
 
 def report_test(found, paths: list[Path], output: Path, units: str, json_: bool) -> int:
     """Write figures and picture of a test, and print its table."""
-    from rig import figures, plot_characterisation, table_rows  # noqa: PLC0415
+    from famjax.chain import figures, plot_characterisation, table_rows
 
     document = figures(found)
     picture, numbers = output / "characterisation.png", output / "characterisation.json"

@@ -12,7 +12,7 @@ from .problems import rig_problems
 
 def rig_ports() -> int:
     """List the serial ports of this computer."""
-    from rig import ports  # noqa: PLC0415
+    from rig.control import ports
 
     found = ports()
     for row in found:
@@ -48,12 +48,14 @@ def rig_monitor(
     units
         Of the values: si, metric or us.
     """
-    from time import monotonic  # noqa: PLC0415
+    from time import monotonic
 
-    from rich.live import Live  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.live import Live
+    from rich.text import Text
 
-    from rig import Link, Monitor, read_calibration, serial_opener  # noqa: PLC0415
+    from rig import Link, read_calibration
+    from rig.control import Monitor
+    from rig.link import serial_opener
 
     with rig_problems():
         view = Monitor(read_calibration(calibration) if calibration else None, units)
@@ -102,7 +104,8 @@ def rig_run(
     resume
         Go on in the journal that is there, with the pressure that was not completed.
     """
-    from rig import PRECONDITIONS, need_port, read_plan, run_test  # noqa: PLC0415
+    from rig import read_plan
+    from rig.control import PRECONDITIONS, need_port, run_test
 
     with rig_problems():
         test = read_plan(plan)

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 @contextlib.contextmanager
 def rig_problems() -> Iterator[None]:
     """Bad input of the rig as that of every command, and a rig that had to stop with exit code 1."""
-    from fitting import InputError  # noqa: PLC0415
-    from rig import RigError, RigFault  # noqa: PLC0415
+    from fitting import InputError
+    from rig import RigError, RigFault
 
     try:
         with _polite_ends():

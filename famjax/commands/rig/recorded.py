@@ -27,12 +27,15 @@ def rig_replay(
     units
         Of the values: si, metric or us.
     """
-    from time import sleep  # noqa: PLC0415
+    from time import sleep
 
-    from rich.live import Live  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.live import Live
+    from rich.text import Text
 
-    from rig import Monitor, Sample, read_journal, stored_calibration  # noqa: PLC0415
+    from rig import read_journal
+    from rig.control import Monitor
+    from rig.journal import stored_calibration
+    from rig.protocol import Sample
 
     with rig_problems():
         record = read_journal(journal)
@@ -70,9 +73,9 @@ def rig_check(
     json_
         Print one JSON object to standard output and nothing else there.
     """
-    from dataclasses import asdict  # noqa: PLC0415
+    from dataclasses import asdict
 
-    from rig import audit, read_journal  # noqa: PLC0415
+    from rig import audit, read_journal
 
     with rig_problems():
         found = audit(read_journal(journal))
@@ -90,7 +93,7 @@ def rig_convert(journal: Path, target: Path) -> int:
     target
         File to write: .parquet, .nc (NetCDF) or .csv.
     """
-    from rig import convert  # noqa: PLC0415
+    from rig.control import convert
 
     with rig_problems():
         print("written:", convert(journal, target))

@@ -46,8 +46,8 @@ def rig_simulate(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from rig import read_plan  # noqa: PLC0415
-    from rig.simulation import simulate  # noqa: PLC0415
+    from famjax.chain import simulate
+    from rig import read_plan
 
     with rig_problems():
         test = read_plan(plan)
@@ -68,13 +68,13 @@ def rig_simulate(
 
 def _simulated_muscle(fit_json: Path | None):
     """A famjax muscle, tabulated for the rig, and its entries in a dataset."""
-    import jax  # noqa: PLC0415
-    import jax.numpy as jnp  # noqa: PLC0415
-    import numpy as np  # noqa: PLC0415
+    import jax
+    import jax.numpy as jnp
+    import numpy as np
 
-    from rig.simulation import SimulatedMuscle  # noqa: PLC0415
+    from rig.simulation import SimulatedMuscle
 
-    from ... import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial, units  # noqa: PLC0415
+    from ... import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial, units
 
     if fit_json is None:  # the reference work's 7/8 in muscle with the latex of its chapter 6
         braid = Braid(9.89 * units.INCH, 1.09, 0.011 * units.INCH)
@@ -137,10 +137,10 @@ def rig_serve(
     seed
         Of the sensors' noise.
     """
-    import time  # noqa: PLC0415
+    import time
 
-    from rig import write_calibration  # noqa: PLC0415
-    from rig.simulation import HydraulicCircuit, PneumaticCircuit, RigServer, SimulatedRig  # noqa: PLC0415
+    from rig.control import write_calibration
+    from rig.simulation import HydraulicCircuit, PneumaticCircuit, RigServer, SimulatedRig
 
     with rig_problems():
         plant = PneumaticCircuit() if circuit == "air" else HydraulicCircuit()
