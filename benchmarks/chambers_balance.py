@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from famjax import Muscle
-from famjax.braids import bladder_axial_force, bladder_hoop_force, gaylord_force
+from famjax.braids import gaylord_force
 from famjax.compile_options import quick_jit
-from famjax.terms import VirtualWork
+from famjax.terms import VirtualWork, bladder_axial_force, bladder_hoop_force
 
 PRINTED_FREE = 0.353
 """Contraction of tables 6.1 and 6.2."""

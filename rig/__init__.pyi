@@ -1,4 +1,5 @@
 from . import (
+    calibration as calibration,
     control as control,
     device as device,
     errors as errors,
@@ -7,7 +8,7 @@ from . import (
     protocol as protocol,
     simulation as simulation,
 )
-from .control.calibration import Calibration as Calibration, read_calibration as read_calibration
+from .calibration.whole_rig import Calibration as Calibration, read_calibration as read_calibration
 from .control.plan_file import read_plan as read_plan
 from .control.plan_run import run as run
 from .control.rig import Rig as Rig

@@ -5,8 +5,6 @@ from .elastic import (
     ElasticBraid as ElasticBraid,
 )
 from .gaylord import (
-    bladder_axial_force as bladder_axial_force,
-    bladder_hoop_force as bladder_hoop_force,
     force_magnification as force_magnification,
     gaylord_force as gaylord_force,
 )

@@ -1,4 +1,4 @@
-"""The terms of the static force balance: F = F_G + sigma_z V / L - sigma_c t L^2 / (2 pi R N^2)."""
+"""The pull of a cylindrical braid under pressure, by Gaylord."""
 
 import jax.numpy as jnp
 
@@ -40,41 +40,3 @@ def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
     1267
     """
     return jnp.asarray(pressure * jnp.pi * radius**2 * force_magnification(braid_angle))
-
-
-def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) -> RealArray:
-    """Pull [N] of the bladder's own axial stress, sigma_z V / L.
-
-    Args:
-        axial_stress: true stress sigma_z [Pa], positive in tension.
-        bladder_volume: V [m3] of the rubber.
-        length: active length L [m].
-
-    Returns:
-        Force [N], broadcast shape; negative when the shortened bladder pushes.
-
-    References:
-        Ferraresi 2001; Chambers 2021, section 6.2.
-    """
-    return jnp.asarray(axial_stress * bladder_volume / length)
-
-
-def bladder_hoop_force(
-    hoop_stress: Real, thickness: Real, length: Real, radius: Real, turns: Real
-) -> RealArray:
-    """Pull [N] lost to the bladder's hoop stress, -sigma_c t L^2 / (2 pi R N^2).
-
-    Args:
-        hoop_stress: true stress sigma_c [Pa], positive in tension.
-        thickness: wall t [m].
-        length: active length L [m].
-        radius: braid radius R [m].
-        turns: N [-].
-
-    Returns:
-        Force [N], broadcast shape; negative when the stretched bladder holds the braid back.
-
-    References:
-        Ferraresi 2001; Chambers 2021, section 6.2.
-    """
-    return -jnp.asarray(hoop_stress * thickness * length**2 / (2 * jnp.pi * radius * turns**2))

@@ -9,7 +9,7 @@ from fitting.records.alignment import Alignment, align_by_load, align_by_pulses
 from fitting.records.characterisation import Characterisation, characterise
 from fitting.records.isobaric_record import IsobaricRecord, combine
 from fitting.records.machine_log import MachineLog
-from rig.control.calibration import Calibration
+from rig.calibration.whole_rig import Calibration
 from rig.errors import RigError
 from rig.journal.reader import Record
 from rig.journal.tables import table

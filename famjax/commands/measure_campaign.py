@@ -16,7 +16,7 @@ from imaging.campaign.run import process
 from imaging.campaign.sync import synchronise
 from imaging.campaign.table import Table
 from imaging.errors import ImagingError, SyncError
-from imaging.shape.recipe import Recipe
+from imaging.recipe import Recipe
 from imaging.shape.recipe_file import write_recipe
 
 from .measure_options import expand

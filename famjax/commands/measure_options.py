@@ -13,9 +13,9 @@ from typing import Any
 from famjax.boundary.units import factor, parse_quantity
 from imaging.camera.read import read_image
 from imaging.errors import ImagingError
+from imaging.recipe import Recipe
 from imaging.ruler.calibrate import calibrate_ruler
 from imaging.ruler.scale import Scale
-from imaging.shape.recipe import Recipe
 from imaging.shape.recipe_file import read_recipe
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")

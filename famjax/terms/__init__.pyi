@@ -3,20 +3,23 @@ from .bladder_wall import (
     BladderAxial as BladderAxial,
     BladderHoop as BladderHoop,
     BladderWall as BladderWall,
+    bladder_axial_force as bladder_axial_force,
+    bladder_hoop_force as bladder_hoop_force,
 )
 from .friction import (
     AbstractFriction as AbstractFriction,
+    Friction as Friction,
     PressureFriction as PressureFriction,
     ThreadFriction as ThreadFriction,
     crossing_area as crossing_area,
     smooth_sign as smooth_sign,
     thread_contact_area as thread_contact_area,
 )
-from .pressurised import PressurisedBraid as PressurisedBraid, VirtualWork as VirtualWork
-from .sliding import Friction as Friction
+from .pressurised_braid import PressurisedBraid as PressurisedBraid
 from .spring import Spring as Spring
 from .virtual_work import (
     PressureTerms as PressureTerms,
+    VirtualWork as VirtualWork,
     pressure_terms as pressure_terms,
     virtual_work_force as virtual_work_force,
     volume_rate as volume_rate,

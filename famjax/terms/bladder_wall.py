@@ -1,14 +1,54 @@
-"""The bladder's part of the pull: the axial stress in its wall, and the hoop stress."""
+"""The bladder's part of the pull: the axial stress in its wall, and the hoop stress.
+
+The static force balance is F = F_G + sigma_z V / L - sigma_c t L^2 / (2 pi R N^2).
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .._types import Real, RealArray, as_real
-from ..braids.gaylord import bladder_axial_force, bladder_hoop_force
 from ..geometries.estimated import Dimensions
 from ..materials.polynomial import AbstractMaterial
 from .abstract import AbstractForceTerm
+
+
+def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) -> RealArray:
+    """Pull [N] of the bladder's own axial stress, sigma_z V / L.
+
+    Args:
+        axial_stress: true stress sigma_z [Pa], positive in tension.
+        bladder_volume: V [m3] of the rubber.
+        length: active length L [m].
+
+    Returns:
+        Force [N], broadcast shape; negative when the shortened bladder pushes.
+
+    References:
+        Ferraresi 2001; Chambers 2021, section 6.2.
+    """
+    return jnp.asarray(axial_stress * bladder_volume / length)
+
+
+def bladder_hoop_force(
+    hoop_stress: Real, thickness: Real, length: Real, radius: Real, turns: Real
+) -> RealArray:
+    """Pull [N] lost to the bladder's hoop stress, -sigma_c t L^2 / (2 pi R N^2).
+
+    Args:
+        hoop_stress: true stress sigma_c [Pa], positive in tension.
+        thickness: wall t [m].
+        length: active length L [m].
+        radius: braid radius R [m].
+        turns: N [-].
+
+    Returns:
+        Force [N], broadcast shape; negative when the stretched bladder holds the braid back.
+
+    References:
+        Ferraresi 2001; Chambers 2021, section 6.2.
+    """
+    return -jnp.asarray(hoop_stress * thickness * length**2 / (2 * jnp.pi * radius * turns**2))
 
 
 class _Wall(eqx.Module):

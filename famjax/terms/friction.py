@@ -12,6 +12,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..geometries.estimated import Dimensions
 from ..parameters import Parametrised, number, parameter
+from .abstract import AbstractForceTerm
 
 
 def smooth_sign(velocity: Real, reference_velocity: Real) -> RealArray:
@@ -138,3 +139,23 @@ class PressureFriction(AbstractFriction):
         """Friction [N] of full sliding, c0 + c1 P, broadcast shape."""
         shape = jnp.broadcast_shapes(jnp.shape(at.length), jnp.shape(pressure))
         return jnp.broadcast_to(self.constant + self.per_pressure * pressure, shape)
+
+
+class Friction(AbstractForceTerm):
+    """Friction's part of the pull while the muscle moves: the amplitude of a law times a direction.
+
+    Attributes:
+        law: its amplitude, such as a `ThreadFriction` or a `PressureFriction`.
+        direction: in [-1, 1], 1 when the muscle lengthens, -1 when it shortens; `smooth_sign` of a
+            velocity.
+
+    >>> import famjax
+    >>> shortening = Friction(famjax.terms.PressureFriction(8.0, 6e-5), -1.0)
+    """
+
+    law: AbstractFriction
+    direction: Float[Given, "..."] = number()
+
+    def force(self, at: Dimensions, pressure: Real) -> RealArray:
+        """Friction's part of the pull [N], broadcast shape; positive when lengthening."""
+        return self.law.force(at, pressure, self.direction)

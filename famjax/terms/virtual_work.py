@@ -4,16 +4,22 @@ The bladder and the braid keep their volume, so that the outline's volume and th
 same derivative.
 """
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Float
 
-from .._types import Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_real
 from ..braids.gaylord import gaylord_force
 from ..braids.inextensible import AbstractBraid
-from ..geometries.estimated import AbstractGeometry
+from ..geometries.estimated import AbstractGeometry, Dimensions
 from ..geometries.meridian import Meridian
+from ..parameters import parameter
 from ..profiles.family import AbstractProfileFamily
+from .abstract import AbstractForceTerm
+from .pressurised_braid import HIGHEST_DEADBAND
 
 
 def volume_rate(
@@ -160,3 +166,49 @@ def _outline_volume(
     if isinstance(source, AbstractGeometry):
         return source.dimensions(length, pressure).volume
     return Meridian.of(source.at(pressure), length).volume
+
+
+class VirtualWork(AbstractForceTerm):
+    """The pressure's pull by virtual work, -(P - P_d) dV/dL, whatever the outline's shape.
+
+    dV/dL is the derivative, at constant pressure, of the volume that the geometry itself gives: the
+    term holds no geometry of its own, whose numbers would then have to be kept the same. Where the
+    threads stretch, a part of the work P dV goes into them; see `volume_rate`.
+
+    Attributes:
+        deadband_pressure: P_d [Pa], pressure before the muscle acts.
+        at_thread_length: take dV/dL at constant thread length, dV/dL - (dV/dB) dB/dL, so that the
+            work that stretches the threads does not count as the muscle's.
+
+    References:
+        Chou & Hannaford 1996.
+    """
+
+    deadband_pressure: Float[Given, "..."] = parameter(
+        "Pa", low=0.0, high=HIGHEST_DEADBAND, default=0.0
+    )
+    at_thread_length: bool = eqx.field(static=True, default=False)
+
+    uses_rates: ClassVar[bool] = True
+
+    def force(self, at: Dimensions, pressure: Real) -> RealArray:
+        """The pressure's pull [N], broadcast shape.
+
+        Raises:
+            ValueError: the dimensions come without rates, or without the thread length asked for.
+        """
+        if at.rates is None:
+            raise ValueError(
+                "virtual work needs the rate of the volume: dimensions with their `rates`, as "
+                "Muscle gives them to its terms, or geometry.dimensions_with_rates"
+            )
+        rate = at.rates.volume
+        if self.at_thread_length:
+            if at.thread_length is None or at.rates.thread_length is None:
+                raise ValueError(
+                    "virtual work at constant thread length needs a geometry whose dimensions say "
+                    "their thread_length; this one does not"
+                )
+            B, L = at.thread_length, at.length
+            rate = rate - at.rates.thread_length * 2 * B * at.volume / ((B - L) * (B + L))
+        return jnp.asarray(-(pressure - self.deadband_pressure) * rate)

@@ -1,7 +1,8 @@
 """What a muscle card holds of each part of a muscle, as the class of the part declares it.
 
 A number says its unit where it is declared (`famjax.parameter`, `famjax.parameters.number`), and a
-field that is a part says its class: there is no table of classes, and one of a modeller's own has a card too.
+field that is a part says its class: there is no table of classes, and one of a modeller's own has a
+card too.
 """
 
 import dataclasses

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from famjax.boundary.units import factor, unit_system
 
 from ..camera.read import readable_part
+from ..recipe import Recipe
 from ..shape.one_picture import measure
 from ..shape.overlay import draw_overlay
-from ..shape.recipe import Recipe
 from .plots import plot_table
 from .table import Table
 from .tiles import Tile, contact_sheet

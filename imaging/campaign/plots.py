@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from famjax.boundary.units import factor, unit_system
 
-from ..shape.quality import Limits
+from ..quality import Limits
 from .table import Table
 
 _PROFILES = 40  # drawn at most, evenly over the contraction

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ImagingError, MixedSizes
-from ..shape.recipe import Recipe
+from ..recipe import Recipe
 from ..shape.recipe_file import recipe_as_dict, recipe_text
 from .row import Row
 from .shards import Shards

@@ -136,3 +136,15 @@ def penalty(n: int) -> NDArray[np.float64]:
             band[3 - (j - i), j : n - 3 + j] += a * b
     band.setflags(write=False)
     return band
+
+
+def correlated_points(off: NDArray[np.float64]) -> float:
+    """Points over which residuals stick together, 1 + 2 sum of their autocorrelations while > 0."""
+    power = float(off @ off)
+    if power == 0:
+        return 1.0
+    size = 2 ** int(np.ceil(np.log2(2 * off.size)))
+    spectrum = np.abs(np.fft.rfft(off, size)) ** 2
+    lags = np.fft.irfft(spectrum, size)[1 : off.size // 2] / power
+    stop = int(np.argmax(lags <= 0)) if np.any(lags <= 0) else lags.size
+    return float(1 + 2 * lags[:stop].sum())

@@ -2,6 +2,4 @@ from .fourier import FourierFit as FourierFit, fit_fourier as fit_fourier
 from .measurement import Measurement as Measurement
 from .one_picture import measure as measure
 from .overlay import draw_overlay as draw_overlay
-from .quality import Limits as Limits, Quality as Quality
-from .recipe import Recipe as Recipe
 from .recipe_file import read_recipe as read_recipe, write_recipe as write_recipe

@@ -213,15 +213,3 @@ def _covariance(
         turn[b, -1] = (n / 2) * (cosine * c - sine * s)
         turn[-1, -1] = 1
     return turn @ inner @ turn.T
-
-
-def correlated_points(off: NDArray[np.float64]) -> float:
-    """Points over which residuals stick together, 1 + 2 sum of their autocorrelations while > 0."""
-    power = float(off @ off)
-    if power == 0:
-        return 1.0
-    size = 2 ** int(np.ceil(np.log2(2 * off.size)))
-    spectrum = np.abs(np.fft.rfft(off, size)) ** 2
-    lags = np.fft.irfft(spectrum, size)[1 : off.size // 2] / power
-    stop = int(np.argmax(lags <= 0)) if np.any(lags <= 0) else lags.size
-    return float(1 + 2 * lags[:stop].sum())

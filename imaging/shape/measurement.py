@@ -6,8 +6,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..quality import Quality
 from .fourier import FourierFit, fit_fourier
-from .quality import Quality
 
 
 @dataclasses.dataclass(frozen=True)

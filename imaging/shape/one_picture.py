@@ -13,6 +13,8 @@ from ..camera.read import Reader, read_image
 from ..errors import ImagingError, NoMuscle, WrongOrientation
 from ..outline.both_sides import Outline, find_outline
 from ..outline.midline import axis_deviation, axis_kink
+from ..quality import Quality
+from ..recipe import Recipe
 from ..segment.segmentation import Segmentation, Tape, segment
 from ..segment.tape_colour import hue_of
 from ..tape.diameter import check_tape_diameter
@@ -20,8 +22,6 @@ from ..tape.ring import Ring, find_ring
 from .measurement import Measurement
 from .pixel_method import measure_pixels
 from .profile_of_body import end_radius, measurement_of_body
-from .quality import Quality
-from .recipe import Recipe
 
 _LEAST_WIDTH = 16  # px
 

@@ -5,10 +5,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import AmbiguousHue, Clipped, ExtraFitting, MissingFitting, NoMuscle
+from ..quality import Quality
+from ..recipe import Recipe
 from ..segment.otsu import counts_of, otsu_split
 from .measurement import Errors, Measurement, Trace
-from .quality import Quality
-from .recipe import Recipe
 
 _LEAST_CONTRAST = 30
 _LEAST_AREA = 0.002

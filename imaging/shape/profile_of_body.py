@@ -9,12 +9,11 @@ from scipy.interpolate import CubicSpline
 
 from ..camera.pinhole import Camera, Silhouette
 from ..outline.both_sides import Outline
-from ..outline.smoother import smooth
+from ..outline.smoother import correlated_points, smooth
+from ..quality import Quality
 from ..ruler.scale import Scale
 from ..tape.ring import Ring
-from .fourier import correlated_points
 from .measurement import Errors, Measurement, Trace
-from .quality import Quality
 
 _SHADE = 0.02  # px per edge and px^0.5 of blur
 _OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1

@@ -13,7 +13,7 @@ from famjax.boundary.units import UNITS, factor
 
 from ..camera.tone import Tone
 from ..errors import ImagingError
-from .recipe import Recipe
+from ..recipe import Recipe
 
 _FORMAT = "famjax recipe 1"
 _LENGTHS = ("distance", "tape_diameter", "pitch", "placement_stderr")

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from ..camera.pinhole import Camera, Silhouette, turned
 from ..errors import ScaleContradiction
 from ..outline.both_sides import find_outline
+from ..recipe import Recipe
 from ..segment.segmentation import Segmentation, Tape
-from ..shape.recipe import Recipe
 
 _GUARD = 5  # px at a tape's ends that are left out
 _FEWEST_ROWS = 12

@@ -14,7 +14,7 @@ from ..camera.tone import Tone
 from ..errors import MissingFitting
 from ..outline.edge_fit import best_shift, height_and_rest, least_squares
 from ..outline.limb import step
-from ..shape.fourier import correlated_points
+from ..outline.smoother import correlated_points
 from .cover import LEAST_SEEN, behind, check_cover, tape_shows
 
 _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray

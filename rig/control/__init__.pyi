@@ -1,11 +1,3 @@
-from .calibration import (
-    Calibration as Calibration,
-    calibration_as_dict as calibration_as_dict,
-    calibration_from_dict as calibration_from_dict,
-    read_calibration as read_calibration,
-    write_calibration as write_calibration,
-)
-from .feed_forward import FeedForward as FeedForward, fit_feed_forward as fit_feed_forward
 from .monitor import Monitor as Monitor
 from .operator import (
     convert as convert,
@@ -32,5 +24,4 @@ from .plan_run import (
     run as run,
 )
 from .rig import Rig as Rig
-from .sensor import Sensor as Sensor, fit_sensor as fit_sensor
 from .settings import Control as Control

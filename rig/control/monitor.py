@@ -4,9 +4,9 @@ from collections import deque
 
 from famjax.boundary.units import factor, unit_system
 
+from ..calibration.sensor import READINGS
+from ..calibration.whole_rig import Calibration
 from ..protocol.messages import FAULTS, STATES, Sample
-from .calibration import Calibration
-from .sensor import READINGS
 
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 

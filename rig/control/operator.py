@@ -7,12 +7,12 @@ from pathlib import Path
 
 from famjax.boundary.units import to_si
 
+from ..calibration.whole_rig import read_calibration
 from ..errors import RigError
 from ..journal.reader import read_journal
 from ..journal.tables import table, write_netcdf, write_parquet
 from ..journal.writer import Journal
 from ..link.serial_link import Link, serial_opener
-from .calibration import read_calibration
 from .plan import duration, next_block
 from .plan_file import PlanFile
 from .plan_run import run

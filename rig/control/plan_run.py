@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+from ..calibration.feed_forward import FeedForward, fit_feed_forward
 from ..errors import RigError
-from .feed_forward import FeedForward, fit_feed_forward
 from .plan import Plan, Step, duration, highest_pressure
 from .rig import LOOK, Rig
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from famjax.boundary.units import UNITS
 
+from ..calibration.sensor import READINGS
+from ..calibration.whole_rig import Calibration
 from ..errors import RigError
 from ..fault import ADVICE, RigFault
 from ..journal.writer import Journal
@@ -15,8 +17,6 @@ from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
 from ..protocol.control_law import TICK_HZ
 from ..protocol.messages import FAULTS, MANUAL, RUN, STATES, Sample
-from .calibration import Calibration
-from .sensor import READINGS
 from .set_up import greet, set_up, told_of
 from .settings import JUMP_LIMIT, Control
 

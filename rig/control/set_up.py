@@ -4,11 +4,11 @@ import dataclasses
 
 from famjax.boundary.units import UNITS
 
+from ..calibration.whole_rig import Calibration, calibration_as_dict
 from ..errors import RigError
 from ..fault import RigFault
 from ..link.abstract_link import AbstractLink
 from ..protocol.messages import PROTOCOL
-from .calibration import Calibration, calibration_as_dict
 from .settings import Control, device_calibration, jump_counts, trip_counts
 
 HELLOS = 5

@@ -6,9 +6,9 @@ from typing import Self
 
 from famjax.boundary.units import UNITS
 
+from ..calibration.sensor import READINGS
+from ..calibration.whole_rig import Calibration
 from ..errors import RigError
-from .calibration import Calibration
-from .sensor import READINGS
 
 _PSI = UNITS["pressure"]["psi"]
 

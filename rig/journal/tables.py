@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from famjax.boundary.units import UNITS
 
-from ..control.calibration import Calibration, calibration_from_dict
-from ..control.sensor import READINGS
+from ..calibration.sensor import READINGS
+from ..calibration.whole_rig import Calibration, calibration_from_dict
 from ..errors import RigError
 from ..protocol.control_law import TICK_HZ
 from .clock import ClockMap, fit_clock

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..control.sensor import READINGS, Sensor
+from ..calibration.sensor import READINGS, Sensor
 from ..errors import RigError
 from .circuits import PSI
 from .muscle import POUND

@@ -1,7 +1,7 @@
 """A whole rig in virtual time: device, sensors, serial line and plant behind four calls."""
 
-from ..control.calibration import Calibration
-from ..control.feed_forward import FeedForward, fit_feed_forward
+from ..calibration.feed_forward import FeedForward, fit_feed_forward
+from ..calibration.whole_rig import Calibration
 from ..device.core import BAUD_RATES, Device
 from ..device.native import NativeDevice
 from ..errors import RigError

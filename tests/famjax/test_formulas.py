@@ -51,10 +51,10 @@ FORMULAS = {
         Formula(famjax.braids.force_magnification, (1.1,), (NUMBER,), NUMBER),
         Formula(famjax.braids.gaylord_force, (5e5, 0.01, 1.1), (PRESSURE, LENGTH, NUMBER), FORCE),
         Formula(
-            famjax.braids.bladder_axial_force, (-1e6, 4e-5, 0.3), (PRESSURE, VOLUME, LENGTH), FORCE
+            famjax.terms.bladder_axial_force, (-1e6, 4e-5, 0.3), (PRESSURE, VOLUME, LENGTH), FORCE
         ),
         Formula(
-            famjax.braids.bladder_hoop_force,
+            famjax.terms.bladder_hoop_force,
             (1e6, 2e-3, 0.3, 0.01, 2.1),
             (PRESSURE, LENGTH, LENGTH, LENGTH, NUMBER),
             FORCE,

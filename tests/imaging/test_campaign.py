@@ -20,8 +20,8 @@ from imaging.campaign import shards as _shards, workers as _workers
 from imaging.campaign.run import process
 from imaging.campaign.shards import CampaignChanged
 from imaging.errors import MixedSizes, NoMuscle
+from imaging.recipe import Recipe
 from imaging.ruler.scale import Scale
-from imaging.shape.recipe import Recipe
 from imaging.synthetic import published_scene, render
 
 RECIPE = Recipe(Scale.manual(8922.0, 0.1))

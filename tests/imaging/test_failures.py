@@ -24,7 +24,7 @@ from imaging.errors import (
     UnreadableImage,
     WrongOrientation,
 )
-from imaging.shape import Limits
+from imaging.quality import Limits
 from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene, render
 
 SIZE = (1060, 440)

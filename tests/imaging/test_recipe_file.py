@@ -8,8 +8,9 @@ import pytest
 
 from imaging import ImagingError, Recipe, Scale, read_recipe
 from imaging.camera import Tone
+from imaging.quality import Limits
 from imaging.ruler import RulerReading
-from imaging.shape import Limits, write_recipe
+from imaging.shape import write_recipe
 from imaging.shape.recipe_file import recipe_as_dict, recipe_text
 
 RULER = Scale(8922.4409, 0.0892, (1.1, 8922.4, -1.7e-9), 0.31, 0.021, 97, "ruler")

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rig.control.calibration import (
+from rig.calibration.feed_forward import FeedForward, fit_feed_forward
+from rig.calibration.sensor import Sensor, fit_sensor
+from rig.calibration.whole_rig import (
     Calibration,
     calibration_from_dict,
     read_calibration,
     write_calibration,
 )
-from rig.control.feed_forward import FeedForward, fit_feed_forward
-from rig.control.sensor import Sensor, fit_sensor
 from rig.errors import RigError
 
 REFERENCES = np.linspace(0, 7e5, 8)

@@ -16,7 +16,8 @@ from famjax.__main__ import main
 from famjax.commands.rig import HELP
 from fitting import read_csv
 from rig import RigError, audit, read_journal, read_plan
-from rig.control import Monitor, quantity, write_calibration
+from rig.calibration import write_calibration
+from rig.control import Monitor, quantity
 from rig.protocol import Sample, frame
 from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
 

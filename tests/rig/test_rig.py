@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.control.calibration import Calibration, read_calibration
-from rig.control.feed_forward import FeedForward
+from rig.calibration.feed_forward import FeedForward
+from rig.calibration.sensor import Sensor
+from rig.calibration.whole_rig import Calibration, read_calibration
 from rig.control.plan import Isobaric, next_block
 from rig.control.plan_run import calibrate_feed_forward, run
 from rig.control.rig import Control, Rig
-from rig.control.sensor import Sensor
 from rig.device.native import firmware_folder
 from rig.errors import RigError
 from rig.fault import RigFault

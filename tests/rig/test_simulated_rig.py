@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.chain import analyse
+from famjax.chain import SimulatedTest, analyse, simulate
 from fitting import read_csv
 from fitting.records import read_machine_log
 from rig import Journal, Rig, RigError, RigFault, audit, read_journal
@@ -21,12 +21,10 @@ from rig.simulation import (
     MachineClock,
     PneumaticCircuit,
     SimulatedRig,
-    SimulatedTest,
     load_cell,
     machine_for,
     mckibben,
     pressure_transducer,
-    simulate,
 )
 
 PSI, INCH, POUND = 6894.757293168361, 0.0254, 4.4482216152605

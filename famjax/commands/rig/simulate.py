@@ -139,7 +139,7 @@ def rig_serve(
     """
     import time
 
-    from rig.control import write_calibration
+    from rig.calibration import write_calibration
     from rig.simulation import HydraulicCircuit, PneumaticCircuit, RigServer, SimulatedRig
 
     with rig_problems():

@@ -5,10 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from ..camera.pinhole import Camera
-from ..camera.tone import Tone
-from ..ruler.scale import RulerReading, Scale
+from .camera.pinhole import Camera
+from .camera.tone import Tone
 from .quality import Limits
+from .ruler.scale import RulerReading, Scale
 
 METHODS = ("limb", "gradient", "half-level", "pixel")
 ORIENTATIONS = ("vertical", "horizontal", "auto")

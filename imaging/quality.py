@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from ..errors import (
+from .errors import (
     AmbiguousHue,
     DamagedImage,
     Defocused,
