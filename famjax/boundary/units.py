@@ -66,7 +66,7 @@ _SYSTEM_UNITS = {
     "strain compliance": ("1/N", "1/kN", "1/lbf"),
     "number": ("", "", ""),
     "time": ("s", "s", "s"),
-    "volume": ("m3", "m3", "in3"),
+    "volume": ("m3", "mm3", "in3"),
     "scale": ("px/m", "px/mm", "px/in"),
 }
 SYSTEMS: dict[str, _System] = {

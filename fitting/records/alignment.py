@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from famjax.boundary.errors import InputError
 
@@ -47,17 +48,17 @@ class Alignment:
             f"{self.offset_error * 1e3:.2g} ms, rate {rate} ppm"
         )
 
-    def journal_time(self, time: np.ndarray) -> np.ndarray:
+    def journal_time(self, time: ArrayLike) -> np.ndarray:
         """The journal's time [s] of the machine's times [s], any shape."""
-        time = np.asarray(time, float)
-        return time + self.offset + self.rate * (time - self.reference)
+        machine = np.asarray(time, float)
+        return np.asarray(machine + self.offset + self.rate * (machine - self.reference))
 
-    def error(self, time: np.ndarray) -> np.ndarray:
+    def error(self, time: ArrayLike) -> np.ndarray:
         """Standard error [s] of `journal_time`, of the shape of the machine's times [s]."""
         away = np.abs(np.asarray(time, float) - self.reference)
         with np.errstate(invalid="ignore"):
             drift = np.where(away > 0, self.rate_error * away, 0.0)
-        return np.hypot(self.offset_error, drift)
+        return np.asarray(np.hypot(self.offset_error, drift))
 
 
 def align_by_load(

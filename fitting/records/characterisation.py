@@ -230,4 +230,8 @@ def _free_contraction(record: IsobaricRecord, stroke: Stroke, grid: int) -> floa
 
 
 def _scatter(values: np.ndarray) -> np.ndarray:
-    return values.std(axis=0, ddof=1) if len(values) > 1 else np.full(values.shape[1:], np.nan)
+    return (
+        np.asarray(values.std(axis=0, ddof=1))
+        if len(values) > 1
+        else np.full(values.shape[1:], np.nan)
+    )

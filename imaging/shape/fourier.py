@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
+from ..outline.smoother import correlated_points
+
 _WAVES = (0.5, 4 * np.pi)
 _SCAN = 160
 _STARTS = 4

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from famjax.boundary.errors import InputError
 from imaging import ImagingError, Table
 from imaging.campaign import MachineLog, synchronise
 from imaging.campaign.row import POSITION, Row
@@ -87,7 +88,7 @@ def test_the_columns_are_there_when_every_picture_failed():
 
 
 def test_an_unknown_unit_system_is_refused():
-    with pytest.raises(ImagingError, match="us"):
+    with pytest.raises(InputError, match="us"):
         table().csv_text("imperial")
 
 

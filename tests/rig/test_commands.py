@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
+from famjax.boundary.errors import InputError
 from famjax.commands.rig import HELP
 from fitting import read_csv
-from rig import RigError, audit, read_journal, read_plan
+from rig import audit, read_journal, read_plan
 from rig.calibration import write_calibration
 from rig.control import Monitor, quantity
 from rig.protocol import Sample, frame
@@ -357,7 +358,7 @@ def test_quantities_need_their_unit() -> None:
     assert quantity("9.28125in", "length") == pytest.approx(0.23574375)
     assert quantity("-3 ms", "time") == pytest.approx(-0.003)
     for wrong in ("9", "in", "9 furlong", "9 psi"):
-        with pytest.raises(RigError):
+        with pytest.raises(InputError):
             quantity(wrong, "length")
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from famjax.boundary.errors import InputError
 from rig.control.plan import (
     Isobaric,
     describe,
@@ -13,7 +14,6 @@ from rig.control.plan import (
     seconds_of,
 )
 from rig.control.plan_file import PRECONDITIONS, read_plan
-from rig.errors import RigError
 
 PSI = 6894.757293168361
 PLAN = Isobaric((1e5, 3e5, 2e5), cycles=2, stroke=0.05, rate=0.001, settle=4.0)
@@ -58,7 +58,7 @@ def test_a_plan_goes_on_with_the_block_that_was_not_done() -> None:
     assert next_block(notes) == 1
     assert next(PLAN.steps(next_block(notes))) == ("block", 1, 3e5)
     assert next_block([]) == 0
-    with pytest.raises(RigError, match=r"cannot start at 4"):
+    with pytest.raises(InputError, match=r"cannot start at 4"):
         list(PLAN.steps(4))
 
 
@@ -76,7 +76,7 @@ def test_a_plan_goes_on_with_the_block_that_was_not_done() -> None:
 )
 def test_a_plan_that_cannot_be_is_refused(change: dict, message: str) -> None:
     fields = {"pressures": (1e5,), "cycles": 1, "stroke": 0.05, "rate": 0.001, **change}
-    with pytest.raises(RigError, match=message):
+    with pytest.raises(InputError, match=message):
         Isobaric(**fields)
 
 
@@ -149,5 +149,5 @@ def test_what_is_wrong_with_a_file_is_said(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     assert old in FILE
-    with pytest.raises(RigError, match=message):
+    with pytest.raises(InputError, match=message):
         read_plan(written(tmp_path, FILE.replace(old, new)))

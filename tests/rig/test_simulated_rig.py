@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from famjax.boundary.errors import InputError
 from famjax.chain import SimulatedTest, analyse, simulate
 from fitting import read_csv
 from fitting.records import read_machine_log
-from rig import Journal, Rig, RigError, RigFault, audit, read_journal
+from rig import Journal, Rig, RigFault, audit, read_journal
 from rig.control import Control, Isobaric, PlanFile
 from rig.link import VirtualLink
 from rig.protocol import Hello, Sample, Splitter, parse
@@ -273,7 +274,7 @@ def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:
         shown = machine.clock.reading(true)
         # Edges are known to half an interval of either record, and the line's latency comes on top.
         assert float(found.alignment.journal_time(np.array(shown))) == pytest.approx(true, abs=0.03)
-    with pytest.raises(RigError, match="no column 'Sync'"):
+    with pytest.raises(InputError, match="no column 'Sync'"):
         analyse(
             read_journal(tmp_path / "j.fam"),
             read_machine_log(tmp_path / "m.csv"),
@@ -319,18 +320,18 @@ def test_a_rig_has_the_baud_rates_of_the_firmware() -> None:
         (hello,) = [m for m in map(parse, rig.read().split(b"\n")) if isinstance(m, Hello)][:1]
         assert hello.ring == ring
         assert 0.75 * baud < hello.bytes_per_tick * hello.tick_hz * 10 <= baud
-    with pytest.raises(RigError, match="115200 or 500000 baud, got 9600"):
+    with pytest.raises(InputError, match="115200 or 500000 baud, got 9600"):
         SimulatedRig(baud=9600)
 
 
 def test_what_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RigError, match="longer than the"):
+    with pytest.raises(InputError, match="longer than the"):
         whole_test(tmp_path, "air", (20,), stroke=5 * INCH)
-    with pytest.raises(RigError, match="the limit is"):
+    with pytest.raises(InputError, match="the limit is"):
         whole_test(tmp_path / "b", "air", (120,))
-    with pytest.raises(RigError, match="clock_rate"):
+    with pytest.raises(InputError, match="clock_rate"):
         SimulatedRig(clock_rate=0.5)
-    with pytest.raises(RigError, match="time passes forwards"):
+    with pytest.raises(InputError, match="time passes forwards"):
         SimulatedRig().advance(-1.0)
 
 

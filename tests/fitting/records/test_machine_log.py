@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fitting import InputError
 from fitting.records import read_machine_log
-from rig import RigError
 
 TIME = 0.02 * np.arange(150)
 DISPLACEMENT = -1.016e-3 * TIME
@@ -172,13 +172,13 @@ def test_a_time_that_stands_still_is_reported(tmp_path: Path) -> None:
     ],
 )
 def test_what_would_have_to_be_guessed_is_refused(header: str, match: str, tmp_path: Path) -> None:
-    with pytest.raises(RigError, match=match.replace("(", r"\(")):
+    with pytest.raises(InputError, match=match.replace("(", r"\(")):
         read_machine_log(write(tmp_path, simple(header=header)))
 
 
 def test_no_header_at_all_needs_columns_and_units(tmp_path: Path) -> None:
     path = write(tmp_path, "\n".join(simple().splitlines()[1:]))
-    with pytest.raises(RigError, match="no column for time"):
+    with pytest.raises(InputError, match="no column for time"):
         read_machine_log(path)
     log = read_machine_log(
         path,
@@ -192,7 +192,7 @@ def test_two_loads_must_be_told_apart(tmp_path: Path) -> None:
     text = simple(header="Time (s),Extension (mm),Load cell (N)").splitlines()
     text = [f"{line},{'Load beam (N)' if k == 0 else '7'}" for k, line in enumerate(text)]
     path = write(tmp_path, "\n".join(text))
-    with pytest.raises(RigError, match="2 columns for force"):
+    with pytest.raises(InputError, match="2 columns for force"):
         read_machine_log(path)
     assert read_machine_log(path, columns={"force": "Load beam"}).force[0] == 7.0
     assert read_machine_log(path, columns={"force": "Load cell (N)"}).force[0] == 4000.0
@@ -204,32 +204,32 @@ def test_mega_and_milli_are_not_confused(tmp_path: Path) -> None:
             write(tmp_path, simple(header=f"time_s,displacement_mm,force ({unit})"))
         )
         assert log.force[0] == pytest.approx(4000 * scale)
-    with pytest.raises(RigError, match="unknown unit 'mn'"):
+    with pytest.raises(InputError, match="unknown unit 'mn'"):
         read_machine_log(write(tmp_path, simple(header="time_s,displacement_mm,force (mn)")))
 
 
 def test_a_comma_that_may_be_either_is_refused(tmp_path: Path) -> None:
     text = "time_s;displacement_mm;force_N\n" + "\n".join(f"{k};1,234;2,345" for k in range(20))
     path = write(tmp_path, text)
-    with pytest.raises(RigError, match=r"'1,234' may be 1.234 or 1234: give the decimal sign"):
+    with pytest.raises(InputError, match=r"'1,234' may be 1.234 or 1234: give the decimal sign"):
         read_machine_log(path)
     assert read_machine_log(path, decimal=",").force[0] == pytest.approx(2.345)
     assert read_machine_log(path, decimal=".").force[0] == pytest.approx(2345)
 
 
 def test_two_tests_in_one_file_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RigError, match=r"time goes back from 2.98 s to 0 s at line 152"):
+    with pytest.raises(InputError, match=r"time goes back from 2.98 s to 0 s at line 152"):
         read_machine_log(write(tmp_path, simple() + "\n".join(simple().splitlines()[1:])))
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RigError, match="no block of numbers"):
+    with pytest.raises(InputError, match="no block of numbers"):
         read_machine_log(write(tmp_path, "Dear all,\nno numbers today.\n"))
-    with pytest.raises(RigError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot read"):
         read_machine_log(tmp_path / "none.txt")
     binary = tmp_path / "log.xls"
     binary.write_bytes(bytes(range(256)) * 20)
-    with pytest.raises(RigError, match="is not a text file"):
+    with pytest.raises(InputError, match="is not a text file"):
         read_machine_log(binary)
-    with pytest.raises(RigError, match="load is none of time, displacement, force"):
+    with pytest.raises(InputError, match="load is none of time, displacement, force"):
         read_machine_log(write(tmp_path, simple()), units={"load": "N"})

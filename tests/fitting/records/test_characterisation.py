@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting import read_csv
+from fitting import InputError, read_csv
 from fitting.records import (
     Alignment,
     Gap,
@@ -17,7 +17,6 @@ from fitting.records import (
     force_rmse,
     write_dataset,
 )
-from rig import RigError
 
 L0, STROKE, RATE, DT = 0.24, 0.06, 1e-3, 0.02
 HALF = 12.0  # N, half of the loop's width
@@ -94,14 +93,14 @@ def test_rmse_between_fluids_is_their_constant_difference() -> None:
     for rmse in force_rmse(a, b).values():
         assert rmse == pytest.approx(7.0, abs=GRID_ERROR / np.sqrt(10))
     assert force_rmse(a, a) == {1e5: 0.0, 3e5: 0.0}
-    with pytest.raises(RigError, match="no set pressure is common"):
+    with pytest.raises(InputError, match="no set pressure is common"):
         force_rmse(a, characterise(record(pressures=(9e5,))))
 
 
 def test_first_strokes_can_be_left_out() -> None:
     assert characterise(record(), skip_cycles=2).isobars[0].cycles == 1
     assert np.isnan(characterise(record(), skip_cycles=2).isobars[0].force_std).all()
-    with pytest.raises(RigError, match="no complete stroke"):
+    with pytest.raises(InputError, match="no complete stroke"):
         characterise(record(), skip_cycles=3)
 
 
@@ -131,7 +130,7 @@ def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
     assert any("stroke 2 lacks 4.0" in note for note in found.notes)
     (bar,), (other,) = characterise(whole).isobars, found.isobars
     assert np.abs(bar.force - other.force).max() < GRID_ERROR
-    with pytest.raises(RigError, match=r"no complete stroke.*stroke 1 lacks 4.0"):
+    with pytest.raises(InputError, match=r"no complete stroke.*stroke 1 lacks 4.0"):
         characterise(torn(record(pressures=(2e5,), cycles=1, rest=130.0)))
 
 
@@ -173,9 +172,9 @@ def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
     assert np.abs(data.force - exact).max() < HALF + 2 * GRID_ERROR  # 200 Pa of offset are 2 N
     branch = dataset_text(found, branch="lengthening", points=5).splitlines()
     assert len([line for line in branch if not line.startswith("#")]) == 11
-    with pytest.raises(RigError, match="give it once"):
+    with pytest.raises(InputError, match="give it once"):
         dataset_text(found, specimen={"rest_length_mm": 240})
-    with pytest.raises(RigError, match="branch must be one of"):
+    with pytest.raises(InputError, match="branch must be one of"):
         dataset_text(found, branch="both")  # pyright: ignore[reportArgumentType]
 
 
@@ -215,7 +214,7 @@ def test_signs_and_zero_of_the_machine_are_honoured() -> None:
     )  # fmt: skip
     assert np.allclose(found.length, truth.length)
     assert np.allclose(found.force, truth.force)
-    with pytest.raises(RigError, match="check rest_length and the sign"):
+    with pytest.raises(InputError, match="check rest_length and the sign"):
         combine(
             log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=0.05,
             shortening_positive=True,
@@ -239,9 +238,9 @@ def test_where_the_journal_is_silent_there_is_no_row() -> None:
     assert truth.time.size - found.time.size == pytest.approx(missing.sum(), abs=6)
     assert any("have no pressure" in note for note in found.notes)
     assert any("lacks 3 rows in 1 gaps" in note for note in found.notes)
-    with pytest.raises(RigError, match="no row of the machine's log has a pressure"):
+    with pytest.raises(InputError, match="no row of the machine's log has a pressure"):
         combine(log_of(truth), AHEAD, t + 1e6, np.full(t.size, 1e5), [(0.0, 1e5)], rest_length=L0)
-    with pytest.raises(RigError, match="no set point"):
+    with pytest.raises(InputError, match="no set point"):
         combine(log_of(truth), AHEAD, t, np.full(t.size, 1e5), [], rest_length=L0)
 
 
@@ -251,5 +250,5 @@ def test_a_log_that_is_too_slow_for_the_grid_is_refused() -> None:
     columns = (
         getattr(found, n)[thin] for n in ("time", "length", "force", "pressure", "set_pressure")
     )
-    with pytest.raises(RigError, match="log faster, or take a coarser grid"):
+    with pytest.raises(InputError, match="log faster, or take a coarser grid"):
         characterise(IsobaricRecord(*columns, rest_length=L0))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fitting import InputError
 from fitting.records import align_by_load, align_by_pulses
-from rig import RigError
 
 SIGMAS = 4.5  # of about 40 checks each; the standard errors themselves are estimates
 
@@ -84,7 +84,7 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly() -> None:
     F = 1000 * np.abs((t % 40) / 20 - 1)
     inner = t[(t > 60) & (t < 300)][::2]
     Fm = 1000 * np.abs((inner % 40) / 20 - 1)
-    with pytest.raises(RigError, match="agree at more than one offset"):
+    with pytest.raises(InputError, match="agree at more than one offset"):
         align_by_load(t, F, inner - 7.0, Fm)
     found = align_by_load(t, F, inner - 7.0, Fm, near=(5.0, 10.0))
     assert found.offset == pytest.approx(7.0, abs=1e-3)
@@ -93,15 +93,15 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly() -> None:
 def test_records_of_different_tests_and_of_the_other_sign_are_refused() -> None:
     t, F, tm, Fm = recorded(0, 5.0, 0.0)
     rng = np.random.default_rng(1)
-    with pytest.raises(RigError, match="agree nowhere"):
+    with pytest.raises(InputError, match="agree nowhere"):
         align_by_load(t, F, tm, np.cumsum(rng.normal(size=tm.size)))
-    with pytest.raises(RigError, match="agree nowhere"):
+    with pytest.raises(InputError, match="agree nowhere"):
         align_by_load(t, F, tm, -Fm)
-    with pytest.raises(RigError, match="agree nowhere"):
+    with pytest.raises(InputError, match="agree nowhere"):
         align_by_load(t, F, tm, np.full(tm.size, 3.0))
-    with pytest.raises(RigError, match="must be finite, and time must rise"):
+    with pytest.raises(InputError, match="must be finite, and time must rise"):
         align_by_load(t[::-1], F, tm, Fm)
-    with pytest.raises(RigError, match="at least 50"):
+    with pytest.raises(InputError, match="at least 50"):
         align_by_load(t[:10], F[:10], tm, Fm)
 
 
@@ -146,7 +146,7 @@ def test_one_pulse_gives_no_rate() -> None:
 
 def test_pulses_at_equal_distances_with_one_missing_are_refused() -> None:
     times = np.arange(10) * 10.0
-    with pytest.raises(RigError, match="match in 2 ways"):
+    with pytest.raises(InputError, match="match in 2 ways"):
         align_by_pulses(times, times[:-1] + 3.0)
-    with pytest.raises(RigError, match="no pulses"):
+    with pytest.raises(InputError, match="no pulses"):
         align_by_pulses(times, np.array([]))
