@@ -31,9 +31,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    from fitting import InputError
-
-    from .design.catalogue import CatalogueError
+    from .boundary.errors import InputError
 
     try:
         code = command_line(arguments)(
@@ -42,7 +40,7 @@ def _run(arguments: list[str]) -> int:
     except CycloptsError as error:
         print(f"famjax: {error}\nTry 'famjax --help'.", file=sys.stderr)
         return 2
-    except (InputError, CatalogueError) as error:
+    except InputError as error:
         print(f"famjax: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -117,7 +117,3 @@ class MixedSizes(ImagingError):
 
 class ScaleContradiction(ImagingError):
     """The scale and a known diameter in the picture exclude each other."""
-
-
-class SyncError(ImagingError):
-    """The clocks of camera and machine cannot be brought together from what was given."""

@@ -101,9 +101,10 @@ def measure(
 
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from famjax.commands.measure_campaign import as_document, measure_command
-    from famjax.commands.measure_options import command_recipe
-    from imaging import ImagingError
+    from famjax.chain.photographs import as_document, measure_pictures
+
+    from ..boundary.errors import InputError
+    from .measure_options import command_recipe
 
     began: list[tuple[float, int]] = []
     try:
@@ -132,7 +133,7 @@ def measure(
                 method=method,
                 orientation=orientation,
             )
-            outcome = measure_command(
+            outcome = measure_pictures(
                 photos,
                 recipe=how,
                 provenance=provenance,
@@ -146,7 +147,7 @@ def measure(
                 overlays=overlays,
                 progress=show,
             )
-    except ImagingError as error:
+    except InputError as error:
         print(f"famjax: {type(error).__name__}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

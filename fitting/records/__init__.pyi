@@ -12,4 +12,9 @@ from .characterisation import (
 from .dataset import dataset_text as dataset_text, write_dataset as write_dataset
 from .isobaric_record import IsobaricRecord as IsobaricRecord, combine as combine
 from .machine_log import Gap as Gap, MachineLog as MachineLog, read_machine_log as read_machine_log
+from .motion_match import (
+    SyncError as SyncError,
+    Synchronisation as Synchronisation,
+    synchronise as synchronise,
+)
 from .stroke import Stroke as Stroke, strokes as strokes

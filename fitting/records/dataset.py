@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -15,7 +14,7 @@ def dataset_text(
     found: Characterisation,
     *,
     specimen: Mapping[str, object] | None = None,
-    branch: Literal["mean", "shortening", "lengthening"] = "mean",
+    branch: str = "mean",
     points: int = 40,
 ) -> str:
     """A table of pressure, length and force in SI, with the specimen in comment lines.
@@ -69,7 +68,7 @@ def write_dataset(
     path: str | Path,
     *,
     specimen: Mapping[str, object] | None = None,
-    branch: Literal["mean", "shortening", "lengthening"] = "mean",
+    branch: str = "mean",
     points: int = 40,
 ) -> Path:
     """Write `dataset_text` to a file; one that is there is replaced.

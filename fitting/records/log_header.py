@@ -1,14 +1,14 @@
 """Names and units of a log's columns, in the words of several makers and languages."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS
 
 from .log_text import LogText
 
-KINDS = {"time": "time", "displacement": "length", "force": "force"}
+KINDS = {"time": "time", "displacement": "length", "force": "force", "pressure": "pressure"}
 """The columns of a machine log and the kind of unit of each."""
 
 _WORDS = {
@@ -16,6 +16,7 @@ _WORDS = {
     "displacement": "displacement disp crosshead extension position stroke travel weg traversenweg "
     "standardweg maschinenweg kolbenweg prüfweg traverse déplacement",
     "force": "force load kraft standardkraft prüfkraft pruefkraft last kraftsensor charge",
+    "pressure": "pressure druck pression",
 }
 NAMES = {quantity: frozenset(words.split()) for quantity, words in _WORDS.items()}
 """Words by which a column's name is known, in lower case."""
@@ -26,11 +27,13 @@ _ALIASES = {
     "length": {"inch": "in", "inches": "in", '"': "in", "millimeter": "mm", "meter": "m"},
     "force": {"newton": "N", "newtons": "N", "lb": "lbf", "lbs": "lbf", "pound": "lbf",
               "pounds": "lbf", "kilonewton": "kN", "kp": "kgf"},
+    "pressure": {"pascal": "Pa"},
 }  # fmt: skip
 _MORE = {
     "time": {"h": 3600.0, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6},
     "length": {"um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6},
     "force": {"mN": 1e-3, "MN": 1e6, "daN": 10.0, "kip": 4448.2216152605, "gf": 9.80665e-3},
+    "pressure": {"mbar": 100.0},
 }  # fmt: skip
 _BRACKETS = re.compile(r"^(.*?)[\s_,]*[(\[{<]\s*([^()\[\]{}<>]*)\s*[)\]}>]$")
 _BESIDE = re.compile(r"^(.*\S)(?:\s*/\s*|\s+in\s+|\s*,\s*|_|\s+)(\S+)$")
@@ -55,14 +58,20 @@ def unit_factor(unit: str, kind: str) -> float | None:
 
 
 def columns(
-    text: LogText, chosen: Mapping[str, str], units: Mapping[str, str]
+    text: LogText,
+    chosen: Mapping[str, str],
+    units: Mapping[str, str],
+    needed: Collection[str],
+    welcome: Collection[str] = (),
 ) -> tuple[dict[str, tuple[int, float]], list[str]]:
-    """Index and multiplier to SI of time, displacement and force, and every column's full name.
+    """Index and multiplier to SI of each quantity, and every column's full name.
 
     Args:
         text: the cells.
         chosen: name or number (from 1) of a column for a quantity, where the names do not tell.
         units: unit of a quantity, where the log has none.
+        needed: quantities that the log must hold, of `KINDS`.
+        welcome: those that it may hold.
 
     Raises:
         InputError: a quantity has no column or several, or a unit that is missing or not known.
@@ -70,7 +79,10 @@ def columns(
     names, below = _header(text)
     parsed = [_name_and_unit(name) for name in names]
     found = {}
-    for quantity, kind in KINDS.items():
+    for quantity in (*needed, *welcome):
+        if quantity in welcome and quantity not in chosen and not _named(quantity, parsed):
+            continue
+        kind = KINDS[quantity]
         known = [
             unit_factor(u or b, kind) is not None for (_, u), b in zip(parsed, below, strict=True)
         ]
@@ -141,6 +153,11 @@ def _quantity(name: str) -> str | None:
         if words & known:
             return quantity
     return None
+
+
+def _named(quantity: str, parsed: list[tuple[str, str]]) -> bool:
+    """Whether a column has a name for the quantity."""
+    return any(_quantity(name) == quantity for name, _ in parsed)
 
 
 def _column(

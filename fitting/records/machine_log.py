@@ -1,7 +1,9 @@
-"""The log of a test machine: time, displacement and force from any delimited text with units."""
+"""The log of a test machine: displacement, force and pressure over the machine's own time."""
 
 import dataclasses
-from collections.abc import Mapping
+import hashlib
+import math
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -34,31 +36,97 @@ class MachineLog:
     Attributes:
         time: [s], rising, shape (n,).
         displacement: [m], with the machine's own sign and zero, shape (n,).
-        force: [N], with the machine's own sign, shape (n,).
+        force: [N], with the machine's own sign, shape (n,); None where the log has none.
+        pressure: gauge [Pa], shape (n,); None where the log has none, or where it was not asked for.
         others: every other column of numbers, as printed, by its name.
         interval: the usual time between two rows [s].
         gaps: rows that are missing; nothing is filled in.
         unread: line numbers between the first and the last row whose cells are not numbers.
         repeated: line numbers whose time is that of the row before, which are left out.
         source: the file.
+        sha256: of the file.
         form: encoding, delimiter and decimal sign, for the record.
     """
 
     time: np.ndarray
     displacement: np.ndarray
-    force: np.ndarray
-    others: Mapping[str, np.ndarray]
-    interval: float
+    force: np.ndarray | None = None
+    pressure: np.ndarray | None = None
+    others: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    interval: float = math.nan
     gaps: tuple[Gap, ...] = ()
     unread: tuple[int, ...] = ()
     repeated: tuple[int, ...] = ()
     source: str = "arrays"
+    sha256: str = ""
     form: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that do not belong together.
+
+        Raises:
+            InputError: lengths differ, fewer than two rows, not finite, or time does not rise.
+        """
+        for name in KINDS:
+            values = getattr(self, name)
+            if values is None:
+                continue
+            values = np.asarray(values, float)
+            object.__setattr__(self, name, values)
+            if values.shape != (len(self.time),) or len(values) < 2:
+                raise InputError(
+                    f"{self.source}: a log has at least two rows, as many of {name} as of time; "
+                    f"got the shape {values.shape} beside {len(self.time)} times"
+                )
+            if not np.all(np.isfinite(values)):
+                first = int(np.argmin(np.isfinite(values)))
+                raise InputError(f"{self.source}: {name} must be finite, but row {first} is not")
+        steps = np.diff(self.time)
+        if not np.all(steps > 0):
+            at = int(np.argmin(steps > 0))
+            raise InputError(
+                f"{self.source}: time must rise from row to row, but "
+                f"{self.time[at + 1]:g} s follows {self.time[at]:g} s; sort the log, "
+                "or remove what was recorded twice"
+            )
 
     @property
     def missing_rows(self) -> int:
         """How many rows are missing in all gaps."""
         return sum(gap.rows for gap in self.gaps)
+
+    def at(
+        self, name: str, time: np.ndarray, time_stderr: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A channel at given times by straight lines between the rows, with what that may be off.
+
+        stderr^2 = (F' time_stderr)^2 + (F'' (t - t_k)(t_{k+1} - t)/2)^2, both derivatives from
+        divided differences of the rows about t. The sensor's own noise is not in it.
+
+        Args:
+            name: "displacement", "force" or "pressure".
+            time: by the machine's clock, shape (m,) [s].
+            time_stderr: standard error of `time` [s].
+
+        Returns:
+            Values and standard errors, shape (m,); nan outside the log.
+
+        Raises:
+            InputError: the log has no such channel.
+        """
+        values = getattr(self, name) if name in KINDS else None
+        if values is None:
+            raise InputError(f"{self.source}: the log has no channel {name!r}")
+        time, stderr = np.broadcast_arrays(np.asarray(time, float), time_stderr)
+        found = np.interp(time, self.time, values, left=np.nan, right=np.nan)
+        k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
+        slope = np.diff(values) / np.diff(self.time)
+        bend = np.zeros(len(slope))
+        if len(slope) > 1:
+            inner = np.abs(np.diff(slope)) / ((self.time[2:] - self.time[:-2]) / 2)
+            bend = np.maximum(np.append(inner, inner[-1]), np.append(inner[0], inner))
+        chord = bend[k] * (time - self.time[k]) * (self.time[k + 1] - time) / 2
+        return found, np.where(np.isnan(found), np.nan, np.hypot(slope[k] * stderr, chord))
 
 
 def read_machine_log(
@@ -67,6 +135,8 @@ def read_machine_log(
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     decimal: str | None = None,
+    needed: Collection[str] = ("time", "displacement", "force"),
+    welcome: Collection[str] = (),
 ) -> MachineLog:
     """The log of a test machine, from a delimited text in any usual encoding.
 
@@ -79,6 +149,8 @@ def read_machine_log(
             the log's own names do not tell.
         units: unit of "time", "displacement" or "force", in place of the log's.
         decimal: "." or ",", where the numbers do not tell.
+        needed: quantities that the log must hold.
+        welcome: those that it may hold, "pressure" (gauge) among them.
 
     Returns:
         The log in SI, with the rows that it lacks.
@@ -94,7 +166,7 @@ def read_machine_log(
     text, encoding = decoded(path)
     try:
         cells = split(text, encoding, decimal)
-        found, names = find_columns(cells, columns or {}, units or {})
+        found, names = find_columns(cells, columns or {}, units or {}, needed, welcome)
         lines, table, unread = _numbers(cells, [index for index, _ in found.values()])
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -121,7 +193,8 @@ def read_machine_log(
     }
     form = f"{encoding}, delimiter {cells.delimiter!r}, decimal {cells.decimal!r}"
     return MachineLog(**values, others=others, interval=interval, gaps=gaps, unread=unread,
-                      repeated=repeated, source=str(path), form=form)  # fmt: skip
+                      repeated=repeated, source=str(path),
+                      sha256=hashlib.sha256(path.read_bytes()).hexdigest(), form=form)  # fmt: skip
 
 
 def _numbers(cells: LogText, needed: list[int]) -> tuple[list[int], np.ndarray, tuple[int, ...]]:
@@ -138,7 +211,7 @@ def _numbers(cells: LogText, needed: list[int]) -> tuple[list[int], np.ndarray, 
         else:
             others.append(line)
     if not rows:
-        raise InputError("no row has numbers for time, displacement and force")
+        raise InputError("no row has numbers in all the columns that are needed")
     return lines, np.array(rows, float), tuple(line for line in others if line < lines[-1])
 
 

@@ -15,10 +15,8 @@ import numpy as np
 
 from ..errors import ImagingError
 from .columns import cf_unit, column_name, column_unit, describe
-from .machine_log import MachineLog
 from .netcdf import Variable, netcdf_content
 from .row import POSITION, Row
-from .sync import Synchronisation
 
 if TYPE_CHECKING:
     import xarray
@@ -122,40 +120,6 @@ class Table:
             stamp_resolution=resolution,
             notes=(told, *_stamp_notes(rows, resolution)),
             provenance=dict(provenance or {}),
-        )
-
-    def with_log(self, log: MachineLog, clock: Synchronisation) -> "Table":
-        """The same table with what the machine read when each picture was taken.
-
-        The errors are those of interpolation: of the clocks, of the step of the time stamps, and of
-        straight lines between the rows of the log. Outside the log there is nan.
-        """
-        if not len(self) or "time" not in self.columns:
-            raise ImagingError("the table has no pictures with a time", path=log.source)
-        time = self["time"]
-        at = clock.log_time(time)
-        step = 0.0 if math.isnan(self.stamp_resolution) else self.stamp_resolution / math.sqrt(12)
-        stderr = np.hypot(clock.log_time_stderr(time), step)
-        columns = {**self.columns, "log_time": at}
-        columns["displacement"] = log.at("displacement", at)[0]
-        for name in ("force", "pressure"):
-            if getattr(log, name) is not None:
-                columns[name], columns[f"{name}_stderr"] = log.at(name, at, stderr)
-        outside = int(np.sum(np.isfinite(at) & np.isnan(columns["displacement"])))
-        notes = [
-            f"In the middle of the pictures the machine's clock is {clock.offset:.4g} +- "
-            f"{clock.offset_stderr:.2g} s ahead of the time since the first picture, and it runs "
-            f"{clock.rate:.6f} +- {clock.rate_stderr:.1g} times as fast as the camera's; "
-            f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm "
-            f"RMS, {clock.largest * 1e3:.3g} mm at most."
-        ]
-        if outside:
-            notes.append(f"{outside} pictures lie outside the log and have no force.")
-        return dataclasses.replace(
-            self,
-            columns=columns,
-            notes=(*self.notes, *notes),
-            provenance={**self.provenance, "log": log.source, "log_sha256": log.sha256},
         )
 
     def in_units(self, name: str, system: str) -> np.ndarray:

@@ -117,7 +117,7 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
             ["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5", "--frame-size", "20,20"],
             "frame",
         ),
-        (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "log cannot be read"),
+        (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "cannot read"),
         (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
         (["PHOTOS", "--scale", "56 px/in", "--ruler-placement", "0.01in"], "there is no ruler"),

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
+from famjax.chain import with_log
+from fitting.records import MachineLog, synchronise
 from imaging import ImagingError, Table
-from imaging.campaign import MachineLog, synchronise
 from imaging.campaign.row import POSITION, Row
 from imaging.synthetic import stroke_log, triangle_stroke
 
@@ -127,7 +128,7 @@ def test_the_log_gives_each_picture_its_force_with_the_error_of_interpolation():
     record = stroke_log(STROKE, t, REST)
     log = MachineLog(record.time, record.displacement, record.force, record.pressure)
     clock = synchronise(found["time"], found["length"], log)
-    merged = found.with_log(log, clock)
+    merged = with_log(found, log, clock)
     truth = np.interp(TIMES, t, record.force)
     assert clock.offset == pytest.approx(2.0, abs=0.02)
     away = np.abs(merged["force"] - truth)
@@ -143,7 +144,7 @@ def test_pictures_outside_the_log_have_no_force():
     found = table()
     t = np.arange(0, 150, 0.1)
     log = MachineLog(t, STROKE(t) * REST, force=t)
-    merged = found.with_log(log, synchronise(found["time"], found["length"], log))
+    merged = with_log(found, log, synchronise(found["time"], found["length"], log))
     outside = TIMES > 150
     assert np.isnan(merged["force"][outside]).all()
     assert np.isfinite(merged["force"][~outside]).all()

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from famjax.boundary.units import UNITS
-from imaging.camera.timestamps import Timestamp, read_timestamp
-from imaging.campaign.machine_log import MachineLog, read_machine_log
-from imaging.campaign.sync import synchronise
-from imaging.errors import SyncError
+from fitting.records.machine_log import MachineLog, read_machine_log
+from fitting.records.motion_match import SyncError, synchronise
 
 IN = 0.0254
 REST = 9.28 * IN
 LBF, PSI = 4.4482216152605, 6894.757293168361
+OF_PICTURES = {"needed": ("time", "displacement"), "welcome": ("force", "pressure")}
 
 
 def triangle(t, stroke=2.8 * IN, start=10.0, duration=240.0):
@@ -149,7 +147,9 @@ def test_a_motion_that_repeats_needs_a_window():
     log = machine(cycles, end=1200)
     with pytest.raises(SyncError, match="several offsets"):
         synchronise(t, length, log)
-    assert synchronise(t, length, log, window=20, guess=90).offset == pytest.approx(97, abs=0.02)
+    assert synchronise(t, length, log, window=20.0, guess=90.0).offset == pytest.approx(
+        97, abs=0.02
+    )
 
 
 def test_a_displacement_in_the_wrong_unit_is_refused():
@@ -164,7 +164,7 @@ def test_too_few_pictures_and_no_overlap_are_refused():
     with pytest.raises(SyncError, match="at least 6"):
         synchronise(t[:5], length[:5], machine())
     with pytest.raises(SyncError, match="overlap"):
-        synchronise(t, length, machine(), window=5, guess=1e4)
+        synchronise(t, length, machine(), window=5.0, guess=1e4)
 
 
 # The log
@@ -174,34 +174,34 @@ def test_a_log_is_read_in_si(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text(
         "# station 3\ntime_s;displacement_in;force_lbf;pressure_psi;operator\n"
-        "0;0;100;60;me\n0.1;1;90;60.5;me\n"
+        "0;0;100;60;me\n0.1;1;90;60.5;me\n0.2;1;80;60.5;me\n"
     )
-    log = read_machine_log(path)
-    np.testing.assert_allclose(log.time, [0, 0.1])
-    np.testing.assert_allclose(log.displacement, [0, IN])
-    np.testing.assert_allclose(log.force, [100 * LBF, 90 * LBF])
-    np.testing.assert_allclose(log.pressure, [60 * PSI, 60.5 * PSI])
+    log = read_machine_log(path, **OF_PICTURES)
+    np.testing.assert_allclose(log.time, [0, 0.1, 0.2])
+    np.testing.assert_allclose(log.displacement, [0, IN, IN])
+    np.testing.assert_allclose(log.force, [100 * LBF, 90 * LBF, 80 * LBF])
+    np.testing.assert_allclose(log.pressure, [60 * PSI, 60.5 * PSI, 60.5 * PSI])
     assert len(log.sha256) == 64
 
 
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("time_s,displacement_furlong\n0,1\n1,2\n", "unknown unit 'furlong'"),
-        ("time_s,displacement\n0,1\n1,2\n", "no unit"),
-        ("time_s,force_N\n0,1\n1,2\n", "needs a column for displacement"),
-        ("time_s,displacement_mm,displacement_in\n0,1,1\n1,2,2\n", "two columns"),
-        ("time_s,displacement_mm\n0,1\n0,2\n", "time must rise"),
-        ("time_s,displacement_mm\n0,1\n1,x\n", "row 3 has 'x'"),
-        ("time_s,displacement_mm\n0,1\n1,2,3\n", "3 cells"),
-        ("time_s,displacement_mm\n0,1\n", "two rows"),
+        ("time_s,displacement_furlong\n0,1\n1,2\n2,3\n", "unknown unit 'furlong'"),
+        ("time_s,displacement\n0,1\n1,2\n2,3\n", "no unit"),
+        ("time_s,force_N\n0,1\n1,2\n2,3\n", "no column for displacement"),
+        ("time_s,displacement_mm,displacement_in\n0,1,1\n1,2,2\n2,3,3\n", "2 columns"),
+        ("time_s,displacement_mm\n0,1\n1,2\n0.5,2\n", "time goes back"),
+        ("time_s,displacement_mm\n0,1\n0,1\n0,1\n", "one row"),
+        ("time_s,displacement_mm\n0,1\n1,x\n", "no block of numbers"),
+        ("time_s,displacement_mm\n0,1\n", "no block of numbers"),
     ],
 )
 def test_a_log_that_cannot_be_used_is_refused_with_its_path(tmp_path, text, match):
     path = tmp_path / "log.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=match) as caught:
-        read_machine_log(path)
+        read_machine_log(path, **OF_PICTURES)
     assert str(path) in str(caught.value)
 
 
@@ -220,49 +220,3 @@ def test_interpolation_knows_its_error():
     assert np.isnan(log.at("force", np.array([-1.0, 21.0]))[0]).all()
     with pytest.raises(ValueError, match="no channel 'pressure'"):
         log.at("pressure", at)
-
-
-def test_units_agree_with_an_independent_table():
-    pint = pytest.importorskip("pint")
-    registry = pint.UnitRegistry()
-    for kind, units in UNITS.items():
-        if kind == "scale":
-            continue
-        names = {name: name.replace("3", "**3") for name in units}
-        si = registry.Quantity(1.0, names[next(iter(units))])
-        for name, multiplier in units.items():
-            expected = registry.Quantity(1.0, names[name]).to(si.units).magnitude
-            assert multiplier == pytest.approx(expected, rel=1e-12)
-
-
-# The stamps
-
-
-def stamped(path, taken, fraction=None):
-    from PIL import Image
-
-    exif = Image.Exif()
-    exif.get_ifd(0x8769)[0x9003] = taken
-    if fraction is not None:
-        exif.get_ifd(0x8769)[0x9291] = fraction
-    Image.new("RGB", (8, 8)).save(path, exif=exif)
-    return path
-
-
-def test_a_stamp_has_the_digits_that_the_camera_writes(tmp_path):
-    whole = read_timestamp(stamped(tmp_path / "a.jpg", "2021:03:04 05:06:07"))
-    assert whole == Timestamp(1614834367.0, 1.0)
-    fine = read_timestamp(stamped(tmp_path / "b.jpg", "2021:03:04 05:06:07", "250"))
-    assert fine == Timestamp(1614834367.25, pytest.approx(1e-3))
-    assert fine.text == "2021-03-04T05:06:07.250"
-
-
-def test_a_picture_without_a_clock_has_no_stamp(tmp_path):
-    from PIL import Image
-
-    assert read_timestamp(stamped(tmp_path / "a.jpg", "0000:00:00 00:00:00")) is None
-    Image.new("RGB", (8, 8)).save(tmp_path / "b.jpg")
-    assert read_timestamp(tmp_path / "b.jpg") is None
-    (tmp_path / "c.jpg").write_bytes(b"no picture")
-    assert read_timestamp(tmp_path / "c.jpg") is None
-    assert read_timestamp(tmp_path / "missing.jpg") is None

@@ -1,5 +1,7 @@
 """Multipliers of units against an independent library of units."""
 
+import re
+
 import pint
 import pytest
 
@@ -11,8 +13,11 @@ from fitting import InputError
 def test_multipliers_are_those_of_pint(kind: str, unit: str) -> None:
     si = si_unit(kind)
     registry = pint.get_application_registry()
-    expected = registry.Quantity(1.0, unit).to(si).magnitude
-    assert factor(unit, kind) == pytest.approx(expected, rel=1e-15)
+    unit_there, si_there = (
+        re.sub(r"([a-z])3$", r"\1**3", u.replace("_per_", "/")) for u in (unit, si)
+    )
+    expected = registry.Quantity(1.0, unit_there).to(si_there).magnitude
+    assert factor(unit, kind) == pytest.approx(expected, rel=1e-14)
     assert from_si(to_si(3.0, unit, kind), unit, kind) == pytest.approx(3.0, rel=1e-15)
 
 

@@ -1,4 +1,4 @@
-"""What `famjax measure` does besides parsing: campaign, clocks and files."""
+"""Photographs of a stroke and the machine's log to one table: campaign, clocks and files."""
 
 import dataclasses
 import math
@@ -8,19 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
+from fitting.records.machine_log import MachineLog, read_machine_log
+from fitting.records.motion_match import SyncError, Synchronisation, synchronise
 from imaging.campaign.check_pictures import write_check_pictures
 from imaging.campaign.columns import column_name
-from imaging.campaign.machine_log import MachineLog, read_machine_log
+from imaging.campaign.picture_files import expand
 from imaging.campaign.run import process
-from imaging.campaign.sync import synchronise
 from imaging.campaign.table import Table
-from imaging.errors import ImagingError, SyncError
+from imaging.errors import ImagingError
 from imaging.recipe import Recipe
 from imaging.shape.recipe_file import write_recipe
 
-from .measure_options import expand
-
+_NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")
+"""Of the machine's log."""
 _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 
@@ -39,7 +41,7 @@ class Outcome:
     complete: bool
 
 
-def measure_command(
+def measure_pictures(
     photos: Sequence[str],
     *,
     recipe: Recipe,
@@ -74,7 +76,7 @@ def measure_command(
         ImagingError: input that cannot be used.
     """
     paths = expand(photos, without=provenance.get("ruler"))
-    machine = None if log is None else read_machine_log(log)
+    machine = None if log is None else read_machine_log(log, needed=_NEEDED, welcome=_WELCOME)
     guess = None if log_offset is None else parse_quantity(log_offset, "time")
     table = process(
         paths,
@@ -111,7 +113,55 @@ def _merged(table: Table, machine: MachineLog, guess: float | None) -> Table:
     except SyncError as error:
         note = f"There is no force: SyncError: {error}"
         return dataclasses.replace(table, notes=(*table.notes, note))
-    return table.with_log(machine, clock)
+    return with_log(table, machine, clock)
+
+
+def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
+    """The table with what the machine read when each picture was taken.
+
+    The errors are those of interpolation: of the clocks, of the step of the time stamps, and of
+    straight lines between the rows of the log. Outside the log there is nan.
+
+    Args:
+        table: of the pictures.
+        log: of the machine.
+        clock: of the camera against the machine's, see `synchronise`.
+
+    Raises:
+        InputError: the table has no pictures with a time.
+    """
+    if not len(table) or "time" not in table.columns:
+        raise InputError(f"{log.source}: the table has no pictures with a time")
+    time = table["time"]
+    at = clock.log_time(time)
+    step = 0.0 if math.isnan(table.stamp_resolution) else table.stamp_resolution / math.sqrt(12)
+    stderr = np.hypot(clock.log_time_stderr(time), step)
+    columns = {**table.columns, "log_time": at}
+    columns["displacement"] = log.at("displacement", at)[0]
+    for name in ("force", "pressure"):
+        if getattr(log, name) is not None:
+            columns[name], columns[f"{name}_stderr"] = log.at(name, at, stderr)
+    outside = int(np.sum(np.isfinite(at) & np.isnan(columns["displacement"])))
+    notes = [
+        f"In the middle of the pictures the machine's clock is {clock.offset:.4g} +- "
+        f"{clock.offset_stderr:.2g} s ahead of the time since the first picture, and it runs "
+        f"{clock.rate:.6f} +- {clock.rate_stderr:.1g} times as fast as the camera's; "
+        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm "
+        f"RMS, {clock.largest * 1e3:.3g} mm at most."
+    ]
+    if outside:
+        notes.append(f"{outside} pictures lie outside the log and have no force.")
+    if log.unread:
+        lines = ", ".join(map(str, log.unread[:5]))
+        notes.append(f"{len(log.unread)} lines of the log are no numbers: {lines}.")
+    if log.missing_rows:
+        notes.append(f"{log.missing_rows} rows are missing from the log; see its gaps.")
+    return dataclasses.replace(
+        table,
+        columns=columns,
+        notes=(*table.notes, *notes),
+        provenance={**table.provenance, "log": log.source, "log_sha256": log.sha256},
+    )
 
 
 def as_document(outcome: Outcome, system: str) -> dict[str, Any]:

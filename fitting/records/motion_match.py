@@ -4,14 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import SyncError
+from famjax.boundary.errors import InputError
+
 from .machine_log import MachineLog
-from .sync_search import Fit, grid, known, search, variation
+from .motion_search import Fit, grid, known, search, variation
 
 _FEWEST = 6  # pictures for three unknowns and their scatter
 _EXPLAINED = 0.9  # of the variance of length: below it the two do not show the same motion
 _BLUR = 0.02  # of the stroke: largest error of displacement that the error of the clock may cause
 _RIVAL = 4.0  # another offset whose squares are less than this many times the best is as good
+
+
+class SyncError(InputError):
+    """Clocks that the motion cannot bring together; it names the log."""
+
+    def __init__(self, message: str, *, path: str) -> None:
+        super().__init__(f"{path}: {message}")
 
 
 @dataclass(frozen=True)
