@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting
-from .rows import print_rows
+from .terminal import print_rows
 
 
 def design(

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from .loading import load_fitting, load_map
-from .rows import print_rows
+from .terminal import print_rows
 
 if TYPE_CHECKING:
     from fitting import Evidence, Identification
@@ -115,7 +115,7 @@ def fit(
         parse_specimen,
     )
 
-    from .progress import progress_bar
+    from .terminal import progress_bar
 
     check_output(output)
     if ":" in law:

@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .progress import progress_bar
-from .rows import print_rows
+from .terminal import print_rows, progress_bar
 
 
 def measure(

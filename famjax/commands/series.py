@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting, load_map
-from .progress import progress_bar
-from .rows import print_rows
+from .terminal import print_rows, progress_bar
 
 
 def series(

@@ -1,10 +1,3 @@
-from .buckling import (
-    TubeBuckling as TubeBuckling,
-    euler_load as euler_load,
-    tube_buckling as tube_buckling,
-    tube_second_moment as tube_second_moment,
-    yield_load as yield_load,
-)
 from .catalogue import (
     Catalogue as Catalogue,
     CatalogueBladder as CatalogueBladder,
@@ -37,26 +30,29 @@ from .end_fitting import (
     swaged_bore as swaged_bore,
     swaged_thickness as swaged_thickness,
 )
-from .end_fitting_report import (
-    end_fitting_rows as end_fitting_rows,
-    safety_factor_rows as safety_factor_rows,
-    tube_buckling_rows as tube_buckling_rows,
-)
 from .report import (
     braid_angle_rows as braid_angle_rows,
     candidate_rows as candidate_rows,
+    end_fitting_rows as end_fitting_rows,
     geometry_rows as geometry_rows,
     jamming_range_rows as jamming_range_rows,
     performance_rows as performance_rows,
+    safety_factor_rows as safety_factor_rows,
+    tube_buckling_rows as tube_buckling_rows,
 )
 from .safety import (
     SafetyFactor as SafetyFactor,
     safety_factor as safety_factor,
     safety_factors as safety_factors,
 )
-from .tube_strength import (
+from .swage_tube import (
+    TubeBuckling as TubeBuckling,
     TubeOptions as TubeOptions,
     TubeStrength as TubeStrength,
     assumption_notes as assumption_notes,
+    euler_load as euler_load,
+    tube_buckling as tube_buckling,
+    tube_second_moment as tube_second_moment,
     tube_strengths as tube_strengths,
+    yield_load as yield_load,
 )

@@ -15,10 +15,17 @@ from .catalogue_file import load_catalogue
 from .catalogue_search import Candidate, Requirement, search
 from .combination import Feasibility, feasibility
 from .end_fitting import size_end_fittings
-from .end_fitting_report import end_fitting_rows, safety_factor_rows, tube_buckling_rows
-from .report import braid_angle_rows, candidate_rows, geometry_rows, performance_rows
+from .report import (
+    braid_angle_rows,
+    candidate_rows,
+    end_fitting_rows,
+    geometry_rows,
+    performance_rows,
+    safety_factor_rows,
+    tube_buckling_rows,
+)
 from .safety import safety_factors
-from .tube_strength import TubeOptions, assumption_notes, tube_strengths
+from .swage_tube import TubeOptions, assumption_notes, tube_strengths
 
 LATEX = np.array([257.8, -57.9, 32.7]) * units.PSI
 """E_n [Pa] of the reference work's latex (Chambers 2021, chapter 6): the bladder of the design."""

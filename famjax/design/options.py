@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from ..boundary.units import UNITS
 from .catalogue import CatalogueError
 from .catalogue_search import Requirement
-from .tube_strength import TubeOptions
+from .swage_tube import TubeOptions
 
 _REQUIREMENT = {
     "pressure": "pressure",

@@ -1,24 +1,27 @@
-from .damage import damaged as damaged
-from .exposure import expose as expose
-from .light import Lamp as Lamp, Light as Light, Reflectance as Reflectance
-from .linear import LinearPhoto as LinearPhoto
+from .exposure import (
+    LinearPhoto as LinearPhoto,
+    Photo as Photo,
+    damaged as damaged,
+    expose as expose,
+)
 from .muscle import (
     BLUE_HUE as BLUE_HUE,
     INCH as INCH,
-    TAN as TAN,
-    MuscleScene as MuscleScene,
-    Tape as Tape,
-)
-from .photo import Photo as Photo
-from .profiles import (
     PUBLISHED_CONTRACTIONS as PUBLISHED_CONTRACTIONS,
     REST_LENGTH as REST_LENGTH,
+    TAN as TAN,
     FourierShape as FourierShape,
+    MuscleScene as MuscleScene,
+    Tape as Tape,
     published_shape as published_shape,
     stroke_shape as stroke_shape,
 )
 from .random_scenes import random_scene as random_scene
-from .renderer import render as render, render_linear as render_linear, render_ruler as render_ruler
+from .renderer import (
+    render as render,
+    render_linear as render_linear,
+    render_ruler as render_ruler,
+)
 from .ruler import (
     STEEL as STEEL,
     WOOD as WOOD,
@@ -31,7 +34,10 @@ from .scene import (
     PUBLISHED_FRAME as PUBLISHED_FRAME,
     PUBLISHED_PX_PER_IN as PUBLISHED_PX_PER_IN,
     Jpeg as Jpeg,
+    Lamp as Lamp,
     Lens as Lens,
+    Light as Light,
+    Reflectance as Reflectance,
     Scene as Scene,
     Sensor as Sensor,
     published_scene as published_scene,

@@ -1,16 +1,139 @@
 """From the light on the sensor to the file: noise, colour filter, tone curve, sharpening, JPEG."""
 
+import dataclasses
+import datetime
+import struct
+from os import PathLike
+from pathlib import Path
+from typing import Generic, Literal, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .jpeg_file import decode_jpeg, encode_jpeg
-from .linear import LinearPhoto
-from .photo import Photo, T
-from .scene import Sensor
+from .ruler import RulerScene
+from .scene import Jpeg, Scene, Sensor
+from .truth import RulerTruth, Truth
+
+
+def encode_jpeg(rgb: NDArray[np.uint8], jpeg: Jpeg) -> bytes:
+    """A JPEG file of this picture."""
+    import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+    factor = getattr(cv2, f"IMWRITE_JPEG_SAMPLING_FACTOR_{jpeg.subsampling}")
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg.quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, factor]
+    done, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)
+    if not done:
+        raise OSError(f"OpenCV could not write a JPEG of shape {rgb.shape}")
+    return data.tobytes()
+
+
+def decode_jpeg(data: bytes) -> NDArray[np.uint8]:
+    """The picture of a JPEG file, RGB."""
+    import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise OSError("OpenCV could not read the JPEG it wrote")
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def stamped(data: bytes, time: datetime.datetime) -> bytes:
+    """The file with an EXIF block that holds DateTimeOriginal and SubSecTimeOriginal."""
+    from PIL import Image  # noqa: PLC0415 - heavy, and needed here only
+
+    exif = Image.Exif()
+    camera = exif.get_ifd(0x8769)
+    camera[0x9003] = time.strftime("%Y:%m:%d %H:%M:%S")
+    camera[0x9291] = f"{time.microsecond // 1000:03d}"
+    block = exif.tobytes()
+    start_of_image, rest = data[:2], data[2:]
+    return start_of_image + b"\xff\xe1" + struct.pack(">H", len(block) + 2) + block + rest
+
+
+T = TypeVar("T", Truth, RulerTruth)
+
+
+@dataclasses.dataclass(frozen=True)
+class Photo(Generic[T]):
+    """A photograph.
+
+    Attributes:
+        rgb: what a program reads from the file, uint8, shape (h, w, 3).
+        shown: what it shows, None where the cloth is alone; `truth` is the same and never None.
+        file: the JPEG file's bytes; None where the scene has no compression.
+        time: when it was taken, local time.
+    """
+
+    rgb: NDArray[np.uint8]
+    shown: T | None
+    file: bytes | None
+    time: datetime.datetime | None = None
+
+    @property
+    def truth(self) -> T:
+        """What a perfect measurement of the picture would find.
+
+        Raises:
+            ValueError: the cloth is alone in the picture.
+        """
+        if self.shown is None:
+            raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
+        return self.shown
+
+    def jpeg(self) -> bytes:
+        """The JPEG file, time stamp included; `rgb` is what it decodes to.
+
+        A picture of a scene without compression is written at quality 100, colour in full.
+        """
+        data = self.file or encode_jpeg(self.rgb, Jpeg(100, "444"))
+        return data if self.time is None else stamped(data, self.time)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the file: JPEG by a name that ends in .jpg or .jpeg, any other form that OpenCV knows.
+
+        A time stamp goes into a JPEG only.
+
+        Returns:
+            The path.
+
+        Raises:
+            OSError: OpenCV could not write it.
+        """
+        import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+        path = Path(path)
+        if path.suffix.lower() in {".jpg", ".jpeg"}:
+            path.write_bytes(self.jpeg())
+        elif not cv2.imwrite(str(path), cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR)):
+            raise OSError(f"OpenCV could not write {path}")
+        return path
+
 
 _BLOCK_ROWS = 128
 _WHITE = (1 << 16) - 1
 _EXACT_POISSON_BELOW = 4.0  # electrons; above, a normal deviate with Poisson's skewness
+
+
+@dataclasses.dataclass(frozen=True)
+class LinearPhoto(Generic[T]):
+    """The light that falls on the sensor, before noise.
+
+    Attributes:
+        scene: what it shows.
+        light: linear RGB, 1 is white at exposure 1, float32, shape (h, w, 3).
+        shown: see `Photo`.
+    """
+
+    scene: Scene | RulerScene
+    light: NDArray[np.floating]
+    shown: T | None
+
+    @property
+    def truth(self) -> T:
+        """What a perfect measurement of the picture would find; see `Photo.truth`."""
+        if self.shown is None:
+            raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
+        return self.shown
 
 
 def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -> Photo[T]:
@@ -72,3 +195,32 @@ def _mosaic(light: NDArray[np.floating]) -> NDArray[np.floating]:
     mosaic[::2, ::2] = light[::2, ::2, 0]
     mosaic[1::2, 1::2] = light[1::2, 1::2, 2]
     return mosaic
+
+
+_KEPT = 0.6  # part of a truncated file that is left
+_STRETCH = 400  # bytes that are spoilt
+
+
+def damaged(
+    data: bytes, kind: Literal["truncated", "scrambled", "blanked", "flipped"], seed: int = 0
+) -> bytes:
+    """A JPEG file with a fault.
+
+    Args:
+        data: the file.
+        kind: "truncated" lacks its last part; "scrambled" has noise and "blanked" has zeros in a
+            stretch somewhere in the middle half, where most decoders carry on in silence; "flipped"
+            has one wrong bit there.
+        seed: of the place and the noise.
+    """
+    if kind == "truncated":
+        return data[: int(_KEPT * len(data))]
+    random = np.random.default_rng(seed)
+    start = int(random.integers(len(data) // 4, 3 * len(data) // 4 - _STRETCH))
+    if kind == "flipped":
+        wrong = data[start] ^ (1 << int(random.integers(8)))
+        return data[:start] + bytes([wrong]) + data[start + 1 :]
+    # 0xff begins a marker: leaving it out keeps this a fault of the data, not of the structure.
+    noise = random.integers(0, 0xFF, _STRETCH, np.uint8).tobytes()
+    stretch = noise if kind == "scrambled" else bytes(_STRETCH)
+    return data[:start] + stretch + data[start + _STRETCH :]

@@ -1,4 +1,4 @@
-"""What stands before the camera: a muscle of known shape with its tapes, and a ruler beside it."""
+"""What stands before the camera: a muscle of known shape with its tapes, and the braid's weave."""
 
 import dataclasses
 from collections.abc import Callable
@@ -120,3 +120,208 @@ class MuscleScene:
                 f"a profile is positive; it is {D.flat[worst]:.4g} m at x = {x.flat[worst]:.3f}"
             )
         return D
+
+
+REST_LENGTH = 9.28125 * INCH
+PUBLISHED_CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
+
+# Chambers 2021, table 4.3 with the corrected wave numbers: a0, (a1, a2, a3), (b1, b2, b3) [in], w [-].
+_TABLE_4_3 = (
+    (1.02, (-0.09, -0.07, -0.01), (0.03, 0.06, 0.02), 5.596),
+    (1.37, (-0.35, -0.15, -0.01), (-0.17, -0.19, -0.06), -5.371),
+    (1.51, (-0.56, -0.10, 0.04), (0.43, 0.41, 0.10), 4.961),
+    (1.27, (-0.83, 0.29, 0.18), (1.20, 0.75, 0.04), 4.347),
+    (-32.74, (24.82, 12.82, -3.90), (47.44, -18.47, -0.5), 2.176),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class FourierShape:
+    """D(x) = mean + sum over n of cosines_n cos(n w (x - 1/2)): a profile symmetric about its middle.
+
+    Attributes:
+        mean: constant term [m].
+        cosines: coefficients about the middle [m].
+        frequency: wave number w [-].
+    """
+
+    mean: float
+    cosines: tuple[float, ...]
+    frequency: float
+
+    def __call__(self, x: ArrayLike) -> NDArray[np.float64]:
+        """D [m] at x [-]."""
+        n = np.arange(1, len(self.cosines) + 1)
+        angle = self.frequency * (np.asarray(x, float)[..., None] - 0.5)
+        return self.mean + np.cos(n * angle) @ np.array(self.cosines)
+
+
+def published_shape(contraction: float) -> FourierShape:
+    """The muscle's published profile at 100 psi and one of `PUBLISHED_CONTRACTIONS`, symmetrised.
+
+    Args:
+        contraction: (L0 - L)/L0 [-]: 0, 0.0875, 0.175, 0.2625 or 0.35.
+
+    Raises:
+        ValueError: another contraction; `stroke_shape` has those between.
+
+    References:
+        Chambers 2021, table 4.3.
+    """
+    if contraction not in PUBLISHED_CONTRACTIONS:
+        raise ValueError(
+            f"profiles are published at the contractions {PUBLISHED_CONTRACTIONS}, not at "
+            f"{contraction}; `stroke_shape` interpolates"
+        )
+    mean, a, b, w = _TABLE_4_3[PUBLISHED_CONTRACTIONS.index(contraction)]
+    n = np.arange(1, len(a) + 1)
+    # a cos(nwx) + b sin(nwx), its part even about x = 1/2.
+    even = np.array(a) * np.cos(n * w / 2) + np.array(b) * np.sin(n * w / 2)
+    return FourierShape(mean * INCH, tuple(float(c) * INCH for c in even), abs(w))
+
+
+def stroke_shape(
+    contraction: float, end_diameter: float = 0.875 * INCH
+) -> Callable[[ArrayLike], NDArray[np.float64]]:
+    """A profile at any contraction of the stroke, its ends held by fittings of one diameter.
+
+    Between the published profiles by a monotone cubic in the contraction at every x; what the
+    published ends deviate from `end_diameter` is taken off, fading to nothing in the middle.
+
+    Args:
+        contraction: (L0 - L)/L0 [-], 0 to 0.35.
+        end_diameter: D at both tapes [m].
+
+    Raises:
+        ValueError: a contraction outside of the published ones.
+    """
+    if not PUBLISHED_CONTRACTIONS[0] <= contraction <= PUBLISHED_CONTRACTIONS[-1]:
+        raise ValueError(
+            f"the stroke is known from 0 to {PUBLISHED_CONTRACTIONS[-1]}, got {contraction}"
+        )
+
+    def between(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        from scipy.interpolate import PchipInterpolator  # noqa: PLC0415 - keeps the import cheap
+
+        published = np.stack([published_shape(each)(x) for each in PUBLISHED_CONTRACTIONS])
+        return np.asarray(PchipInterpolator(PUBLISHED_CONTRACTIONS, published)(contraction))
+
+    excess = float(between(np.zeros(1))[0]) - end_diameter
+
+    def shape(x: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(x, float)
+        return between(x) - excess * (1 - 4 * x * (1 - x)) ** 4
+
+    return shape
+
+
+Array = NDArray[np.float64]
+_YARN_TILT = 0.9  # slope of a round yarn's flank
+_VALLEY = 0.45  # light left in the valley between two yarns
+_LIMB_WINDOW = 0.2  # [rad] around the tangent point in which a crest can be the outline
+_GLINT = 2.0  # light that a sparkling yarn adds on its crest, relative to the thread's
+_BLACK_THREAD = 0.08  # reflectance of a fleck, relative to the thread's
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossings:
+    """What the braid shows at n places.
+
+    Attributes:
+        first: the strand of the first family (i), `second`: of the other (j), shape (n,).
+        on_top: the first family's strand is the upper one, shape (n,).
+        across: place across the upper yarn, -1/2 to 1/2, shape (n,).
+        along: place along its float over two others, 0 to 1, shape (n,).
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    on_top: NDArray[np.bool_]
+    across: Array
+    along: Array
+
+    @property
+    def height(self) -> Array:
+        """Height of the surface between valley (0) and crest (1)."""
+        return np.cos(np.pi * self.across) * (0.6 + 0.4 * np.sin(np.pi * self.along))
+
+
+class Weave:
+    """A regular two-over-two braid on a body of revolution.
+
+    Strands of both families turn by the angle `twist`(y), one to the right and one to the left:
+    with the local braid angle theta to the circumference, d twist / ds = 1 / (R tan(theta)).
+
+    Args:
+        muscle: the muscle.
+        y: positions along the axis [m], uniform, shape (m,).
+        R: radius at y [m], shape (m,).
+        slope: dR/dy, shape (m,).
+    """
+
+    def __init__(self, muscle: MuscleScene, y: Array, R: Array, slope: Array) -> None:
+        step = np.hypot(1, slope) * (y[1] - y[0])
+        thread = np.hypot(np.sum(step), 2 * np.pi * muscle.turns * np.mean(R))
+        cos_theta = np.clip(2 * np.pi * muscle.turns * R / thread, 0, 0.98)
+        self.y = y
+        self.cotangent = cos_theta / np.sqrt(1 - cos_theta**2)
+        self.twist = np.cumsum(self.cotangent / R * step)
+        self.n = muscle.strands
+        random = np.random.default_rng(muscle.weave_seed)
+        spread = 1 + muscle.albedo_spread * random.standard_normal((2, self.n))
+        self.strand_albedo = np.clip(spread, 0.4, 1.6)
+        shape = (self.n, self.n)
+        self.glint = np.where(random.random(shape) < muscle.sparkle, _GLINT, 0.0)
+        self.thread = np.where(random.random(shape) < muscle.flecks, _BLACK_THREAD, 1.0)
+        self.relief = muscle.relief
+
+    def crossings(self, azimuth: Array, y: Array) -> Crossings:
+        """What lies on top at these azimuths [rad] and positions [m], shape (n,) each."""
+        twist = np.interp(y, self.y, self.twist)
+        p = (azimuth + twist) * (self.n / (2 * np.pi))
+        q = (azimuth - twist) * (self.n / (2 * np.pi))
+        i, j = np.floor(p), np.floor(q)
+        p, q = p - i, q - j
+        i, j = i.astype(np.int64), j.astype(np.int64)
+        phase = (i + j) % 4
+        on_top = phase < 2
+        across = np.where(on_top, p, q) - 0.5
+        along = (np.where(on_top, q, p) + phase % 2) / 2
+        return Crossings(i % self.n, j % self.n, on_top, across, along)
+
+    def reflectance(self, at: Crossings) -> Array:
+        """Reflectance relative to the threads' mean, sparkles, flecks and valleys included."""
+        strand = np.where(
+            at.on_top, self.strand_albedo[0][at.first], self.strand_albedo[1][at.second]
+        )
+        at_cell = at.first, at.second
+        shade = _VALLEY + (1 - _VALLEY) * at.height
+        return strand * (self.thread[at_cell] * shade + self.glint[at_cell] * at.height**6)
+
+    def directions(self, at: Crossings, azimuth: Array, y: Array) -> tuple[Array, Array]:
+        """Lean of the yarn's own surface, and direction of its fibres, in the world, (n, 3) each."""
+        cot = np.interp(y, self.y, self.cotangent)
+        sine = 1 / np.hypot(1, cot)
+        cosine = np.where(at.on_top, 1, -1) * cot * sine
+        around = np.stack([-np.sin(azimuth), np.zeros_like(azimuth), -np.cos(azimuth)], axis=1)
+        axial = np.array([0.0, 1.0, 0.0])
+        lean = sine[:, None] * around + cosine[:, None] * axial
+        fibre = -cosine[:, None] * around + sine[:, None] * axial
+        return _YARN_TILT * np.sin(np.pi * at.across)[:, None] * lean, fibre
+
+    def outline_offset(self, azimuth: Array, R: Array) -> Array:
+        """How far the crests and valleys at the limb move the outline outwards [m], mean zero.
+
+        The largest of (R + h) cos(delta) over the directions delta around the tangent point.
+
+        Args:
+            azimuth: of the tangent point at self.y, shape (m,).
+            R: radius at self.y [m], shape (m,).
+        """
+        if self.relief == 0:
+            return np.zeros_like(R)
+        outermost = np.full(R.shape, -np.inf)
+        for delta in np.linspace(-_LIMB_WINDOW, _LIMB_WINDOW, 41):
+            h = self.relief * self.crossings(azimuth + delta, self.y).height
+            outermost = np.maximum(outermost, (R + h) * np.cos(delta) - R)
+        return outermost - outermost.mean()

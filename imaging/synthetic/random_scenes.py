@@ -5,10 +5,8 @@ import dataclasses
 import numpy as np
 
 from ..camera.pinhole import Camera
-from .light import Lamp, Light
-from .muscle import INCH, TAN, MuscleScene, Tape
-from .profiles import REST_LENGTH, stroke_shape
-from .scene import Lens, Scene, Sensor
+from .muscle import INCH, REST_LENGTH, TAN, MuscleScene, Tape, stroke_shape
+from .scene import Lamp, Lens, Light, Scene, Sensor
 
 _WHITE_THREAD = (0.75, 0.75, 0.72)
 _HUES = (222.0, 130.0, 355.0)  # blue, green, red across the seam of the circle

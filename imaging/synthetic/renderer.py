@@ -1,15 +1,139 @@
-"""From a scene to the photograph."""
+"""From a scene to the light on the sensor, and to the photograph."""
 
-from .exposure import expose
-from .linear import LinearPhoto, cloth, draw
-from .photo import Photo
-from .ruler import RulerScene
-from .ruler_face import Ruler
-from .scene import Scene
-from .through_lens import through_lens
-from .true_figures import true_figures
-from .truth import RulerTruth, Truth
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .exposure import LinearPhoto, Photo, expose
+from .ruler import Ruler, RulerScene
+from .scene import Lens, Scene
+from .truth import RulerTruth, Truth, true_figures
 from .world import World
+
+
+def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating]:
+    """Light behind the lens: each of its faults a convolution, the picture's border mirrored."""
+    import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+    seen = np.asarray(light, np.float32)
+    if lens.motion_px > 0:
+        seen = cv2.filter2D(seen, -1, _box(lens.motion_px)[:, None])
+    if lens.defocus_px > 0:
+        seen = cv2.filter2D(seen, -1, _disk(lens.defocus_px))
+    if lens.blur_px > 0:
+        seen = cv2.GaussianBlur(seen, (0, 0), lens.blur_px)
+    if lens.halo > 0:
+        glow = cv2.GaussianBlur(seen, (0, 0), lens.halo_px)
+        seen = (1 - lens.halo) * seen + lens.halo * glow
+    return np.asarray(seen, np.float32)
+
+
+def _box(width: float) -> NDArray[np.floating]:
+    """A box of any width [px], sampled by the part of each pixel that it covers."""
+    reach = int(np.ceil(width / 2 + 0.5))
+    k = np.arange(-reach, reach + 1)
+    part = np.clip(width / 2 + 0.5 - np.abs(k), 0, 1)
+    return (part / part.sum()).astype(np.float32)
+
+
+def _disk(radius: float) -> NDArray[np.floating]:
+    """A disk of any radius [px], sampled by the part of each pixel that it covers."""
+    reach = int(np.ceil(radius + 0.5))
+    fine = (np.arange(16 * (2 * reach + 1)) + 0.5) / 16 - reach - 0.5
+    inside = np.hypot(fine[:, None], fine[None, :]) <= radius
+    part = inside.reshape(2 * reach + 1, 16, 2 * reach + 1, 16).mean(axis=(1, 3))
+    return (part / part.sum()).astype(np.float32)
+
+
+Array = NDArray[np.float64]
+_BLOCK_ROWS = 64
+_SAMPLES, _SHIFT = 55, 34  # neighbours in Fibonacci's sequence: an even lattice in a pixel
+_CHUNK = 4096  # pixels sampled at once
+_CLOTH_COLOUR = (0.95, 1.0, 1.08)
+_STAIN = 0.15  # relative standard deviation of the cloth's folds
+
+
+class Sight(Protocol):
+    """Something that rays can meet."""
+
+    def span(self, v_first: float, v_last: float) -> tuple[float, float]:
+        """Columns [px] within which it can be seen in these rows."""
+        ...
+
+    def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
+        """Which part of it is seen at u, v, -1 where none is, and the light that this sends."""
+        ...
+
+
+def draw(sight: Sight, scene: Scene | RulerScene) -> NDArray[np.floating]:
+    """The light on the sensor of something in front of the scene's cloth, behind its lens."""
+    background = cloth(scene)
+    light = background.copy()
+    parts = _draw_once(sight, light)
+    _refine(sight, light, parts, background)
+    return through_lens(light, scene.lens)
+
+
+def cloth(scene: Scene | RulerScene) -> NDArray[np.floating]:
+    """The black cloth: gradient, folds and an out-of-focus reflection."""
+    import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+    h, w = scene.size
+    light, (px, py) = scene.light, scene.light.stray_place
+    x = (np.arange(w, dtype=np.float32) / w)[None, :]
+    y = (np.arange(h, dtype=np.float32) / h)[:, None]
+    folds = np.random.default_rng(0).standard_normal((12, 9)).astype(np.float32)
+    stain = 1 + _STAIN * cv2.resize(folds, (w, h), interpolation=cv2.INTER_CUBIC)
+    base = (light.cloth * (1 + light.cloth_gradient * (x - 0.5))) * np.maximum(stain, 0.2)
+    stray = np.exp(-(((x - px) / 0.08) ** 2)) * np.exp(-(((y - py) / 0.15) ** 2))
+    return (base + light.stray * stray)[..., None] * np.array(_CLOTH_COLOUR, np.float32)
+
+
+def _draw_once(sight: Sight, light: NDArray[np.floating]) -> NDArray[np.int8]:
+    """One ray per pixel into `light`; returns which part each pixel shows, -1 for the cloth."""
+    h, w = light.shape[:2]
+    parts = np.full((h, w), -1, np.int8)
+    for top in range(0, h, _BLOCK_ROWS):
+        bottom = min(h, top + _BLOCK_ROWS)
+        left, right = sight.span(top, bottom)
+        left, right = max(0, int(left)), min(w, int(np.ceil(right)))
+        if left >= right:
+            continue
+        v, u = np.mgrid[top:bottom, left:right].astype(float)
+        which, seen = sight.seen(u.ravel(), v.ravel())
+        parts[top:bottom, left:right] = which.reshape(u.shape)
+        patch = light[top:bottom, left:right]
+        hit = which.reshape(u.shape) >= 0
+        patch[hit] = seen[hit.ravel()]
+    return parts
+
+
+def _refine(
+    sight: Sight,
+    light: NDArray[np.floating],
+    parts: NDArray[np.int8],
+    background: NDArray[np.floating],
+) -> None:
+    """The mean of many rays in every pixel next to an edge."""
+    import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+    part = parts.astype(np.int16)
+    next_to, near = (
+        cv2.erode(part, np.ones((n, n))) != cv2.dilate(part, np.ones((n, n))) for n in (3, 5)
+    )
+    rows, columns = np.nonzero(next_to | (near & (parts >= 0)))
+    k = np.arange(_SAMPLES)
+    du = (k + 0.5) / _SAMPLES - 0.5
+    dv = (k * _SHIFT % _SAMPLES + 0.5) / _SAMPLES - 0.5
+    for start in range(0, rows.size, _CHUNK):
+        at = slice(start, start + _CHUNK)
+        u = columns[at, None] + du
+        v = rows[at, None] + dv
+        which, seen = sight.seen(u.ravel(), v.ravel())
+        missed = (which < 0).reshape(u.shape).mean(axis=1)
+        mean = seen.reshape(*u.shape, 3).mean(axis=1)
+        light[rows[at], columns[at]] = mean + missed[:, None] * background[rows[at], columns[at]]
 
 
 def render(scene: Scene, seed: int) -> Photo[Truth]:

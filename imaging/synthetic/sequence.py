@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from famjax.boundary.units import factor
 
-from .photo import Photo
-from .profiles import stroke_shape
+from .exposure import Photo
+from .muscle import stroke_shape
 from .renderer import render
 from .scene import Scene
 from .truth import Truth

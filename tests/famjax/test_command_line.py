@@ -172,7 +172,7 @@ def test_doctor_names_a_clash(tmp_path: Path) -> None:
         [
             sys.executable,
             "-c",
-            "from famjax.commands.installation import problems; print(problems())",
+            "from famjax.commands.doctor import problems; print(problems())",
         ],
         capture_output=True,
         text=True,

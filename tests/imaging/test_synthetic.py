@@ -240,7 +240,7 @@ def test_sharpening_overshoots_at_the_outline(linear):
     ],
 )
 def test_point_spread_has_its_second_moment(lens, spread):
-    from imaging.synthetic.through_lens import through_lens
+    from imaging.synthetic.renderer import through_lens
 
     point = np.zeros((81, 81, 3), np.float32)
     point[40, 40] = 1
@@ -431,8 +431,8 @@ def test_marks_of_a_ruler_cover_the_pixels_that_the_truth_says(changes):
         published_ruler(size=(1000, 300)), light=GEOMETRY, lens=SHARP, numbers=False,
         mark_width=wide, ink=(0.0, 0.0, 0.0), **changes,
     )  # fmt: skip
-    from imaging.synthetic.linear import draw
-    from imaging.synthetic.ruler_face import Ruler
+    from imaging.synthetic.renderer import draw
+    from imaging.synthetic.ruler import Ruler
 
     face = Ruler(ruler)
     light, truth = draw(face, ruler), face.truth()

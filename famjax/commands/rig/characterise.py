@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..rows import print_rows
+from ..terminal import print_rows
 from .problems import rig_problems
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
-from ..progress import progress_bar
+from ..terminal import progress_bar
 from .problems import rig_problems
 
 

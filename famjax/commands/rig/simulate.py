@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ..loading import load_fitting
-from ..progress import progress_bar
+from ..terminal import progress_bar
 from .characterise import report_test
 from .problems import rig_problems
 
