@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._types import RealArray, as_real
-from ..materials.polynomial import AbstractMaterial
+from ..materials.abstract_material import AbstractMaterial
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
 from .combination import Combination, Feasibility, fam_angle, feasibility
 

@@ -17,7 +17,7 @@ from ..braids.gaylord import gaylord_force
 from ..braids.inextensible import NEUTRAL_ANGLE, Braid, braid_angle_from_diameter
 from ..geometries.bladder import Bladder
 from ..geometries.estimated import EstimatedGeometry
-from ..materials.polynomial import AbstractMaterial
+from ..materials.abstract_material import AbstractMaterial
 from ..muscle import Muscle
 from ..parameters import number
 from .catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid

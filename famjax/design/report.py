@@ -9,7 +9,7 @@ import numpy as np
 
 from .._types import RealArray
 from ..boundary.units import Row, entry, factor, unit_system
-from ..materials.polynomial import AbstractMaterial
+from ..materials.abstract_material import AbstractMaterial
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
 from .catalogue_search import Candidate
 from .combination import Combination, Feasibility, fam_angle, feasibility

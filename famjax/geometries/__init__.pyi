@@ -4,12 +4,9 @@ from .bladder import (
     cylinder_volume as cylinder_volume,
     tube_volume as tube_volume,
 )
+from .dimensions import AbstractGeometry as AbstractGeometry, Dimensions as Dimensions
 from .end_effect import EndEffectGeometry as EndEffectGeometry
-from .estimated import (
-    AbstractGeometry as AbstractGeometry,
-    Dimensions as Dimensions,
-    EstimatedGeometry as EstimatedGeometry,
-)
+from .estimated import EstimatedGeometry as EstimatedGeometry
 from .measured import (
     AverageDiameterGeometry as AverageDiameterGeometry,
     MeasuredGeometry as MeasuredGeometry,

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ..profiles.assumed_shapes import tondu_lopez_length
-from .estimated import AbstractGeometry, Dimensions
+from .dimensions import AbstractGeometry, Dimensions
 
 _LARGEST_FACTOR = 1.4
 

@@ -10,7 +10,8 @@ from .._types import Real, RealArray, as_real
 from ..braids.inextensible import AbstractBraid
 from ..profiles.family import MeasuredFamily
 from .bladder import Bladder
-from .estimated import AbstractGeometry, Dimensions, cylinder_dimensions
+from .dimensions import AbstractGeometry, Dimensions
+from .estimated import cylinder_dimensions
 from .meridian import QUADRATURE_ORDER, Meridian, quadrature
 
 

@@ -1,4 +1,4 @@
-"""Stress laws of the bladder from an energy: hyperelastic ones, and laws without interaction.
+"""Stress laws of the bladder from an energy: hyperelastic ones.
 
 Every law here has `energy(axial_stretch, hoop_stretch)`, the energy W [J/m3] stored per volume of
 rubber, and its true stresses are sigma_i = lambda_i dW/dlambda_i with lambda = 1 + strain.
@@ -17,12 +17,13 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import Declared, parameter
 from ..parameters.parametrised import checked_values, middle
-from .polynomial import AbstractMaterial
+from .abstract_material import AbstractMaterial
 
-_STRESS = 1e6  # Pa
+STRESS_SCALE = 1e6
+"""Order of magnitude [Pa] of a rubber's stress."""
 
 
-def _slope(function: Callable[[RealArray], RealArray], at: RealArray) -> RealArray:
+def derivative(function: Callable[[RealArray], RealArray], at: RealArray) -> RealArray:
     """Derivative, element by element, of a function that acts element by element."""
     return jax.jvp(function, (at,), (jnp.ones_like(at),))[1]
 
@@ -61,8 +62,8 @@ class AbstractHyperelastic(AbstractMaterial):
             1 + as_real(axial_strain), 1 + as_real(hoop_strain), as_real(pressure)
         )
         return (
-            axial * _slope(lambda stretch: self.energy(stretch, hoop), axial),
-            hoop * _slope(lambda stretch: self.energy(axial, stretch), hoop),
+            axial * derivative(lambda stretch: self.energy(stretch, hoop), axial),
+            hoop * derivative(lambda stretch: self.energy(axial, stretch), hoop),
         )
 
     def uniaxial_stress(self, strain: Real) -> RealArray:
@@ -75,7 +76,7 @@ class AbstractHyperelastic(AbstractMaterial):
             sigma [Pa], of the strain's shape.
         """
         stretch = 1 + as_real(strain)
-        return stretch * _slope(lambda along: self.energy(along, 1 / jnp.sqrt(along)), stretch)
+        return stretch * derivative(lambda along: self.energy(along, 1 / jnp.sqrt(along)), stretch)
 
 
 def _first_invariant(axial: RealArray, hoop: RealArray) -> RealArray:
@@ -97,7 +98,7 @@ class NeoHookeanMaterial(AbstractHyperelastic):
     """
 
     shear_modulus: Float[Given, "..."] = parameter(
-        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
+        "Pa", kind="stress", low=0.0, scale=STRESS_SCALE, linear=True
     )
 
     law_name: ClassVar[str] = "neo-hookean"
@@ -125,10 +126,10 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
     """
 
     c10: Float[Given, "..."] = parameter(
-        "Pa", kind="stress", scale=_STRESS, linear=True, name="C10"
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="C10"
     )
     c01: Float[Given, "..."] = parameter(
-        "Pa", kind="stress", scale=_STRESS, linear=True, name="C01"
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="C01"
     )
 
     law_name: ClassVar[str] = "mooney-rivlin"
@@ -156,7 +157,7 @@ class YeohMaterial(AbstractHyperelastic):
     """
 
     coefficients: Float[Given, " terms"] = parameter(
-        "Pa", kind="stress", scale=_STRESS, linear=True, name="C_{}"
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="C_{}"
     )
 
     law_name: ClassVar[str] = "yeoh"
@@ -164,7 +165,7 @@ class YeohMaterial(AbstractHyperelastic):
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
         """The law of this many terms, by default three."""
-        fields.setdefault("coefficients", np.full(order, _STRESS))
+        fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
         return super().template(**fields)
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
@@ -200,7 +201,7 @@ class OgdenMaterial(AbstractHyperelastic):
     """
 
     moduli: Float[Given, " terms"] = parameter(
-        "Pa", kind="stress", scale=_STRESS, linear=True, name="mu_{}"
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="mu_{}"
     )
     exponents: Float[Given, " terms"] = parameter(name="alpha_{}")
 
@@ -229,7 +230,7 @@ class OgdenMaterial(AbstractHyperelastic):
     def template(cls, **fields: Any) -> "OgdenMaterial":
         """The law of one term, its exponent in the middle of the range."""
         exponent = middle(_ONE_TERM["ogden_exponent"])
-        fields.setdefault("moduli", [2 * _STRESS / exponent])
+        fields.setdefault("moduli", [2 * STRESS_SCALE / exponent])
         fields.setdefault("exponents", [exponent])
         return super().template(**fields)
 
@@ -263,98 +264,8 @@ class OgdenMaterial(AbstractHyperelastic):
 
 
 _ONE_TERM = {
-    "shear_modulus": Declared("Pa", "shear_modulus", "stress", low=0.0, scale=_STRESS, linear=True),
+    "shear_modulus": Declared(
+        "Pa", "shear_modulus", "stress", low=0.0, scale=STRESS_SCALE, linear=True
+    ),
     "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=-0.5),
 }
-
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
-
-
-class AbstractUniaxialLaw(AbstractMaterial):
-    """A law whose two directions do not interact: true stress against its own strain alone.
-
-    The law is given by a potential phi(eps) with sigma = dphi/deps, its integral over engineering
-    strain. As sigma is a true stress, the energy stored is another integral, W in `energy`.
-    """
-
-    directions_interact: ClassVar[bool] = False
-    depends_on_pressure: ClassVar[bool] = False
-
-    @abc.abstractmethod
-    def potential(self, strain: Real) -> RealArray:
-        """Potential phi [Pa] of one direction at engineering strain eps [-], phi(0) = 0."""
-
-    def stress(self, strain: Real) -> RealArray:
-        """True stress sigma = dphi/deps [Pa] of one direction at engineering strain eps [-]."""
-        return _slope(self.potential, as_real(strain))
-
-    def tangent_modulus(self, strain: Real) -> RealArray:
-        """Tangent modulus dsigma/deps [Pa] at engineering strain eps [-]."""
-        return _slope(self.stress, as_real(strain))
-
-    def stresses(
-        self, axial_strain: Real, hoop_strain: Real, pressure: Real
-    ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
-        del pressure
-        return self.stress(axial_strain), self.stress(hoop_strain)
-
-    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per volume, the sum over both directions of int sigma dlambda / lambda.
-
-        Gauss-Legendre quadrature with 32 nodes from the unstrained state.
-
-        Args:
-            axial_stretch: lambda_z [-], > 0.
-            hoop_stretch: lambda_c [-], > 0.
-
-        Returns:
-            W [J/m3], broadcast shape.
-        """
-
-        def one(strain: RealArray) -> RealArray:
-            part = strain[..., None] * np.asarray((1 + _NODES) / 2, strain.dtype)
-            weights = np.asarray(_WEIGHTS / 2, strain.dtype)
-            return strain * jnp.sum(weights * self.stress(part) / (1 + part), axis=-1)
-
-        return one(as_real(axial_stretch) - 1) + one(as_real(hoop_stretch) - 1)
-
-
-class SaturatingMaterial(AbstractUniaxialLaw):
-    """The two-term saturating law: a stiff start that softens to a constant modulus; odd.
-
-    sigma = E_inf eps + S (1 - exp(-|eps|/s)) sign(eps)
-
-    Attributes:
-        final_modulus: E_inf [Pa], tangent modulus at large strain.
-        saturation_stress: S [Pa], to which the second term rises.
-        strain_scale: s [-], > 0, strain over which it does.
-
-    >>> law = SaturatingMaterial(2e5, 1e5, 0.2)
-    >>> print(f"{law.stress(0.0):.0f} {law.tangent_modulus(0.0):.0f}")
-    0 700000
-    """
-
-    final_modulus: Float[Given, "..."] = parameter(
-        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
-    )
-    saturation_stress: Float[Given, "..."] = parameter(
-        "Pa", kind="stress", low=0.0, scale=_STRESS, linear=True
-    )
-    strain_scale: Float[Given, "..."] = parameter(low=2e-3, high=0.5)
-
-    law_name: ClassVar[str] = "saturating"
-
-    def potential(self, strain: Real) -> RealArray:
-        """Potential phi [Pa], E_inf eps^2/2 + S (|eps| + s (exp(-|eps|/s) - 1))."""
-        eps, s = as_real(strain), self.strain_scale
-        # Not jnp.abs: its derivative at zero is zero, and the tangent modulus there would be E_inf.
-        size = jnp.where(eps >= 0, eps, -eps)
-        saturating = size + s * jnp.expm1(-size / s)
-        return self.final_modulus * eps**2 / 2 + self.saturation_stress * saturating
-
-    @property
-    def initial_modulus(self) -> RealArray:
-        """Tangent modulus [Pa] at zero strain, E_inf + S/s."""
-        return self.final_modulus + self.saturation_stress / self.strain_scale

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
-from .hyperelastic import AbstractUniaxialLaw
+from .uniaxial import AbstractUniaxialLaw
 
 _STRESS = 1e6  # Pa
 

@@ -7,7 +7,8 @@ from jaxtyping import Array, Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
-from .polynomial import AbstractMaterial, PressurePolynomialMaterial, stresses_between_nodes
+from .abstract_material import AbstractMaterial
+from .polynomial import PressurePolynomialMaterial, stresses_between_nodes
 
 
 class PlainPowerMaterial(AbstractMaterial):

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._types import Real, RealArray, as_real
-from ..geometries.estimated import AbstractGeometry
-from .polynomial import AbstractMaterial
+from ..geometries.dimensions import AbstractGeometry
+from .abstract_material import AbstractMaterial
 
 
 class PathStrains(eqx.Module):

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 
 from .._compiled import compiled
 from .._types import Real, RealArray, as_real
-from ..geometries.estimated import AbstractGeometry, Dimensions
-from ..materials.polynomial import AbstractMaterial
+from ..geometries.dimensions import AbstractGeometry, Dimensions
+from ..materials.abstract_material import AbstractMaterial
 from ..terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 from .abstract_muscle import AbstractMuscle
 from .one_muscle import check_one_muscle

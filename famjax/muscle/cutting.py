@@ -6,8 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._types import Real, RealArray, as_real
+from ..geometries.dimensions import AbstractGeometry
 from ..geometries.end_effect import EndEffectGeometry
-from ..geometries.estimated import AbstractGeometry, EstimatedGeometry
+from ..geometries.estimated import EstimatedGeometry
 from . import AbstractMuscle, Muscle
 
 

@@ -3,7 +3,7 @@
 from jax.typing import ArrayLike
 
 from .._types import Real, RealArray, as_real
-from ..geometries.estimated import AbstractGeometry
+from ..geometries.dimensions import AbstractGeometry
 from ..materials.hyperelastic import MooneyRivlinMaterial
 from ..materials.plain_power import PlainPowerMaterial
 from ..materials.polynomial import PolynomialMaterial

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._types import Real, RealArray
-from ..geometries.estimated import Dimensions
+from ..geometries.dimensions import Dimensions
 from ..parameters import Parametrised
 
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .._types import Real, RealArray, as_real
-from ..geometries.estimated import Dimensions
-from ..materials.polynomial import AbstractMaterial
+from ..geometries.dimensions import Dimensions
+from ..materials.abstract_material import AbstractMaterial
 from .abstract import AbstractForceTerm
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._types import Given, Real, RealArray, as_real
-from ..geometries.estimated import Dimensions
+from ..geometries.dimensions import Dimensions
 from ..parameters import Parametrised, number, parameter
 from .abstract import AbstractForceTerm
 

@@ -4,7 +4,7 @@ from jaxtyping import Float
 
 from .._types import Given, Real, RealArray
 from ..braids.gaylord import gaylord_force
-from ..geometries.estimated import Dimensions
+from ..geometries.dimensions import Dimensions
 from ..parameters import parameter
 from .abstract import AbstractForceTerm
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._types import Given, Real, RealArray
-from ..geometries.estimated import Dimensions
+from ..geometries.dimensions import Dimensions
 from ..parameters import parameter
 from .abstract import AbstractForceTerm
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..braids.gaylord import gaylord_force
 from ..braids.inextensible import AbstractBraid
-from ..geometries.estimated import AbstractGeometry, Dimensions
+from ..geometries.dimensions import AbstractGeometry, Dimensions
 from ..geometries.meridian import Meridian
 from ..parameters import parameter
 from ..profiles.family import AbstractProfileFamily

@@ -10,12 +10,9 @@ import pytest
 from jax.test_util import check_grads
 
 from famjax import Bladder, Braid, Muscle, PolynomialMaterial, path_modulus
-from famjax.braids import AbstractBraid, gaylord_force
-from famjax.braids.elastic import ElasticBraid
-from famjax.braids.thread import LinearThread
-from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
-from famjax.profiles.assumed_shapes import Cylinder
-from famjax.profiles.family import MeasuredFamily
+from famjax.braids import AbstractBraid, ElasticBraid, LinearThread, gaylord_force
+from famjax.geometries import AverageDiameterGeometry, MeasuredGeometry
+from famjax.profiles import Cylinder, MeasuredFamily
 
 EXACT = 1e-12
 L0 = 9.28125

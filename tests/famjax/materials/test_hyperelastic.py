@@ -9,7 +9,7 @@ from jax.test_util import check_grads
 from scipy.integrate import quad
 
 import famjax
-from famjax.materials.hyperelastic import (
+from famjax.materials import (
     AbstractHyperelastic,
     AbstractUniaxialLaw,
     MooneyRivlinMaterial,

@@ -10,16 +10,17 @@ from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
 from famjax import Bladder
-from famjax.geometries.meridian import Meridian, maximum_diameter, quadrature
-from famjax.profiles.assumed_shapes import (
+from famjax.geometries import Meridian, maximum_diameter, quadrature
+from famjax.profiles import (
+    AbstractProfile,
     CircularArcEnds,
     ConicFrustumEnds,
     Cylinder,
     EllipticToroidEnds,
+    FourierProfile,
     SemiEllipsoidEnds,
     SteppedCylinder,
 )
-from famjax.profiles.profile import AbstractProfile, FourierProfile
 
 EXACT = 1e-12
 QUADRATURE = 1e-8  # the promise of the default order

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import famjax
-from famjax.terms.friction import (
+from famjax.terms import (
     AbstractFriction,
     PressureFriction,
     ThreadFriction,

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from famjax.geometries.meridian import Meridian
-from famjax.profiles.assumed_shapes import (
+from famjax.geometries import Meridian
+from famjax.profiles import (
     AbstractAssumedShape,
     CircularArcEnds,
     ConicFrustumEnds,

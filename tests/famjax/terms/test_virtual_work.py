@@ -7,14 +7,10 @@ import numpy as np
 import pytest
 
 from famjax import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial
-from famjax.braids import gaylord_force
-from famjax.braids.elastic import ElasticBraid
-from famjax.braids.thread import LinearThread
-from famjax.geometries.measured import AverageDiameterGeometry, MeasuredGeometry
-from famjax.profiles.assumed_shapes import CircularArcEnds, Cylinder
-from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily
-from famjax.terms import BladderWall, VirtualWork
-from famjax.terms.virtual_work import pressure_terms, virtual_work_force, volume_rate
+from famjax.braids import ElasticBraid, LinearThread, gaylord_force
+from famjax.geometries import AverageDiameterGeometry, MeasuredGeometry
+from famjax.profiles import AssumedShapeFamily, CircularArcEnds, Cylinder, MeasuredFamily
+from famjax.terms import BladderWall, VirtualWork, pressure_terms, virtual_work_force, volume_rate
 
 EXACT = 1e-11  # a derivative of sums over 64 stations
 L0 = 9.28125

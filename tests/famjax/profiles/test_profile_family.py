@@ -8,10 +8,14 @@ from scipy.interpolate import CubicSpline
 
 from famjax import Braid
 from famjax.braids import AbstractBraid, diameter_from_length
-from famjax.geometries.meridian import Meridian
-from famjax.profiles.assumed_shapes import CircularArcEnds, ConicFrustumEnds
-from famjax.profiles.family import AssumedShapeFamily, MeasuredFamily
-from famjax.profiles.profile import FourierProfile
+from famjax.geometries import Meridian
+from famjax.profiles import (
+    AssumedShapeFamily,
+    CircularArcEnds,
+    ConicFrustumEnds,
+    FourierProfile,
+    MeasuredFamily,
+)
 
 EXACT = 1e-12
 ROUNDING = 1e-11  # a small linear system has been solved

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from famjax.braids.thread import AbstractThread, LinearThread, ToeThread, thread_tension
+from famjax.braids import AbstractThread, LinearThread, ToeThread, thread_tension
 
 EXACT = 1e-13  # a few roundings
 DIFFERENCE = 1e-7  # central differences: step squared, and rounding over the step

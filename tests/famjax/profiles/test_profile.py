@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from famjax.profiles.profile import FourierProfile
+from famjax.profiles import FourierProfile
 
 EXACT = 1e-12
 X = np.linspace(0, 1, 41)
