@@ -88,7 +88,7 @@ NOTES: tuple[tuple[str, str], ...] = (
         "test. The triangle relation and the photographed volumes do not agree to better than that.",
     ),
 )
-"""(table, remark) for people."""
+"""(table, remark) for readers."""
 
 NOT_COMPUTED: tuple[tuple[str, str], ...] = (
     ("2.1", "forces, contractions and weights of built muscles: measured, no law gives them"),

@@ -1,4 +1,4 @@
-"""The page for people: what agrees, the tables side by side, the figures redrawn."""
+"""The page: what agrees, the tables side by side, the figures redrawn."""
 
 import base64
 import html

@@ -1,4 +1,4 @@
-"""How long a person waits for the first answer, in CPU seconds of whole processes.
+"""How long a user waits for the first answer, in CPU seconds of whole processes.
 
     python benchmarks/first_answer.py [--rows PATTERN ...] [--repeat N] [--long] [--python PATH]
                                       [--data MAP] [--json FILE] [--list]
@@ -76,7 +76,7 @@ def library(call: str, name: str = "{data}") -> Step:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One thing that a person does.
+    """One thing that a user does.
 
     Attributes:
         name: by which `--rows` chooses it.
@@ -86,7 +86,7 @@ class Row:
             is no cold regime then.
         cold, second: limits as multiples of the import, nan for none.
         long: takes minutes.
-        peer: somebody else's program, which has one regime.
+        peer: a program of another author, which has one regime.
     """
 
     name: str
@@ -401,7 +401,7 @@ def chosen(patterns: Iterable[str], *, long: bool, peers: bool = True) -> list[R
     Args:
         patterns: as for file names, `famjax fit*`; none for all.
         long: those too that take minutes; one that is named in full is taken in any case.
-        peers: other people's programs too.
+        peers: programs of other authors too.
 
     Raises:
         ValueError: a pattern that fits nothing, with the names.
@@ -425,7 +425,7 @@ def chosen(patterns: Iterable[str], *, long: bool, peers: bool = True) -> list[R
 
 
 def table(lines: Sequence[Line]) -> str:
-    """The lines for people."""
+    """The printed lines."""
     said = [f"{'row':44} {'regime':7} {'measured':>14} {'limit':>8} {'CPU s':>8}"]
     for line in lines:
         verdict = {True: "holds", False: "does NOT hold", None: ""}[line.holds]

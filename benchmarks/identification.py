@@ -175,7 +175,7 @@ def _by(
     best: list[float],
     ours: float,
 ) -> Line:
-    """A loop of somebody else's solver over the problems, which are all of them or a part."""
+    """A loop of a peer's solver over the problems, which are all of them or a part."""
     part = slice(None, None, EVERY.get(name, 1))
     problems, small, best = problems[part], small[part], best[part]
     # What a user would do once is not timed: Clarabel's sparse matrices of the compressed problem.

@@ -46,7 +46,7 @@ class Row:
         must, aim: limits; nan where there is none.
         scenes: number of scenes.
         least: what `found` must not be below: an error bar may be too wide as well.
-        told: the error that the measurement gives for it; a shift within twice of it is reported.
+        stated: the error that the measurement gives for it; a shift within twice of it is reported.
     """
 
     what: str
@@ -55,7 +55,7 @@ class Row:
     aim: float = float("nan")
     scenes: int = 1
     least: float = 0.0
-    told: float = 0.0
+    stated: float = 0.0
 
 
 def rows(size: Size, scenes: int) -> Iterator[Row]:
@@ -210,12 +210,12 @@ def broken_assumptions(size: Size) -> Iterator[Row]:
     plain, _ = edge_bias(scene)
     yield Row("edge bias, nothing broken [px]", plain)
     for name, (made, limit) in cases.items():
-        bias, told = edge_bias(made())
-        yield Row(f"edge shift, {name} [px]", bias - plain, limit, told=told)
+        bias, stated = edge_bias(made())
+        yield Row(f"edge shift, {name} [px]", bias - plain, limit, stated=stated)
 
 
 def edge_bias(scene: Scene) -> tuple[float, float]:
-    """Mean outward error of an edge, and the standard error that is told for it [px]."""
+    """Mean outward error of an edge, and the standard error that is stated for it [px]."""
     found, truth = photographed(scene, seed=0)
     bias = float(np.mean(diameter_error(found, truth))) * truth.px_per_m / 2
     return bias, found.mean_diameter_stderr * truth.px_per_m / 2
@@ -266,7 +266,7 @@ def worst(figures: list[dict[str, float]], name: str) -> float:
 def _verdict(row: Row) -> str:
     if row.least <= abs(row.found) <= row.must:
         return "met"
-    return "reported" if 0 < abs(row.found) <= 2 * row.told else "NOT MET"
+    return "reported" if 0 < abs(row.found) <= 2 * row.stated else "NOT MET"
 
 
 def main() -> None:

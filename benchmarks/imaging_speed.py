@@ -181,15 +181,15 @@ def campaign(folder: Path, pictures: int) -> dict[str, float]:
 
 
 def _rate(paths: Sequence[Path], recipe: Recipe, workers: int) -> float:
-    told: list[tuple[float, int]] = []
+    reports: list[tuple[float, int]] = []
     process(
         paths,
         recipe,
         workers=workers,
-        progress=lambda done, _: told.append((time.perf_counter(), done)),
+        progress=lambda done, _: reports.append((time.perf_counter(), done)),
     )
     # Starting the processes is no part of a long campaign's rate, nor is its uneven end.
-    steady = [(at, done) for at, done in told if 2 * workers <= done <= len(paths) - 2 * workers]
+    steady = [(at, done) for at, done in reports if 2 * workers <= done <= len(paths) - 2 * workers]
     return (steady[-1][1] - steady[0][1]) / (steady[-1][0] - steady[0][0])
 
 

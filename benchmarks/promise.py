@@ -64,7 +64,7 @@ class Promise:
         issue: its number.
         name: by which `--only` chooses it.
         measure: returns the figure, None where it is shown by `command` alone.
-        command: what a person runs to see it, or the public call.
+        command: what a user runs to see it, or the public call.
         data: name of a bundled map, which `--data` replaces; otherwise what it is computed from.
         filter: which part of the data.
         statistic: the figure, with its unit.
@@ -155,8 +155,8 @@ def judge(promise: Promise, case: Case, *, own_data: bool) -> Outcome:
     except CannotRunError as reason:
         return Outcome(promise, case.name, math.nan, "not run", str(reason))
     except _WRONG as error:
-        told = f"{type(error).__name__}: {error}".partition("\n")[0]
-        return Outcome(promise, case.name, math.nan, "does NOT hold", told)
+        reason = f"{type(error).__name__}: {error}".partition("\n")[0]
+        return Outcome(promise, case.name, math.nan, "does NOT hold", reason)
     if promise.of_its_data and not own_data:
         return Outcome(
             promise, case.name, value, "measured", f"the limit is that of {promise.data}"

@@ -167,14 +167,14 @@ def compared(outcomes: Sequence[Outcome], reference: Sequence[dict[str, Any]]) -
         reference: rows of an earlier run's `--json`.
     """
     before = {(row["issue"], row["name"], row["data"]): row["value"] for row in reference}
-    told = []
+    changes = []
     for outcome in outcomes:
         one = outcome.promise
         was = before.get((one.issue, one.name, outcome.data))
         if one.figure and was and not abs(outcome.value / was - 1) <= AS_BEFORE:
-            told.append(f"changed       issue {one.issue:<3} {one.name}: {outcome.value:.9g}, "
+            changes.append(f"changed       issue {one.issue:<3} {one.name}: {outcome.value:.9g}, "
                         f"was {was:.9g} | {outcome.data}")  # fmt: skip
-    return told
+    return changes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Promises of the time that a person waits: whole processes, in multiples of an import."""
+"""Promises of the time that a user waits: whole processes, in multiples of an import."""
 
 import math
 import tempfile

@@ -282,8 +282,8 @@ def ridge_named(case: Case) -> float:
         data, force=data.force[two], pressure=data.pressure[two], length=data.length[two]
     )
     table = {"rest_length": Parameter(min=297.0, max=303.0, unit="mm"), "end_factor": Parameter()}
-    told = " ".join(fitting.identify(part, order=1, parameters=table, starts=4).warnings)
-    return float("Ridge" in told or "cannot be told apart" in told)
+    warned = " ".join(fitting.identify(part, order=1, parameters=table, starts=4).warnings)
+    return float("Ridge" in warned or "cannot be told apart" in warned)
 
 
 def _of(issue: int, name: str, measure: Callable[[Case], float], command: str, data: str,

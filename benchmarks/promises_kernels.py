@@ -1,4 +1,4 @@
-"""Promises of speed once compiled, against other people's solvers in the same run."""
+"""Promises of speed once compiled, against solvers of other authors in the same run."""
 
 from collections.abc import Callable, Iterable
 from typing import Any

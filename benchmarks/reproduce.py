@@ -82,7 +82,7 @@ def synthetic_fits() -> list[Row]:
 def write_page(
     folder: Path, found: list[Row] | None = None, synthetic: list[Row] | None = None
 ) -> list[Path]:
-    """The page for people, one self-contained file.
+    """The page, one self-contained file.
 
     Args:
         folder: made if need be.

@@ -136,7 +136,7 @@ def damaged_line(
     )
     for verb, *values in (("hello",), ("strict", 1), ("trip", 900), ("gain", 4, 2), ("run",)):
         session.command(verb, *values)
-    began = told = time.perf_counter()
+    began = reported = time.perf_counter()
     first = -1
     while found.samples < samples:
         data = line.advance()
@@ -151,13 +151,13 @@ def damaged_line(
                 found.samples += 1
                 found.wrong += not line.has_sent(sent)
         line.up.send(session.poll(line.now), line.now)
-        if time.perf_counter() - told > 10:
-            told = time.perf_counter()
+        if time.perf_counter() - reported > 10:
+            reported = time.perf_counter()
             progress = f"{found.samples:>10} records, {found.lost} lost, {found.wrong} wrong"
-            print(f"  {progress}, {found.samples / (told - began):.0f}/s", file=sys.stderr)
+            print(f"  {progress}, {found.samples / (reported - began):.0f}/s", file=sys.stderr)
     order = session.order
     found.made = (order.newest.seq + 1 if order.newest else 0) - first
-    # What is neither here, nor told as lost, nor still asked for, would be lost in silence.
+    # What is neither here, nor reported as lost, nor still asked for, would be lost in silence.
     found.lost_in_silence = found.made - found.samples - len(order.gaps) - found.lost
     found.recovered, found.repeated = order.recovered, order.repeated
     found.confirmed, found.bad_lines = order.confirmed, session.bad_lines
@@ -192,13 +192,13 @@ class StreamingDevice:
                 self.device.tick(200 + tick % 7, 500)
                 with contextlib.suppress(
                     BlockingIOError
-                ):  # nobody reads: as from a UART, it is gone
+                ):  # nothing reads: as from a UART, it is gone
                     os.write(self.master, self.device.take())
                 if tick % 5 == 0:
                     self.sent.append((time.monotonic(), tick // 5 - 1))
 
     def close(self) -> set[int]:
-        """End the thread; the records that nobody has taken from the port."""
+        """End the thread; the records that were not taken from the port."""
         self._closing.set()
         self._thread.join()
         os.set_blocking(self._slave, False)

@@ -21,7 +21,7 @@ def require(name: str) -> ModuleType:
 
     Raises:
         ValueError: no such sibling.
-        ImportError: the name resolves to somebody else's module, or to nothing.
+        ImportError: the name resolves to a foreign module, or to nothing.
     """
     if name not in SIBLINGS:
         raise ValueError(f"famjax has the sibling packages {', '.join(SIBLINGS)}; got {name!r}")

@@ -14,7 +14,7 @@ def attach_rooms(
     """`__getattr__`, `__dir__` and `__all__` of a package whose names its stub lists.
 
     A name that the stub does not list is looked for in the package's rooms, so that a script from
-    before there were rooms still runs; it is told where the name lives.
+    before there were rooms still runs, with a warning that says where the name lives.
 
     Args:
         package: `__name__` of the package.

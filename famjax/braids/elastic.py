@@ -51,7 +51,7 @@ class ElasticBraid(AbstractBraid):
     B = B0 (1 + strain(T)),  T = (F + P pi R^2) / (n sin(theta)),  pi N D = sqrt(B^2 - L^2)
 
     All attributes are scalars. Two things can forbid an equilibrium, and both give nan in sweeps
-    and an error where a method is told to `throw`:
+    and an error where a method is asked to `throw`:
 
     - The threads are too soft: a longer thread makes the braid wider, so the tension grows with the
       stretch. Where it outgrows every force of the thread the braid gives way without limit; under

@@ -56,7 +56,7 @@ def measure_pictures(
     overlays: int = 12,
     progress: Callable[[int, int], None] | None = None,
 ) -> Outcome:
-    """Measure the pictures and write table, recipe and the pictures for people to check.
+    """Measure the pictures and write table, recipe and the pictures to check by eye.
 
     Args:
         photos: files, folders and globs.
@@ -69,7 +69,7 @@ def measure_pictures(
         system: units of CSV and plots.
         output: folder, made if need be.
         resume: go on with what is there.
-        overlays: number of pictures drawn for people to check.
+        overlays: number of pictures drawn to check by eye.
         progress: called with (pictures done, pictures).
 
     Raises:

@@ -1,4 +1,4 @@
-"""The figures of a characterisation for people, in the units that they ask for."""
+"""The figures of a characterisation in the units of a system."""
 
 import math
 

@@ -92,7 +92,7 @@ def measure(
     resume
         Go on with what is in the folder, or measure all again.
     overlays
-        Number of pictures drawn with what was found in them, for people to check.
+        Number of pictures drawn with what was found in them, to check by eye.
     json_
         Print one JSON object to standard output and nothing else there.
     """

@@ -92,16 +92,16 @@ def series(
 
 
 def _print_series(document: dict) -> None:
-    told = document["series"]
-    errors = told["leave_one_specimen_out_N"]
+    found = document["series"]
+    errors = found["leave_one_specimen_out_N"]
     print_rows(
         "Laws, by the error of specimens predicted from the others",
         [{"law": law, "left_out_rmse_N": error} for law, error in errors.items()],
     )
     print_rows(
-        f"Specimens, with the {told['law']} law",
+        f"Specimens, with the {found['law']} law",
         [{key: one[key] for key in ("name", "rest_length_m", "max_force_N", "rmse_N",
-                                    "predicted_rmse_N")} for one in told["specimens"]],
+                                    "predicted_rmse_N")} for one in found["specimens"]],
     )  # fmt: skip
     print_rows(
         "Parameters, shared",

@@ -114,8 +114,8 @@ def sweep(
         print(json.dumps(document, allow_nan=False))
         return 0
     # What cannot be said in a word is said once, below the table.
-    told = {"stable", "not stable"}
-    sentences = dict.fromkeys(r["verdict"] for r in document["rows"] if r["verdict"] not in told)
+    known = {"stable", "not stable"}
+    sentences = dict.fromkeys(r["verdict"] for r in document["rows"] if r["verdict"] not in known)
     marks = {sentence: f"see ({k})" for k, sentence in enumerate(sentences, 1)}
     rows = [
         {**row, "verdict": marks.get(row["verdict"], row["verdict"])} for row in document["rows"]

@@ -22,7 +22,7 @@ from .catalogue import (
 
 
 class CatalogueRow:
-    """The fields of a row; what is taken is gone, so that what is left is unknown.
+    """The fields of a row; each is removed when it is read, so that what remains is unknown.
 
     Attributes:
         where: file and row, for errors.

@@ -1,4 +1,4 @@
-"""What a person types for a design, `key_unit=value`, as numbers in SI."""
+"""Options of a design, `key_unit=value`, as numbers in SI."""
 
 import math
 from collections.abc import Iterable, Mapping

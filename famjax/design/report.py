@@ -214,7 +214,7 @@ def end_fitting_rows(fittings: Iterable[EndFitting], *, system: str = "si") -> l
 
 
 def tube_buckling_rows(strengths: Iterable[TubeStrength], *, system: str = "si") -> list[Row]:
-    """What each swage tube bears, in their order; `assumed` names the numbers that nobody gave."""
+    """What each swage tube bears, in their order; `assumed` names the numbers that were not given."""
     return [
         {
             "tube": strength.tube.name,

@@ -131,7 +131,7 @@ class ForceData:
         self._check_copies()
 
     def _check_copies(self) -> None:
-        """No loaded reading may be there twice: a copy would count double and feign certainty."""
+        """No loaded reading may be there twice: a copy would count twice and understate the error."""
         rows = np.stack([self.force, self.pressure, self.length], axis=1)
         order = np.lexsort(rows.T)
         same = (np.diff(rows[order], axis=0) == 0).all(axis=1) & self.loaded[order[1:]]

@@ -158,7 +158,7 @@ class KnownSource(AbstractGeometrySource):
 
 
 class WrappedSource(AbstractGeometrySource):
-    """A geometry of somebody's own around the estimated one.
+    """A user's geometry around the estimated one.
 
     Attributes:
         inner: makes the estimated geometry.

@@ -16,8 +16,8 @@ class ModulusFit:
     Attributes:
         modulus: its slope E_b [Pa].
         modulus_stderr: [Pa]; infinite where the points are as many as the numbers fitted.
-        intercept: stress [Pa] at zero strain; zero where the line was led through the origin.
-        intercept_stderr: [Pa]; zero where the line was led through the origin.
+        intercept: stress [Pa] at zero strain; zero where the line is constrained through the origin.
+        intercept_stderr: [Pa]; zero where the line is constrained through the origin.
         count: points fitted.
     """
 

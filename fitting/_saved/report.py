@@ -1,4 +1,4 @@
-"""What a person reads of a fit: tables of text, shared by the terminal and the HTML report."""
+"""The report of a fit: tables of text, shared by the terminal and the HTML report."""
 
 import importlib.resources
 import io

@@ -1,4 +1,4 @@
-"""What a person types for parameters and specimen, as numbers in SI."""
+"""Options for parameters and specimen, as numbers in SI."""
 
 from collections.abc import Iterable, Mapping
 

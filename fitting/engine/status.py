@@ -1,4 +1,4 @@
-"""How a convex fit ended, as a code that survives a batch and as a sentence for a person."""
+"""How a convex fit ended, as a code that survives a batch and as a sentence."""
 
 import enum
 
