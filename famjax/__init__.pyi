@@ -1,5 +1,7 @@
 from . import (
+    boundary as boundary,
     braids as braids,
+    cards as cards,
     chain as chain,
     compile_options as compile_options,
     design as design,

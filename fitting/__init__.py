@@ -88,10 +88,6 @@ if TYPE_CHECKING:
         series_as_dict as series_as_dict,
         summary_as_dict as summary_as_dict,
     )
-    from ._saved.muscle_card import (
-        muscle_as_dict as muscle_as_dict,
-        muscle_from_dict as muscle_from_dict,
-    )
     from ._saved.plot import plot_fit as plot_fit
     from ._saved.predict import predict as predict
     from ._saved.report import html_report as html_report, write_fit as write_fit
@@ -151,7 +147,6 @@ _NAMES = {
     "_rubber.tensile_record": ("TensileRecord",),
     "_rubber.thread_fit": ("ThreadFit", "fit_thread"),
     "_saved.fit_file": ("fit_as_dict", "series_as_dict", "summary_as_dict"),
-    "_saved.muscle_card": ("muscle_as_dict", "muscle_from_dict"),
     "_saved.plot": ("plot_fit",),
     "_saved.predict": ("predict",),
     "_saved.report": ("html_report", "write_fit"),

@@ -11,4 +11,10 @@ from famjax.boundary.public_names import attach_rooms
 
 __famjax__ = "0.1.0"
 
-__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__)
+_MOVED = {
+    "fitting.records": (
+        "MachineLog", "SyncError", "Synchronisation", "read_machine_log", "synchronise",
+    ),
+}  # fmt: skip
+
+__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__, _MOVED)

@@ -9,4 +9,13 @@ from famjax.boundary.public_names import attach_rooms
 
 __famjax__ = "0.1.0"
 
-__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__)
+_MOVED = {
+    "fitting.records": (
+        "Alignment", "Characterisation", "Gap", "Isobar", "IsobaricRecord", "MachineLog", "Stroke",
+        "align_by_load", "align_by_pulses", "characterise", "combine", "dataset_text",
+        "force_rmse", "read_machine_log", "strokes", "write_dataset",
+    ),
+    "famjax.chain": ("Analysis", "analyse", "figures", "plot_characterisation", "table_rows"),
+}  # fmt: skip
+
+__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__, _MOVED)

@@ -4,12 +4,12 @@ Of the declared numbers those in which the force is affine are the coefficients,
 solves for in one convex programme; the others give the law its shape and are searched.
 """
 
-import importlib
 from collections.abc import Mapping
 
 import equinox as eqx
 
 import famjax
+from famjax.boundary.class_path import class_named, class_path
 
 from .._errors import InputError
 from .parameters import Entry
@@ -55,11 +55,6 @@ def _entry(declared: famjax.parameters.Declared) -> Entry:
     return Entry(declared.low, declared.high, declared.kind)
 
 
-def class_path(cls: type) -> str:
-    """`module:Class`, by which a class of a user's own is found again."""
-    return f"{cls.__module__}:{cls.__qualname__}"
-
-
 def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
     """The laws of famjax that can be identified, by name."""
     laws = (
@@ -72,32 +67,6 @@ def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
         famjax.materials.YeohMaterial,
     )
     return {law.law_name: law for law in laws}
-
-
-def class_named(path: str, base: type, what: str) -> type:
-    """The class of `module:Class`, imported.
-
-    Args:
-        path: module and class.
-        base: what it must be derived from.
-        what: for the message, such as "law".
-
-    Raises:
-        InputError: no such module or class, or a class of something else.
-    """
-    module, _, name = path.partition(":")
-    try:
-        found = importlib.import_module(module)
-        for part in name.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError) as error:
-        raise InputError(
-            f"the {what} {path!r} was not found ({error}): give module:Class, with the module in "
-            "the folder that you start from or installed"
-        ) from None
-    if not (isinstance(found, type) and issubclass(found, base)):
-        raise InputError(f"the {what} {path!r} must be a class derived from famjax.{base.__name__}")
-    return found
 
 
 LawGiven = str | Law | type[famjax.materials.AbstractMaterial] | famjax.materials.AbstractMaterial

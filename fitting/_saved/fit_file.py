@@ -9,13 +9,13 @@ import numpy as np
 
 import famjax
 from famjax.boundary.units import from_si, si_unit, unit_system
+from famjax.cards.muscle_card import muscle_as_dict
 
 from .._data.csv import specimen_as_dict
 from .._evidence.evidence import Evidence, evidence_as_dict, evidence_warnings
 from .._evidence.series import Series
 from .._evidence.spread import muscle_spread
 from .._search.result import Estimate, Identification
-from .muscle_card import muscle_as_dict
 from .saved_fit import SCHEMA, finite_or_none
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import famjax
+from famjax.cards.muscle_card import muscle_from_dict
 
 from .._errors import InputError
-from .muscle_card import muscle_from_dict
 
 SCHEMA = "famjax-fit/1"
 

@@ -6,9 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-import famjax
-
-from .._errors import InputError
+from .. import terms
+from ..boundary.errors import InputError
+from ..muscle import Muscle
 from .card_parts import (
     MUSCLE,
     MUSCLE_OF_TERMS,
@@ -21,7 +21,7 @@ from .card_parts import (
 )
 
 
-def muscle_as_dict(muscle: famjax.Muscle) -> dict[str, Any]:
+def muscle_as_dict(muscle: Muscle) -> dict[str, Any]:
     """The muscle as JSON-ready data in SI, exact to the last digit.
 
     Raises:
@@ -30,14 +30,14 @@ def muscle_as_dict(muscle: famjax.Muscle) -> dict[str, Any]:
     return _written(muscle, "muscle")
 
 
-def muscle_from_dict(card: dict[str, Any]) -> famjax.Muscle:
+def muscle_from_dict(card: dict[str, Any]) -> Muscle:
     """The muscle of a card. Numbers come in JAX's precision: enable float64 to have every digit.
 
     Raises:
         InputError: the card lacks an entry or has one too many, names a type that is not known, or
             holds what is no muscle.
     """
-    return _read(_of_terms(card), Part(famjax.Muscle, untyped=famjax.Muscle), "muscle")
+    return _read(_of_terms(card), Part(Muscle, untyped=Muscle), "muscle")
 
 
 def _of_terms(card: Any) -> Any:
@@ -54,19 +54,19 @@ def _of_terms(card: Any) -> Any:
     return {"type": "Muscle", "geometry": geometry.get("geometry"), "terms": [wall, pull]}
 
 
-def _fields_of(part: famjax.Muscle) -> Fields:
+def _fields_of(part: Muscle) -> Fields:
     """The fields of a muscle's card: its material and deadband, or its terms if it has others."""
-    usual = [famjax.terms.BladderWall, famjax.terms.PressurisedBraid]
+    usual = [terms.BladderWall, terms.PressurisedBraid]
     return MUSCLE if [*map(type, part.terms.terms)] == usual else MUSCLE_OF_TERMS
 
 
 def _written(part: Any, where: str) -> dict[str, Any]:
     """A part as an object: its type and its fields."""
     card: dict[str, Any] = {"type": type_written(type(part))}
-    fields = _fields_of(part) if isinstance(part, famjax.Muscle) else fields_of(type(part))
+    fields = _fields_of(part) if isinstance(part, Muscle) else fields_of(type(part))
     for name, form in fields.items():
         value, at = getattr(part, name), f"{where}.{name}"
-        value = value.terms if isinstance(value, famjax.terms.SumOfTerms) else value
+        value = value.terms if isinstance(value, terms.SumOfTerms) else value
         if isinstance(form, str):
             card[_key(name, form)] = _number_written(value, at)
         elif form.many:
@@ -90,7 +90,7 @@ def _read(card: Any, form: Part, where: str) -> Any:
         raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
     cls = _class(card, form, where)
     of_muscle = MUSCLE_OF_TERMS if "terms" in card else MUSCLE
-    fields = of_muscle if cls is famjax.Muscle else fields_of(cls)
+    fields = of_muscle if cls is Muscle else fields_of(cls)
     forms = {_key(name, form): (name, form) for name, form in fields.items()}
     missing = [key for key in forms if key not in card]
     if missing:
@@ -103,14 +103,14 @@ def _read(card: Any, form: Part, where: str) -> Any:
             f"the muscle card has the unknown entry {unknown[0]!r} in {where}; known are "
             f"{', '.join(forms)}"
         )
-    holders = (famjax.terms.PressurisedBraid, cls)  # the deadband of a muscle is its braid's
+    holders = (terms.PressurisedBraid, cls)  # the deadband of a muscle is its braid's
     annotations = {field.name: field.type for one in holders for field in dataclasses.fields(one)}
     values = {
         name: _value(card[key], form, annotations.get(name), f"{where}.{name}")
         for key, (name, form) in forms.items()
     }
     try:
-        return cls(*values.values()) if cls is famjax.Muscle else cls(**values)
+        return cls(*values.values()) if cls is Muscle else cls(**values)
     except (ValueError, RuntimeError) as error:  # RuntimeError: of a check on traced values
         raise InputError(f"{where} of the muscle card is no {cls.__name__}: {error}") from None
 

@@ -14,11 +14,10 @@ from typing import Any
 
 import equinox as eqx
 
-import famjax
-from famjax.parameters.declared import declaration
-
-from .._errors import InputError
-from .._model.laws import class_named, class_path
+from .. import braids, geometries, materials, muscle, profiles, terms
+from ..boundary.class_path import class_named, class_path
+from ..boundary.errors import InputError
+from ..parameters.declared import declaration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,19 +41,19 @@ Fields = Mapping[str, str | Part]
 """Name of each field, with the unit that its key ends in, "" for a pure number, or its part."""
 
 MUSCLE: Fields = {
-    "geometry": Part(famjax.geometries.AbstractGeometry),
-    "material": Part(famjax.materials.AbstractMaterial),
+    "geometry": Part(geometries.AbstractGeometry),
+    "material": Part(materials.AbstractMaterial),
     "deadband_pressure": "Pa",
 }
 """A muscle of a pressurised braid and the wall of one material."""
 
 MUSCLE_OF_TERMS: Fields = {
-    "geometry": Part(famjax.geometries.AbstractGeometry),
-    "terms": Part(famjax.terms.AbstractForceTerm, many=True),
+    "geometry": Part(geometries.AbstractGeometry),
+    "terms": Part(terms.AbstractForceTerm, many=True),
 }
 """A muscle with other terms."""
 
-_UNTYPED = {famjax.braids.AbstractBraid: famjax.Braid, famjax.Bladder: famjax.Bladder}
+_UNTYPED = {braids.AbstractBraid: braids.Braid, geometries.Bladder: geometries.Bladder}
 _PLAIN = (bool, int, float, tuple[float, ...])
 
 
@@ -103,7 +102,7 @@ def type_written(cls: type) -> str:
     Raises:
         InputError: a class that cannot be found by its path.
     """
-    if getattr(famjax, cls.__name__, None) is cls:
+    if _own_classes().get(cls.__name__) is cls:
         return cls.__name__
     if "<locals>" in cls.__qualname__:
         raise InputError(
@@ -121,8 +120,8 @@ def type_read(name: Any, base: type, where: str) -> type:
     """
     if isinstance(name, str) and ":" in name:
         return class_named(name, base, f"type of {where} of the muscle card")
-    found = getattr(famjax, name, None) if isinstance(name, str) else None
-    if not isinstance(found, type) or not issubclass(found, base) or _abstract(found):
+    found = _own_classes().get(name) if isinstance(name, str) else None
+    if found is None or not issubclass(found, base):
         raise InputError(
             f"{where} of the muscle card is of the unknown type {name!r}; known are "
             f"{', '.join(known_types(base))}, and module:Class for one of your own"
@@ -132,10 +131,16 @@ def type_read(name: Any, base: type, where: str) -> type:
 
 def known_types(base: type) -> list[str]:
     """Names of famjax's own classes that may stand for a base."""
-    every = (getattr(famjax, name) for name in dir(famjax))
-    classes = (c for c in every if isinstance(c, type) and issubclass(c, base))
-    return [c.__name__ for c in classes if not _abstract(c)]
+    return sorted(name for name, cls in _own_classes().items() if issubclass(cls, base))
 
 
-def _abstract(cls: type) -> bool:
-    return cls.__name__.startswith("Abstract")
+@functools.cache
+def _own_classes() -> dict[str, type]:
+    """The concrete classes of the rooms that a muscle is made of, by name."""
+    rooms = (braids, geometries, materials, muscle, profiles, terms)
+    public = {name: getattr(room, name) for room in rooms for name in room.__all__}
+    return {
+        name: one
+        for name, one in public.items()
+        if isinstance(one, type) and not name.startswith("Abstract")
+    }

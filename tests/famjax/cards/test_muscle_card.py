@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import InputError, muscle_as_dict, muscle_from_dict
-from fitting._saved.card_parts import fields_of
+from famjax.boundary.errors import InputError
+from famjax.cards import muscle_as_dict, muscle_from_dict
+from famjax.cards.card_parts import fields_of
 
 L0, P = 9.28125, 60.0
 BLADDER = famjax.Bladder(L0, 0.875, 0.0625)

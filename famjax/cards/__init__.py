@@ -1,0 +1,5 @@
+"""A muscle as plain data with the unit in every key, and back; no fit is needed."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
