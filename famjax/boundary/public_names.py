@@ -30,7 +30,7 @@ def attach_rooms(
         here = (f"{package}.{room}" for room in names if _is_room(package, room))
         for room in [elsewhere[name]] if name in elsewhere else here:
             found = importlib.import_module(room)
-            if name in getattr(found, "__all__", ()):
+            if name in getattr(found, "__all__", vars(found)):
                 text = f"{package}.{name} is now {room}.{name}"
                 warnings.warn(text, DeprecationWarning, stacklevel=2)
                 return getattr(found, name)

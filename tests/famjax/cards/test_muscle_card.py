@@ -59,6 +59,9 @@ MATERIALS = {
     "pressure": famjax.materials.PressurePolynomialMaterial(
         [10.0, 100.0], [[200.0, -50.0], [100.0, 1 / 3]]
     ),
+    "plain powers": famjax.materials.PlainPowerMaterial(
+        [10.0, 100.0], [[200.0, -50.0], [100.0, 1 / 3]]
+    ),
     "neo-Hookean": famjax.materials.NeoHookeanMaterial(100 / 3),
     "Mooney-Rivlin": famjax.materials.MooneyRivlinMaterial(30.1, 7.7),
     "Yeoh": famjax.materials.YeohMaterial([30.0, -1.1, 0.3]),
@@ -102,7 +105,15 @@ BASES = (
 )
 CONCRETE = [
     cls
-    for cls in (getattr(famjax, name) for name in dir(famjax))
+    for room in (
+        famjax.braids,
+        famjax.geometries,
+        famjax.materials,
+        famjax.muscle,
+        famjax.profiles,
+        famjax.terms,
+    )
+    for cls in (getattr(room, name) for name in room.__all__)
     if inspect.isclass(cls)
     and issubclass(cls, BASES)
     and not inspect.isabstract(cls)

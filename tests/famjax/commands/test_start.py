@@ -42,7 +42,7 @@ def test_importing_the_library_loads_nothing_until_a_name_is_used() -> None:
     assert not loaded("import imaging, rig") & (set(HEAVY) - {"numpy", "scipy"})
 
 
-@pytest.mark.parametrize("package", ["famjax", "fitting"])
+@pytest.mark.parametrize("package", ["fitting"])
 def test_names_of_a_lazy_package_are_all_there(package: str) -> None:
     module, names = importlib.import_module(package), public_names(package)
     assert len(names) > 50

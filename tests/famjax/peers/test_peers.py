@@ -130,7 +130,7 @@ def test_kothera_shortens_by_the_bulge_of_the_ends() -> None:
 
 
 def test_plain_powers_are_those_of_numpy_and_linear_in_pressure() -> None:
-    law = peers.PlainPowerMaterial([1e5, 6e5], [[2.0, -1.0, 3.0], [4.0, 0.0, 1.0]])
+    law = famjax.materials.PlainPowerMaterial([1e5, 6e5], [[2.0, -1.0, 3.0], [4.0, 0.0, 1.0]])
     for pressure, E in ((1e5, [2, -1, 3]), (6e5, [4, 0, 1]), (3.5e5, [3, -0.5, 2])):
         axial, hoop = law.stresses(-0.1, 0.2, pressure)
         assert float(axial) == pytest.approx(np.polyval([*E[::-1], 0], -0.1), rel=EXACT)
