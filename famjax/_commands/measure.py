@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from .matplotlib_import import load_matplotlib
 from .progress import progress_bar
 from .rows import print_rows
 
@@ -101,6 +102,7 @@ def measure(
 
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    load_matplotlib()
     from imaging import ImagingError  # noqa: PLC0415
     from imaging._measure_command import as_document, measure_command  # noqa: PLC0415
     from imaging._measure_options import command_recipe  # noqa: PLC0415

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting, load_map
+from .matplotlib_import import load_matplotlib
 from .progress import progress_bar
 from .rows import print_rows
 
@@ -69,6 +70,7 @@ def sweep(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
+    load_matplotlib()
     from fitting._data.quantities import parse_quantity  # noqa: PLC0415
     from fitting._search.options import parse_specimen  # noqa: PLC0415
     from fitting._sweep.command import sweep_command  # noqa: PLC0415
