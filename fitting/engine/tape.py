@@ -83,7 +83,11 @@ def record(function: Callable[..., Any], *examples: Any) -> Tape:
     Raises:
         UnknownPrimitiveError: it holds an operation that has no rule.
     """
-    return _tape(jax.make_jaxpr(function)(*examples))
+    # Functions that JAX would compile by themselves are traced as parts of this one: to differentiate
+    # each as a program of its own takes longer.
+    with jax.disable_jit():
+        closed = jax.make_jaxpr(function)(*examples)
+    return _tape(closed)
 
 
 class _Recorder:
