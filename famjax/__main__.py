@@ -23,6 +23,9 @@ def main(arguments: list[str] | None = None) -> None:
 
     Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped.
     """
+    if arguments is None:
+        # What imports and traces make stays to the end: it is searched for garbage less often.
+        gc.set_threshold(100_000, 20, 50)
     code = _run(sys.argv[1:] if arguments is None else arguments)
     if arguments is None:
         # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.

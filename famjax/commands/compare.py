@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from .loading import load_fitting, load_map
+from .matplotlib_import import load_matplotlib
 from .terminal import print_rows, progress_bar
 
 
@@ -50,6 +51,7 @@ def compare(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
+    load_matplotlib()
     from fitting._peers.plot import plot_comparison
     from fitting._saved.report import as_png, check_output, make_output, write_all
     from fitting._search.options import parse_specimen

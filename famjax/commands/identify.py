@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from .loading import load_fitting, load_map
+from .matplotlib_import import load_matplotlib
 from .terminal import print_rows
 
 if TYPE_CHECKING:
@@ -105,6 +106,7 @@ def fit(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
+    load_matplotlib()
     from fitting._evidence.evidence import gather
     from fitting._saved.report import check_output, write_fit
     from fitting._search.options import (

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from .matplotlib_import import load_matplotlib
 from .terminal import print_rows, progress_bar
 
 
@@ -100,6 +101,7 @@ def measure(
 
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    load_matplotlib()
     from famjax.chain.photographs import as_document, measure_pictures
 
     from ..boundary.errors import InputError

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting, load_map
+from .matplotlib_import import load_matplotlib
 from .terminal import print_rows, progress_bar
 
 
@@ -68,6 +69,7 @@ def sweep(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
+    load_matplotlib()
     from famjax.boundary.units import parse_quantity
     from fitting._search.options import parse_specimen
     from fitting._sweep.command import sweep_command

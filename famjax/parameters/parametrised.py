@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -289,4 +290,6 @@ def _template(cls: type[_Family], fields: Mapping[str, Any]) -> _Family:
                 f"parameter: give it, as in template({cls.__name__}, {field.name}=...)"
             )
         given[field.name] = middle(spec)
-    return cls(**given)
+    # JAX compiles a program for each shape that it takes in as a number or NumPy array; not so here.
+    host = (float, np.ndarray)
+    return cls(**{n: jax.device_put(v) if isinstance(v, host) else v for n, v in given.items()})

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._compiled import compiled
+from .._falling_root import falling_root
 from .._types import Given, Real, RealArray, as_real
-from ..muscle.equilibrium import bisected
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
 from .model import PeerModel, at_positive
@@ -21,9 +21,9 @@ class Hunt(PeerModel):
 
     P = a0 + a5 F + a1 tan(a2 (eps / (eps_max + a4 F) + a3)) + P_S
 
-    At one contraction the pressure rises with the force, so the root is unique. It is bracketed
-    and bisected, and differentiated by the implicit function theorem. A muscle longer than at rest
-    (eps < 0) is outside the relation and gives nan.
+    At one contraction the pressure rises with the force, so the root is unique. It is sought by
+    Newton's method in a bracket, and differentiated by the implicit function theorem. A muscle
+    longer than at rest (eps < 0) is outside the relation and gives nan.
 
     Attributes:
         rest_length: L0 [m], from which the contraction eps is counted.
@@ -116,14 +116,7 @@ class Hunt(PeerModel):
             reached = self._pressure(eps, upper - width * y)
             return (reached - pressure) / jax.lax.stop_gradient(self.tangent_pressure)
 
-        share = bisected(
-            residual,
-            jnp.zeros_like(pressure),
-            jnp.ones_like(pressure),
-            tolerance=4 * float(jnp.finfo(pressure.dtype).eps),
-            max_steps=64,
-            flip=True,
-        )
+        share = falling_root(residual, jnp.full_like(pressure, 0.5))
         return jnp.where(inside, upper - width * share, jnp.nan)
 
 

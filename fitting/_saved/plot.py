@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 
 import famjax
 from famjax.boundary.units import factor, unit_system
-from famjax.compile_options import quick_jit
 
 from .._search.result import Identification
+from ..engine.in_numpy import in_numpy
 
 _COLOURS = mpl.colormaps["viridis"]
 _BEYOND = 1.25  # the law is drawn to this multiple of the strain range
@@ -141,7 +141,7 @@ def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, 
     pressures = (
         np.zeros(1) if nodes is None else nodes[sorted({0, len(nodes) // 2, len(nodes) - 1})]
     )
-    stresses = np.asarray(_stress(material, strain, pressures[:, None]))
+    stresses = in_numpy(_stress, material, strain, pressures[:, None])
     if nodes is not None:
         labels = [f"at {pressure / 1e3:.4g} kPa" for pressure in pressures]
     else:
@@ -149,7 +149,6 @@ def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, 
     return list(zip(labels, stresses, strict=True))
 
 
-@quick_jit
 def _stress(
     material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:

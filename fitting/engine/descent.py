@@ -150,6 +150,7 @@ class _InStep:
         self._growth, self._residual = np.zeros(0), np.zeros(0)
         self._steps = np.zeros(0, int)
         self._at: list[tuple[Points, int] | None] = []
+        self._faces: list[np.ndarray | None] = []  # bounds of the box that the last steps met
         self._next = 0
 
     def ends(self):
@@ -175,6 +176,7 @@ class _InStep:
             more = np.broadcast_to(value, (count, *old.shape[1:])).astype(old.dtype)
             setattr(self, name, np.concatenate([old, more]))
         self._at += [None] * count
+        self._faces += [None] * count
 
     def _leave(self, gone: np.ndarray, converged: np.ndarray):
         """The ends of those that are gone, which are taken out."""
@@ -189,6 +191,7 @@ class _InStep:
                      "_growth", "_residual", "_steps"):  # fmt: skip
             setattr(self, name, getattr(self, name)[kept])
         self._at = [at for at, keep in zip(self._at, kept, strict=True) if keep]
+        self._faces = [face for face, keep in zip(self._faces, kept, strict=True) if keep]
 
     def _evaluate(self):
         """The fits at the trial points, which become the points where they are better."""
@@ -232,7 +235,8 @@ class _InStep:
         target = np.concatenate([-self._r, np.zeros((count, p))], axis=1)
         bounds = np.broadcast_to(np.concatenate([unit, -unit]), (count, 2 * p, p))
         limits = np.concatenate([-self._u, self._u - 1], axis=1)
-        move = solve_host_qps(damped, target, bounds, limits).x
+        optima = solve_host_qps(damped, target, bounds, limits, self._faces)
+        move, self._faces = optima.x, list(optima.rows)
         trial = self._u + move
         self._trial = np.where(trial < _SNAP, 0.0, np.where(trial > 1 - _SNAP, 1.0, trial))
         cost = _squares(self._r)

@@ -21,6 +21,8 @@ from .status import Status
 
 _EPS = float(np.finfo(float).eps)
 _TINY = float(np.finfo(float).tiny)
+_DEPENDENT = 1e-7  # part of a row of unit length that the others do not explain
+_ROUNDS = 8  # in which the active rows of most problems are found
 _PARALLEL = 1e4 * _EPS**1.5  # squared sine of an angle that is rounding
 
 
@@ -277,16 +279,91 @@ def solve_host_qps(
     normals, offsets = normals / size[:, :, None], h / size
     slack = (normals @ centre[:, :, None])[:, :, 0] - offsets
     noise = 32 * _EPS * (np.linalg.norm(centre, axis=1)[:, None] + np.abs(offsets))
-    for one in np.flatnonzero(good & (slack < -noise).any(axis=1)).tolist():
-        guess = None if guesses is None else guesses[one]
-        y[one], rows[one], found, status[one] = nearest_point(
-            normals[one], offsets[one], centre[one], guess
-        )
+    bound = np.flatnonzero(good & (slack < -noise).any(axis=1))
+    known = None if guesses is None else [guesses[one] for one in bound]
+    together = _on_guessed_faces(
+        normals[bound],
+        offsets[bound],
+        centre[bound],
+        slack[bound] + noise[bound],
+        noise[bound],
+        known,
+    )
+    for place, one in enumerate(bound.tolist()):
+        if place in together:
+            y[one], rows[one], found = together[place]
+        else:
+            guess = None if known is None else known[place]
+            y[one], rows[one], found, status[one] = nearest_point(
+                normals[one], offsets[one], centre[one], guess
+            )
         multipliers[one] = found / size[one, rows[one]]
     x = (inverse @ y[:, :, None])[:, :, 0]
     x[status != Status.OPTIMAL] = np.nan
     residual = (A @ x[:, :, None])[:, :, 0] - b
     return HostOptima(x, rows, multipliers, residual, inverse, scale, condition, status)
+
+
+def _on_guessed_faces(
+    G: Float[np.ndarray, "b m n"],
+    h: Float[np.ndarray, "b m"],
+    centre: Float[np.ndarray, "b n"],
+    slack: Float[np.ndarray, "b m"],
+    noise: Float[np.ndarray, "b m"],
+    guesses: Sequence[np.ndarray | None] | None,
+) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """`nearest_point` of those whose active rows are found in a few rounds, all of them together.
+
+    Each round solves every problem on the face of some rows, then drops the rows that would pull
+    and adds the one that is violated most. What satisfies all conditions is the optimum, however its
+    face was guessed.
+
+    Args:
+        G: rows of unit length.
+        h: offsets.
+        centre: the unconstrained optima.
+        slack: of the rows there; the lowest one is the first guess where there is no other.
+        noise: violation that counts as rounding.
+        guesses: active rows of neighbouring problems.
+
+    Returns:
+        (y, active rows, their multipliers) by place; the others are left to `nearest_point`.
+    """
+    found: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    left, n = np.arange(len(centre)), centre.shape[1]
+    active = np.zeros(slack.shape, bool)
+    for place in left.tolist():
+        guess = None if guesses is None else guesses[place]
+        given = guess is not None and 0 < guess.size <= n
+        active[place, guess if given else np.argmin(slack[place])] = True
+    for _ in range(_ROUNDS):
+        counts, going = active[left].sum(axis=1), []
+        for count in np.unique(counts[(counts > 0) & (counts <= n)]).tolist():
+            here = left[counts == count]
+            rows = np.nonzero(active[here])[1].reshape(-1, count)
+            N = G[here[:, None], rows]
+            Q, R = np.linalg.qr(N.transpose(0, 2, 1))
+            regular = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) > _DEPENDENT
+            here, rows, N, Q, R = (leaf[regular] for leaf in (here, rows, N, Q, R))
+            c = centre[here]
+            short = h[here[:, None], rows] - (N @ c[:, :, None])[:, :, 0]
+            along = np.linalg.solve(R.transpose(0, 2, 1), short[:, :, None])
+            y = c + (Q @ along)[:, :, 0]
+            multipliers = np.linalg.solve(R, along)[:, :, 0]
+            over = (G[here] @ y[:, :, None])[:, :, 0] - h[here] + noise[here]
+            over[np.arange(here.size)[:, None], rows] = 0.0
+            worst, pulls = over.argmin(axis=1), multipliers < 0
+            violated = over[np.arange(here.size), worst] < 0
+            done = ~violated & ~pulls.any(axis=1)
+            for k in np.flatnonzero(done).tolist():
+                found[int(here[k])] = y[k], rows[k], multipliers[k]
+            active[here[:, None], rows] = ~pulls
+            active[here[violated], worst[violated]] = True
+            going.append(here[~done])
+        left = np.sort(np.concatenate(going)) if going else left[:0]
+        if not left.size:
+            break
+    return found
 
 
 def nearest_point(
@@ -365,7 +442,7 @@ def _on_face(
     if not len(N):
         return centre, np.zeros(0)
     Q, R = np.linalg.qr(N.T)
-    if np.abs(np.diagonal(R)).min() <= 1e-7:
+    if np.abs(np.diagonal(R)).min() <= _DEPENDENT:
         return None
     along = np.linalg.solve(R.T, offsets - N @ centre)
     return centre + Q @ along, np.linalg.solve(R, along)

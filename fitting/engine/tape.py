@@ -18,7 +18,7 @@ from .numpy_rules import RULES, Shape, full
 _INLINED = {
     "jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "core_call": "call_jaxpr",
     "custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr", "remat": "jaxpr",
-    "checkpoint": "jaxpr",
+    "checkpoint": "jaxpr", "eval_jaxpr": "call_jaxpr",
 }  # fmt: skip
 _KEPT = {
     "integer_pow": ("y",), "convert_element_type": ("new_dtype",), "reshape": ("new_sizes",),
@@ -83,7 +83,11 @@ def record(function: Callable[..., Any], *examples: Any) -> Tape:
     Raises:
         UnknownPrimitiveError: it holds an operation that has no rule.
     """
-    return _tape(jax.make_jaxpr(function)(*examples))
+    # Functions that JAX would compile by themselves are traced as parts of this one: to differentiate
+    # each as a program of its own takes longer.
+    with jax.disable_jit():
+        closed = jax.make_jaxpr(function)(*examples)
+    return _tape(closed)
 
 
 class _Recorder:
@@ -172,6 +176,9 @@ def _tape(closed: Any) -> Tape:
 
 def _params(name: str, params: dict[str, Any]) -> dict[str, Any]:
     """What the rule of a primitive needs of its parameters, as plain numbers and tapes."""
+    if name == "scan" and "ft_in" in params:  # from JAX 0.12 on
+        consts, carry, _ = params["ft_in"].unpack()
+        params = params | {"num_consts": len(consts), "num_carry": len(carry)}
     if name == "gather":
         numbers, mode = params["dimension_numbers"], params["mode"]
         if numbers.operand_batching_dims or numbers.start_indices_batching_dims:
