@@ -20,7 +20,6 @@ from typing import Any
 
 os.environ.setdefault("PJRT_NPROC", "16")
 
-import equinox as eqx
 import identification_peers as peers
 import jax
 import jax.numpy as jnp
@@ -30,13 +29,11 @@ from identification_problem import ORDERS, Programme, programmes, shared
 from jaxtyping import Array, Float, Int
 from scipy import sparse
 
-from fitting._convex.constraint import posed
-from fitting._convex.convex_fit import minimise
 from fitting._sweep.bootstrap import draw
-from fitting._sweep.fits import Fits, solve_all
-from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES
-from fitting._sweep.padded import constraint_of, free, objective_of
-from fitting._sweep.problem import Design, compressed
+from fitting._sweep.design import Design
+from fitting._sweep.fits import Fits, solve, solved
+from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES, Forms
+from fitting._sweep.unknowns import free
 from fitting.engine.active_set import nearest_points
 from fitting.engine.small_dense import cholesky, inverse_lower
 
@@ -136,16 +133,14 @@ def sweeps(
     problems, small = programmes(of, compressed=False), programmes(of, compressed=True)
     best = [peers.polished(one, objective)[0] for one in small]
 
-    arrays, rest = eqx.partition(of, eqx.is_array)
+    arrays = jax.tree.map(jnp.asarray, of)
 
     def fits(exchange: bool) -> tuple[Fits, float, float]:
-        # Only arrays are handed over: equinox takes 0.2 ms to sort out anything else.
         @jax.jit
-        def solve(arrays: Design) -> Fits:
-            of = eqx.combine(arrays, rest)
-            return solve_all(of, ORDERS, objective, exchange=exchange)[0]
+        def fitted(of: Design) -> Fits:
+            return solve(of, Forms(ORDERS), objective, exchange=exchange)[0]
 
-        return _timed(solve, arrays, repeats=repeats)
+        return _timed(fitted, arrays, repeats=repeats)
 
     ours, compiled, seconds = fits(False)
     errors = _errors(ours, small, best, objective)
@@ -249,8 +244,7 @@ def _batch(
 ) -> list[Line]:
     """A batch of programmes that share their rows, by us and by Clarabel."""
     count = H.shape[0]
-    solve = eqx.filter_jit(_solve_batch)
-    found, compiled, seconds = _timed(solve, G, h, H, g, repeats=repeats)
+    found, compiled, seconds = _timed(jax.jit(_solve_batch), G, h, H, g, repeats=repeats)
     x, steps = (np.asarray(leaf) for leaf in found)
     some = slice(None, None, max(1, count // 200))
     rows = sparse.csc_matrix(np.asarray(G)[np.asarray(h) >= 0])
@@ -284,7 +278,7 @@ def _solve_batch(
     H: Float[Array, "r n n"],
     g: Float[Array, "r n"],
 ) -> tuple[Float[Array, "r n"], Int[Array, " r"]]:
-    J = jax.vmap(lambda one: inverse_lower(cholesky(one)).T)(H)
+    J = jnp.swapaxes(inverse_lower(cholesky(H)), 1, 2)
     points = nearest_points(G, h, jnp.einsum("rnm,rn->rm", J, g), J)
     return jnp.einsum("rnm,rm->rn", J, points.y), points.steps
 
@@ -294,24 +288,15 @@ def _replicates(of: Design, weights: np.ndarray) -> tuple[Array, Array, Array, A
 
     Of the pressures that with the most active rows is taken.
     """
-    every, keep = jnp.arange(of.target.shape[0]), jnp.ones(1)
-    order, kind = jnp.array(ORDERS[-1]), jnp.array(CONSTRAINTS.index("slope"))
-
-    def fit(path: Int[Array, ""]) -> tuple[Array, ...]:
-        at = free(of, order, path)
-        constraint = constraint_of(of, at, kind)
-        aim = objective_of("sum_of_squares", of, at, jnp.ones(()), keep)
-        whole = minimise(aim, constraint, at.start)
-        rows = constraint.grid_rows(), posed(constraint.exact_rows(whole.dips, whole.y))
-        return whole.active, at.to_x, *(jnp.concatenate(both) for both in zip(*rows, strict=True))
-
-    active, to_x, G, h = eqx.filter_jit(jax.vmap(fit))(every)
-    pressure = int(jnp.argmax(active))
-    A = np.einsum("ke,ebn->kn", of.A[pressure], to_x[pressure])
+    unknowns = free(of, ORDERS[-1:])
+    (found,) = solved(of, unknowns, ["slope"], np.ones((1, 1)), "sum_of_squares")
+    pressure = int(np.argmax(found.fits.active))
+    A = of.A[pressure] @ unknowns.on_y[pressure, 0]
     H = np.einsum("rk,kn,km->rnm", weights[:, pressure], A, A, optimize=True)
     g = np.einsum("rk,kn,k->rn", weights[:, pressure], A, of.target[pressure], optimize=True)
-    G, h = G[pressure], h[pressure]
-    return G, h, jnp.asarray(H), jnp.asarray(g)
+    G = found.fits.normals[pressure]
+    h = np.where(np.any(G != 0, axis=1), 0.0, -1.0)
+    return tuple(jnp.asarray(array) for array in (G, h, H, g))
 
 
 def gradients(n_pressures: int, thin: int, repeats: int) -> Line:
@@ -320,24 +305,21 @@ def gradients(n_pressures: int, thin: int, repeats: int) -> Line:
     force = jnp.asarray(readings.force)
 
     def total(force: Float[Array, "p k"], of: Design) -> Float[Array, ""]:
-        moved = eqx.tree_at(lambda d: d.target, of, of.target + force - readings.force)
-        moved = eqx.tree_at(lambda d: d.factor, moved, _factor(moved))
-        return jnp.sum(solve_all(moved, ORDERS, "sum_of_squares", exchange=False)[0].coefficients)
+        moved = dataclasses.replace(of, target=of.target + force - readings.force)
+        found, _ = solve(moved, Forms(ORDERS), "sum_of_squares", exchange=False)
+        return jnp.sum(found.coefficients)
 
-    _, _, plain = _timed(eqx.filter_jit(total), force, of, repeats=repeats)
-    slope, compiled, seconds = _timed(eqx.filter_jit(jax.grad(total)), force, of, repeats=repeats)
+    of = jax.tree.map(jnp.asarray, of)
+    _, _, plain = _timed(jax.jit(total), force, of, repeats=repeats)
+    slope, compiled, seconds = _timed(jax.jit(jax.grad(total)), force, of, repeats=repeats)
     direction = jnp.asarray(np.random.default_rng(0).normal(size=force.shape)) * readings.there
-    value = eqx.filter_jit(total)
+    value = jax.jit(total)
     central = (value(force + 1e-4 * direction, of) - value(force - 1e-4 * direction, of)) / 2e-4
     error = abs(float(jnp.sum(slope * direction) / central) - 1)
     return Line(
         "gradient of 48 fits in 1700 forces", "this project", seconds, compiled, seconds / plain,
         error, 0, 1, "ratio: to the fits alone; error: to a central difference",
     )  # fmt: skip
-
-
-def _factor(of: Design) -> Float[Array, "p rows rows"]:
-    return jax.vmap(compressed)(of.A * of.weight[..., None], of.target * of.weight)
 
 
 def _timed(function: Callable, *given: Any, repeats: int) -> tuple[Any, float, float]:

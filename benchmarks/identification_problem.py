@@ -8,7 +8,6 @@ import dataclasses
 import functools
 import itertools
 
-import jax.numpy as jnp
 import numpy as np
 from chambers_reference import geometries, printed
 from jaxtyping import Float
@@ -16,8 +15,10 @@ from reconstruction import NAME, reconstruct
 
 from famjax import units
 from fitting import ForceData, Specimen
+from fitting._sweep.design import Design
 from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES
-from fitting._sweep.problem import Design, Nodes, Readings, arrange, design
+from fitting._sweep.linear_model import LinearModel
+from fitting._sweep.readings import Readings, arrange
 
 ORDERS = (1, 2, 3, 4)
 GEOMETRY = "measured"
@@ -78,7 +79,8 @@ def shared(
     """Readings and linear problem at one of the four geometries."""
     data, shape = force_map(n_pressures, thin), geometries()[geometry]
     readings = arrange(data, float(shape.rest_length), ORDERS[-1])
-    return data, readings, design(shape, jnp.zeros(()), readings, Nodes.of(shape, readings))
+    model = LinearModel(shape, 0.0, ORDERS[-1], readings.pressure, readings.path_end)
+    return data, readings, Design.of(model, readings)
 
 
 def programmes(of: Design, *, compressed: bool) -> list[Programme]:
@@ -88,14 +90,14 @@ def programmes(of: Design, *, compressed: bool) -> list[Programme]:
         of: the linear problem.
         compressed: to five rows per pressure by QR, or the readings themselves.
     """
-    A, y = np.asarray(of.A), np.asarray(of.target)
-    there = np.asarray(of.weight) > 0
+    A, y = of.A, of.target
+    there = of.there
     A, y = A * there[..., None], y * there
     count = there.sum(axis=1).astype(float)
     if compressed:
-        factor = np.asarray(of.factor)
+        factor = of.factor()
         A, y = factor[:, :, :-1], factor[:, :, -1]
-    share = np.asarray(of.basis)
+    share = of.basis
     found = []
     for dependence, order, constraint in itertools.product(DEPENDENCES, ORDERS, CONSTRAINTS):
         fit = (dependence, order, constraint)
@@ -121,8 +123,9 @@ def _rows(of: Design, order: int, constraint: str) -> Float[np.ndarray, "paths s
         return np.zeros((paths, 0, order))
     if constraint == "positive":
         return np.broadcast_to(np.eye(order), (paths, order, order))
-    table = of.slope if constraint == "slope" else of.drucker
-    return np.asarray(table.value)[:, np.asarray(of.grid), :order]
+    # The functions of the slope constraint come first, then those of Drucker's.
+    first = 0 if constraint == "slope" else paths
+    return of.table.value[first : first + paths, of.stations, :order]
 
 
 def _scaled(one: Programme) -> Programme:

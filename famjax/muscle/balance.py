@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from .._compiled import compiled
 from .._types import Real, RealArray, as_real
-from ..geometries.dimensions import AbstractGeometry, Dimensions
+from ..geometries.dimensions import AbstractGeometry
 from ..materials.abstract_material import AbstractMaterial
 from ..terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 from .abstract_muscle import AbstractMuscle
@@ -118,14 +118,6 @@ class Muscle(AbstractMuscle):
         """Pull [N] of the bladder alone, of the terms with a material; negative where it resists."""
         terms = SumOfTerms(self._holding("material"))
         return _pull(self.geometry, terms, as_real(length), as_real(pressure))
-
-    def braid_force_at(self, at: Dimensions, pressure: Real) -> RealArray:
-        """`braid_force` [N] at known dimensions and gauge pressure P [Pa]."""
-        return SumOfTerms(self._holding("deadband_pressure")).force(at, pressure)
-
-    def bladder_force_at(self, at: Dimensions, pressure: Real) -> RealArray:
-        """`bladder_force` [N] at known dimensions and gauge pressure P [Pa]."""
-        return SumOfTerms(self._holding("material")).force(at, pressure)
 
     def _holding(self, field: str) -> tuple:
         """The terms that have this field."""

@@ -1,157 +1,146 @@
-"""A constraint on the coefficients along paths: its rows, and where a law comes nearest to it."""
+"""Constraints on the coefficients along paths: their rows, and where a law comes nearest to one."""
 
-import equinox as eqx
+import dataclasses
+
 import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Bool, Float, Int
 
-from ..engine.qp import unit_rows
-from .path_functions import AbstractPathFunctions
-from .path_table import PathTable
+from ..engine.arrays import AnyArray, namespace, of_each
+from .paths import PathFunctions, PathTable
 
-_MATTERS = 1e-4  # slack per largest coefficient, far above what cubics may miss at a corner
-
-
-class Points(eqx.Module):
-    """Positions s in [0, 1] of paths; a negative path is none."""
-
-    path: Int[Array, " k"]
-    s: Float[Array, " k"]
+MATTERS = 1e-4
+"""Slack per largest coefficient above which a dip stays inactive by the last steps."""
 
 
-class Dips(eqx.Module):
-    """The two weakest local minima of the constraint on each path: first all weakest, then others.
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Dips:
+    """The weakest local minima of the constraint on the paths of each fit, weakest first.
+
+    Those at stations come last: the rows there are posed already.
 
     Attributes:
-        at: where they are.
-        slack: there, per largest coefficient; infinite where there is none.
-        station: whether the constraint is posed there from the start.
+        path: index among the paths of the fit, shape (b, k).
+        s: position in [0, 1], shape (b, k).
+        slack: there, per largest coefficient; infinite where there is none, shape (b, k).
+        moves: whether it may be moved along the path, shape (b, k).
+        station: whether the constraint is posed there from the start, shape (b, k).
     """
 
-    at: Points
-    slack: Float[Array, " k"]
-    station: Bool[Array, " k"]
+    path: Int[AnyArray, "b k"]
+    s: Float[AnyArray, "b k"]
+    slack: Float[AnyArray, "b k"]
+    moves: Bool[AnyArray, "b k"]
+    station: Bool[AnyArray, "b k"]
+
+    @property
+    def matters(self) -> Bool[AnyArray, "b k"]:
+        """Whether it may be a place where the constraint is active between the stations."""
+        return (self.slack < MATTERS) & ~self.station
 
 
-class Constraint(eqx.Module):
-    """A constraint on the coefficients at some paths, as rows on the unknowns y.
-
-    The coefficients at the path p are E = basis_p x, with x = to_x y.
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Constraint:
+    """What must not be negative along the paths of each fit, as rows on its unknowns y.
 
     Attributes:
-        table: of the functions that must not be negative along each path.
-        exact: the functions themselves, for the rows of the last step.
-        grid: indices of the nodes at which the constraint is posed from the start, (stations,).
-        positive: True for E_n >= 0, which the table does not express.
-        on: False for no constraint at all.
-        basis: of the coefficients over pressure at the paths, shape (paths, basis).
-        to_x: from y to the coefficients of the basis, shape (order, basis, n).
-        used: coefficients that the law has, shape (order,).
+        on_y: coefficients of each path per unknown, E = on_y y, shape (b, paths, order, n).
+        posed: rows that hold from the start, of unit length or zero, shape (b, m, n).
+        stations: where they are, shape (b, paths, stations); None where these rows are all there is.
+        path: indices of the paths among those of the functions, shape (b, paths).
+        table: of the functions, shape (b, paths, nodes).
+        functions: of all paths.
     """
 
-    table: PathTable
-    exact: AbstractPathFunctions
-    grid: Int[Array, " stations"]
-    positive: Bool[Array, ""]
-    on: Bool[Array, ""]
-    basis: Float[Array, "paths basis"]
-    to_x: Float[Array, "order basis n"]
-    used: Bool[Array, " order"]
+    on_y: Float[AnyArray, "b paths order n"]
+    posed: Float[AnyArray, "b m n"]
+    stations: Float[AnyArray, "b paths stations"] | None = None
+    path: Int[AnyArray, "b paths"] | None = None
+    table: PathTable | None = None
+    functions: PathFunctions | None = None
 
-    def coefficients(self, y: Float[Array, " n"]) -> Float[Array, "paths order"]:
-        """E_n [Pa] at the paths."""
-        return jnp.einsum("pb,ebn,n->pe", self.basis, self.to_x, y)
+    @classmethod
+    def positive(
+        cls,
+        on_y: Float[AnyArray, "b paths order n"],
+        on: Bool[AnyArray, " b"],
+    ) -> "Constraint":
+        """E_n >= 0 at the first and at the last path, and so between them; or nothing where off."""
+        ends = on_y[:, np.array([0, on_y.shape[1] - 1])] * of_each(on * 1.0, 3)
+        return cls(on_y, unit(ends.reshape(len(on_y), -1, on_y.shape[-1])))
 
-    def on_y(self, phi: Float[Array, "k order"], path: Int[Array, " k"]) -> Float[Array, "k n"]:
-        """Rows on y of rows on the coefficients of paths; zero where there is no constraint."""
-        phi = jnp.where(self.used & self.on & (path >= 0)[:, None], phi, 0.0)
-        return jnp.einsum("ke,kb,ebn->kn", phi, self.basis[path], self.to_x)
+    @classmethod
+    def along(
+        cls,
+        on_y: Float[AnyArray, "b paths order n"],
+        path: Int[AnyArray, "b paths"],
+        functions: PathFunctions,
+        table: PathTable,
+        stations: Int[np.ndarray, " stations"],
+    ) -> "Constraint":
+        """sum_n E_n phi_n >= 0 everywhere on the paths of those indices.
 
-    def grid_rows(self) -> tuple[Float[Array, "m n"], Float[Array, " m"]]:
-        """The rows posed from the start."""
-        paths, order, stations = self.basis.shape[0], self.used.shape[0], self.grid.shape[0]
-        units = jnp.eye(stations, order)
-        phi = jnp.where(self.positive, units, self.table.value[:, self.grid])
-        return posed(self.on_y(phi.reshape(-1, order), jnp.repeat(jnp.arange(paths), stations)))
+        Args:
+            on_y: coefficients of each path per unknown.
+            path: index of each among the paths of the functions.
+            functions: of all paths.
+            table: of the functions.
+            stations: indices of its nodes at which the constraint is posed from the start.
+        """
+        own, path = jax.tree.map(lambda leaf: leaf[path], table), namespace(on_y).asarray(path)
+        rows = (own.value[:, :, stations] @ on_y).reshape(len(on_y), -1, on_y.shape[-1])
+        return cls(on_y, unit(rows), own.nodes[:, :, stations], path, own, functions)
 
-    def cubic_rows(self, at: Points) -> Float[Array, "k n"]:
-        """Rows at points, of the cubics, not scaled."""
-        return self.on_y(self.table.rows(at.path, at.s)[0], at.path)
+    def coefficients(self, y: Float[AnyArray, "b n"]) -> Float[AnyArray, "b paths order"]:
+        """E_n at the paths."""
+        return (self.on_y @ y[:, None, :, None])[..., 0]
 
-    def exact_rows(self, at: Points, y: Float[Array, " n"]) -> Float[Array, "k n"]:
-        """Rows at points, not scaled: of the functions themselves wherever y comes near to zero."""
-        cubic = self.table.rows(at.path, at.s)[0]
-        coefficients = self.coefficients(jax.lax.stop_gradient(y))
-        slack = jnp.sum(cubic * coefficients[at.path], axis=1)
-        near = slack <= _MATTERS * jnp.max(jnp.abs(coefficients))
-        near &= self.on & (at.path >= 0) & ~self.exact.cubic & ~self.table.at_node(at.path, at.s)
-        return self.on_y(_exact_where(near, self.exact, cubic, at), at.path)
+    def dips(self, y: Float[AnyArray, "b n"]) -> Dips:
+        """Where the constraint is weakest: of each path the two weakest local minima at most."""
+        assert self.table is not None
+        assert self.stations is not None
+        xp, E = namespace(y), self.coefficients(y)
+        least, s, inside = self.table.minima(E)
+        beside = xp.pad(least, ((0, 0), (0, 0), (1, 1)), constant_values=np.inf)
+        local = (least < beside[..., :-2]) & (least <= beside[..., 2:])
+        depth = xp.where(local, least, np.inf)
+        first = depth.argmin(axis=2)
+        others = xp.where(np.arange(depth.shape[2]) == first[..., None], np.inf, depth)
+        cell = xp.concatenate([first, others.argmin(axis=2)], axis=1)
+        b, paths = first.shape
+        slack = xp.concatenate([depth.min(axis=2), others.min(axis=2)], axis=1)
+        largest = abs(E).max(axis=(1, 2))
+        there = of_each(largest > 0) & (slack < np.inf)
+        slack = xp.where(there, slack / of_each(xp.where(largest > 0, largest, 1.0)), np.inf)
+        every, path = np.arange(b)[:, None], np.tile(np.arange(paths), 2)
+        s = s[every, path, cell]
+        station = (self.stations[:, path] == s[..., None]).any(axis=2)
+        dips = Dips(path + 0 * cell, s, slack, inside[every, path, cell], station)
+        order = xp.argsort(xp.where(station, np.inf, slack), axis=1)
+        return jax.tree.map(lambda leaf: leaf[every, order], dips)
 
-    def dips(self, y: Float[Array, " n"]) -> Dips:
-        """Where the constraint is weakest."""
-        coefficients = self.coefficients(y)
-        least, s = self.table.minima(coefficients)
-        beside = jnp.pad(least, ((0, 0), (1, 1)), constant_values=jnp.inf)
-        local = (least < beside[:, :-2]) & (least <= beside[:, 2:])
-        depth = jnp.where(local, least, jnp.inf)
-        paths = jnp.arange(depth.shape[0])
-        first = jnp.argmin(depth, axis=1)
-        others = depth.at[paths, first].set(jnp.inf)
-        second = jnp.argmin(others, axis=1)
-        slack = jnp.concatenate([depth[paths, first], others[paths, second]])
-        largest = jnp.max(jnp.abs(coefficients))
-        there = self.on & ~self.positive & (slack < jnp.inf) & (largest > 0)
-        slack = jnp.where(there, slack, jnp.inf) / jnp.where(largest > 0, largest, 1.0)
-        both = jnp.concatenate([s[paths, first], s[paths, second]])
-        twice = jnp.tile(paths, 2)
-        station = jnp.any(both[:, None] == self.table.nodes[:, self.grid][twice], axis=1)
-        return Dips(Points(jnp.where(there, twice, -1), both), slack, station)
-
-    def touching(
-        self, y: Float[Array, " n"], at: Points, multipliers: Float[Array, " k"]
-    ) -> tuple[Points, Float[Array, "n n"]]:
-        """Dips after a Newton step towards g' = 0, and the curvature that moving them adds."""
-        _, first, second = (self.on_y(rows, at.path) for rows in self.table.rows(at.path, at.s))
-        bend = jax.lax.stop_gradient(second @ y)
-        free = ~self.table.at_node(at.path, at.s) & (bend > 0)
-        bend = jnp.where(free, bend, 1.0)
-        s = jnp.clip(at.s - jnp.where(free, first @ y / bend, 0.0), 0.0, 1.0)
-        weight = jnp.where(free, multipliers / bend, 0.0)
-        return Points(at.path, s), jnp.einsum("k,kn,km->nm", weight, first, first)
-
-
-def posed(rows: Float[Array, "m n"]) -> tuple[Float[Array, "m n"], Float[Array, " m"]]:
-    """Unit rows with their offsets; empty ones are off."""
-    G, h, _ = unit_rows(rows, jnp.zeros(rows.shape[0]))
-    return G, jnp.where(jnp.any(G != 0, axis=1), h, -1.0)
-
-
-@eqx.filter_custom_jvp
-def _exact_where(
-    near: Bool[Array, " k"],
-    functions: AbstractPathFunctions,
-    cubic: Float[Array, "k order"],
-    at: Points,
-) -> Float[Array, "k order"]:
-    """The functions at points that are near, and the cubics elsewhere.
-
-    The functions are costly. A loop that is not entered costs nothing, and a batch enters it only
-    where one of its members has to. Its state holds the positions and changes them, or the compiler
-    would evaluate the functions before the loop.
-    """
-
-    def evaluate(state: tuple) -> tuple:
-        _, left, s = state
-        phi = jnp.where(near[:, None], functions(jnp.maximum(at.path, 0), s), cubic)
-        return phi, jnp.zeros_like(left), jnp.zeros_like(s)
-
-    return jax.lax.while_loop(lambda state: jnp.any(state[1]), evaluate, (cubic, near, at.s))[0]
+    def rows(
+        self, path: Int[AnyArray, "b k"], s: Float[AnyArray, "b k"], derivatives: int = 0
+    ) -> tuple[Float[AnyArray, "b k n"], ...]:
+        """Rows on y at positions of paths, not scaled, and their derivatives in s."""
+        assert self.functions is not None
+        assert self.path is not None
+        own = np.arange(len(path))[:, None]
+        phi = self.functions.rows(self.path[own, path], s, derivatives)
+        on_y = self.on_y[own, path]
+        return tuple((one[..., None, :] @ on_y)[..., 0, :] for one in phi)
 
 
-@_exact_where.def_jvp
-def _exact_where_jvp(primals: tuple, tangents: tuple) -> tuple:
-    def of(functions: AbstractPathFunctions, cubic: Array, at: Points) -> Array:
-        exact = functions(jnp.maximum(at.path, 0), at.s)
-        return jnp.where(primals[0][:, None], exact, cubic)
+def length(rows: Float[AnyArray, "*batch n"]) -> Float[AnyArray, "*batch"]:
+    """Lengths of rows, zero for empty ones, with a derivative everywhere."""
+    xp, square = namespace(rows), (rows**2).sum(axis=-1)
+    empty = square == 0
+    return xp.where(empty, 0.0, xp.sqrt(xp.where(empty, 1.0, square)))
 
-    return eqx.filter_jvp(of, primals[1:], tangents[1:])
+
+def unit(rows: Float[AnyArray, "*batch n"]) -> Float[AnyArray, "*batch n"]:
+    """Rows of unit length, or empty."""
+    size = length(rows)
+    return rows / namespace(rows).where(size > 0, size, 1.0)[..., None]

@@ -251,5 +251,6 @@ def check_solvable(problem: Problem) -> None:
             "in the map, slack readings included, leaves what the geometry is known for. Leave out "
             "readings that are shorter than the last measured shape, or use --constraint none"
         )
-    if point.optimum.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
-        raise InputError(point.optimum.status.message)
+    status = Status(int(point.optimum.status))
+    if status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
+        raise InputError(status.message)

@@ -71,11 +71,6 @@ class Errors:
         """RMSE in % of the largest force."""
         return 100 * self.rmse / self.max_force
 
-    @property
-    def max_percent(self) -> float:
-        """Largest error in % of the largest force."""
-        return 100 * self.max / self.max_force
-
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:

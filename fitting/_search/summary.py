@@ -58,7 +58,7 @@ def summarise(
     certificate = _certificate(found, ends, margins)
     allowed = -FEASIBLE * np.abs(found.coefficients).max()
     feasible = problem.constraint == "none" or certificate.constraint_margin >= allowed
-    certified = point.optimum.status is Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
+    certified = point.optimum.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
     # A fit without error has only rounding left, and that has no direction.
     perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
     stationary = certificate.gradient_residual <= _STATIONARY or perfect

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 import famjax
 
-from .._convex.chebyshev_paths import STATIONS, ChebyshevPaths
+from .._convex.paths import SAMPLES, PathFunctions
 from ..engine.family import AbstractFamily, Values
 from ..engine.program import MapInputs, Program
 
@@ -92,13 +92,13 @@ class LinearModel:
             length_index=np.zeros(_POINTS, int),
             path_pressure=pressure,
             path_end=path_end,
-            stations=np.tile(np.linspace(0, 1, STATIONS), (pressure.size, 1)),
+            stations=np.tile(np.linspace(0, 1, SAMPLES), (pressure.size, 1)),
         )
         family = FixedGeometry.of(geometry, deadband, order)
         self._program = Program(family, "drucker", self._inputs)
         value, _, aside = self._call(self._inputs)
         self.shortest_length = float(value.derived[0])
-        self.largest_strain = aside.largest_strain[: self._paths]
+        self._largest_strain = aside.largest_strain[: self._paths]
 
     def _call(self, inputs: MapInputs) -> tuple:
         none = np.zeros(0), np.zeros(self.order), np.zeros(_POINTS)
@@ -119,11 +119,18 @@ class LinearModel:
             braid[here], columns[here] = value.force[:count], value.columns[:count]
         return braid.reshape(shape), columns.reshape(*shape, self.order)
 
-    def path_functions(self) -> ChebyshevPaths:
-        """The modulus along the paths per coefficient [-], as functions of the share of a path."""
+    def path_functions(self) -> PathFunctions:
+        """What must not be negative per coefficient [-], as functions of the share of a path.
 
-        def evaluate(stations: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k order"]:
-            at = dataclasses.replace(self._inputs, stations=stations)
-            return self._call(at)[0].rows[: self._paths]
+        First the law's own tangent n eps^(n - 1) over the strains of each path, then the modulus
+        along each path.
+        """
+        n = np.arange(1, self.order + 1)
 
-        return ChebyshevPaths.of(evaluate, self._paths)
+        def evaluate(s: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k order"]:
+            strain = self._largest_strain[:, None, None] * s[: self._paths, :, None]
+            at = dataclasses.replace(self._inputs, stations=s[self._paths :])
+            modulus = self._call(at)[0].rows[: self._paths]
+            return np.concatenate([n * strain ** (n - 1), modulus])
+
+        return PathFunctions.of(evaluate, 2 * self._paths)

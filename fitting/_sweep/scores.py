@@ -2,13 +2,14 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
+from .design import Design
 from .forms import Forms, n_coefficients
-from .host_design import HostDesign
 from .linear_model import LinearModel
-from .problem import Readings
+from .readings import Readings
 
 _AT_REST = 1e-3  # a reading is blocked whose length is the rest length to this part
 _NEARLY_FREE = 0.1  # readings below this part of a pressure's largest force give its free length
@@ -64,7 +65,7 @@ def measured_ends(
 
 
 def score(
-    of: HostDesign,
+    of: Design,
     model: LinearModel,
     readings: Readings,
     coefficients: Float[np.ndarray, "dependences orders constraints pressures order"],
@@ -107,18 +108,16 @@ def score(
 
 
 def _margins(
-    of: HostDesign, coefficients: Float[np.ndarray, "*fits paths order"]
+    of: Design, coefficients: Float[np.ndarray, "*fits paths order"]
 ) -> Float[np.ndarray, "*fits"]:
     """Smallest modulus along the paths [Pa] of scaled coefficients."""
-    paths = np.arange(coefficients.shape[-2])
-    margins = np.full(coefficients.shape[:-2], np.nan)
-    for at in np.ndindex(margins.shape):
-        E = coefficients[at]
-        if np.isfinite(E).all():
-            least, s = of.drucker.table.minima(E)
-            phi = of.drucker.rows(paths, s[paths, least.argmin(axis=1)])[0]
-            margins[at] = np.sum(phi * E, axis=1).min()
-    return margins
+    count = coefficients.shape[-2]
+    paths = np.arange(count, 2 * count)
+    table = jax.tree.map(lambda leaf: leaf[paths], of.table)
+    least, s, _ = table.minima(coefficients)
+    at = np.take_along_axis(s, least.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+    phi = of.functions.rows(np.broadcast_to(paths, at.shape), at)[0]
+    return np.sum(phi * coefficients, axis=-1).min(axis=-1)
 
 
 def _contractions(model: LinearModel, readings: Readings) -> Float[np.ndarray, " lengths"]:

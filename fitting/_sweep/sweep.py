@@ -16,12 +16,12 @@ from .._data.force_data import ForceData
 from .._errors import InputError
 from .._saved.resumable import ResumableFile
 from ..engine.status import Status
-from .bootstrap import draw, replicate_sums
+from .bootstrap import Replicates, draw
+from .design import Design
+from .fits import solve
 from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
-from .host_design import HostDesign
-from .host_fits import HostSolver
 from .linear_model import LinearModel
-from .problem import Nodes, arrange
+from .readings import arrange
 from .scores import score
 
 FEASIBLE = 1e-9
@@ -227,7 +227,6 @@ class _Task:
         objective: str,
     ) -> None:
         self.data, self.forms, self._objective = data, forms, objective
-        self._geometry, self._deadband = geometry, deadband
         highest = forms.orders[-1]
         self.readings = arrange(data, float(geometry.rest_length), highest)
         levels, ends = self.readings.pressure, self.readings.path_end
@@ -235,9 +234,8 @@ class _Task:
 
     def fits(self) -> dict[str, Any]:
         """All fits with their scores, as plain lists."""
-        design = HostDesign.of(self.model, self.readings)
-        fits, square = HostSolver(design, self._objective).solve(self.forms, leave_out=True)
-        scores = score(design, self.model, self.readings, fits.coefficients, self.forms)
+        fits, square = solve(self._design, self.forms, self._objective, leave_out=True)
+        scores = score(self._design, self.model, self.readings, fits.coefficients, self.forms)
         return {
             "fits": {name: leaf.tolist() for name, leaf in vars(fits).items()},
             "scores": {name: leaf.tolist() for name, leaf in vars(scores).items()},
@@ -245,18 +243,19 @@ class _Task:
         }
 
     @functools.cached_property
-    def _nodes(self) -> Nodes:
-        """Of the constraints of replicates."""
-        return Nodes.of(self._geometry, self.readings)
+    def _design(self) -> Design:
+        return Design.of(self.model, self.readings)
+
+    @functools.cached_property
+    def _replicates(self) -> Replicates:
+        return Replicates.of(self._design, self.forms)
 
     def replicates(self, part: tuple[int, int], seed: int, index: int) -> dict[str, Any]:
         """Sums over some replicates of the deviation from the fit and of its square."""
         first, count = part
         # Always a whole chunk, so that one compilation serves them all.
         weights = draw(self.readings, _CHUNK, (seed, index, first))
-        total, square, known = replicate_sums(
-            self._geometry, self._deadband, self.readings, self._nodes, self.forms, weights, count
-        )
+        total, square, known = self._replicates.sums(weights, count)
         return {"sum": total.tolist(), "square": square.tolist(), "count": known.tolist()}
 
     def rows(self, chunks: list[dict[str, Any]]) -> Iterator[SweepRow]:

@@ -22,8 +22,11 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .arrays import AnyArray
+from .host_qp import nearest_points as nearest_points_on_host
 from .status import Status
 
 _REFINEMENTS = 2
@@ -43,12 +46,12 @@ class NearestPoint(eqx.Module):
         status: OPTIMAL, INFEASIBLE or STALLED.
     """
 
-    y: Float[Array, "*batch n"]
-    multipliers: Float[Array, "*batch n"]
-    rows: Int[Array, "*batch n"]
-    used: Bool[Array, "*batch n"]
-    steps: Int[Array, "*batch"]
-    status: Int[Array, "*batch"]
+    y: Float[AnyArray, "*batch n"]
+    multipliers: Float[AnyArray, "*batch n"]
+    rows: Int[AnyArray, "*batch n"]
+    used: Bool[AnyArray, "*batch n"]
+    steps: Int[AnyArray, "*batch"]
+    status: Int[AnyArray, "*batch"]
 
 
 def nearest_point(
@@ -119,6 +122,36 @@ def nearest_points(
     at = jax.tree.map(lambda leaf: leaf[slow_first], (centre, J, walk))
     points = in_chunks(lambda of, walk: of.finish(of.advance(walk, of.limit)), *at)
     return jax.tree.map(lambda leaf: leaf[jnp.argsort(slow_first)[:count]], points)
+
+
+def nearest_of_each(
+    G: Float[AnyArray, "batch m n"],
+    centre: Float[AnyArray, "batch n"],
+    J: Float[AnyArray, "batch n n"],
+    guess: tuple[Int[AnyArray, "batch n"], Bool[AnyArray, "batch n"]] | None,
+) -> NearestPoint:
+    """The points of cones G J y >= 0, each its own: by JAX, or of NumPy's arrays on the host.
+
+    Args:
+        G: constraint rows, of unit length or zero.
+        centre: c of each member.
+        J: of each member, well-conditioned.
+        guess: `rows` and `used` of neighbouring problems' points.
+
+    Returns:
+        The points, with a leading axis.
+    """
+    if not isinstance(centre, np.ndarray):
+        h = jnp.where(jnp.any(G != 0, axis=2), 0.0, -1.0)
+        return jax.vmap(nearest_point)(G, h, centre, J, guess)
+    shape = centre.shape
+    guesses = None if guess is None else [rows[used] for rows, used in zip(*guess, strict=True)]
+    y, active, held, status = nearest_points_on_host(G, np.zeros(G.shape[:2]), centre, J, guesses)
+    multipliers, rows, used = np.zeros(shape), np.zeros(shape, int), np.zeros(shape, bool)
+    for one, (own, push) in enumerate(zip(active, held, strict=True)):
+        rows[one, : own.size], multipliers[one, : own.size] = own, push
+        used[one, : own.size] = True
+    return NearestPoint(y, multipliers, rows, used, used.sum(axis=1), status)
 
 
 class _Walk(eqx.Module):

@@ -14,10 +14,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from .arrays import member
 from .host_qp import solve_host_qps
 from .point import Point
 from .problem import Problem
-from .stack import Points, Stack
+from .stack import Stack
 
 _VANISHED = 1e-8  # parts of the first residual below which a residual is rounding
 _SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
@@ -149,7 +150,7 @@ class _InStep:
         self._predicted, self._scale, self._damping = np.zeros(0), np.zeros(0), np.zeros(0)
         self._growth, self._residual = np.zeros(0), np.zeros(0)
         self._steps = np.zeros(0, int)
-        self._at: list[tuple[Points, int] | None] = []
+        self._at: list[tuple[Point, int] | None] = []
         self._faces: list[np.ndarray | None] = []  # bounds of the box that the last steps met
         self._next = 0
 
@@ -183,7 +184,7 @@ class _InStep:
         for k in np.flatnonzero(gone):
             points, row = self._at[k]  # pyright: ignore[reportGeneralTypeIssues]
             yield int(self._which[k]), End(
-                self._u[k].copy(), points.point(row), float(self._residual[k]),
+                self._u[k].copy(), member(points, row), float(self._residual[k]),
                 int(self._steps[k]), bool(converged[k]),
             )  # fmt: skip
         kept = ~gone
@@ -196,9 +197,9 @@ class _InStep:
     def _evaluate(self):
         """The fits at the trial points, which become the points where they are better."""
         members, stack = self._members[self._which], self._stack
-        guesses = [None if at is None else at[0].optima.rows[at[1]] for at in self._at]
+        guesses = [None if at is None else at[0].optimum.rows[at[1]] for at in self._at]
         points = stack.solve(members, stack.parameters(members, self._trial), guesses)
-        value, J = points.residual, stack.jacobian(points)
+        value, J = points.residual, stack.jacobian(members, points)
         first, old, new = self._steps == 0, _squares(self._r), _squares(points.residual)
         ratio = (old - new) / self._predicted
         better = np.isfinite(new) & (first | ((ratio > 1e-4) & np.isfinite(J).all((1, 2))))

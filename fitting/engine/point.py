@@ -1,17 +1,17 @@
-"""The fit at one vector of nonlinear parameters: the linear models and the convex optimum."""
+"""The fit at vectors of nonlinear parameters: the linear models and the convex optimum."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Float
 
-from .host_qp import HostOptimum
+from .host_qp import Optima
 from .program import Aside
 
 
 @dataclasses.dataclass(frozen=True)
 class Linear:
-    """The linear model of a part at one point, in all of the problem's parameters.
+    """The linear model of a part at one point, in all of the problem's parameters, or at several.
 
     Attributes:
         force: [N] at no coefficients, shape (points,).
@@ -39,25 +39,28 @@ class Linear:
 
 @dataclasses.dataclass(frozen=True)
 class Point:
-    """The fit at one vector of nonlinear parameters.
+    """The fit at one vector of nonlinear parameters, or at several with a leading axis.
 
     Attributes:
-        parameters: [SI], shape (q,).
-        x: coefficients of all parts, shape (n,); nan without a certified optimum.
+        parameters: [SI], shape (*b, q).
         optimum: of the convex programme.
-        residual: weighted, priors included, shape (k,).
+        residual: weighted, priors included, shape (*b, k).
         programme: (A, b, G, h) that was solved.
         linear: of each part.
     """
 
-    parameters: Float[np.ndarray, " q"]
-    x: Float[np.ndarray, " n"]
-    optimum: HostOptimum
-    residual: Float[np.ndarray, " k"]
+    parameters: Float[np.ndarray, "*b q"]
+    optimum: Optima
+    residual: Float[np.ndarray, "*b k"]
     programme: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     linear: tuple[Linear, ...]
 
     @property
+    def x(self) -> Float[np.ndarray, "*b n"]:
+        """Coefficients of all parts; nan without a certified optimum."""
+        return self.optimum.x
+
+    @property
     def cost(self) -> float:
-        """Half the sum of the squared residuals."""
+        """Half the sum of the squared residuals of one fit."""
         return float(self.residual @ self.residual) / 2

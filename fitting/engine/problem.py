@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from .arrays import member
 from .point import Point
 from .program import Constraint, MapInputs, Program
 from .stack import REACHED, REACHES, Stack, partial
@@ -203,7 +204,8 @@ class Problem:
 
     def solve(self, parameters: Float[np.ndarray, " q"]) -> Point:
         """The certified convex fit at these parameters, with everything known of it."""
-        return Stack((self,)).solve(np.zeros(1, int), parameters[None], complete=True).point(0)
+        found = Stack((self,)).solve(np.zeros(1, int), parameters[None], complete=True)
+        return member(found, 0)
 
     def partial(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives at constant coefficients, in all nonlinear parameters.

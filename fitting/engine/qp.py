@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .active_set import nearest_point
-from .small_dense import inverse_lower
+from .small_dense import inverse_upper
 from .status import Status as Status
 
 
@@ -112,29 +112,6 @@ def solve_qp(
         status=status,
         **certificate,
     )
-
-
-def inverse_upper(
-    R: Float[Array, "n n"], size: int
-) -> tuple[Float[Array, "n n"], Float[Array, ""], Bool[Array, ""]]:
-    """The inverse of an upper triangle, its condition number, and whether it is singular.
-
-    A singular one is replaced by the identity, so that its part of a batch stays finite.
-
-    Args:
-        R: with columns of unit length.
-        size: the larger dimension of the matrix whose factor it is, for the rounding.
-    """
-    n, eps = R.shape[0], jnp.finfo(R.dtype).eps
-    fixed = jax.lax.stop_gradient(R)
-    norm = jnp.linalg.norm(fixed)
-    zero = jnp.abs(jnp.diagonal(fixed)) <= eps * norm
-    trial = inverse_lower(fixed.T + jnp.diag(jnp.where(zero, 1.0, 0.0).astype(R.dtype)))
-    condition = jnp.where(jnp.any(zero), jnp.inf, norm * jnp.linalg.norm(trial))
-    deficient = ~(condition * 10 * size * eps < 1)
-    # The trial of a singular one may overflow, and so would its derivative.
-    R = jnp.where(deficient, jnp.eye(n, dtype=R.dtype), R)
-    return inverse_lower(R.T).T, condition, deficient
 
 
 def _certificate(

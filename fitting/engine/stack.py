@@ -9,16 +9,15 @@ References:
     Golub & Pereyra 1973; Kaufman 1975.
 """
 
-import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from .host_qp import HostOptima, solve_host_qps
+from .arrays import replaced
+from .host_qp import solve_host_qps
 from .point import Linear, Point
-from .program import Aside
 from .status import Status
 
 if TYPE_CHECKING:
@@ -26,54 +25,6 @@ if TYPE_CHECKING:
 
 REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 REACHED = 1e-13  # relative change of the forces with which that ends
-
-
-@dataclasses.dataclass(frozen=True)
-class Points:
-    """The fits of several members; `Point` with a leading axis.
-
-    Attributes:
-        members: places of the problems in their stack, shape (b,).
-        parameters: [SI], shape (b, q).
-        optima: of the convex programmes.
-        residual: weighted, priors included, shape (b, k).
-        programme: (A, b, G, h) that were solved.
-        linear: of each part.
-    """
-
-    members: Int[np.ndarray, " b"]
-    parameters: Float[np.ndarray, "b q"]
-    optima: HostOptima
-    residual: Float[np.ndarray, "b k"]
-    programme: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    linear: tuple[Linear, ...]
-
-    @property
-    def x(self) -> Float[np.ndarray, "b n"]:
-        """Coefficients of all parts; nan without a certified optimum."""
-        return self.optima.x
-
-    def point(self, k: int) -> Point:
-        """The fit of one member."""
-        optimum = self.optima.optimum(k)
-        return Point(
-            parameters=self.parameters[k].copy(),
-            x=optimum.x,
-            optimum=optimum,
-            residual=self.residual[k].copy(),
-            programme=tuple(part[k].copy() for part in self.programme),  # pyright: ignore
-            linear=tuple(_row(one, k) for one in self.linear),
-        )
-
-
-def _row(linear: Linear, k: int) -> Linear:
-    """The linear model of one member."""
-    aside: Any = [None if value is None else np.array(value[k]) for value in linear.aside]
-    values: dict[str, Any] = {"aside": Aside(*aside)}
-    for name in (field.name for field in dataclasses.fields(Linear) if field.name != "aside"):
-        value = getattr(linear, name)
-        values[name] = None if value is None else value[k].copy()
-    return Linear(**values)
 
 
 class Stack:
@@ -116,7 +67,7 @@ class Stack:
         guesses: Sequence[np.ndarray | None] | None = None,
         *,
         complete: bool = False,
-    ) -> Points:
+    ) -> Point:
         """The certified convex fits.
 
         Args:
@@ -144,7 +95,7 @@ class Stack:
                 [np.abs(a - b).max(axis=1) for a, b in zip(reached, after, strict=True)], 0
             )
             size = np.max([np.abs(a).max(axis=1) for a in after], axis=0)
-            solved = found.optima.status == Status.OPTIMAL
+            solved = found.optimum.status == Status.OPTIMAL
             moving = moving[(solved & ~(change <= REACHED * size))[moving]]
             if not moving.size:
                 break
@@ -153,9 +104,9 @@ class Stack:
             again = self._once(
                 members[moving], parameters[moving], found.x[moving],
                 [force[moving] for force in reached],
-                [found.optima.rows[k] for k in moving], complete,
+                [found.optimum.rows[k] for k in moving], complete,
             )  # fmt: skip
-            found = _merged(found, again, moving)
+            found = replaced(found, again, moving)
         return found
 
     def _once(
@@ -166,16 +117,16 @@ class Stack:
         reached: Sequence[np.ndarray],
         guesses: Sequence[np.ndarray | None] | None,
         complete: bool,
-    ) -> Points:
+    ) -> Point:
         """The fits by linear models about coefficients, and about forces reached by the rig."""
         linear = tuple(
             _linear(part, parameters, x[:, part.coefficients], force, complete)
             for part, force in zip(self.like.parts, reached, strict=True)
         )
         programme = self._programme(members, linear)
-        optima = solve_host_qps(*programme, guesses)
-        residual = self._residual(programme, optima.x, parameters)
-        return Points(members, parameters, optima, residual, programme, linear)
+        optimum = solve_host_qps(*programme, guesses)
+        residual = self._residual(programme, optimum.x, parameters)
+        return Point(parameters, optimum, residual, programme, linear)
 
     def _programme(
         self, members: np.ndarray, linear: Sequence[Linear]
@@ -220,13 +171,13 @@ class Stack:
         priors = [like.noise * (parameters[:, p.place] - p.mean) / p.std for p in like.priors]
         return np.concatenate([own, *(prior[:, None] for prior in priors)], axis=1)
 
-    def jacobian(self, points: Points) -> Float[np.ndarray, "b k p"]:
-        """Derivative of the residual in the unit box, through the convex fit."""
-        like, free, members = self.like, self.free, points.members
+    def jacobian(self, members: Int[np.ndarray, " b"], points: Point) -> Float[np.ndarray, "b k p"]:
+        """Derivative of the members' residuals in the unit box, through the convex fit."""
+        like, free = self.like, self.free
         weights = [weight[members] for weight in self._weight]
         d_residual, d_slack = (leaf[:, :, free] for leaf in partial(like, weights, points))
         A, b, G, _ = points.programme
-        optima, n = points.optima, points.x.shape[1]
+        optima, n = points.optimum, points.x.shape[1]
         if n:
             readings = sum(part.force.size for part in like.parts)
             r = (A @ points.x[:, :, None])[:, :, 0] - b
@@ -254,7 +205,7 @@ class Stack:
 
 
 def partial(
-    like: "Problem", weights: Sequence[np.ndarray], points: Point | Points
+    like: "Problem", weights: Sequence[np.ndarray], points: Point
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives at constant coefficients, in all nonlinear parameters.
 
@@ -329,24 +280,3 @@ def _wider(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
     found = np.zeros((*values.shape[:-1], count))
     found[..., places] = values
     return found
-
-
-def _merged(old: Any, new: Any, rows: np.ndarray) -> Any:
-    """The stacked fits with those of some members in place of what they were."""
-    if old is None:
-        return None
-    if isinstance(old, np.ndarray):
-        old = old.copy()
-        old[rows] = new
-        return old
-    if isinstance(old, list):
-        changed = dict(zip(rows.tolist(), new, strict=True))
-        return [changed.get(k, one) for k, one in enumerate(old)]
-    if isinstance(old, tuple):
-        parts = [_merged(a, b, rows) for a, b in zip(old, new, strict=True)]
-        return type(old)(*parts) if hasattr(old, "_fields") else tuple(parts)
-    return dataclasses.replace(
-        old,
-        **{f.name: _merged(getattr(old, f.name), getattr(new, f.name), rows)
-           for f in dataclasses.fields(old)},
-    )  # fmt: skip

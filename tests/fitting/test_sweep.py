@@ -1,11 +1,10 @@
-"""The sweep against Clarabel on a fine grid, its file, and its derivatives in the geometry."""
+"""The sweep against Clarabel on a fine grid, its file, and its derivatives in the forces."""
 
 import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,13 +12,15 @@ import pytest
 
 import famjax
 from fitting import ForceData, InputError, Specimen, Status
-from fitting._convex.convex_fit import minimise
-from fitting._sweep.padded import constraint_of, free, huber_threshold, objective_of
-from fitting._sweep.problem import Nodes, arrange, design
+from fitting._sweep.design import Design
+from fitting._sweep.fits import solve
+from fitting._sweep.forms import Forms
+from fitting._sweep.linear_model import LinearModel
+from fitting._sweep.readings import arrange
 from fitting._sweep.sweep import FEASIBLE, Sweep, SweepRow, sweep
 
 OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
-DIFFERENCE = 1e-5  # central differences with relative step 1e-6
+DIFFERENCE = 1e-5  # central differences with a step of 1e-4 N
 EXACT = 1e-9  # noise-free data, condition numbers up to 1e4
 SPREAD = 0.25  # of a standard deviation from 250 replicates, and of a first-order covariance
 REST, PRESSURES, STATIONS = 0.2, np.array([1e5, 2e5, 3e5]), 4000
@@ -213,21 +214,18 @@ def test_a_stopped_sweep_goes_on_to_the_same_bytes(
         sweep(DATA, geometry(), **options, resume=cut)
 
 
-def test_derivatives_in_geometry_and_deadband(swept: Sweep) -> None:
+def test_derivatives_in_the_forces(swept: Sweep) -> None:
     """Of coefficients held by the Drucker constraint between stations."""
     readings = arrange(DATA, REST, 3)
-    nodes = Nodes.of(geometry(), readings, halvings=3)
+    model = LinearModel(geometry(), 1e4, 3, readings.pressure, readings.path_end)
+    of = jax.tree.map(jnp.asarray, Design.of(model, readings))
+    forms = Forms((3,), ("free",), ("drucker",))
+    direction = 10 * jnp.asarray(np.random.default_rng(0).normal(size=readings.force.shape))
 
     def coefficients(step: jax.Array) -> jax.Array:
-        base = geometry()
-        longer = base.braid.rest_thread_length * (1 + step)
-        shape = eqx.tree_at(lambda g: g.braid.rest_thread_length, base, longer)
-        of = design(shape, 1e4 * (1 + 30 * step), readings, nodes)
-        at = free(of, jnp.array(3), jnp.array(2))
-        constraint = constraint_of(of, at, jnp.array(3))
-        aim = objective_of("sum_of_squares", of, at, huber_threshold(of), jnp.ones(1))
-        found = minimise(aim, constraint, at.start)
-        return jnp.append(constraint.coefficients(found.y) * of.unit, found.active)
+        moved = dataclasses.replace(of, target=of.target + step * direction)
+        found, _ = solve(moved, forms, "sum_of_squares")
+        return jnp.append(found.coefficients[0, 0, 0, 2], found.active[0, 0, 0])
 
     both = jax.jit(lambda step: jax.jvp(coefficients, (step,), (jnp.ones_like(step),)))
     value, slope = both(jnp.array(0.0))
@@ -235,7 +233,7 @@ def test_derivatives_in_geometry_and_deadband(swept: Sweep) -> None:
     np.testing.assert_allclose(
         value[:-1], row(swept, "free", 3, "drucker").coefficients[2], rtol=EXACT
     )
-    central = (both(jnp.array(1e-6))[0] - both(jnp.array(-1e-6))[0]) / 2e-6
+    central = (both(jnp.array(1e-5))[0] - both(jnp.array(-1e-5))[0]) / 2e-5
     size = float(jnp.max(jnp.abs(central)))
     np.testing.assert_allclose(slope[:-1], central[:-1], atol=DIFFERENCE * size, rtol=0)
 
@@ -247,7 +245,7 @@ def test_another_map_of_the_same_shape_is_not_compiled_again(
         raise AssertionError("compiled again")
 
     monkeypatch.setattr("fitting.engine.program.response", never)
-    monkeypatch.setattr("fitting._sweep.bootstrap.replicate_all", never)
+    monkeypatch.setattr("fitting._sweep.bootstrap.replicated", never)
     other = dataclasses.replace(DATA, force=1.01 * DATA.force)
     found = sweep(other, geometry(), deadband=2e4, orders=(2, 3), bootstrap=250)
     assert len(found.rows) == len(swept.rows)

@@ -1,0 +1,115 @@
+"""What NumPy and JAX write differently, so that one piece of code serves both drivers of a fit.
+
+Such code takes arrays with a leading axis of members. One of length one is shared by all members.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import jax
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+if TYPE_CHECKING:
+    AnyArray = Any  # all of one kind in a fit, which no checker can know
+    Real = Any
+else:
+    AnyArray = Array | np.ndarray
+    Real = Float[AnyArray, ""] | float
+
+Given = TypeVar("Given")
+State = TypeVar("State")
+
+
+def namespace(array: Any) -> Any:
+    """`jax.numpy` of JAX's arrays, `numpy` of NumPy's."""
+    return array.__array_namespace__()
+
+
+def fixed(tree: State) -> State:
+    """The same arrays, which are not differentiated."""
+    leaves = jax.tree.leaves(tree)
+    return jax.lax.stop_gradient(tree) if any(isinstance(x, jax.Array) for x in leaves) else tree
+
+
+def of_each(values: AnyArray, axes: int = 1) -> AnyArray:
+    """One number of each member with further axes, to go with arrays that have them."""
+    return values.reshape(*values.shape, *(1,) * axes)
+
+
+def loop(
+    going: Callable[[State], Bool[AnyArray, " members"]],
+    step: Callable[[Given, State], State],
+    given: Given,
+    state: State,
+) -> State:
+    """The state after steps of each member, which are taken as long as it goes on.
+
+    On the host those that have arrived are put aside; a batch of JAX waits for its slowest.
+
+    Args:
+        going: which members go on.
+        step: of what is given and of the state.
+        given: trees of arrays that stay as they are.
+        state: a tree of arrays with all members.
+    """
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(state)):
+        return jax.lax.while_loop(
+            lambda at: going(at).any(),
+            lambda at: where(going(at), step(given, at), at),
+            state,
+        )
+    whole = jax.tree.map(np.array, state)
+    places = np.arange(len(jax.tree.leaves(state)[0]))
+    while places.size:
+        on = going(state)
+        if not on.all():
+            for leaf, value in zip(jax.tree.leaves(whole), jax.tree.leaves(state), strict=True):
+                leaf[places[~on]] = value[~on]
+            places, given, state = places[on], members(given, on), members(state, on)
+            continue
+        state = step(given, state)
+    return whole
+
+
+def members(tree: State, which: np.ndarray) -> State:
+    """Some of the members, by a mask or by their places; what all share stays as it is."""
+    return jax.tree.map(lambda leaf: leaf if len(leaf) == 1 else leaf[which], tree)
+
+
+def member(tree: Any, k: int) -> Any:
+    """One of the members of results on the host, without the leading axis."""
+    return _each(lambda value: np.array(value[k]), tree)
+
+
+def replaced(tree: Any, new: Any, rows: np.ndarray) -> Any:
+    """Results on the host with those of some members in place of what they were."""
+
+    def put(old: Any, new: Any) -> Any:
+        old = old.copy()
+        for row, value in zip(rows, new, strict=True):
+            old[row] = value
+        return old
+
+    return _each(put, tree, new)
+
+
+def _each(function: Callable[..., Any], *trees: Any) -> Any:
+    """The function of all arrays, and of lists with an array for each member."""
+    first = trees[0]
+    if first is None:
+        return None
+    if isinstance(first, tuple):
+        parts = [_each(function, *leaves) for leaves in zip(*trees, strict=True)]
+        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+    if dataclasses.is_dataclass(first):
+        names = [field.name for field in dataclasses.fields(first)]
+        return type(first)(*(_each(function, *(getattr(t, n) for t in trees)) for n in names))
+    return function(*trees)
+
+
+def where(on: Bool[AnyArray, " members"], new: State, old: State) -> State:
+    """The new state of the members that are on."""
+    xp = namespace(on)
+    return jax.tree.map(lambda a, b: xp.where(of_each(on, b.ndim - 1), a, b), new, old)
