@@ -1,12 +1,24 @@
 """Set up before anything imports JAX: threads, float64, and run-time checks of every annotation."""
 
+import gc
 import os
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 os.environ.setdefault("PJRT_NPROC", "16")  # see docs: batched LAPACK on few cores
-# Most of the time of these tests is XLA compiling, and LLVM's passes cost more than they save.
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
+# Most of the time of these tests is XLA compiling, and its passes cost more than they save: see
+# famjax.compile_options. XLA ends a process at a flag that it does not know, so that all but those
+# of every release are for the one of constraints.txt.
+os.environ["XLA_FLAGS"] = " ".join(
+    [
+        os.environ.get("XLA_FLAGS", ""),
+        "--xla_backend_optimization_level=0",
+        "--xla_llvm_disable_expensive_passes=true",
+        "--xla_cpu_parallel_codegen_split_count=1",
+        "--xla_cpu_use_fusion_emitters=false" if version("jaxlib").startswith("0.10.") else "",
+    ]
+)
 
 import jax
 import pytest
@@ -24,6 +36,16 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 os.environ["FAMJAX_CACHE_DIR"] = str(CACHE)
 
 HOOK = install_import_hook(["famjax", "fitting"], "beartype.beartype")
+
+# Tracing makes many objects that live long, and looking through all of them for garbage again and
+# again takes a tenth of the time.
+gc.set_threshold(100_000, 20, 50)
+
+
+def pytest_collection_finish() -> None:
+    """Leave what has been imported out of every later look for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 MAPPINGS = Path("/proc/self/maps")

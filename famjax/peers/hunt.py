@@ -7,10 +7,10 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._compiled import compiled
-from .._falling_root import falling_root
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
+from .falling_root import falling_root
 from .model import PeerModel, at_positive
 
 _STEEP = math.pi / 2 - 0.01  # rad; the tangent is 100 there, beyond every pressure in use

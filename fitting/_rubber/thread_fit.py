@@ -151,15 +151,15 @@ def _record(
 
 
 def _columns(
-    T: Float[np.ndarray, " n"], toe_tension: float | None, slack: bool
-) -> Float[np.ndarray, "n linear"]:
+    T: Float[np.ndarray, " n"], toe_tension: Float[np.ndarray, "grid 1"] | float | None, slack: bool
+) -> Float[np.ndarray, "*grid n linear"]:
     """What the strain is linear in: [T, T / (T + T_t), 1], the last two where they are fitted."""
     columns = [T]
     if toe_tension is not None:
         columns.append(T / (T + toe_tension))
     if slack:
         columns.append(np.ones_like(T))
-    return np.stack(columns, axis=1)
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
 def _solve(
@@ -174,20 +174,32 @@ def _solve(
     return np.linalg.lstsq(A / size, strain)[0] / size
 
 
+def _misfits(
+    T: Float[np.ndarray, " n"],
+    strain: Float[np.ndarray, " n"],
+    toe_tensions: Float[np.ndarray, " grid"],
+    slack: bool,
+) -> Float[np.ndarray, " grid"]:
+    """Least sum of squares at each toe tension, all at once; inf where E_b or e_t is not positive."""
+    A = _columns(T, toe_tensions[:, None], slack)
+    left, sizes, right = np.linalg.svd(
+        A / np.linalg.norm(A, axis=1, keepdims=True), full_matrices=False
+    )
+    kept = sizes > T.size * np.finfo(float).eps * sizes[:, :1]  # the others are rounding
+    parts = np.where(kept, strain @ left, 0.0)
+    coefficients = np.einsum("gk,gkp->gp", parts / np.where(kept, sizes, 1.0), right)
+    residual = np.einsum("gnk,gk->gn", left, parts) - strain
+    positive = np.all(coefficients[:, :2] > 0, axis=1)
+    return np.where(positive, np.sum(residual**2, axis=1), np.inf)
+
+
 def _search(T: Float[np.ndarray, " n"], strain: Float[np.ndarray, " n"], slack: bool) -> float:
     """The toe tension T_t [N] of the least misfit among laws with E_b > 0 and e_t > 0."""
-
-    def misfit(toe_tension: float) -> float:
-        coefficients = _solve(T, strain, toe_tension, slack)
-        if min(coefficients[:2]) <= 0:
-            return np.inf
-        return float(np.sum((_columns(T, toe_tension, slack) @ coefficients - strain) ** 2))
-
     first = max(1e-3 * T.max(), -2 * T.min())
     grid = np.geomspace(first, 1e2 * T.max(), _GRID)
     ends = grid[[0, -1]]
     for _ in range(_ZOOMS):
-        misfits = np.array([misfit(at) for at in grid])
+        misfits = _misfits(T, strain, grid, slack)
         best = int(np.argmin(misfits))
         if not np.isfinite(misfits[best]) or grid[best] in ends:
             raise InputError(

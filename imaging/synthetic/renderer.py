@@ -49,7 +49,7 @@ def _disk(radius: float) -> NDArray[np.floating]:
 Array = NDArray[np.float64]
 _BLOCK_ROWS = 64
 _SAMPLES, _SHIFT = 55, 34  # neighbours in Fibonacci's sequence: an even lattice in a pixel
-_CHUNK = 4096  # pixels sampled at once
+_CHUNK = 512  # pixels sampled at once: what is computed of them stays in the cache
 _CLOTH_COLOUR = (0.95, 1.0, 1.08)
 _STAIN = 0.15  # relative standard deviation of the cloth's folds
 

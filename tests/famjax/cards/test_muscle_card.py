@@ -2,8 +2,10 @@
 
 import copy
 import dataclasses
+import functools
 import inspect
 import json
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -35,24 +37,33 @@ PROFILES = (
         1.27, [-0.83, 0.29, 0.18], [1.2, 0.75, 0.04], 4.347
     ).symmetrised(),
 )
-FAMILY = famjax.profiles.MeasuredFamily(
-    L0 * np.linspace(1.0, 0.73, len(PROFILES)), PROFILES, 100.0, KEVLAR, margin=0.01
-)
-TWO = famjax.profiles.MeasuredFamily(
-    [L0, 0.73 * L0], [NARROW, PROFILES[-1]], 100.0, KEVLAR
-)  # quick to compile
+
+
+# A family is made where a test needs it: making it compiles, and every worker collects this file.
+def family() -> famjax.profiles.MeasuredFamily:
+    lengths = L0 * np.linspace(1.0, 0.73, len(PROFILES))
+    return famjax.profiles.MeasuredFamily(lengths, PROFILES, 100.0, KEVLAR, margin=0.01)
+
+
+def family_of_two() -> famjax.profiles.MeasuredFamily:
+    """One that is quick to compile."""
+    return famjax.profiles.MeasuredFamily([L0, 0.73 * L0], [NARROW, PROFILES[-1]], 100.0, KEVLAR)
+
+
 LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
-GEOMETRIES = {
-    "inelastic": INELASTIC,
-    "elastic": ELASTIC,
-    "toe": famjax.EstimatedGeometry(dataclasses.replace(KEVLAR, thread=TOE), BLADDER),
-    "embedded": famjax.EstimatedGeometry(BRAID, dataclasses.replace(BLADDER, embedded=True)),
-    "measured": famjax.MeasuredGeometry(TWO, BLADDER, 8),
-    "average": famjax.geometries.AverageDiameterGeometry(FAMILY, BLADDER),
-    "compliant": famjax.EstimatedGeometry(
+GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
+    "inelastic": lambda: INELASTIC,
+    "elastic": lambda: ELASTIC,
+    "toe": lambda: famjax.EstimatedGeometry(dataclasses.replace(KEVLAR, thread=TOE), BLADDER),
+    "embedded": lambda: famjax.EstimatedGeometry(
+        BRAID, dataclasses.replace(BLADDER, embedded=True)
+    ),
+    "measured": lambda: famjax.MeasuredGeometry(family_of_two(), BLADDER, 8),
+    "average": lambda: famjax.geometries.AverageDiameterGeometry(family(), BLADDER),
+    "compliant": lambda: famjax.EstimatedGeometry(
         famjax.braids.CompliantBraid(9.89, 1.09, 0.011, 4.5e-6), BLADDER
     ),
-    "end effect": famjax.geometries.EndEffectGeometry(INELASTIC, 1.1),
+    "end effect": lambda: famjax.geometries.EndEffectGeometry(INELASTIC, 1.1),
 }
 MATERIALS = {
     "polynomial": LATEX,
@@ -69,9 +80,7 @@ MATERIALS = {
     "saturating": famjax.materials.SaturatingMaterial(80.0, 40.0, 0.2),
     "monotone": famjax.materials.MonotoneMaterial((0.0, 0.1, 1.3), [400.0, 200.0, 100 / 3]),
 }
-MUSCLES = {
-    **{name: famjax.Muscle(geometry, LATEX, 0.1) for name, geometry in GEOMETRIES.items()},
-    **{name: famjax.Muscle(INELASTIC, law, 1 / 3) for name, law in MATERIALS.items()},
+SUMS_OF_TERMS = {
     "virtual work": famjax.Muscle(
         INELASTIC, famjax.terms.VirtualWork(0.1) + famjax.terms.BladderWall(LATEX)
     ),
@@ -91,6 +100,7 @@ MUSCLES = {
         ),
     ),
 }
+MUSCLES = [*GEOMETRIES, *MATERIALS, *SUMS_OF_TERMS]
 BASES = (
     famjax.geometries.AbstractGeometry,
     famjax.materials.AbstractMaterial,
@@ -121,6 +131,15 @@ CONCRETE = [
 ]
 
 
+@functools.cache
+def muscle_named(name: str) -> famjax.Muscle:
+    if name in GEOMETRIES:
+        return famjax.Muscle(GEOMETRIES[name](), LATEX, 0.1)
+    if name in MATERIALS:
+        return famjax.Muscle(INELASTIC, MATERIALS[name], 1 / 3)
+    return SUMS_OF_TERMS[name]
+
+
 @eqx.filter_jit
 def force(muscle: famjax.Muscle) -> jax.Array:
     return muscle.force(L0 * np.array([0.99, 0.8]), P)
@@ -132,7 +151,7 @@ def through_text(card: dict) -> dict:
 
 @pytest.mark.parametrize("name", MUSCLES)
 def test_a_muscle_comes_back_to_the_last_bit(name: str) -> None:
-    muscle = MUSCLES[name]
+    muscle = muscle_named(name)
     again = muscle_from_dict(through_text(muscle_as_dict(muscle)))
     assert jax.tree.structure(again) == jax.tree.structure(muscle)
     for mine, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(muscle), strict=True):
@@ -153,8 +172,8 @@ def test_every_part_of_a_muscle_has_a_card_and_is_tried_above() -> None:
             if isinstance(value, dict | list):
                 walk(value)
 
-    for muscle in MUSCLES.values():
-        walk(muscle_as_dict(muscle))
+    for name in MUSCLES:
+        walk(muscle_as_dict(muscle_named(name)))
     assert tried == {cls.__name__ for cls in CONCRETE}
 
 
@@ -168,19 +187,19 @@ def test_a_card_holds_what_the_constructor_takes(cls: type) -> None:
 
 
 def test_units_are_in_the_keys() -> None:
-    assert muscle_as_dict(MUSCLES["measured"])["geometry"]["order"] == 8
-    card = muscle_as_dict(MUSCLES["average"])
-    family = card["geometry"]["family"]
-    assert family["braid"]["thread"] == {
+    assert muscle_as_dict(muscle_named("measured"))["geometry"]["order"] == 8
+    card = muscle_as_dict(muscle_named("average"))
+    held = card["geometry"]["family"]
+    assert held["braid"]["thread"] == {
         "type": "LinearThread",
         "modulus_Pa": 11.6e6,
         "area_m2": 1.332e-4,
     }
-    assert family["margin"] == 0.01
-    assert family["lengths_m"] == np.asarray(FAMILY.lengths).tolist()
-    assert family["profiles"][5]["arc_angle_rad"] == 1.0
-    assert muscle_as_dict(MUSCLES["Ogden"])["material"]["exponents"] == [1.3, 5.0, -2.0]
-    terms = muscle_as_dict(MUSCLES["terms"])["terms"]
+    assert held["margin"] == 0.01
+    assert held["lengths_m"] == np.asarray(family().lengths).tolist()
+    assert held["profiles"][5]["arc_angle_rad"] == 1.0
+    assert muscle_as_dict(muscle_named("Ogden"))["material"]["exponents"] == [1.3, 5.0, -2.0]
+    terms = muscle_as_dict(muscle_named("terms"))["terms"]
     assert terms[3] == {
         "type": "Spring",
         "stiffness_N_per_m": 3.0,
@@ -276,7 +295,7 @@ def test_a_card_that_was_edited_is_explained(path: tuple, value: object, message
 
 
 def test_what_a_class_refuses_is_explained() -> None:
-    card = muscle_as_dict(MUSCLES["average"])
+    card = muscle_as_dict(muscle_named("average"))
     card["geometry"]["family"]["profiles"][-1]["a0_m"] = -1.0
     with pytest.raises(InputError, match=r"profiles\[7\] of the muscle card is no FourierProfile"):
         muscle_from_dict(card)

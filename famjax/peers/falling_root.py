@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ._implicit import over_slope
-from ._types import RealArray
+from .._implicit import over_slope
+from .._types import RealArray
 
 _MAX_STEPS = 100
 
