@@ -52,8 +52,8 @@ def compare(
     """
     fitting = load_fitting()
     load_matplotlib()
+    from famjax.boundary.files import as_png, check_output, make_output, write_all
     from fitting._peers.plot import plot_comparison
-    from fitting._saved.report import as_png, check_output, make_output, write_all
     from fitting._search.options import parse_specimen
 
     check_output(output)

@@ -49,7 +49,7 @@ def design(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from fitting._saved.report import check_output, write_all
+    from famjax.boundary.files import check_output, write_all
 
     from ..design.document import design_document, design_picture
     from ..design.options import parse_requirement, parse_tube

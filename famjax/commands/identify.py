@@ -107,8 +107,9 @@ def fit(
     """
     fitting = load_fitting()
     load_matplotlib()
+    from famjax.boundary.files import check_output
     from fitting._evidence.evidence import gather
-    from fitting._saved.report import check_output, write_fit
+    from fitting._saved.report import write_fit
     from fitting._search.options import (
         parameter_kinds,
         parse_bounds,

@@ -58,8 +58,8 @@ def ramps(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
+    from famjax.boundary.files import check_output, write_all
     from fitting._ramps.command import parse_atmosphere, ramps_command
-    from fitting._saved.report import check_output, write_all
     from fitting._search.options import parse_specimen
 
     check_output(output)

@@ -29,8 +29,8 @@ def reproduce(
         of a synthetic reconstruction, which have no verdict, are on the page without this option.
     """
     load_fitting()
+    from famjax.boundary.files import check_output
     from fitting import InputError
-    from fitting._saved.report import check_output
 
     folder = Path(__file__).resolve().parents[2] / "benchmarks"
     if not (folder / "reproduce.py").exists():

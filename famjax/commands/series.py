@@ -58,8 +58,8 @@ def series(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
+    from famjax.boundary.files import check_output, write_all
     from fitting._evidence.series import DEFAULT_LAWS
-    from fitting._saved.report import check_output, write_all
     from fitting._search.options import as_parameters, parse_bounds, parse_free
 
     check_output(output)

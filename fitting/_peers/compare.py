@@ -11,10 +11,10 @@ import numpy as np
 
 import famjax
 from famjax import peers
+from famjax.boundary.resumable import ResumableFile
 
 from .._data.force_data import ForceData
 from .._errors import InputError
-from .._saved.resumable import ResumableFile
 from .cross_validation import (
     CrossValidation,
     FitAndPredict,

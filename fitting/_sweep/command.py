@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import famjax
+from famjax.boundary.files import as_png, check_output, make_output, write_all
 from famjax.boundary.units import from_si, unit_system
 
 from .._data.force_data import ForceData
-from .._saved.report import as_png, check_output, make_output, write_all
 from .forms import CONSTRAINTS, DEPENDENCES
 from .plot import plot_curves, plot_errors, rows_of
 from .sweep import SweepRow, sweep

@@ -11,10 +11,10 @@ import jax
 import numpy as np
 
 import famjax
+from famjax.boundary.resumable import ResumableFile
 
 from .._data.force_data import ForceData
 from .._errors import InputError
-from .._saved.resumable import ResumableFile
 from ..engine.status import Status
 from .bootstrap import Replicates, draw
 from .design import Design

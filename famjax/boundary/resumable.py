@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .._errors import InputError
+from .errors import InputError
 
 
 class ResumableFile:

@@ -1,0 +1,67 @@
+"""Files of results: checked before the work, whole on the disk or not there."""
+
+import io
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def check_output(folder: Path) -> None:
+    """Refuse an output folder that cannot be written, before any work is done.
+
+    Raises:
+        InputError: a file is in the way, or the folder may not be written.
+    """
+    nearest = folder
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    if not nearest.is_dir():
+        raise InputError(f"the output folder {folder} cannot be made: {nearest} is not a folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(
+            f"the output folder {folder} cannot be written: no permission in {nearest}"
+        )
+
+
+def make_output(folder: Path) -> None:
+    """Make an output folder, with those above it, if need be.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the output folder {folder} cannot be made: {error}") from None
+
+
+def as_png(figure: "Figure") -> bytes:
+    """The picture as a PNG file."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=150)
+    return picture.getvalue()
+
+
+def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Write several files into a folder; none appears before all are complete on the disk.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as unfinished:
+            for name, content in files.items():
+                (Path(unfinished) / name).write_bytes(content)
+            for name in files:
+                (Path(unfinished) / name).replace(folder / name)
+    except OSError as error:
+        raise InputError(f"the output folder {folder} cannot be written: {error}") from None
+    return [folder / name for name in files]
