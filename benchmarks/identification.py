@@ -296,7 +296,7 @@ def _replicates(of: Design, weights: np.ndarray) -> tuple[Array, Array, Array, A
     g = np.einsum("rk,kn,k->rn", weights[:, pressure], A, of.target[pressure], optimize=True)
     G = found.fits.normals[pressure]
     h = np.where(np.any(G != 0, axis=1), 0.0, -1.0)
-    return tuple(jnp.asarray(array) for array in (G, h, H, g))
+    return jnp.asarray(G), jnp.asarray(h), jnp.asarray(H), jnp.asarray(g)
 
 
 def gradients(n_pressures: int, thin: int, repeats: int) -> Line:

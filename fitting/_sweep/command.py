@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ from famjax.boundary.files import as_png, check_output, make_output, write_all
 from famjax.boundary.units import from_si, unit_system
 
 from .._data.force_data import ForceData
-from .forms import CONSTRAINTS, DEPENDENCES
 from .plot import plot_curves, plot_errors, rows_of
 from .sweep import SweepRow, sweep
 
@@ -25,16 +24,9 @@ def sweep_command(
     data: Sequence[ForceData],
     geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
     *,
-    deadband: float,
-    orders: Sequence[int] = (1, 2, 3, 4),
-    dependences: Sequence[str] = DEPENDENCES,
-    constraints: Sequence[str] = CONSTRAINTS,
-    objective: str = "sum_of_squares",
-    bootstrap: int = 0,
-    seed: int = 0,
     output: Path = Path("famjax-sweep"),
     units: str = "metric",
-    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
 ) -> tuple[dict[str, Any], list[Path]]:
     """All permutations of the law for some force maps, with their files.
 
@@ -44,16 +36,9 @@ def sweep_command(
     Args:
         data: the force maps.
         geometry: of all of them, or one for each.
-        deadband: P_d [Pa], of all of them.
-        orders: of the law.
-        dependences: see `sweep`.
-        constraints: see `sweep`.
-        objective: see `sweep`.
-        bootstrap: number of replicates.
-        seed: of the replicates.
         output: folder, made if need be.
         units: "si", "metric" or "us", of pictures and rows.
-        progress: called with (parts done, parts).
+        options: of `sweep`.
 
     Returns:
         A document for JSON with the rows, and the files.
@@ -63,19 +48,7 @@ def sweep_command(
     """
     check_output(output)
     make_output(output)
-    found = sweep(
-        data,
-        geometry,
-        deadband=deadband,
-        orders=orders,
-        dependences=dependences,
-        constraints=constraints,
-        objective=objective,
-        bootstrap=bootstrap,
-        seed=seed,
-        resume=output / SWEEP_FILE,
-        progress=progress,
-    )
+    found = sweep(data, geometry, **options, resume=output / SWEEP_FILE)
     pictures: dict[str, bytes] = {}
     for index in range(len(found.data)):
         best = sorted(rows_of(found, index), key=lambda row: row.bic)[:_CURVES]

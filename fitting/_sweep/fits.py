@@ -44,7 +44,6 @@ class Fits:
     status: Int[AnyArray, "*fits"]
 
 
-@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Solved:
     """Programmes, posed and solved, along a leading axis.
