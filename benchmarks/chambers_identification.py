@@ -15,7 +15,8 @@ from chambers_balance import balance
 from chambers_reference import Row, Table, geometries, muscles, printed
 from identification_problem import GEOMETRY, force_map
 
-from fitting import Sweep, SweepRow, sweep
+from fitting import sweep
+from fitting.sweeps import Sweep, SweepRow
 
 _MARK = "SYNTHETIC"
 

@@ -29,13 +29,13 @@ from identification_problem import ORDERS, Programme, programmes, shared
 from jaxtyping import Array, Float, Int
 from scipy import sparse
 
-from fitting._sweep.bootstrap import draw
-from fitting._sweep.design import Design
-from fitting._sweep.fits import Fits, solve, solved
-from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES, Forms
-from fitting._sweep.unknowns import free
-from fitting.engine.active_set import nearest_points
-from fitting.engine.small_dense import cholesky, inverse_lower
+from fitting.convex.active_set import nearest_points
+from fitting.convex.small_dense import cholesky, inverse_lower
+from fitting.sweeps.design import Design
+from fitting.sweeps.fits import Fits, solve, solved
+from fitting.sweeps.forms import CONSTRAINTS, DEPENDENCES, Forms
+from fitting.sweeps.replicates import draw
+from fitting.sweeps.unknowns import free
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse")
 PEERS: dict[str, peers.Solver] = {

@@ -15,10 +15,10 @@ from reconstruction import NAME, reconstruct
 
 from famjax import units
 from fitting import ForceData, Specimen
-from fitting._sweep.design import Design
-from fitting._sweep.forms import CONSTRAINTS, DEPENDENCES
-from fitting._sweep.linear_model import LinearModel
-from fitting._sweep.readings import Readings, arrange
+from fitting.sweeps.design import Design
+from fitting.sweeps.forms import CONSTRAINTS, DEPENDENCES
+from fitting.sweeps.linear_model import LinearModel
+from fitting.sweeps.readings import Readings, arrange
 
 ORDERS = (1, 2, 3, 4)
 GEOMETRY = "measured"

@@ -151,7 +151,7 @@ def _specimen(of: Specimen) -> list[str]:
     return lines + [f"# specimen: {k}_m = {v!r}" for k, v in known.items() if v is not None]
 
 
-def swept(case: Case) -> fitting.Sweep:
+def swept(case: Case) -> fitting.sweeps.Sweep:
     """The 48 fits at the geometry that the standard fit finds."""
     result = fit(case)
     deadband = float(result.muscle.deadband_pressure)
@@ -162,7 +162,7 @@ def swept(case: Case) -> fitting.Sweep:
 
 def unsolved(case: Case) -> float:
     """Of the 48, how many are not certified optimal."""
-    return 48 - sum(row.status is fitting.Status.OPTIMAL for row in swept(case).rows)
+    return 48 - sum(row.status is fitting.convex.Status.OPTIMAL for row in swept(case).rows)
 
 
 def sweep_gap(case: Case) -> float:

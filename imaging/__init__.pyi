@@ -21,3 +21,5 @@ from .ruler.scale import Scale as Scale
 from .shape.measurement import Measurement as Measurement
 from .shape.one_picture import measure as measure
 from .shape.recipe_file import read_recipe as read_recipe
+
+__famjax__: str

@@ -18,3 +18,5 @@ from .journal.law_audit import audit as audit
 from .journal.reader import read_journal as read_journal
 from .journal.writer import Journal as Journal
 from .link.serial_link import Link as Link
+
+__famjax__: str

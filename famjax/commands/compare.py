@@ -53,8 +53,8 @@ def compare(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.files import as_png, check_output, make_output, write_all
-    from fitting._peers.plot import plot_comparison
-    from fitting._search.options import parse_specimen
+    from fitting.comparison.league_plot import plot_comparison
+    from fitting.search.options import parse_specimen
 
     check_output(output)
     measured = load_map(

@@ -14,7 +14,8 @@ from .matplotlib_import import load_matplotlib
 from .terminal import print_rows
 
 if TYPE_CHECKING:
-    from fitting import Evidence, Identification
+    from fitting import Identification
+    from fitting.evidence import Evidence
 
 
 def fit(
@@ -108,9 +109,9 @@ def fit(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.files import check_output
-    from fitting._evidence.evidence import gather
-    from fitting._saved.report import write_fit
-    from fitting._search.options import (
+    from fitting.evidence.gathered import gather
+    from fitting.saved.report import write_fit
+    from fitting.search.options import (
         parameter_kinds,
         parse_bounds,
         parse_free,
@@ -158,7 +159,7 @@ def fit(
         )
         paths = write_fit(result, output, units, evidence)
     if json_:
-        print(json.dumps(fitting.summary_as_dict(result, units, evidence), allow_nan=False))
+        print(json.dumps(fitting.saved.summary_as_dict(result, units, evidence), allow_nan=False))
     else:
         _print_fit(result, units, evidence)
         print("written:", ", ".join(str(path) for path in paths))
@@ -166,7 +167,7 @@ def fit(
 
 
 def _print_fit(result: "Identification", units: str, evidence: "Evidence") -> None:
-    from fitting._saved.report import notes, tables, verdict
+    from fitting.saved.report import notes, tables, verdict
 
     console = Console(highlight=False)
     console.print(f"[bold]{result.data.specimen.name}[/bold]  ({result.data.source})")

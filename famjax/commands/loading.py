@@ -18,7 +18,7 @@ def load_fitting():
 
     jax.config.update("jax_enable_x64", True)
     if folder := switch_on():
-        from fitting.engine.tape_store import keep_tapes
+        from fitting.trace.tape_store import keep_tapes
 
         keep_tapes(Path(folder) / "famjax-tapes")
     return fitting

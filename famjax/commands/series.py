@@ -59,8 +59,8 @@ def series(
     """
     fitting = load_fitting()
     from famjax.boundary.files import check_output, write_all
-    from fitting._evidence.series import DEFAULT_LAWS
-    from fitting._search.options import as_parameters, parse_bounds, parse_free
+    from fitting.evidence.series import DEFAULT_LAWS
+    from fitting.search.options import as_parameters, parse_bounds, parse_free
 
     check_output(output)
     maps = [load_map(one, {}) for one in data]
@@ -80,7 +80,7 @@ def series(
             seed=seed,
             progress=show,
         )
-    document = fitting.series_as_dict(found)
+    document = fitting.saved.series_as_dict(found)
     content = json.dumps(document, indent=1, allow_nan=False).encode()
     (path,) = write_all(output, {"fit.json": content})
     if json_:

@@ -71,8 +71,8 @@ def sweep(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.units import parse_quantity
-    from fitting._search.options import parse_specimen
-    from fitting._sweep.command import sweep_command
+    from fitting.search.options import parse_specimen
+    from fitting.sweeps.sweep_files import sweep_command
 
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
@@ -89,7 +89,7 @@ def sweep(
                 f"missing: {', '.join(missing)}"
             )
         else:
-            shape = fitting.EstimatedSource(measured.specimen).geometry(
+            shape = fitting.families.EstimatedSource(measured.specimen).geometry(
                 {
                     "braid_diameter": parse_quantity(str(braid_diameter), "length"),
                     "braid_angle": parse_quantity(str(braid_angle), "angle"),

@@ -1,1 +1,1 @@
-"""The fit: families of models, constraints, objectives, certificate; one problem, two drivers."""
+"""The one fit: a family of models, its program, variable projection on the host and in JAX."""

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..convex.qp import Optimum, solve_qp
 from .box import minimise_in_box
 from .family import AbstractFamily
 from .problem import Problem
 from .program import Constraint, MapInputs, force_and_constraint, response
-from .qp import Optimum, solve_qp
 
 _REACHES = 6  # linear models of a compliant rig: quadratic convergence
 _EXACT = 2  # Newton steps of a compliant rig at its solution: exact to second derivatives

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .qp import solve_qp
+from ..convex.qp import solve_qp
 
 _VANISHED = 1e-8  # parts of the first residual below which a residual is rounding
 _SNAP = 1e-12  # a step that ends this near to a face was meant to end on it

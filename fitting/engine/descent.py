@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .arrays import member
-from .host_qp import solve_host_qps
+from ..convex.arrays import member
+from ..convex.host_qp import solve_host_qps
 from .point import Point
 from .problem import Problem
 from .stack import Stack

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .host_qp import Optima
+from ..convex.host_qp import Optima
 from .program import Aside
 
 

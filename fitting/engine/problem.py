@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from .arrays import member
+from ..convex.arrays import member
 from .point import Point
 from .program import Constraint, MapInputs, Program
 from .stack import REACHED, REACHES, Stack, partial

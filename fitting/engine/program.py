@@ -25,9 +25,9 @@ from jaxtyping import Array, Float, Int
 import famjax
 from famjax.compile_options import quick_options
 
-from . import tape_store
+from ..trace import tape_store
+from ..trace.tape import UnknownPrimitiveError, record
 from .family import AbstractFamily
-from .tape import UnknownPrimitiveError, record
 
 _T = TypeVar("_T")
 _A = TypeVar("_A")

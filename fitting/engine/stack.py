@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from .arrays import replaced
-from .host_qp import solve_host_qps
+from ..convex.arrays import replaced
+from ..convex.host_qp import solve_host_qps
+from ..convex.status import Status
 from .point import Linear, Point
-from .status import Status
 
 if TYPE_CHECKING:
     from .problem import Part, Problem

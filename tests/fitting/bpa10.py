@@ -5,10 +5,10 @@ The raw records are not part of the project; tests that need them are skipped wh
 
 from pathlib import Path
 
-from fitting._data.force_data import ForceData, Specimen
-from fitting._ramps.quasi_static import quasi_static
-from fitting._ramps.record import read_ramp
-from fitting._ramps.static_map import StaticMap, static_map
+from fitting.data.force_data import ForceData, Specimen
+from fitting.ramps.force_map import StaticMap, static_map
+from fitting.ramps.quasi_static_ramp import quasi_static
+from fitting.ramps.record import read_ramp
 
 FOLDER = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "bpa10"
 ABSENT = "the raw ramps of bpa10 are not beside the repository"

@@ -14,12 +14,12 @@ from scipy import optimize
 
 from famjax import peers
 from fitting import ForceData, InputError, Specimen
-from fitting._peers.compare import comparable_models, compare
-from fitting._peers.cross_validation import cross_validate, subset
-from fitting._peers.families import peer_families
-from fitting._peers.fit import PeerFit, cross_validate_peer, fit_peer
-from fitting._peers.hocking import fit_hocking_wereley, hocking_orders
-from fitting._peers.plot import plot_comparison
+from fitting.comparison.cross_validation import cross_validate, subset
+from fitting.comparison.fit import PeerFit, cross_validate_peer, fit_peer
+from fitting.comparison.hocking import fit_hocking_wereley, hocking_orders
+from fitting.comparison.league_plot import plot_comparison
+from fitting.comparison.league_table import comparable_models, compare
+from fitting.comparison.published import peer_families
 
 pytestmark = pytest.mark.slow
 

@@ -9,9 +9,9 @@ from scipy import stats
 
 import famjax
 from fitting import ForceData, Parameter, Specimen, identify
-from fitting._evidence.refit import refit
-from fitting._search.optimal import joint_derivatives
 from fitting.engine.covariance import covariance
+from fitting.evidence.refit import refit
+from fitting.search.optimal import joint_derivatives
 
 pytestmark = pytest.mark.slow
 

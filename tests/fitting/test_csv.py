@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv
-from fitting._search.options import parse_bounds, parse_specimen
+from fitting.search.options import parse_bounds, parse_specimen
 
 
 def _spoil(path: Path, old: str, new: str) -> Path:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fitting._errors import InputError
-from fitting._rubber.cycles import (
+from famjax.boundary.errors import InputError
+from fitting.rubber.cycles import (
     Cycle,
     checked_columns,
     choose_cycles,

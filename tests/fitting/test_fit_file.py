@@ -9,21 +9,11 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import (
-    Bootstrap,
-    Evidence,
-    Identification,
-    InputError,
-    html_report,
-    load_fit,
-    muscle_as_dict,
-    muscle_from_dict,
-    plot_fit,
-    predict,
-    summary_as_dict,
-    write_fit,
-)
-from fitting._evidence.evidence import evidence_warnings
+from famjax.cards import muscle_as_dict, muscle_from_dict
+from fitting import Identification, InputError, load_fit, predict, write_fit
+from fitting.evidence import Bootstrap, Evidence
+from fitting.evidence.gathered import evidence_warnings
+from fitting.saved import html_report, plot_fit, summary_as_dict
 
 
 def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path) -> None:

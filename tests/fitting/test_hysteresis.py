@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import famjax
+from famjax.boundary.errors import InputError
 from famjax.terms.friction import AbstractFriction, PressureFriction, ThreadFriction, smooth_sign
-from fitting._errors import InputError
-from fitting._rubber.cyclic_record import CyclicRecord
-from fitting._rubber.hysteresis import fit_pressure_friction, fit_thread_friction
-from fitting._rubber.hysteresis_loop import HysteresisLoop, hysteresis_loop
+from fitting.rubber.cyclic_record import CyclicRecord
+from fitting.rubber.hysteresis import fit_pressure_friction, fit_thread_friction
+from fitting.rubber.loop import HysteresisLoop, hysteresis_loop
 
 REST, SHORT, SPEED = 0.296, 0.23, 2e-3  # m, m, m/s
 C0, C1, COEFFICIENT = 6.0, 4e-5, 0.004

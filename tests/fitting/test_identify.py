@@ -9,18 +9,12 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import (
-    EstimatedSource,
-    ForceData,
-    Identification,
-    InputError,
-    Specimen,
-    identify,
-)
-from fitting._model.laws import law_named
-from fitting._model.parameters import complete_table
-from fitting._search.build import pose
+from fitting import ForceData, Identification, InputError, Specimen, identify
 from fitting.engine.program import CONSTRAINTS
+from fitting.families import EstimatedSource
+from fitting.families.laws import law_named
+from fitting.families.parameters import complete_table
+from fitting.search.build import pose
 
 OBJECTIVE = 1e-6  # relative agreement with an independent convex solver that the project promises
 ROUNDING = 1e-9  # certificates in float64

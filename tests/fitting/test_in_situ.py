@@ -8,7 +8,7 @@ from scipy.stats import linregress
 from famjax.braids.elastic import ElasticBraid
 from famjax.braids.thread import LinearThread, ToeThread
 from fitting import InputError
-from fitting._rubber.in_situ import InSitu, thread_in_situ
+from fitting.rubber.in_situ import InSitu, thread_in_situ
 
 # The reference specimen in inch, psi, lbf
 L0, B0, N, n, AREA = 9.28125, 9.89, 1.09, 144, 1.332e-4

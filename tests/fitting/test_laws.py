@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import (
-    ForceData,
-    Specimen,
-    bootstrap,
-    identify,
-    known_laws,
-    summary_as_dict,
-)
+from fitting import ForceData, Specimen, bootstrap, identify
+from fitting.families import known_laws
+from fitting.saved import summary_as_dict
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from fitting import ForceData, InputError, Specimen
-from fitting._data.levels import levels_of
-from fitting._model.laws import law_named
-from fitting._model.parameters import complete_table
-from fitting._peers.cross_validation import cross_validate
-from fitting._search.checks import check_count
+from fitting.comparison.cross_validation import cross_validate
+from fitting.data.levels import levels_of
+from fitting.families.laws import law_named
+from fitting.families.parameters import complete_table
+from fitting.search.checks import check_count
 
 SPECIMEN = Specimen("measured", 0.3, 0.002, nominal_diameter=0.02)
 

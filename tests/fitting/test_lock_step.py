@@ -7,15 +7,15 @@ import pytest
 from jaxtyping import Array
 
 from fitting import load_bundled
-from fitting._peers.families import peer_families
-from fitting._peers.fit import _posed
-from fitting._search.search import latin_hypercube
-from fitting.engine import tape_store
-from fitting.engine.arrays import member
+from fitting.comparison.fit import _posed
+from fitting.comparison.published import peer_families
+from fitting.convex.arrays import member
+from fitting.convex.host_qp import solve_host_qps
+from fitting.convex.status import Status
 from fitting.engine.descent import descend, descend_many
-from fitting.engine.host_qp import solve_host_qps
-from fitting.engine.status import Status
-from fitting.engine.tape import Tape, UnknownPrimitiveError, record
+from fitting.search.multi_start import latin_hypercube
+from fitting.trace import tape_store
+from fitting.trace.tape import Tape, UnknownPrimitiveError, record
 
 ROUNDING = 1e-13  # of the largest value: operations in another order
 WELL_CONDITIONED = 1e-12  # of the box: parameters that the readings determine

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fitting._convex.constraint import Constraint
-from fitting._convex.minimise import ConvexFits, minimise
-from fitting._convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
-from fitting._convex.paths import PathFunctions, PathTable
-from fitting.engine.status import Status
+from fitting.convex.constraint import Constraint
+from fitting.convex.minimise import ConvexFits, minimise
+from fitting.convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
+from fitting.convex.paths import PathFunctions, PathTable
+from fitting.convex.status import Status
 
 ORDER, GROUPS, READINGS = 4, 3, 25
 THRESHOLD = 0.03  # of Huber's objective

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 
 import famjax
 import fitting
-from fitting import ForceData, InputError, Parameter, PeerFamily, Specimen, identify
+from fitting import ForceData, InputError, Parameter, Specimen, identify
+from fitting.comparison import PeerFamily
 
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
 BRAID = famjax.Braid.from_rest(diameter=0.022, braid_angle=math.radians(65), length=0.3)
@@ -167,14 +168,14 @@ def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
     )
     recovered(result, spring_rate=800.0, E_1=4e6)
     assert result.estimate("spring_rate").stderr >= 0
-    assert fitting.summary_as_dict(result, "us")["parameters"]["spring_rate"]["unit"] == "N/m"
+    assert fitting.saved.summary_as_dict(result, "us")["parameters"]["spring_rate"]["unit"] == "N/m"
     saved(result, tmp_path)
 
 
 def test_a_foreign_model_as_a_peer() -> None:
     data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
     family = PeerFamily.of(Foreign.template(rest_length=0.3), "somebody 2026")
-    fit = fitting.fit_peer(family, data, starts=4)
+    fit = fitting.comparison.fit_peer(family, data, starts=4)
     assert fit.values == pytest.approx({"section": 4e-4, "offset": 12.0, "shape": 1.7}, rel=1e-6)
     (row,) = fitting.compare(data, [], own=[family], starts=4).rows
     assert row.label == "somebody 2026"

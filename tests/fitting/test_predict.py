@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import SavedFit, predict
-from fitting._evidence.pull import ROWS, pull
-from fitting._saved.onset import onset_pressure
+from fitting import predict
+from fitting.evidence.pull import ROWS, pull
+from fitting.saved import SavedFit
+from fitting.saved.onset import onset_pressure
 
 LENGTHS = np.linspace(0.23, 0.29, 7)  # at rest the law has a kink
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fitting import Status, solve_qp
+from fitting.convex import Status, solve_qp
 
 OBJECTIVE = 1e-8  # relative; Clarabel's own accuracy at the tolerances set below
 CERTIFIED = 1e-12  # relative; a few roundings of a well-scaled problem
@@ -55,7 +55,7 @@ def test_positive_coefficients_agree_with_nnls(seed: int) -> None:
 
 def test_certificate_exposes_a_wrong_point() -> None:
     """The certificate must not be a formality: spoil the problem after solving and it shows."""
-    from fitting.engine.qp import _certificate
+    from fitting.convex.qp import _certificate
 
     A, b, G, h = (jnp.asarray(v) for v in polynomial_problem(np.random.default_rng(1), 3))
     best = solve(A, b, G, h)

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from fitting._data.csv import read_csv
-from fitting._data.force_data import ForceData, Specimen
-from fitting._data.write_csv import csv_text, write_csv
-from fitting._errors import InputError
-from fitting._model.monotone_cubic import end_slope, monotone_cubic
-from fitting._ramps.command import parse_atmosphere, ramps_command, read_ramps
-from fitting._ramps.quasi_static import QuasiStatic, quasi_static
-from fitting._ramps.record import RampRecord
-from fitting._ramps.static_map import StaticMap, static_map
+from famjax.boundary.errors import InputError
+from fitting.data.csv_writer import csv_text, write_csv
+from fitting.data.force_csv import read_csv
+from fitting.data.force_data import ForceData, Specimen
+from fitting.families.monotone_cubic import end_slope, monotone_cubic
+from fitting.ramps.force_map import StaticMap, static_map
+from fitting.ramps.quasi_static_ramp import QuasiStatic, quasi_static
+from fitting.ramps.ramp_files import parse_atmosphere, ramps_command, read_ramps
+from fitting.ramps.record import RampRecord
 
 ZERO, TOP, HALF_WIDTH, NOISE = 9e3, 6.2e5, 4.0, 0.9  # Pa, Pa, N, N
 CLAMP = -8.7

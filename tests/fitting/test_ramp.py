@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
-from fitting._errors import InputError
-from fitting._ramps.holds import find_staircase, noise_of
-from fitting._ramps.record import RampRecord, read_ramp
+from fitting.ramps.holds import find_staircase, noise_of
+from fitting.ramps.record import RampRecord, read_ramp
 
 COLUMNS = "force_N,pressure_kPa,time_s,valve_state"
 

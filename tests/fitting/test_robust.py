@@ -10,7 +10,7 @@ import pytest
 
 import famjax
 from fitting import ForceData, Identification, InputError, Specimen, identify
-from fitting._search.robust import huber_weight
+from fitting.search.robust import huber_weight
 
 pytestmark = pytest.mark.slow
 

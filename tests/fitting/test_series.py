@@ -18,15 +18,15 @@ from fitting import (
     Identification,
     InputError,
     Parameter,
-    Series,
     Specimen,
     identify_series,
     load_fit,
     predict,
-    series_as_dict,
 )
-from fitting._evidence.series import best_law
-from fitting._evidence.spread import muscle_spread
+from fitting.evidence import Series
+from fitting.evidence.series import best_law
+from fitting.evidence.spread import muscle_spread
+from fitting.saved import series_as_dict
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]
 

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import ForceData, InputError, Specimen, Status
-from fitting._sweep.design import Design
-from fitting._sweep.fits import solve
-from fitting._sweep.forms import Forms
-from fitting._sweep.linear_model import LinearModel
-from fitting._sweep.readings import arrange
-from fitting._sweep.sweep import FEASIBLE, Sweep, SweepRow, sweep
+from fitting import ForceData, InputError, Specimen
+from fitting.convex import Status
+from fitting.sweeps.all_forms import FEASIBLE, Sweep, SweepRow, sweep
+from fitting.sweeps.design import Design
+from fitting.sweeps.fits import solve
+from fitting.sweeps.forms import Forms
+from fitting.sweeps.linear_model import LinearModel
+from fitting.sweeps.readings import arrange
 
 OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
 DIFFERENCE = 1e-5  # central differences with a step of 1e-4 N
@@ -245,7 +246,7 @@ def test_another_map_of_the_same_shape_is_not_compiled_again(
         raise AssertionError("compiled again")
 
     monkeypatch.setattr("fitting.engine.program.response", never)
-    monkeypatch.setattr("fitting._sweep.bootstrap.replicated", never)
+    monkeypatch.setattr("fitting.sweeps.replicates.replicated", never)
     other = dataclasses.replace(DATA, force=1.01 * DATA.force)
     found = sweep(other, geometry(), deadband=2e4, orders=(2, 3), bootstrap=250)
     assert len(found.rows) == len(swept.rows)
@@ -269,8 +270,8 @@ def test_bad_options_are_refused() -> None:
 
 
 def test_pictures_and_table(swept: Sweep) -> None:
-    from fitting._sweep.command import table_row
-    from fitting._sweep.plot import plot_curves, plot_errors
+    from fitting.sweeps.sweep_files import table_row
+    from fitting.sweeps.sweep_plot import plot_curves, plot_errors
 
     errors = plot_errors(swept)
     assert len(errors.axes) == 12
@@ -286,7 +287,7 @@ def test_pictures_and_table(swept: Sweep) -> None:
 def test_the_command_writes_files_and_goes_on(
     monkeypatch: pytest.MonkeyPatch, swept: Sweep, tmp_path: Path
 ) -> None:
-    from fitting._sweep import command as _sweep_command
+    from fitting.sweeps import sweep_files as _sweep_command
 
     calls = []
 

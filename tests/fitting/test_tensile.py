@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from jaxtyping import TypeCheckError
 
-from fitting._errors import InputError
-from fitting._rubber.tensile import Characterisation, TensileRecord, characterise_bladder
+from famjax.boundary.errors import InputError
+from fitting.rubber.tensile import Characterisation, TensileRecord, characterise_bladder
 
 LAW = np.array([257.8, -57.9, 32.7])  # psi: the reference work's latex
 LENGTH, AREA, SET = 3.09375, 0.16, 3 / 32  # in, in2, in

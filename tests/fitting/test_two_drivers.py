@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import ForceData, Specimen, Status
-from fitting._sweep.design import Design
-from fitting._sweep.fits import solve
-from fitting._sweep.forms import OBJECTIVES, Forms
-from fitting._sweep.linear_model import LinearModel
-from fitting._sweep.readings import Readings, arrange
+from fitting import ForceData, Specimen
+from fitting.convex import Status
+from fitting.sweeps.design import Design
+from fitting.sweeps.fits import solve
+from fitting.sweeps.forms import OBJECTIVES, Forms
+from fitting.sweeps.linear_model import LinearModel
+from fitting.sweeps.readings import Readings, arrange
 
 AGREEMENT = 1e-9  # relative: of objectives, and of forces to the largest
 EXACT = 1e-12  # certificate of a batch's fit that is known well enough to be compared

@@ -1,0 +1,37 @@
+from . import (
+    comparison as comparison,
+    convex as convex,
+    data as data,
+    engine as engine,
+    evidence as evidence,
+    families as families,
+    ramps as ramps,
+    records as records,
+    rubber as rubber,
+    saved as saved,
+    search as search,
+    sweeps as sweeps,
+    trace as trace,
+)
+from .comparison.league_table import compare as compare
+from .data.csv_writer import write_csv as write_csv
+from .data.force_csv import (
+    bundled_names as bundled_names,
+    load_bundled as load_bundled,
+    read_csv as read_csv,
+)
+from .data.force_data import ForceData as ForceData, Specimen as Specimen
+from .errors import InputError as InputError
+from .evidence.likelihood import profile as profile
+from .evidence.resampling import bootstrap as bootstrap
+from .evidence.series import identify_series as identify_series
+from .evidence.validation import validate as validate
+from .families.parameters import Parameter as Parameter
+from .saved.prediction import predict as predict
+from .saved.report import write_fit as write_fit
+from .saved.saved_fit import load_fit as load_fit
+from .search.identification import identify as identify, identify_together as identify_together
+from .search.result import Identification as Identification
+from .sweeps.all_forms import sweep as sweep
+
+__famjax__: str

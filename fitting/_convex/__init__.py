@@ -1,1 +1,0 @@
-"""Convex programmes with certificates: the core of every fit."""

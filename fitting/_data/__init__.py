@@ -1,1 +1,0 @@
-"""Force maps: readings, specimen, units, files."""

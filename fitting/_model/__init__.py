@@ -1,1 +1,0 @@
-"""What is identified: parameters, laws, geometry, and the problem they pose."""

@@ -1,1 +1,0 @@
-"""Published models fitted, cross-validated and compared."""

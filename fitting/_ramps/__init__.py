@@ -1,1 +1,0 @@
-"""Raw pressure ramps to static force maps."""

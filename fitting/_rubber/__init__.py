@@ -1,1 +1,0 @@
-"""Tests of bladder, thread and whole muscle in a testing machine."""

@@ -1,1 +1,0 @@
-"""Results as files, pages, plots, and as muscles again."""

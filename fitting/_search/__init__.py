@@ -1,1 +1,0 @@
-"""The identification itself: starts, descents, the certified result."""

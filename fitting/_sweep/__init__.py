@@ -1,1 +1,0 @@
-"""All permutations of the law at fixed geometry."""

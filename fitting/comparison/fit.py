@@ -1,0 +1,336 @@
+"""Fits of peers by the engine of every fit: many starts, and refits to parts of a map."""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import famjax
+from famjax.boundary.errors import InputError
+
+from ..data.force_data import ForceData
+from ..engine.descent import descend_many
+from ..engine.problem import Part, Point, Problem
+from ..engine.program import MapInputs
+from ..search.multi_start import latin_hypercube
+from .cross_validation import CrossValidation, check_groups, group_labels, held_out_errors
+from .peer_family import FamilyOfPeer, Model, PeerFamily
+from .published import peer_families
+
+_MAX_STEPS = 150
+_RIDGE = 1e-9  # of columns of unit length: far below any reading's weight
+_DEPENDENT = 1e-7  # part of a column of unit length that the others do not explain
+_FOLD_STARTS = 8  # of the refits; the first is the fit to the whole map
+_AS_GOOD = 1e-3  # parts of the cost by which two refits may differ and be called equally good
+_DISAGREE = 0.01  # parts of the largest force by which they then may predict different forces
+_AT_BOUND = 1e-9  # parts of the interval, or of the largest value, within which a bound is reached
+
+
+@dataclasses.dataclass(frozen=True)
+class PeerFit:
+    """A peer fitted to a force map.
+
+    Attributes:
+        name: in the registry.
+        family: parameters with units and bounds.
+        values: parameters [SI] by name.
+        at_bound: names of the parameters that ended on a bound.
+        predicted: force [N] at the loaded readings, shape (points,).
+        converged: whether the best descent ended at a stationary point.
+        determined: whether the readings determine all linear parameters; if not, the values are
+            the smallest that fit.
+        problem: as it was posed.
+    """
+
+    name: str
+    family: PeerFamily
+    values: dict[str, float]
+    at_bound: tuple[str, ...]
+    predicted: Float[np.ndarray, " points"]
+    converged: bool
+    determined: bool
+    problem: Problem = dataclasses.field(repr=False)
+
+    @property
+    def model(self) -> Model:
+        """The fitted model."""
+        return self.family.build({name: jnp.asarray(v) for name, v in self.values.items()})
+
+    def force(self, length: famjax.Real, pressure: famjax.Real) -> Float[Array, "..."]:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        return self.model.force(length, pressure)
+
+
+@dataclasses.dataclass(frozen=True)
+class _End:
+    """Where one fit ended, in SI.
+
+    Attributes:
+        nonlinear, linear: parameters.
+        cost: half the weighted sum of squares.
+        converged: whether the end is stationary.
+        determined: whether the readings determine all linear parameters.
+        predicted: force [N] at the loaded readings, whatever their weights.
+    """
+
+    nonlinear: Float[np.ndarray, " p"]
+    linear: Float[np.ndarray, " q"]
+    cost: float
+    converged: bool
+    determined: bool
+    predicted: Float[np.ndarray, " points"]
+
+
+def fit_peer(
+    name: str | PeerFamily, data: ForceData, *, starts: int = 32, seed: int = 0
+) -> PeerFit:
+    """The peer of that name that fits the loaded readings of a map best, by least squares.
+
+    Parameters in which the force is linear are solved for, by orthogonal factorisation or, where
+    they are bounded, by the convex core; of those that the readings leave open, the smallest are
+    taken. The others are sought in their box from many starts.
+
+    Args:
+        name: one of `peer_families(data)`, or a family of your own.
+        data: the force map; slack readings are censored. Readings count with 1/std, if given.
+        starts: number of starts.
+        seed: of the starts.
+
+    Returns:
+        The fit.
+
+    Raises:
+        InputError: an unknown name, no starts, too few readings, or a model that has no force at
+            a reading.
+        RuntimeError: float64 is off.
+    """
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError(
+            "fits need float64, and JAX computes in float32 by default. Put this line before any "
+            'other use of JAX: jax.config.update("jax_enable_x64", True)'
+        )
+    if starts < 1:
+        raise InputError(f"at least one start is needed, got {starts}")
+    family = name if isinstance(name, PeerFamily) else _known(name, data)
+    points = int(data.loaded.sum())
+    if points < len(family.parameters):
+        raise InputError(
+            f"{family.label} has {len(family.parameters)} parameters and the map {points} loaded "
+            "readings: give more readings or choose a peer with fewer parameters"
+        )
+    problem = _posed(family, data)
+    points = _starts(family, starts, seed)
+    ends = _fitted([problem] * len(points), points)
+    costs = np.array([end.cost for end in ends])
+    if not np.isfinite(costs).any():
+        raise InputError(
+            f"{family.label} has no finite force at some reading, wherever it was started: its "
+            "form may not hold for a muscle longer than at rest; check lengths and rest length"
+        )
+    best = ends[int(np.nanargmin(costs))]
+    numbers = (*best.nonlinear.tolist(), *best.linear.tolist())
+    values = dict(zip(problem.names + problem.linear, numbers, strict=True))
+    return PeerFit(
+        name=family.label if isinstance(name, PeerFamily) else name,
+        family=family,
+        values=values,
+        at_bound=_bounds_reached(family, values),
+        predicted=best.predicted,
+        converged=best.converged,
+        determined=best.determined,
+        problem=problem,
+    )
+
+
+def _known(name: str, data: ForceData) -> PeerFamily:
+    registry = peer_families(data)
+    if name not in registry:
+        raise InputError(f"unknown peer {name!r}; known for this map: {', '.join(registry)}")
+    return registry[name]
+
+
+def cross_validate_peer(
+    fit: PeerFit, data: ForceData, groups: str = "pressure", *, seed: int = 0
+) -> CrossValidation:
+    """The errors of a peer at each pressure or length when refitted to the others.
+
+    What `cross_validate` does, with all refits in step. The readings left
+    out have no weight. One start is the fit to the whole map; as that has seen them, refits from
+    the other starts come first wherever they are as good.
+
+    Args:
+        fit: of the whole map.
+        data: the same map.
+        groups: "pressure" or "length".
+        seed: of the starts.
+
+    Returns:
+        The errors; nan where no refit had a finite force.
+
+    Raises:
+        InputError: other groups, or fewer than two of them.
+    """
+    return cross_validate_peer_by(fit, data, (groups,), seed=seed)[0]
+
+
+def cross_validate_peer_by(
+    fit: PeerFit, data: ForceData, kinds: Sequence[str], *, seed: int = 0
+) -> list[CrossValidation]:
+    """`cross_validate_peer` for several kinds of groups, the refits of all in step.
+
+    Args:
+        fit: of the whole map.
+        data: the same map.
+        kinds: each "pressure" or "length".
+        seed: of the starts.
+
+    Returns:
+        The errors of each kind.
+
+    Raises:
+        InputError: other groups, or fewer than two of them.
+    """
+    for groups in kinds:
+        if groups not in {"pressure", "length"}:
+            raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
+        check_groups(data, groups)
+    labels = [group_labels(data, groups)[data.loaded] for groups in kinds]
+    held = [label == level for label in labels for level in np.unique(label)]
+    starts = _fold_starts(fit, seed)
+    problems = [
+        problem
+        for out in held
+        for problem in [fit.problem.with_readings(factor=1.0 * ~out)]
+        for _ in starts
+    ]
+    refits = _fitted(problems, np.tile(starts, (len(held), 1)))
+    ends = iter([refits[k : k + len(starts)] for k in range(0, len(refits), len(starts))])
+    return [
+        _held_out(data, groups, label, ends) for groups, label in zip(kinds, labels, strict=True)
+    ]
+
+
+def _held_out(
+    data: ForceData, groups: str, labels: Float[np.ndarray, " points"], folds: Iterator[list[_End]]
+) -> CrossValidation:
+    """The errors at the groups, each with the refits of its fold."""
+    predicted, ambiguous = np.full(labels.size, math.nan), []
+    for level in np.unique(labels):
+        held, ends = labels == level, next(folds)
+        cost = np.array([end.cost for end in ends])
+        good = np.flatnonzero(cost <= (1 + _AS_GOOD) * np.nanmin(cost, initial=math.inf))
+        if good.size:
+            force = np.stack([ends[k].predicted[held] for k in good])
+            predicted[held] = force[-1]
+            apart = np.ptp(force, axis=0).max() > _DISAGREE * data.max_force
+            if apart or not all(ends[k].determined for k in good):
+                ambiguous.append(float(level))
+    errors = held_out_errors(data, "length" if groups == "length" else "pressure", predicted)
+    return dataclasses.replace(errors, ambiguous=tuple(ambiguous))
+
+
+def _fold_starts(fit: PeerFit, seed: int) -> Float[np.ndarray, "starts p"]:
+    """The fit's own point of the unit box, then others."""
+    searched = fit.family.nonlinear
+    if not searched:
+        return np.zeros((1, 0))
+    place = [(fit.values[p.name] - p.low) / (p.high - p.low) for p in searched]
+    others = latin_hypercube(len(searched), _FOLD_STARTS - 1, seed)
+    return np.vstack([np.clip(place, 0, 1), others])  # rounding only can have left the box
+
+
+def _starts(family: PeerFamily, count: int, seed: int) -> Float[np.ndarray, "starts p"]:
+    """Starts in the unit box; a single one where nothing is searched."""
+    searched = len(family.nonlinear)
+    return latin_hypercube(searched, count if searched else 1, seed)
+
+
+def _posed(family: PeerFamily, data: ForceData) -> Problem:
+    """The problem of fitting a peer to the loaded readings of a map."""
+    at = data.loaded
+    nothing = np.zeros(1)
+    inputs = MapInputs(
+        data.length[at], data.pressure[at], data.force[at], np.zeros(at.sum(), int),
+        nothing, nothing, np.zeros((1, 0)),
+    )  # fmt: skip
+    weight = 1 / data.force_std[at] if data.force_std is not None else np.ones(at.sum())
+    names, linear = (tuple(p.name for p in of) for of in (family.nonlinear, family.linear))
+    low, high = (np.array([getattr(p, end) for p in family.nonlinear]) for end in ("low", "high"))
+    levels = {"pressure": data.pressures.level[at], "length": data.lengths.level[at]}
+    part = Part.of(
+        data.specimen.name, FamilyOfPeer(names, linear, family.build, family.origin), inputs,
+        data.force[at], weight, range(len(names)), range(len(linear)), levels, "none",
+    )  # fmt: skip
+    return Problem(
+        parts=(part,),
+        names=names,
+        low=low,
+        high=high,
+        linear=linear,
+        coefficient_min=np.array([p.low for p in family.linear]),
+        coefficient_max=np.array([p.high for p in family.linear]),
+        ridge=_RIDGE if names else 0.0,
+    )
+
+
+def _fitted(problems: Sequence[Problem], starts: Float[np.ndarray, "fits p"]) -> list[_End]:
+    """The fits, one from each start."""
+    if not problems[0].names:
+        return [_linear_fit(problem) for problem in problems]
+    return [
+        _End(
+            nonlinear=end.point.parameters,
+            linear=end.point.x,
+            cost=end.cost,
+            converged=end.converged,
+            determined=_determined(problem, end.point),
+            predicted=end.point.linear[0].force + end.point.linear[0].columns @ end.point.x,
+        )
+        for problem, end in zip(
+            problems, descend_many(problems, list(starts), max_steps=_MAX_STEPS), strict=True
+        )
+    ]
+
+
+def _linear_fit(problem: Problem) -> _End:
+    """The least-squares solution where nothing is searched; the smallest where there are many."""
+    point = problem.solve(np.zeros(0))
+    A, b, _, _ = point.programme
+    size = np.linalg.norm(A, axis=0)
+    size[size == 0] = 1.0
+    found, _, rank, _ = np.linalg.lstsq(A / size, b)
+    residual, linear = A @ (found / size) - b, point.linear[0]
+    return _End(
+        nonlinear=np.zeros(0),
+        linear=found / size,
+        cost=float(residual @ residual) / 2,
+        converged=True,
+        determined=bool(rank == A.shape[1]),
+        predicted=linear.force + linear.columns @ (found / size),
+    )
+
+
+def _determined(problem: Problem, point: Point) -> bool:
+    """Whether the readings tell the linear parameters apart; bounded ones are taken as told."""
+    limits = np.concatenate([problem.coefficient_min, problem.coefficient_max])
+    if not problem.linear or np.isfinite(limits).any():
+        return True
+    A = point.programme[0]
+    size = np.linalg.norm(A, axis=0)
+    triangle = np.linalg.qr(A / np.where(size > 0, size, 1.0), mode="r")
+    return bool(np.abs(np.diagonal(triangle)).min() > _DEPENDENT)
+
+
+def _bounds_reached(family: PeerFamily, values: dict[str, float]) -> tuple[str, ...]:
+    largest = max((abs(values[p.name]) for p in family.linear), default=0.0)
+    reached = []
+    for p in family.parameters:
+        margin = _AT_BOUND * (largest if p.linear else p.high - p.low)
+        distances = (abs(values[p.name] - end) for end in (p.low, p.high) if math.isfinite(end))
+        if min(distances, default=math.inf) <= margin:
+            reached.append(p.name)
+    return tuple(reached)

@@ -1,0 +1,229 @@
+"""The league table: every published model fitted to one force map and tested on held-out parts."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import jax.numpy as jnp
+import numpy as np
+
+import famjax
+from famjax import peers
+from famjax.boundary.errors import InputError
+from famjax.boundary.resumable import ResumableFile
+
+from ..data.force_data import ForceData
+from .cross_validation import (
+    CrossValidation,
+    FitAndPredict,
+    Groups,
+    check_groups,
+    cross_validate,
+    held_out_errors,
+)
+from .fit import cross_validate_peer_by, fit_peer
+from .hocking import ANGLE, fit_hocking_wereley, hocking_orders
+from .own_models import OWN, identified_row
+from .peer_family import Model, PeerFamily
+from .published import peer_families
+from .row import ComparisonRow
+
+_LEFT_OUT: tuple[Groups, Groups] = ("pressure", "length")
+
+OwnModel: TypeAlias = tuple[str, int, FitAndPredict] | tuple[str, Mapping[str, Any]] | PeerFamily
+"""A model of one's own: (name, number of parameters, what fits a map and returns the force of length
+and pressure); or (name, options of `identify`), such as `("gent", {"law": Gent})`; or a family of
+peers, see `PeerFamily.of`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """The table of a force map, the smallest in-sample RMSE first.
+
+    Attributes:
+        data: the force map.
+        rows: of the models.
+    """
+
+    data: ForceData
+    rows: tuple[ComparisonRow, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The table for JSON, the unit in each key."""
+        return {
+            "specimen": self.data.specimen.name,
+            "source": self.data.source,
+            "sha256": self.data.sha256,
+            "rest_length_m": self.data.specimen.rest_length,
+            "n_loaded": int(self.data.loaded.sum()),
+            "max_force_N": self.data.max_force,
+            "models": [row.as_dict() for row in self.rows],
+        }
+
+
+def compare(
+    data: ForceData,
+    models: Sequence[str] | None = None,
+    *,
+    own: Sequence[OwnModel] = (),
+    starts: int = 32,
+    seed: int = 0,
+    resume: Path | str | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Comparison:
+    """The league table of published models, and of others, on one force map.
+
+    Every model is fitted to all loaded readings, and again without each pressure and each length,
+    which are then predicted. The bounds of the peers are wide: see `peer_families`.
+
+    Args:
+        data: the force map.
+        models: names out of `comparable_models(data)`; all where None.
+        own: further models, see `OwnModel`.
+        starts: of each nonlinear fit.
+        seed: of the starts.
+        resume: file to which each finished row is written; if it is there already, the comparison
+            goes on where it was stopped. Models of your own are known by their names.
+        progress: called with (models done, models, name of the next one).
+
+    Returns:
+        The table. A model that cannot be fitted to this map is in it with a note and no errors.
+
+    Raises:
+        InputError: an unknown name, a map with one pressure or one length only, or the file of
+            another comparison.
+    """
+    known = comparable_models(data)
+    chosen = list(known if models is None else models)
+    unknown = [name for name in chosen if name not in known]
+    if unknown:
+        raise InputError(f"unknown model {unknown[0]!r}; known for this map are {', '.join(known)}")
+    for groups in _LEFT_OUT:
+        check_groups(data, groups)
+    jobs: list[tuple[str, Callable[[], ComparisonRow]]] = [
+        (name, _job(name, data, starts, seed)) for name in chosen
+    ]
+    jobs += [_own_job(model, data, starts, seed) for model in own]
+    settings = {
+        "version": famjax.__version__,
+        "data": data.sha256,
+        "tolerances": [data.pressure_tolerance, data.length_tolerance],
+        "models": [name for name, _ in jobs],
+        "starts": starts,
+        "seed": seed,
+    }
+    file = ResumableFile(None if resume is None else Path(resume), "comparison", settings)
+    for done, (name, job) in enumerate(jobs):
+        if progress is not None:
+            progress(done, len(jobs), name)
+        if done >= len(file.parts):
+            file.append(job().as_dict())
+    if progress is not None:
+        progress(len(jobs), len(jobs), "")
+    rows = [ComparisonRow.from_dict(part) for part in file.parts]
+    rows.sort(key=lambda row: (math.isnan(row.rmse), row.rmse))
+    return Comparison(data, tuple(rows))
+
+
+def comparable_models(data: ForceData) -> tuple[str, ...]:
+    """The names of all models that can be compared on a map, fitted ones first."""
+    return (*OWN, *peer_families(data), "hocking_wereley", *_published(data))
+
+
+def _published(data: ForceData) -> dict[str, tuple[str, Model]]:
+    """Models with published or nominal constants for a muscle of this size: label and model."""
+    specimen = data.specimen
+    bore, rest = specimen.nominal_diameter, specimen.rest_length
+    if bore is None:
+        return {}
+    nominal = famjax.Braid.from_rest(diameter=bore, braid_angle=ANGLE, length=rest)
+    found: dict[str, tuple[str, Model]] = {
+        "gaylord_nominal": ("Gaylord 1958, bore and 28.6 deg", peers.Gaylord(nominal))
+    }
+    for muscle, size in {"10 mm": 10e-3, "20-200": 20e-3, "20-400": 20e-3}.items():
+        if math.isclose(bore, size, rel_tol=1e-6):
+            model = peers.Sarosi.published(muscle, rest_length=rest)
+            found[f"sarosi_published_{muscle.replace(' ', '_')}"] = (
+                f"Sarosi 2012, constants of {muscle}",
+                model,
+            )
+    if specimen.name in {"DMSP-10-250", "DMSP-20-300"}:
+        model = peers.Martens.published(specimen.name)
+        found["martens_published"] = ("Martens & Boblan 2017, their constants", model)
+    return found
+
+
+def _job(name: str, data: ForceData, starts: int, seed: int) -> Callable[[], ComparisonRow]:
+    families, published = peer_families(data), _published(data)
+    if name in OWN:
+        what, options = OWN[name]
+        label = f"famjax, {what}, physical box"
+        return lambda: identified_row(name, label, options, data, starts, seed)
+    if name in published:
+        label, model = published[name]
+        return lambda: _published_row(name, label, model, data)
+    if name in families:
+        return lambda: _peer_row(name, families[name], data, starts, seed)
+    count = sum(hocking_orders(data).values())
+    label = "Hocking & Wereley 2012, order 4 per pressure"
+    note = "geometry held at the nominal one; lower orders where a pressure has few lengths"
+    return lambda: _own_row(ComparisonRow(name, label, count, note=note), fit_hocking_wereley, data)
+
+
+def _own_job(
+    model: OwnModel, data: ForceData, starts: int, seed: int
+) -> tuple[str, Callable[[], ComparisonRow]]:
+    if isinstance(model, PeerFamily):
+        return model.label, lambda: _peer_row(model.label, model, data, starts, seed)
+    if len(model) == 2:
+        what, options = model
+        return what, lambda: identified_row(what, what, options, data, starts, seed)
+    name, count, fit_and_predict = model
+    return name, lambda: _own_row(ComparisonRow(name, name, count), fit_and_predict, data)
+
+
+def _peer_row(
+    name: str, family: PeerFamily, data: ForceData, starts: int, seed: int
+) -> ComparisonRow:
+    row = ComparisonRow(name, family.label, len(family.parameters), note=family.note)
+    try:
+        fit = fit_peer(family, data, starts=starts, seed=seed)
+    except InputError as refused:
+        return row.noted(str(refused))
+    if not fit.converged:
+        row = row.noted("the best descent did not converge")
+    if not fit.determined:
+        row = row.noted("the readings do not determine all its parameters")
+    held_out = cross_validate_peer_by(fit, data, _LEFT_OUT, seed=seed)
+    for groups, found in zip(_LEFT_OUT, held_out, strict=True):
+        if found.ambiguous:
+            count = f"{len(found.ambiguous)} of {len(found.errors)}"
+            row = row.noted(f"not determined without a {groups}, for {count} of them")
+    row = dataclasses.replace(row, at_bound=fit.at_bound)
+    return row.with_errors(fit.predicted - data.force[data.loaded], *held_out)
+
+
+def _published_row(name: str, label: str, model: Model, data: ForceData) -> ComparisonRow:
+    at = data.loaded
+    force = model.force(jnp.asarray(data.length[at]), jnp.asarray(data.pressure[at]))
+    predicted = np.asarray(force, float)
+    held_out = [held_out_errors(data, groups, predicted) for groups in _LEFT_OUT]
+    return ComparisonRow(name, label, 0).with_errors(predicted - data.force[at], *held_out)
+
+
+def _own_row(row: ComparisonRow, fit_and_predict: FitAndPredict, data: ForceData) -> ComparisonRow:
+    at = data.loaded
+    try:
+        predict = fit_and_predict(data)
+    except InputError as refused:
+        return row.noted(str(refused))
+    predicted = np.asarray(predict(data.length[at], data.pressure[at]), float)
+    held_out: list[CrossValidation | None] = [None, None]
+    for place, groups in enumerate(_LEFT_OUT):
+        try:
+            held_out[place] = cross_validate(fit_and_predict, data, groups)
+        except InputError as refused:
+            row = row.noted(f"without a {groups}: {refused}")
+    return row.with_errors(predicted - data.force[at], *held_out)

@@ -1,0 +1,1 @@
+from .qp import Optimum as Optimum, Status as Status, solve_qp as solve_qp

@@ -1,0 +1,270 @@
+"""Force maps from CSV files whose columns name their units, with the specimen in comment lines.
+
+# specimen: rest_length_mm = 296
+# specimen: embedded = true
+pressure_kPa,length_mm,force_N
+65,296,54.9
+"""
+
+import csv
+import dataclasses
+import importlib.resources
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.units import UNITS, si_unit, to_si
+
+from .force_data import COLUMNS, ForceData, Specimen
+
+DEFAULT_WALL_THICKNESS = 1.8e-3
+"""Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""
+
+_SPECIMEN_LENGTHS = (
+    "rest_length",
+    "wall_thickness",
+    "nominal_diameter",
+    "bladder_diameter",
+    "braid_thickness",
+)
+_REQUIRED = ("force", "pressure", "length")
+
+
+def bundled_names() -> list[str]:
+    """Names of the measured maps that come with famjax.
+
+    >>> bundled_names()
+    ['DMSP-10-250', 'DMSP-20-300']
+    """
+    folder = importlib.resources.files("fitting") / "data"
+    return sorted(f.name.removesuffix(".csv").upper() for f in folder.iterdir() if ".csv" in f.name)
+
+
+def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceData:
+    """A measured force map that comes with famjax.
+
+    Args:
+        name: one of `bundled_names()`.
+        specimen: fields of `Specimen` in SI that override those in the file.
+
+    Returns:
+        The map, with its specimen.
+
+    Raises:
+        InputError: no such map.
+
+    References:
+        Martens & Boblan 2017, Actuators 6(4), tables A1 (DMSP-20-300) and A2 (DMSP-10-250).
+
+    >>> data = load_bundled("DMSP-20-300")
+    >>> data.force.size, int(data.loaded.sum()), data.max_force
+    (126, 60, 1653.5)
+    """
+    if name not in bundled_names():
+        raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
+    text = (importlib.resources.files("fitting") / "data" / f"{name.lower()}.csv").read_text()
+    return _parse(text.splitlines(), source=f"bundled map {name}", specimen=specimen or {})
+
+
+def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> ForceData:
+    """A force map from a CSV file.
+
+    The columns `force`, `pressure` and `length` must each be there once with their unit, as in
+    `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. Lines that start
+    with `# specimen:` give the specimen, `key_unit = value`.
+
+    Args:
+        path: the file, UTF-8, separated by comma, semicolon or tab.
+        specimen: fields of `Specimen` in SI that override those in the file.
+
+    Returns:
+        The map in SI. What had to be assumed about the specimen stands in its `notes`.
+
+    Raises:
+        InputError: what is wrong with the file, with the number of the row.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        raise InputError(f"no such file: {path}") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a UTF-8 text file; save it as CSV, UTF-8") from None
+    try:
+        return _parse(lines, source=path.name, specimen=specimen or {})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceData:
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    known = _specimen_fields(line for _, line in numbered if line.lstrip().startswith("#"))
+    rows = [(number, line) for number, line in numbered if not line.lstrip().startswith("#")]
+    if not rows:
+        raise InputError(
+            "the file is empty; it needs a header such as pressure_kPa,length_mm,force_N"
+        )
+    header = rows[0][1]
+    separator = max(",;\t", key=header.count)
+    columns = _columns([name.strip() for name in next(csv.reader([header], delimiter=separator))])
+    if len(rows) == 1:
+        raise InputError("the file has a header but no readings")
+    values: dict[str, list[float]] = {name: [] for name, _ in columns}
+    for number, line in rows[1:]:
+        cells = next(csv.reader([line], delimiter=separator))
+        if len(cells) != len(columns):
+            raise InputError(f"row {number} has {len(cells)} cells, the header has {len(columns)}")
+        for (name, unit), cell in zip(columns, cells, strict=True):
+            values[name].append(to_si(_number(cell, number, name), unit, COLUMNS[name]))
+            _check_sign(name, values[name][-1], cell, number)
+    known.update({key: value for key, value in specimen.items() if value is not None})
+    arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
+    complete, notes = _complete(known, arrays["length"], source)
+    return ForceData(**arrays, specimen=complete, source=source, notes=notes)
+
+
+def _columns(header: list[str]) -> list[tuple[str, str]]:
+    """(quantity, unit) of every column."""
+    columns = []
+    for name in header:
+        quantity, _, unit = name.rpartition("_")
+        if quantity not in COLUMNS:
+            bare = name if name in COLUMNS else None
+            known = ", ".join(f"{key}_{si_unit(kind)}" for key, kind in COLUMNS.items())
+            if bare:
+                raise InputError(
+                    f"column {name!r} has no unit; write for example "
+                    + " or ".join(f"{bare}_{unit}" for unit in UNITS[COLUMNS[bare]])
+                )
+            raise InputError(f"unknown column {name!r}; known are, with any unit: {known}")
+        kind = COLUMNS[quantity]
+        if unit not in UNITS[kind]:
+            gauge = ", gauge" if kind == "pressure" else ""
+            raise InputError(
+                f"column {name!r} has the unknown unit {unit!r}; known units of {kind} are: "
+                f"{', '.join(UNITS[kind])}{gauge}"
+            )
+        if quantity in [known for known, _ in columns]:
+            raise InputError(f"the quantity {quantity!r} has two columns; keep one")
+        columns.append((quantity, unit))
+    missing = [name for name in _REQUIRED if name not in [known for known, _ in columns]]
+    if missing:
+        raise InputError(
+            f"no column for {' and '.join(missing)}; the header has {', '.join(header)} and must "
+            "have force, pressure and length, each with its unit, as in pressure_kPa"
+        )
+    return columns
+
+
+def _number(cell: str, row: int, name: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        hint = " (write a decimal point)" if "," in cell else ""
+        raise InputError(f"row {row}: {name} is {cell.strip()!r}, not a number{hint}") from None
+    if not math.isfinite(value):
+        raise InputError(f"row {row}: {name} is {cell.strip()}; every value must be finite")
+    return value
+
+
+def _check_sign(name: str, value: float, cell: str, row: int) -> None:
+    if name == "pressure" and value < 0:
+        raise InputError(f"row {row}: pressure is {cell.strip()}; gauge pressure must be >= 0")
+    if name not in {"pressure", "force"} and value <= 0:
+        raise InputError(f"row {row}: {name} is {cell.strip()}; it must be > 0")
+
+
+def _specimen_fields(comments: Iterable[str]) -> dict[str, Any]:
+    """Fields of `Specimen` in SI from lines such as `# specimen: rest_length_mm = 296`."""
+    parts = [line.lstrip("# \t").partition(":") for line in comments]
+    return parse_specimen(entry for label, _, entry in parts if label.strip() == "specimen")
+
+
+def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:
+    """Fields of `Specimen` in SI, from entries such as `rest_length_mm=296`.
+
+    Raises:
+        InputError: an entry that is not of this form, or a field twice.
+
+    >>> parse_specimen(["rest_length_in=10", "embedded=false"])
+    {'rest_length': 0.254, 'embedded': False}
+    """
+    fields: dict[str, Any] = {}
+    for entry in entries:
+        key, equals, value = (part.strip() for part in entry.partition("="))
+        if not equals:
+            raise InputError(f"specimen {entry!r} must read key=value, as in rest_length_mm=296")
+        name, field = specimen_field(key, value)
+        if name in fields:
+            raise InputError(f"the specimen's {name} is given twice")
+        fields[name] = field
+    return fields
+
+
+def specimen_field(key: str, value: str) -> tuple[str, Any]:
+    """Name and SI value of one field of `Specimen`, from a key with its unit and a text.
+
+    >>> specimen_field("rest_length_mm", "296")
+    ('rest_length', 0.296)
+    """
+    if key == "name":
+        return key, value
+    if key == "embedded":
+        if value not in {"true", "false"}:
+            raise InputError(f"the specimen's embedded must be true or false, got {value!r}")
+        return key, value == "true"
+    name, _, unit = key.rpartition("_")
+    if name not in _SPECIMEN_LENGTHS:
+        known = ", ".join([*(f"{n}_mm" for n in _SPECIMEN_LENGTHS), "name", "embedded"])
+        raise InputError(f"unknown entry of the specimen {key!r}; known are {known}")
+    try:
+        number = float(value)
+    except ValueError:
+        raise InputError(f"the specimen's {key} is {value!r}, not a number") from None
+    return name, to_si(number, unit, "length")
+
+
+def _complete(
+    fields: dict[str, Any], length: np.ndarray, source: str
+) -> tuple[Specimen, tuple[str, ...]]:
+    """The specimen, and a sentence for each value that had to be assumed."""
+    notes = []
+    if "rest_length" not in fields:
+        fields["rest_length"] = float(length.max())
+        notes.append(
+            f"The rest length was not given: the longest length in the file, "
+            f"{fields['rest_length'] * 1e3:.4g} mm, is taken (--specimen rest_length_mm=...)."
+        )
+    if "wall_thickness" not in fields:
+        fields["wall_thickness"] = DEFAULT_WALL_THICKNESS
+        notes.append(
+            f"The bladder's wall was not given: {DEFAULT_WALL_THICKNESS * 1e3:.4g} mm is assumed "
+            "(--specimen wall_thickness_mm=...). E_n scales nearly "
+            "inversely with it; the force does not change."
+        )
+    if "nominal_diameter" not in fields:
+        notes.append(
+            "The nominal diameter was not given: the braid diameter is sought between 3 and 80 mm "
+            "(--specimen nominal_diameter_mm=...), and may not be that of a muscle on sale."
+        )
+    if "embedded" not in fields and "bladder_diameter" not in fields:
+        fields["embedded"] = True
+        notes.append(
+            "The bladder's diameter was not given: the braid is taken to run inside the wall, as "
+            "in a Festo DMSP (--specimen bladder_diameter_mm=..., or embedded=false)."
+        )
+    return Specimen(**{"name": Path(source).stem, **fields}), tuple(notes)
+
+
+def specimen_as_dict(specimen: Specimen) -> dict[str, Any]:
+    """The specimen with the unit in each key, for saved files."""
+    return {
+        f"{key}_m" if key in _SPECIMEN_LENGTHS else key: value
+        for key, value in dataclasses.asdict(specimen).items()
+    }

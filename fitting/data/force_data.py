@@ -1,0 +1,196 @@
+"""A measured static force map: force, pressure and length, with the specimen they belong to."""
+
+import dataclasses
+import functools
+import hashlib
+
+import numpy as np
+from jaxtyping import Bool
+
+from famjax.boundary.errors import InputError
+
+from .levels import Levels, levels_of
+
+
+@dataclasses.dataclass(frozen=True)
+class Specimen:
+    """What is known of the muscle besides the force map.
+
+    Attributes:
+        name: for reports.
+        rest_length: active length L0 [m] of zero contraction.
+        wall_thickness: bladder wall t0 [m] at rest.
+        nominal_diameter: bore [m] by which the muscle is sold, or None; it bounds the braid
+            diameter of a fit.
+        bladder_diameter: outer diameter [m] of the bladder at rest, or None where it fills the
+            braid.
+        braid_thickness: [m].
+        embedded: True where the threads run inside the rubber (Festo DMSP).
+    """
+
+    name: str
+    rest_length: float
+    wall_thickness: float
+    nominal_diameter: float | None = None
+    bladder_diameter: float | None = None
+    braid_thickness: float = 0.0
+    embedded: bool = False
+
+    def __post_init__(self) -> None:
+        sizes = {
+            "rest_length": self.rest_length,
+            "wall_thickness": self.wall_thickness,
+            "nominal_diameter": self.nominal_diameter,
+            "bladder_diameter": self.bladder_diameter,
+        }
+        for name, size in sizes.items():
+            if size is not None and not (np.isfinite(size) and size > 0):
+                raise InputError(f"{name} must be a positive length, got {size} m")
+        if not (np.isfinite(self.braid_thickness) and self.braid_thickness >= 0):
+            raise InputError(f"braid_thickness must be >= 0, got {self.braid_thickness} m")
+        widest = (
+            self.bladder_diameter or (self.nominal_diameter or np.inf) + 2 * self.wall_thickness
+        )
+        if 2 * self.wall_thickness >= widest:
+            raise InputError(
+                f"a wall of {self.wall_thickness * 1e3:.4g} mm does not fit twice into a bladder "
+                f"of {widest * 1e3:.4g} mm: check the units"
+            )
+        if self.embedded and self.bladder_diameter is not None:
+            raise InputError(
+                "an embedded braid runs inside the wall, so the bladder has no diameter of its "
+                "own: leave bladder_diameter out, or set embedded = false"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class ForceData:
+    """A static force map in SI, one row per reading.
+
+    A reading with force <= 0 is slack: the muscle would push but buckles instead, so all that is
+    known is that its force is not positive. Such rows are censored: they never enter a fit as
+    data, but a fit is checked against them.
+
+    Attributes:
+        force: F [N], shape (n,), positive when the muscle pulls.
+        pressure: gauge pressure P [Pa], shape (n,), >= 0.
+        length: active length L [m], shape (n,), > 0.
+        specimen: the muscle.
+        force_std, pressure_std, length_std: standard deviations in the same units, shape (n,),
+            or None.
+        source: where the numbers come from.
+        notes: assumptions made when reading, for the report.
+        pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
+            or length, see `levels_of`; None to find it from the gaps between them.
+    """
+
+    force: np.ndarray
+    pressure: np.ndarray
+    length: np.ndarray
+    specimen: Specimen
+    force_std: np.ndarray | None = None
+    pressure_std: np.ndarray | None = None
+    length_std: np.ndarray | None = None
+    source: str = "arrays"
+    notes: tuple[str, ...] = ()
+    pressure_tolerance: float | None = None
+    length_tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in COLUMNS:
+            values = getattr(self, name)
+            if values is None:
+                continue
+            values = np.asarray(values, float)
+            object.__setattr__(self, name, values)
+            if values.ndim != 1 or values.shape != np.shape(self.force):
+                raise InputError(
+                    f"all columns must be one-dimensional and equally long; force has shape "
+                    f"{np.shape(self.force)}, {name} has shape {values.shape}"
+                )
+            bad = np.flatnonzero(~np.isfinite(values))
+            if bad.size:
+                raise InputError(
+                    f"{name} of reading {bad[0] + 1} is {values[bad[0]]}; every value must be "
+                    "finite: remove the reading"
+                )
+            if name != "force":
+                must = ">= 0" if name == "pressure" else "> 0"
+                wrong = values < 0 if name == "pressure" else values <= 0
+                if wrong.any():
+                    first = int(np.flatnonzero(wrong)[0])
+                    gauge = " (gauge pressure, not absolute)" if name == "pressure" else ""
+                    raise InputError(
+                        f"{name}{gauge} must be {must}; reading {first + 1} has "
+                        f"{values[first]:.6g} in SI units"
+                    )
+        if not self.loaded.any():
+            raise InputError(
+                f"all {self.force.size} readings are slack (force <= 0): nothing to fit. A muscle "
+                "pulls with positive force: check the sign of the force column"
+            )
+        self._check_copies()
+
+    def _check_copies(self) -> None:
+        """No loaded reading may be there twice: a copy would count twice and understate the error."""
+        rows = np.stack([self.force, self.pressure, self.length], axis=1)
+        order = np.lexsort(rows.T)
+        same = (np.diff(rows[order], axis=0) == 0).all(axis=1) & self.loaded[order[1:]]
+        if same.any():
+            first = int(np.flatnonzero(same)[0])
+            one, other = sorted(order[first : first + 2] + 1)
+            raise InputError(
+                f"readings {one} and {other} are the same to the last digit ({rows[one - 1, 0]:.6g} N, "
+                f"{rows[one - 1, 1] / 1e3:.6g} kPa, {rows[one - 1, 2] * 1e3:.6g} mm), one of {same.sum()} "
+                "such pairs: remove the copies; if they were truly measured twice, give "
+                "their mean"
+            )
+
+    @functools.cached_property
+    def pressures(self) -> Levels:
+        """The pressure level [Pa] of every reading: what "at one pressure" means for this map."""
+        return levels_of(self.pressure, "pressure", self.pressure_tolerance)
+
+    @functools.cached_property
+    def lengths(self) -> Levels:
+        """The length level [m] of every reading: what "at one length" means for this map."""
+        return levels_of(self.length, "length", self.length_tolerance)
+
+    @property
+    def loaded(self) -> Bool[np.ndarray, " n"]:
+        """Rows with a pulling force; the others are slack and censored."""
+        return self.force > 0
+
+    @property
+    def strained(self) -> Bool[np.ndarray, " n"]:
+        """Loaded rows away from the rest length, where the bladder has a part in the force."""
+        away = np.abs(self.lengths.level - self.specimen.rest_length) > self.lengths.tolerance
+        return self.loaded & away
+
+    @property
+    def max_force(self) -> float:
+        """Largest measured force [N], by which errors are scaled."""
+        return float(self.force.max())
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the numbers in SI and of the specimen; the file's format does not matter."""
+        digest = hashlib.sha256()
+        for name in COLUMNS:
+            values = getattr(self, name)
+            digest.update(name.encode())
+            if values is not None:
+                digest.update(np.ascontiguousarray(values, "<f8").tobytes())
+        digest.update(repr(dataclasses.astuple(self.specimen)).encode())
+        return digest.hexdigest()
+
+
+COLUMNS = {
+    "force": "force",
+    "pressure": "pressure",
+    "length": "length",
+    "force_std": "force",
+    "pressure_std": "pressure",
+    "length_std": "length",
+}
+"""The columns of a force map and the kind of unit of each."""

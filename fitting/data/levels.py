@@ -1,0 +1,107 @@
+"""Levels: readings at one nominal pressure or length, whose measured values scatter about it."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from famjax.boundary.errors import InputError
+
+_CLEAR = 8.0  # times wider is the narrowest gap between levels than the widest one within
+_WITHIN = 0.02  # of the whole range: the widest gap within a level that is taken without asking
+_FINEST = 1e-4  # of the whole range: narrower gaps are all alike
+_SHARED = 1.5  # readings for each level that was found: fewer, and it is chance
+_NOMINAL = 2.0  # readings for each value: values that repeat exactly are nominal
+_FRACTION = 0.75  # of the readings alone on their level: no levels are to be seen
+
+
+@dataclasses.dataclass(frozen=True)
+class Levels:
+    """The level of every reading.
+
+    Attributes:
+        level: the mean of the values on the reading's level, or the value itself where all of them
+            are equal; shape (n,).
+        tolerance: neighbours nearer than this are on one level; 0 where only equal values are.
+        told: what a reader must know, or "".
+    """
+
+    level: Float[np.ndarray, " n"]
+    tolerance: float
+    told: str
+
+
+def levels_of(values: Float[np.ndarray, " n"], what: str, tolerance: float | None = None) -> Levels:
+    """The levels of measured values: neighbours nearer than a tolerance are on one level.
+
+    Without a tolerance, one is found where the gaps between the sorted values fall clearly into
+    narrow ones, within 2 % of the range, and ones 8 times as wide that leave 1.5 readings to a
+    level: the geometric mean of the two beside the divide. Values that repeat exactly, twice on
+    average, are nominal: equal ones are on one level, and no others.
+
+    Args:
+        values: in SI.
+        what: they are, "pressure" or "length".
+        tolerance: in SI, >= 0; None to find one.
+
+    Returns:
+        The levels.
+
+    Raises:
+        InputError: a tolerance below zero, or one that chains values into a level as wide as the
+            gap to the next one.
+
+    >>> levels_of(np.array([79.97e3, 80.03e3, 80.0e3, 120.1e3, 119.9e3]), "pressure").level / 1e3
+    array([ 80.,  80.,  80., 120., 120.])
+    """
+    given = tolerance is not None
+    if given and not (np.isfinite(tolerance) and tolerance >= 0):
+        raise InputError(f"the tolerance of a {what} must be >= 0, got {tolerance}")
+    distinct, place = np.unique(values, return_inverse=True)
+    if tolerance is None:
+        tolerance = _found(distinct, values.size)
+    group = np.cumsum(np.concatenate([[0], np.diff(distinct) > tolerance]))
+    numbers = np.arange(group[-1] + 1)
+    first, last = (np.searchsorted(group, numbers, side) for side in ("left", "right"))
+    low, high = distinct[first], distinct[last - 1]
+    if given and tolerance > 0 and (high - low).max() >= (low[1:] - high[:-1]).min(initial=np.inf):
+        worst = int(np.argmax(high - low))
+        raise InputError(
+            f"with a tolerance of {_shown(tolerance, what)} the readings between "
+            f"{_shown(low[worst], what)} and {_shown(high[worst], what)} chain into one {what}, wider "
+            "than the gap to another: give a smaller tolerance"
+        )
+    label = group[place]
+    count = np.bincount(label)
+    mean = np.where(high > low, np.bincount(label, values) / count, low)
+    told = ""
+    if tolerance > 0 and count.size < distinct.size:
+        how = "given" if given else "found from the gaps between them"
+        told = (
+            f"Readings whose {what}s are less than {_shown(tolerance, what)} apart count as one "
+            f"{what} ({how}): {distinct.size} values on {count.size} levels."
+        )
+    elif count.size > max(2, _FRACTION * values.size):
+        told = (
+            f"Hardly two readings share a {what}, and no gaps divide them into levels: leaving one "
+            f"{what} out leaves out single readings. Give a tolerance "
+            f"(--{what}-tolerance) if they were taken at common {what}s."
+        )
+    return Levels(mean[label], float(tolerance), told)
+
+
+def _found(distinct: Float[np.ndarray, " k"], readings: int) -> float:
+    """The tolerance that the gaps show, or 0."""
+    if distinct.size < 3 or readings >= _NOMINAL * distinct.size:
+        return 0.0
+    span = distinct[-1] - distinct[0]
+    gaps = np.sort(np.maximum(np.diff(distinct), _FINEST * span))
+    divide = int(np.argmax(gaps[1:] / gaps[:-1]))
+    within, between = gaps[divide], gaps[divide + 1]
+    clear = between >= _CLEAR * within and within <= _WITHIN * span
+    clear &= readings >= _SHARED * (gaps.size - divide)  # levels: the wide gaps, and one
+    return float(np.sqrt(within * between)) if clear else 0.0
+
+
+def _shown(value: float, what: str) -> str:
+    return f"{value / 1e3:.4g} kPa" if what == "pressure" else f"{value * 1e3:.4g} mm"

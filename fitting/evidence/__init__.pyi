@@ -1,0 +1,5 @@
+from .gathered import Evidence as Evidence
+from .likelihood import Profile as Profile, profile as profile
+from .resampling import Bootstrap as Bootstrap, bootstrap as bootstrap
+from .series import SERIES_LAWS as SERIES_LAWS, Series as Series, identify_series as identify_series
+from .validation import Validation as Validation, validate as validate

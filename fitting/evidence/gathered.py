@@ -1,0 +1,209 @@
+"""What is known of an identification besides its optimum: validation, profiles, bootstrap."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from famjax.boundary.units import from_si, si_unit, unit_system
+
+from ..search.result import Identification
+from .likelihood import LEVELS, Profile, profile
+from .resampling import Bootstrap, bootstrap
+from .validation import Validation, validate
+
+Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+"""Title, header and rows of text."""
+
+_DISAGREE = 1.5
+"""Factor between two estimates of one error bar beyond which a reader is warned."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """Validation and uncertainty of an identification; whatever was not asked for is empty.
+
+    Attributes:
+        validations: by leave-one-out.
+        profiles: of the parameters.
+        bootstrap: replicates, or None.
+    """
+
+    validations: tuple[Validation, ...] = ()
+    profiles: tuple[Profile, ...] = ()
+    bootstrap: Bootstrap | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was asked for."""
+        return not (self.validations or self.profiles or self.bootstrap)
+
+
+def gather(
+    result: Identification,
+    *,
+    validation: bool,
+    profiles: bool,
+    replicates: int,
+    seed: int,
+    progress: Callable[[str, int, int], None],
+) -> Evidence:
+    """The evidence that was asked for, with `progress(what, done, total)` as it comes."""
+    validations = []
+    if validation:
+        for kind in _kinds(result):
+            validations.append(
+                validate(
+                    result,
+                    kind,
+                    progress=lambda done, total, kind=kind: progress(
+                        f"leave one {kind} out", done, total
+                    ),
+                )
+            )
+    found = ()
+    if profiles:
+        found = profile(result, progress=lambda d, t: progress("profile likelihood", d, t))
+    drawn = None
+    if replicates:
+        drawn = bootstrap(
+            result, replicates, seed=seed, progress=lambda d, t: progress("bootstrap", d, t)
+        )
+    return Evidence(tuple(validations), tuple(found), drawn)
+
+
+def _kinds(result: Identification) -> tuple[str, ...]:
+    """What can be left out: coefficients free in pressure say nothing of another pressure."""
+    data, loaded = result.data, result.data.loaded
+    several = {
+        "pressure": np.unique(data.pressures.level[loaded]).size > 1,
+        "length": np.unique(data.lengths.level[loaded]).size > 1,
+    }
+    several["pressure"] &= result.dependence != "free"
+    return tuple(kind for kind, possible in several.items() if possible)
+
+
+def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
+    """The evidence as JSON-ready data in SI; null where there is no number."""
+
+    def number(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    document: dict[str, Any] = {}
+    for one in evidence.validations:
+        document[f"leave_one_{one.groups}_out"] = {
+            "rmse_N": number(one.rmse),
+            "interior_rmse_N": number(one.interior_rmse),
+            "left_out": one.values.tolist(),
+            "group_rmse_N": [number(value) for value in one.group_rmse],
+        }
+    if evidence.profiles:
+        document["profiles"] = {
+            one.name: {
+                "verdict": one.verdict,
+                "unit": si_unit(one.kind),
+                "values": one.values.tolist(),
+                "excess": [number(v) for v in one.excess],
+                **{
+                    f"interval_{100 * level:.0f}": [number(end) for end in ends]
+                    for level, ends in one.intervals.items()
+                },
+            }
+            for one in evidence.profiles
+        }
+    if evidence.bootstrap is not None:
+        drawn = evidence.bootstrap
+        document["bootstrap"] = {
+            "replicates": len(drawn.samples),
+            "failed": drawn.failed,
+            "units": "SI",
+            "stderr": {name: number(value) for name, value in drawn.stderr.items()},
+            "interval_95": {name: drawn.interval(name) for name in drawn.names},
+            "band_95_N": drawn.band().tolist(),
+        }
+    return document
+
+
+def evidence_tables(evidence: Evidence, result: Identification, system: str) -> list[Table]:
+    """The evidence as tables of text in a unit system."""
+    tables: list[Table] = []
+    if evidence.validations:
+        unit = unit_system(system)["force"]
+
+        def force(value: float) -> str:
+            return f"{from_si(value, unit, 'force'):.4g}" if math.isfinite(value) else "none"
+
+        rows = [("in sample", force(result.errors.rmse), "")]
+        rows += [
+            (f"leave one {one.groups} out", force(one.rmse), force(one.interior_rmse))
+            for one in evidence.validations
+        ]
+        tables.append(("Validation", ("RMSE", unit, "without the extremes"), rows))
+    if evidence.profiles:
+        tables.append(_profile_table(evidence.profiles, system))
+    if evidence.bootstrap is not None:
+        tables.append(_bootstrap_table(evidence.bootstrap, result, system))
+    return tables
+
+
+def _profile_table(profiles: tuple[Profile, ...], system: str) -> Table:
+    def interval(one: Profile, level: float) -> str:
+        unit = unit_system(system)[one.kind]
+        low, high = (from_si(end, unit, one.kind) for end in one.intervals[level])
+        left = f"{low:.5g}" if math.isfinite(low) else "open"
+        right = f"{high:.5g}" if math.isfinite(high) else "open"
+        return f"{left} to {right}"
+
+    rows = [
+        (
+            one.name,
+            unit_system(system)[one.kind],
+            *(interval(one, at) for at in LEVELS),
+            one.verdict,
+        )
+        for one in profiles
+    ]
+    levels = tuple(f"{100 * at:.0f} %" for at in LEVELS)
+    return "Profile likelihood", ("parameter", "unit", *levels, "verdict"), rows
+
+
+def _bootstrap_table(drawn: Bootstrap, result: Identification, system: str) -> Table:
+    rows = []
+    for estimate in result.estimates:
+        if estimate.name not in drawn.names:
+            continue
+        unit, kind = unit_system(system)[estimate.kind], estimate.kind
+        low, high = (from_si(end, unit, kind) for end in drawn.interval(estimate.name))
+        error = from_si(drawn.stderr[estimate.name], unit, kind)
+        text = f"{error:.2g}" if math.isfinite(error) else "none"
+        rows.append((estimate.name, unit, text, f"{low:.5g} to {high:.5g}"))
+    failed = f", {drawn.failed} more did not converge" if drawn.failed else ""
+    title = f"Bootstrap, {len(drawn.samples)} replicates{failed}"
+    return title, ("parameter", "unit", "std. error", "95 %"), rows
+
+
+def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, ...]:
+    """Where the levels of evidence disagree."""
+    found = []
+    for one in evidence.profiles:
+        if one.verdict in {"flat", "one-sided"}:
+            side = "on neither side" if one.verdict == "flat" else "on one side only"
+            found.append(f"The data bound {one.name} {side} (profile likelihood).")
+    drawn = evidence.bootstrap
+    for estimate in result.estimates if drawn is not None else ():
+        spread = drawn.stderr.get(estimate.name, math.nan) if drawn is not None else math.nan
+        ratio = spread / estimate.stderr if estimate.stderr else math.nan
+        if math.isfinite(ratio) and not 1 / _DISAGREE < ratio < _DISAGREE:
+            found.append(
+                f"The standard error of {estimate.name} by bootstrap is {ratio:.2g} times that of "
+                "the linear theory: believe neither too far."
+            )
+    for one in evidence.validations:
+        if one.rmse > 2 * result.errors.rmse and np.isfinite(one.rmse):
+            found.append(
+                f"With one {one.groups} left out the error is {one.rmse / result.errors.rmse:.2g} "
+                "times that in sample: do not extrapolate in it."
+            )
+    return tuple(found)

@@ -1,0 +1,8 @@
+from .force_map import (
+    LengthSummary as LengthSummary,
+    StaticMap as StaticMap,
+    static_map as static_map,
+)
+from .quasi_static_ramp import QuasiStatic as QuasiStatic, quasi_static as quasi_static
+from .ramp_plot import plot_ramps as plot_ramps
+from .record import RampRecord as RampRecord, read_ramp as read_ramp

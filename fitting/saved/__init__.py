@@ -1,0 +1,5 @@
+"""Fits on the disk: `write_fit`, `load_fit`, `predict`, the report and its picture."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

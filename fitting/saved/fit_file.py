@@ -1,0 +1,174 @@
+"""`fit.json`: everything about a fit in one self-describing file; see `saved_fit` for the way back."""
+
+import dataclasses
+import importlib.metadata
+import platform
+from typing import Any
+
+import numpy as np
+
+import famjax
+from famjax.boundary.units import from_si, si_unit, unit_system
+from famjax.cards.muscle_card import muscle_as_dict
+
+from ..data.force_csv import specimen_as_dict
+from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings
+from ..evidence.series import Series
+from ..evidence.spread import muscle_spread
+from ..search.result import Estimate, Identification
+from .saved_fit import SCHEMA, finite_or_none
+
+_PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
+
+
+def all_estimates(result: Identification) -> tuple[Estimate, ...]:
+    """Every identified parameter; coefficients that depend on pressure carry it in their name."""
+    if result.node_pressures is None:
+        return result.estimates
+    return result.estimates + tuple(
+        dataclasses.replace(estimate, name=f"{estimate.name}_at_{pressure / 1e3:.6g}kPa")
+        for pressure, of_node in zip(result.node_pressures, result.node_estimates, strict=True)
+        for estimate in of_node
+    )
+
+
+def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
+    """One estimate in a unit system, ready for JSON."""
+    unit = unit_system(system)[estimate.kind]
+
+    def scaled(value: float) -> float | None:
+        return finite_or_none(from_si(value, unit, estimate.kind))
+
+    return {
+        "value": scaled(estimate.value),
+        "unit": unit,
+        "stderr": scaled(estimate.stderr),
+        "sandwich_stderr": scaled(estimate.sandwich_stderr),
+        "at_bound": estimate.at_bound,
+        "min": scaled(estimate.min),
+        "max": scaled(estimate.max),
+        "fixed": estimate.fixed,
+        "prior": None if estimate.prior is None else [scaled(v) for v in estimate.prior],
+    }
+
+
+def summary_as_dict(
+    result: Identification, system: str = "si", evidence: Evidence | None = None
+) -> dict[str, Any]:
+    """The figures of a fit as one flat JSON object; parameters in the unit system, the rest SI."""
+    errors, certificate = result.errors, result.certificate
+    fixed = result.node_pressures is None
+    return {
+        "rmse_N": finite_or_none(errors.rmse),
+        "mae_N": finite_or_none(errors.mae),
+        "max_error_N": finite_or_none(errors.max),
+        "max_force_N": errors.max_force,
+        "rmse_percent": finite_or_none(errors.rmse_percent),
+        "n_points": errors.n_points,
+        "n_slack": errors.n_slack,
+        "slack_violations": errors.slack_violations,
+        "max_slack_force_N": finite_or_none(errors.max_slack_force),
+        "parameters": {e.name: estimate_as_dict(e, system) for e in all_estimates(result)},
+        "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
+        "coefficients_Pa": (result.coefficients[0] if fixed else result.coefficients).tolist(),
+        "node_pressures_Pa": None if fixed else np.asarray(result.node_pressures).tolist(),
+        "strain_range": result.strain_range,
+        "stability_margin_Pa": finite_or_none(certificate.stability_margin),
+        "slope_margin_Pa": finite_or_none(certificate.slope_margin),
+        "constraint_margin_Pa": finite_or_none(certificate.constraint_margin),
+        "kkt_residual": finite_or_none(certificate.kkt_residual),
+        "duality_gap": finite_or_none(certificate.duality_gap),
+        "gradient_residual": finite_or_none(certificate.gradient_residual),
+        "condition": finite_or_none(certificate.condition),
+        "n_starts": certificate.n_starts,
+        "n_starts_agreeing": certificate.n_agreeing,
+        "law": result.law.name,
+        "order": result.order,
+        "n_parameters": result.n_parameters,
+        "series_compliance_m_per_N": result.series_compliance,
+        "length_offsets_m": result.length_offsets.tolist(),
+        "constraint": result.constraint,
+        "dependence": result.dependence,
+        "box": result.box,
+        "active_constraints": list(result.active_constraints),
+        "converged": result.converged,
+        "warnings": [*result.warnings, *evidence_warnings(evidence or Evidence(), result)],
+        **evidence_as_dict(evidence or Evidence()),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of the program and of what its numbers depend on."""
+    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"famjax": famjax.__version__, "python": platform.python_version(), **packages}
+
+
+def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dict[str, Any]:
+    """The whole content of `fit.json`, in SI."""
+    data = result.data
+    readings = {
+        f"{name}_{si_unit(name.removesuffix('_std'))}": values.tolist()
+        for name in ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
+        if (values := getattr(data, name)) is not None
+    }
+    return {
+        "schema": SCHEMA,
+        "versions": versions(),
+        "data": {
+            "source": data.source,
+            "sha256": data.sha256,
+            "specimen": specimen_as_dict(data.specimen),
+            "readings": readings,
+        },
+        "seed": result.seed,
+        "spread": _spread(result, evidence),
+        **summary_as_dict(result, evidence=evidence),
+        "residuals_N": result.residuals.tolist(),
+        "weights": result.weights.tolist(),
+        "start_objectives": [finite_or_none(cost) for cost in result.starts],
+        "start_parameters": {
+            name: [finite_or_none(value) for value in result.start_parameters[:, k]]
+            for k, name in enumerate(result.problem.names)
+        },
+        "muscle": muscle_as_dict(result.muscle),
+    }
+
+
+def _spread(result: Identification, evidence: Evidence | None) -> dict[str, Any]:
+    """What `predict` makes error bands of, see `muscle_spread`."""
+    drawn = None if evidence is None else evidence.bootstrap
+    directions = muscle_spread(result, drawn)
+    return {"band": "linear" if drawn is None else "bootstrap", "directions": directions.tolist()}
+
+
+def series_as_dict(series: Series) -> dict[str, Any]:
+    """The `fit.json` of a series: that of its first specimen, and what the others say."""
+    data = [one.data for one in series.specimens]
+    ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
+    pressures = np.concatenate([one.pressure for one in data])
+    predicted = series.validation.group_rmse
+    return {
+        **fit_as_dict(series.specimens[0]),
+        "series": {
+            "law": series.law,
+            "between_N": series.between,
+            "leave_one_specimen_out_N": {
+                law: finite_or_none(error) for law, error in series.candidates.items()
+            },
+            "specimens": [
+                {
+                    "name": one.data.specimen.name,
+                    "rest_length_m": one.data.specimen.rest_length,
+                    "source": one.data.source,
+                    "sha256": one.data.sha256,
+                    "rmse_N": one.errors.rmse,
+                    "predicted_rmse_N": float(error),
+                    "max_force_N": one.errors.max_force,
+                }
+                for one, error in zip(series.specimens, predicted, strict=True)
+            ],
+            "rest_lengths_m": [one.specimen.rest_length for one in data],
+            "length_ratios": [float(ratios.min()), float(ratios.max())],
+            "pressures_Pa": [float(pressures.min()), float(pressures.max())],
+        },
+    }

@@ -1,0 +1,177 @@
+"""The report of a fit: tables of text, shared by the terminal and the HTML report."""
+
+import importlib.resources
+import io
+import json
+import math
+from pathlib import Path
+
+import jinja2
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from famjax.boundary.files import as_png, write_all
+from famjax.boundary.units import from_si, unit_system
+
+from ..evidence.gathered import Evidence, Table, evidence_tables, evidence_warnings
+from ..search.result import Estimate, Identification
+from .fit_file import all_estimates, fit_as_dict, versions
+from .fit_plot import plot_fit
+
+
+def verdict(result: Identification) -> str:
+    """One sentence: what was found, and whether it may be trusted."""
+    errors, margin = result.errors, result.certificate.stability_margin
+    fit = (
+        f"RMSE {errors.rmse:.3g} N, {errors.rmse_percent:.2g} % of the largest force, over "
+        f"{errors.n_points} readings."
+    )
+    if not result.converged:
+        return f"NOT converged. {fit}"
+    # A margin at rounding level is that of an active constraint.
+    stable = margin >= -1e-9 * float(np.abs(result.coefficients).max())
+    law = "Drucker-stable" if stable else "NOT Drucker-stable"
+    return (
+        f"Identified. {fit} The law is {law} on the whole actuation path (margin "
+        f"{margin / 1e6:.3g} MPa), and its coefficients are globally optimal for this geometry "
+        f"(KKT residual {result.certificate.kkt_residual:.0e})."
+    )
+
+
+def tables(
+    result: Identification, system: str = "metric", evidence: Evidence | None = None
+) -> list[Table]:
+    """The tables of a fit, as text in the given unit system."""
+    return [
+        _parameter_table(result, system),
+        _error_table(result, system),
+        *evidence_tables(evidence or Evidence(), result, system),
+        _certificate_table(result, system),
+    ]
+
+
+def notes(result: Identification, evidence: Evidence | None = None) -> tuple[str, ...]:
+    """All warnings: of the fit, and where validation and uncertainty speak against it."""
+    return result.warnings + evidence_warnings(evidence or Evidence(), result)
+
+
+def _parameter_table(result: Identification, system: str) -> Table:
+    rows = []
+    for estimate in all_estimates(result) + result.derived:
+        unit = unit_system(system)[estimate.kind]
+        value, low, high, error = (
+            from_si(v, unit, estimate.kind)
+            for v in (estimate.value, estimate.min, estimate.max, estimate.stderr)
+        )
+        rows.append((estimate.name, _number(value), unit, _spread(estimate, error),
+                     "" if math.isinf(low) or estimate in result.derived
+                     else f"{_number(low)} to {_number(high)}"))  # fmt: skip
+    return "Parameters", ("parameter", "value", "unit", "std. error", "bounds"), rows
+
+
+def _spread(estimate: Estimate, error: float) -> str:
+    if estimate.fixed:
+        return "held"
+    if estimate.at_bound:
+        return "at bound"
+    return f"{error:.2g}" if math.isfinite(error) else "none"
+
+
+def _number(value: float) -> str:
+    return "0" if abs(value) < 1e-12 else f"{value:.5g}"
+
+
+def _error_table(result: Identification, system: str) -> Table:
+    errors, unit = result.errors, unit_system(system)["force"]
+    rows = [
+        (name, f"{from_si(value, unit, 'force'):.4g}", f"{100 * value / errors.max_force:.3g} %")
+        for name, value in (("RMSE", errors.rmse), ("MAE", errors.mae), ("largest", errors.max))
+    ]
+    return (
+        f"Errors over {errors.n_points} loaded readings ({errors.n_slack} slack ones are censored)",
+        ("error", unit, f"of {from_si(errors.max_force, unit, 'force'):.5g} {unit}"),
+        rows,
+    )
+
+
+def _certificate_table(result: Identification, system: str) -> Table:
+    certificate, unit = result.certificate, unit_system(system)["stress"]
+
+    def stress(value: float) -> str:
+        return f"{from_si(value, unit, 'stress'):.4g} {unit}"
+
+    rows = [
+        ("smallest modulus along the actuation path (Drucker >= 0)",
+         stress(certificate.stability_margin)),
+        *([] if math.isnan(certificate.slope_margin) else [
+            ("smallest tangent modulus on the strain range", stress(certificate.slope_margin))]),
+        ("largest strain used", f"{result.strain_range:.4g}"),
+        ("active constraints", "; ".join(result.active_constraints) or "none"),
+        ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
+        ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
+        ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),
+        ("condition number of the parameters", f"{certificate.condition:.3g}"),
+        ("starts that reached this optimum", f"{certificate.n_agreeing} of {certificate.n_starts}"),
+    ]  # fmt: skip
+    return "Certificate", ("quantity", "value"), rows
+
+
+def html_report(
+    result: Identification,
+    system: str = "metric",
+    evidence: Evidence | None = None,
+    figure: Figure | None = None,
+) -> str:
+    """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "famjax"}):
+        drawn = plot_fit(result, system) if figure is None else figure
+        drawn.savefig(buffer, format="svg", metadata={"Date": None})
+    svg = buffer.getvalue()
+    template = (importlib.resources.files("fitting") / "templates" / "report.html").read_text()
+    return (
+        jinja2.Environment(autoescape=True)
+        .from_string(template)
+        .render(
+            name=result.data.specimen.name,
+            good=result.converged,
+            verdict=verdict(result),
+            warnings=notes(result, evidence),
+            figure=Markup(svg[svg.index("<svg") :]),
+            tables=tables(result, system, evidence),
+            data=f"data: {result.data.source}, sha256 {result.data.sha256}",
+            versions=", ".join(f"{name} {version}" for name, version in versions().items()),
+        )
+    )
+
+
+def write_fit(
+    result: Identification,
+    folder: Path,
+    system: str = "metric",
+    evidence: Evidence | None = None,
+) -> list[Path]:
+    """Write `fit.json`, `fit.png` and `report.html`, all or none.
+
+    Args:
+        result: what `identify` returned.
+        folder: made if it is not there; files of an earlier fit are replaced.
+        system: units of picture and report; `fit.json` is in SI.
+        evidence: validation and uncertainty, if there are any.
+
+    Returns:
+        The paths written.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    content = json.dumps(fit_as_dict(result, evidence), indent=1, allow_nan=False)
+    figure = plot_fit(result, system)
+    files = {
+        "fit.json": content.encode(),
+        "fit.png": as_png(figure),
+        "report.html": html_report(result, system, evidence, figure).encode(),
+    }
+    return write_all(folder, files)

@@ -1,0 +1,235 @@
+"""What an identification returns: numbers with their units, errors, certificate and doubts."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import famjax
+
+from ..data.force_data import ForceData
+from ..engine.descent import End
+from ..engine.problem import Part, Point, Problem
+from ..engine.program import Constraint, PressureDependence
+from ..families.laws import Law
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """One identified parameter.
+
+    Attributes:
+        name: parameter.
+        value: in SI.
+        stderr: standard error in SI; nan where there is none (held, at a bound, not identifiable).
+        min, max: bounds in SI, infinite where there is none.
+        at_bound: the optimum lies on a bound, so the data alone would put it elsewhere.
+        fixed: held at a given value.
+        kind: kind of unit.
+        prior: (mean, standard deviation) in SI of what was said to be known, or None.
+        sandwich_stderr: standard error in SI without the belief in equal noise, nan as `stderr`.
+    """
+
+    name: str
+    value: float
+    stderr: float
+    min: float
+    max: float
+    at_bound: bool
+    fixed: bool
+    kind: str
+    prior: tuple[float, float] | None = None
+    sandwich_stderr: float = math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Errors:
+    """Errors of the model against the loaded readings, in N.
+
+    Attributes:
+        rmse, mae, max: root mean square, mean absolute and largest error [N].
+        max_force: largest measured force [N], by which percentages are formed.
+        n_points: number of loaded readings.
+        n_slack: number of slack readings, which are no data.
+        slack_violations: slack readings at which the model pulls.
+        max_slack_force: largest pull [N] that the model predicts at a slack reading, or 0.
+    """
+
+    rmse: float
+    mae: float
+    max: float
+    max_force: float
+    n_points: int
+    n_slack: int
+    slack_violations: int
+    max_slack_force: float
+
+    @property
+    def rmse_percent(self) -> float:
+        """RMSE in % of the largest force."""
+        return 100 * self.rmse / self.max_force
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """Evidence that the result is what it claims to be.
+
+    Attributes:
+        kkt_residual: of the convex fit of the coefficients, relative to the data.
+        duality_gap: of the convex fit, relative to its objective: 0 means globally optimal.
+        gradient_residual: of the geometry: largest cosine between the residual and a direction in
+            which the geometry may still move.
+        condition: condition number of the scaled Jacobian of all free parameters.
+        stability_margin: smallest modulus along any actuation path [Pa], between stations too;
+            Drucker-stable when >= 0.
+        slope_margin: smallest tangent modulus of the law on the strain range used [Pa].
+        constraint_margin: smallest slack [Pa] of the constraint that was asked for; nan for none.
+        between_stations: by how much the margins may be lower than found, in parts of the largest
+            modulus: the tail of the interpolant whose minima they are; rounding for polynomials.
+        n_starts: descents made.
+        n_agreeing: of them, those that ended within 1e-6 of the best objective.
+    """
+
+    kkt_residual: float
+    duality_gap: float
+    gradient_residual: float
+    condition: float
+    stability_margin: float
+    slope_margin: float
+    constraint_margin: float
+    between_stations: float
+    n_starts: int
+    n_agreeing: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Identification:
+    """An identified muscle.
+
+    Attributes:
+        data: the force map.
+        muscle: the model; a differentiable function of length and pressure.
+        series_compliance: of the rig [m/N], 0 where it was taken as rigid.
+        length_offsets: errors [m] of the distinct loaded lengths, ascending; empty if none.
+        estimates: geometry, then the coefficients where they do not depend on pressure.
+        node_estimates: the coefficients at each node where they depend on pressure, else empty.
+        derived: quantities that follow from the geometry (thread length, turns), with errors.
+        coefficients: E_n [Pa], shape (nodes, order); one node where fixed in pressure.
+        coefficients_stderr: [Pa], the same shape.
+        node_pressures: [Pa], shape (nodes,), or None where fixed in pressure.
+        strain_range: largest strain magnitude that the law was used at.
+        residuals: model minus measurement [N] at the loaded readings.
+        errors: their summary.
+        certificate: optimality and stability.
+        active_constraints: one sentence each.
+        starts: objective of every start [N^2 or weighted], ascending.
+        start_parameters: nonlinear parameters [SI] at the end of each, in the same order.
+        law: family of the law.
+        constraint, dependence, box, seed: what was asked for.
+        weights: part of its own weight with which each loaded reading counts; 1
+            but for the outliers of Huber's objective.
+        converged: the best start is stationary, certified and feasible.
+        warnings: what a reader must know before using the numbers.
+        degrees_of_freedom: readings and priors less the directions that stayed free, of all
+            specimens together.
+        covariance: of the nonlinear parameters of the search and then the coefficients [SI], by
+            linear theory; nan for what is held, at a bound or not identifiable.
+        problem: as it was posed, for validation and uncertainty.
+        end: the end of the best descent; `end.u` are the free nonlinear parameters at the optimum,
+            in parts of their bounds.
+        place: which of the problem's parts this specimen is.
+    """
+
+    data: ForceData
+    muscle: famjax.Muscle
+    series_compliance: float
+    length_offsets: Float[np.ndarray, " lengths"]
+    estimates: tuple[Estimate, ...]
+    node_estimates: tuple[tuple[Estimate, ...], ...]
+    derived: tuple[Estimate, ...]
+    coefficients: Float[np.ndarray, "nodes order"]
+    coefficients_stderr: Float[np.ndarray, "nodes order"]
+    node_pressures: Float[np.ndarray, " nodes"] | None
+    strain_range: float
+    residuals: Float[np.ndarray, " points"]
+    errors: Errors
+    certificate: Certificate
+    active_constraints: tuple[str, ...]
+    starts: Float[np.ndarray, " starts"]
+    start_parameters: Float[np.ndarray, "starts q"]
+    law: Law
+    constraint: Constraint
+    dependence: PressureDependence
+    box: str
+    seed: int
+    weights: Float[np.ndarray, " readings"]
+    converged: bool
+    warnings: tuple[str, ...]
+    degrees_of_freedom: int
+    covariance: Float[np.ndarray, "k k"] = dataclasses.field(repr=False)
+    problem: Problem = dataclasses.field(repr=False)
+    end: End = dataclasses.field(repr=False)
+    place: int = dataclasses.field(repr=False)
+
+    @property
+    def order(self) -> int:
+        """Number of coefficients of the law."""
+        return self.law.order
+
+    @property
+    def readings_of_parts(self) -> list[int]:
+        """Number of loaded readings of each specimen that was identified together."""
+        return [part.force.size for part in self.problem.parts]
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters that the data had to determine, coefficients of all nodes included."""
+        nodes = (e for of_node in self.node_estimates for e in of_node)
+        return sum(not e.fixed for e in (*self.estimates, *nodes))
+
+    def predict(
+        self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped.
+
+        Lengths and pressures are broadcast against each other.
+        """
+        part, point = self.problem.parts[self.place], self.end.point
+        own = point.parameters[part.at[: len(part.family.nonlinear)]]
+        shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))
+        L, P = (np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (length, pressure))
+        return part.predict(own, point.x[part.coefficients], L, P).reshape(shape)
+
+    def model_force(self) -> Float[np.ndarray, " n"]:
+        """The model's force [N] at every reading, slack ones included, lengths corrected."""
+        return force_at_readings(self.data, self.problem.parts[self.place], self.end.point)
+
+    def estimate(self, name: str) -> Estimate:
+        """The estimate of that name.
+
+        Raises:
+            KeyError: no such parameter, with those there are.
+        """
+        for estimate in self.estimates + self.derived:
+            if estimate.name == name:
+                return estimate
+        names: list[Any] = [e.name for e in self.estimates + self.derived]
+        raise KeyError(f"no parameter {name!r}; there are {', '.join(names)}")
+
+
+def force_at_readings(data: ForceData, part: Part, point: Point) -> Float[np.ndarray, " n"]:
+    """Force [N] of a fit at every reading of a map, slack ones included, lengths corrected.
+
+    Args:
+        data: the map.
+        part: of the problem that was fitted to it.
+        point: the fit.
+    """
+    length, level = np.array(data.length), data.lengths.level
+    searched, offsets = np.split(point.parameters[part.at], [len(part.family.nonlinear)])
+    if offsets.size:
+        for at, offset in zip(np.unique(level[data.loaded]), offsets, strict=True):
+            length[level == at] += offset
+    return part.predict(searched, point.x[part.coefficients], length, data.pressure)

@@ -1,0 +1,223 @@
+"""From an optimum to what a reader needs: estimates with errors, certificate, warnings."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+import famjax
+
+from ..convex.status import Status
+from ..data.force_data import ForceData
+from ..engine.descent import End
+from ..engine.margin import Margin, constraint_margin
+from ..engine.problem import Problem
+from ..engine.program import Constraint, PressureDependence, unflat
+from ..families.laws import Law
+from ..families.parameters import Entry
+from .doubts import warnings
+from .estimates import coefficient_stderr, concerning, derived, estimates, of_nodes
+from .multi_start import FEASIBLE
+from .optimal import Optimal
+from .result import Certificate, Errors, Identification, force_at_readings
+from .robust import Robust
+
+_STATIONARY = 1e-6
+_PERFECT = 1e-18  # a cost of this part of the data's own square is zero but for rounding
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """What was asked for, as the result repeats it.
+
+    Attributes:
+        law: family of the law.
+        constraint, dependence, box, seed: as given.
+    """
+
+    law: Law
+    constraint: Constraint
+    dependence: PressureDependence
+    box: str
+    seed: int
+
+
+def summarise(
+    data: Sequence[ForceData],
+    found: Optimal,
+    ends: Sequence[End],
+    table: Mapping[str, Entry],
+    asked: Asked,
+    robust: Robust | None = None,
+) -> tuple[Identification, ...]:
+    """The identifications, one for each force map, that an optimum stands for."""
+    problem, point = found.problem, found.point
+    margins = {kind: constraint_margin(problem, point, kind) for kind in ("drucker", "slope")}
+    certificate = _certificate(found, ends, margins)
+    allowed = -FEASIBLE * np.abs(found.coefficients).max()
+    feasible = problem.constraint == "none" or certificate.constraint_margin >= allowed
+    certified = point.optimum.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
+    # A fit without error has only rounding left, and that has no direction.
+    perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
+    stationary = certificate.gradient_residual <= _STATIONARY or perfect
+    order = np.argsort([end.cost for end in ends])
+    estimated = estimates(found, table)
+    results = []
+    for k, (one, part) in enumerate(zip(data, problem.parts, strict=True)):
+        nodes, muscle = _nodes_of(found, k), _muscle(found, k)
+        force = force_at_readings(one, part, point)
+        errors = _errors(one, force)
+        pressures = getattr(muscle.material, "node_pressures", None)
+        result = Identification(
+            data=one,
+            muscle=muscle,
+            series_compliance=(
+                0.0 if part.compliance is None else float(point.parameters[part.compliance])
+            ),
+            length_offsets=point.parameters[part.at[len(part.family.nonlinear) :]],
+            estimates=concerning(estimated, one, nodes, found),
+            node_estimates=() if pressures is None else of_nodes(estimated, found),
+            derived=derived(found, k),
+            coefficients=found.coefficients[nodes],
+            coefficients_stderr=coefficient_stderr(found)[nodes],
+            node_pressures=None if pressures is None else np.asarray(pressures),
+            strain_range=float(np.max(point.linear[k].aside.largest_strain)),
+            residuals=force[one.loaded] - one.force[one.loaded],
+            errors=errors,
+            certificate=certificate,
+            active_constraints=_active_sentences(found),
+            starts=np.array([ends[i].cost for i in order]),
+            start_parameters=np.stack([ends[i].point.parameters for i in order]),
+            law=asked.law,
+            constraint=asked.constraint,
+            dependence=asked.dependence,
+            box=asked.box,
+            seed=asked.seed,
+            weights=_own_weights(robust, problem, k),
+            converged=certified and feasible and stationary and math.isfinite(errors.rmse),
+            warnings=(),
+            degrees_of_freedom=found.spread.degrees_of_freedom,
+            covariance=found.spread.matrix,
+            problem=problem,
+            end=found.end,
+            place=k,
+        )
+        told = warnings(result, found.spread, problem.names)
+        results.append(dataclasses.replace(result, warnings=told))
+    return tuple(results)
+
+
+def _muscle(found: Optimal, place: int) -> famjax.Muscle:
+    """The muscle of a part at the optimum; nothing is compiled for it."""
+    part, point = found.problem.parts[place], found.point
+    value = part.program(
+        point.parameters[part.at], point.x[part.coefficients], point.linear[place].reached
+    )[0]
+    return part.family.final(unflat(part.family, np.asarray(value.numbers)))
+
+
+def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
+    """The part of its own weight with which each loaded reading of a specimen counts."""
+    sizes = [part.force.size for part in problem.parts]
+    if robust is None:
+        return np.ones(sizes[k])
+    first = sum(sizes[:k])
+    return robust.weight[first : first + sizes[k]] ** 2
+
+
+def _nodes_of(found: Optimal, place: int) -> slice:
+    """Which rows of the coefficients belong to a part: its own, or all."""
+    part = found.problem.parts[place]
+    first = int(part.coefficients[0]) // found.order
+    return slice(first, first + part.coefficients.size // found.order)
+
+
+def _certificate(
+    found: Optimal, ends: Sequence[End], margins: Mapping[str, list[Margin]]
+) -> Certificate:
+    problem, point = found.problem, found.point
+    lowest = {
+        kind: min(float(one.value.min()) for one in of_parts) for kind, of_parts in margins.items()
+    }
+    kkt_residual, gap = point.optimum.certificate(*point.programme)
+    costs = np.array([end.cost for end in ends])
+    rounding = _PERFECT * float(problem.force @ problem.force)
+    return Certificate(
+        kkt_residual=kkt_residual,
+        duality_gap=gap,
+        gradient_residual=found.end.gradient_residual,
+        condition=found.spread.condition,
+        stability_margin=lowest["drucker"],
+        slope_margin=lowest["slope"],
+        constraint_margin={
+            "none": math.nan,
+            "positive": float(found.coefficients.min()),
+            **lowest,
+        }[problem.constraint],
+        between_stations=max(one.bound for one in margins["drucker"]),
+        n_starts=len(ends),
+        n_agreeing=int(np.sum(costs <= np.nanmin(costs) * (1 + 1e-6) + rounding)),
+    )
+
+
+def _errors(data: ForceData, force: np.ndarray) -> Errors:
+    loaded = data.loaded
+    residual = force[loaded] - data.force[loaded]
+    pulls = force[~loaded]
+    return Errors(
+        rmse=float(np.sqrt(np.mean(residual**2))),
+        mae=float(np.mean(np.abs(residual))),
+        max=float(np.max(np.abs(residual))),
+        max_force=data.max_force,
+        n_points=int(loaded.sum()),
+        n_slack=int((~loaded).sum()),
+        slack_violations=int((pulls > 0).sum()),
+        max_slack_force=float(pulls.max(initial=0.0)),
+    )
+
+
+def _active_sentences(found: Optimal) -> tuple[str, ...]:
+    """One sentence for each active row of the convex fit."""
+    problem, first, sentences = found.problem, 0, []
+    active = np.sort(found.point.optimum.rows)
+    for place in range(len(problem.parts)):
+        count = len(found.point.linear[place].rows)
+        here = active[(active >= first) & (active < first + count)]
+        sentences += [_path_sentence(found, place, int(row) - first) for row in here]
+        first += count
+    positive = problem.constraint == "positive"
+    lowest = np.maximum(problem.coefficient_min, 0) if positive else problem.coefficient_min
+    for limits, side in ((lowest, "lower"), (problem.coefficient_max, "upper")):
+        places = np.flatnonzero(np.isfinite(limits))
+        for row in active[(active >= first) & (active < first + places.size)]:
+            place = int(places[row - first])
+            if positive and side == "lower" and limits[place] == 0:
+                sentences.append(f"{problem.linear[place]} = 0{_at_node(found, place)}")
+            else:
+                sentences.append(f"{problem.linear[place]} at its {side} bound")
+        first += places.size
+    return tuple(dict.fromkeys(sentences))
+
+
+def _path_sentence(found: Optimal, place: int, row: int) -> str:
+    problem = found.problem
+    part = problem.parts[place]
+    path, station = divmod(row, part.inputs.stations.shape[1])
+    at = ""
+    if part.coefficients.size > found.order:
+        at = f" at {part.inputs.path_pressure[path] / 1e3:.4g} kPa"
+    share = float(part.inputs.stations[path, station])
+    if problem.constraint == "slope":
+        return f"tangent modulus 0 at {share:.1%} of the strain range{at}"
+    aside = found.point.linear[place].aside
+    contraction = share * (1 - float(aside.path_end[path] / aside.rest))
+    return f"Drucker modulus 0 at contraction {contraction:.4f}{at}"
+
+
+def _at_node(found: Optimal, place: int) -> str:
+    part = found.problem.parts[0]
+    if part.coefficients.size == found.order:
+        return ""
+    return f" at {part.family.nodes[place // found.order] / 1e3:.4g} kPa"

@@ -1,0 +1,370 @@
+"""The sweep: all permutations of order, pressure dependence and constraint at fixed geometry."""
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+import famjax
+from famjax.boundary.errors import InputError
+from famjax.boundary.resumable import ResumableFile
+
+from ..convex.status import Status
+from ..data.force_data import ForceData
+from .design import Design
+from .fits import solve
+from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
+from .linear_model import LinearModel
+from .readings import arrange
+from .replicates import Replicates, draw
+from .scores import score
+
+FEASIBLE = 1e-9
+"""Violation of a constraint per largest coefficient that counts as rounding."""
+
+_CHUNK = 250  # replicates
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepRow:
+    """One fit of a sweep, in SI.
+
+    Attributes:
+        data: name of the force map.
+        dependence, order, constraint: form of the law.
+        n_coefficients: number of them.
+        coefficients: E_n [Pa] at each pressure, shape (pressures, order).
+        coefficients_std: standard deviation [Pa] over bootstrap replicates, or nan.
+        objective: minimum of the objective: half the sum of squares, or the mean RMSE, or Huber's.
+        rmse, mae: [N], averaged over pressures.
+        pooled_rmse: [N], over all readings.
+        rmse_by_pressure, mae_by_pressure: [N].
+        blocked_error: mean over pressures of |model - measured| blocked force [N].
+        blocked_error_by_pressure: model minus measured [N].
+        free_contraction_error: mean over pressures of |model - measured| [-].
+        free_contraction_error_by_pressure: model minus measured [-].
+        aicc, bic: information criteria; they count coefficients as if none were constrained.
+        cross_validated_rmse: [N] at pressures left out of the fit, nan where the form says nothing
+            about other pressures.
+        margin: smallest modulus along the actuation paths [Pa]; Drucker-stable where >= 0.
+        condition: of the columns.
+        kkt_residual, duality_gap: certificate.
+        status: how the fit ended.
+        verdict: in words: "stable", "not stable", or why there is no fit.
+    """
+
+    data: str
+    dependence: str
+    order: int
+    constraint: str
+    n_coefficients: int
+    coefficients: np.ndarray
+    coefficients_std: np.ndarray
+    objective: float
+    rmse: float
+    mae: float
+    pooled_rmse: float
+    rmse_by_pressure: np.ndarray
+    mae_by_pressure: np.ndarray
+    blocked_error: float
+    blocked_error_by_pressure: np.ndarray
+    free_contraction_error: float
+    free_contraction_error_by_pressure: np.ndarray
+    aicc: float
+    bic: float
+    cross_validated_rmse: float
+    margin: float
+    condition: float
+    kkt_residual: float
+    duality_gap: float
+    status: Status
+    verdict: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON; nan stays nan."""
+        return {
+            key: value.tolist() if isinstance(value, np.ndarray) else _plain(value)
+            for key, value in vars(self).items()
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """What `sweep` found.
+
+    Attributes:
+        rows: all fits, by data, dependence, order and constraint.
+        pressures: levels [Pa] of each force map.
+        data: the force maps.
+        geometries: of the fits.
+        deadbands: [Pa].
+        objective: one of "sum_of_squares", "mean_rmse" and "huber".
+        replicates: number of bootstrap replicates.
+        seed: of the replicates.
+        models: of the fits, with any coefficients.
+    """
+
+    rows: tuple[SweepRow, ...]
+    pressures: tuple[np.ndarray, ...]
+    data: tuple[ForceData, ...]
+    geometries: tuple[famjax.geometries.AbstractGeometry, ...]
+    deadbands: tuple[float, ...]
+    objective: str
+    replicates: int
+    seed: int
+    models: tuple[LinearModel, ...] = dataclasses.field(repr=False)
+
+
+def sweep(
+    data: ForceData | Sequence[ForceData],
+    geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
+    *,
+    deadband: float | Sequence[float] = 0.0,
+    orders: Sequence[int] = (1, 2, 3, 4),
+    dependences: Sequence[str] = DEPENDENCES,
+    constraints: Sequence[str] = CONSTRAINTS,
+    objective: str = "sum_of_squares",
+    bootstrap: int = 0,
+    seed: int = 0,
+    resume: Path | str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Sweep:
+    """All permutations of the law at fixed geometry, each a certified global optimum.
+
+    The force is linear in the coefficients, so that every one of these fits is convex. Constraints
+    hold between the readings as well.
+
+    Args:
+        data: one force map, or several.
+        geometry: of all of them, or one for each; nothing of it is identified.
+        deadband: P_d [Pa], of all or one for each.
+        orders: of the law, 1 to 4.
+        dependences: of the coefficients on pressure, among "fixed", "linear" and "free".
+        constraints: among "none", "positive", "slope" and "drucker".
+        objective: "sum_of_squares", "mean_rmse" (over pressures, as the reference work) or "huber".
+        bootstrap: number of replicates, readings drawn anew at each pressure, for the standard
+            deviations of the coefficients; with "sum_of_squares" only.
+        seed: of the replicates; the same seed gives the same file.
+        resume: file to which each finished part is written; if it is there already, the sweep goes
+            on where it was stopped.
+        progress: called with (parts done, parts).
+
+    Returns:
+        The fits.
+
+    Raises:
+        InputError: the data or options cannot be used, or the file is that of another sweep.
+        RuntimeError: float64 is off.
+
+    References:
+        Chambers 2021, sections 7.1 to 7.3.
+    """
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError(
+            "a sweep needs float64, and JAX computes in float32 by default. Put this line before "
+            'any other use of JAX: jax.config.update("jax_enable_x64", True)'
+        )
+    maps = (data,) if isinstance(data, ForceData) else tuple(data)
+    geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
+    deadbands = _one_each(deadband, int | float, len(maps), "deadband")
+    forms = Forms.of(orders, dependences, constraints)
+    _check(objective, bootstrap)
+    tasks = [
+        _Task(one, shape, float(dead), forms, objective)
+        for one, shape, dead in zip(maps, geometries, deadbands, strict=True)
+    ]
+    settings = {
+        "version": famjax.__version__,
+        "data": [one.sha256 for one in maps],
+        "names": [one.specimen.name for one in maps],
+        "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in maps],
+        "geometry": [_fingerprint(shape) for shape in geometries],
+        "deadband_Pa": [float(dead) for dead in deadbands],
+        "orders": list(forms.orders),
+        "dependences": list(forms.dependences),
+        "constraints": list(forms.constraints),
+        "objective": objective,
+        "bootstrap": bootstrap,
+        "seed": seed,
+    }
+    file = ResumableFile(None if resume is None else Path(resume), "sweep", settings)
+    parts = [(k, part) for k in range(len(maps)) for part in _parts(bootstrap)]
+    for done, (k, part) in enumerate(parts):
+        if progress is not None:
+            progress(done, len(parts))
+        if done >= len(file.parts):
+            file.append(tasks[k].fits() if part is None else tasks[k].replicates(part, seed, k))
+    if progress is not None:
+        progress(len(parts), len(parts))
+    rows = [row for k, task in enumerate(tasks) for row in task.rows(_of(file.parts, parts, k))]
+    return Sweep(
+        rows=tuple(rows),
+        pressures=tuple(task.readings.pressure for task in tasks),
+        data=maps,
+        geometries=geometries,
+        deadbands=tuple(float(dead) for dead in deadbands),
+        objective=objective,
+        replicates=bootstrap,
+        seed=seed,
+        models=tuple(task.model for task in tasks),
+    )
+
+
+class _Task:
+    """One force map of a sweep."""
+
+    def __init__(
+        self,
+        data: ForceData,
+        geometry: famjax.geometries.AbstractGeometry,
+        deadband: float,
+        forms: Forms,
+        objective: str,
+    ) -> None:
+        self.data, self.forms, self._objective = data, forms, objective
+        highest = forms.orders[-1]
+        self.readings = arrange(data, float(geometry.rest_length), highest)
+        levels, ends = self.readings.pressure, self.readings.path_end
+        self.model = LinearModel(geometry, deadband, highest, levels, ends)
+
+    def fits(self) -> dict[str, Any]:
+        """All fits with their scores, as plain lists."""
+        fits, square = solve(self._design, self.forms, self._objective, leave_out=True)
+        scores = score(self._design, self.model, self.readings, fits.coefficients, self.forms)
+        return {
+            "fits": {name: leaf.tolist() for name, leaf in vars(fits).items()},
+            "scores": {name: leaf.tolist() for name, leaf in vars(scores).items()},
+            "left_out_N2": square.tolist(),
+        }
+
+    @functools.cached_property
+    def _design(self) -> Design:
+        return Design.of(self.model, self.readings)
+
+    @functools.cached_property
+    def _replicates(self) -> Replicates:
+        return Replicates.of(self._design, self.forms)
+
+    def replicates(self, part: tuple[int, int], seed: int, index: int) -> dict[str, Any]:
+        """Sums over some replicates of the deviation from the fit and of its square."""
+        first, count = part
+        # Always a whole chunk, so that one compilation serves them all.
+        weights = draw(self.readings, _CHUNK, (seed, index, first))
+        total, square, known = self._replicates.sums(weights, count)
+        return {"sum": total.tolist(), "square": square.tolist(), "count": known.tolist()}
+
+    def rows(self, chunks: list[dict[str, Any]]) -> Iterator[SweepRow]:
+        """The rows of the finished parts."""
+        fits = {key: _array(value) for key, value in chunks[0]["fits"].items()}
+        scores = {key: _array(value) for key, value in chunks[0]["scores"].items()}
+        left_out_square = _array(chunks[0]["left_out_N2"])
+        spread = _spread(chunks[1:], fits["coefficients"].shape)
+        count = self.readings.there.sum(axis=1)
+        for d, dependence in enumerate(self.forms.dependences):
+            for o, order in enumerate(self.forms.orders):
+                for c, constraint in enumerate(self.forms.constraints):
+                    at = (d, o, c)
+                    status, margin = Status(int(fits["status"][at])), float(scores["margin"][at])
+                    largest = float(np.abs(fits["coefficients"][at]).max())
+                    rmse, mae = scores["rmse"][at], scores["mae"][at]
+                    blocked = scores["blocked_error"][at]
+                    free = scores["free_contraction_error"][at]
+                    beyond = left_out_square[at].sum() / count.sum()
+                    stable = "stable" if margin >= -FEASIBLE * largest else "not stable"
+                    yield SweepRow(
+                        data=self.data.specimen.name,
+                        dependence=dependence,
+                        order=order,
+                        constraint=constraint,
+                        n_coefficients=n_coefficients(dependence, order, count.size),
+                        coefficients=fits["coefficients"][at][:, :order],
+                        coefficients_std=spread[at][:, :order],
+                        objective=float(fits["objective"][at]),
+                        rmse=float(rmse.mean()),
+                        mae=float(mae.mean()),
+                        pooled_rmse=float(np.sqrt(count @ rmse**2 / count.sum())),
+                        rmse_by_pressure=rmse,
+                        mae_by_pressure=mae,
+                        blocked_error=float(np.abs(blocked).mean()),
+                        blocked_error_by_pressure=blocked,
+                        free_contraction_error=float(np.abs(free).mean()),
+                        free_contraction_error_by_pressure=free,
+                        aicc=float(scores["aicc"][at]),
+                        bic=float(scores["bic"][at]),
+                        cross_validated_rmse=float(np.sqrt(beyond)),
+                        margin=margin,
+                        condition=float(fits["condition"][at]),
+                        kkt_residual=float(fits["kkt_residual"][at]),
+                        duality_gap=float(fits["duality_gap"][at]),
+                        status=status,
+                        verdict=stable if status is Status.OPTIMAL else status.message,
+                    )
+
+
+def _spread(chunks: list[dict[str, Any]], shape: tuple[int, ...]) -> np.ndarray:
+    """Standard deviations over replicates, nan with fewer than two."""
+    if not chunks:
+        return np.full(shape, np.nan)
+    total, square, count = (
+        sum(np.asarray(chunk[name], float) for chunk in chunks)
+        for name in ("sum", "square", "count")
+    )
+    enough = count > 1
+    count = np.where(enough, count, 2)
+    variance = (square - total**2 / count) / (count - 1)
+    return np.where(enough, np.sqrt(np.maximum(variance, 0)), np.nan)
+
+
+def _array(values: list[Any]) -> np.ndarray:
+    """Numbers of the file; null is nan."""
+    return np.asarray(values, float)
+
+
+def _parts(bootstrap: int) -> list[tuple[int, int] | None]:
+    """The fits, then replicates (first, count) in chunks."""
+    firsts = range(0, bootstrap, _CHUNK)
+    return [None, *((first, min(_CHUNK, bootstrap - first)) for first in firsts)]
+
+
+def _of(
+    chunks: list[dict[str, Any]], parts: list[tuple[int, tuple[int, int] | None]], index: int
+) -> list[dict[str, Any]]:
+    return [chunk for chunk, (k, _) in zip(chunks, parts, strict=True) if k == index]
+
+
+def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:
+    """One of something for each force map."""
+    each = (given,) * count if isinstance(given, kind) else tuple(given)
+    if len(each) != count:
+        raise InputError(
+            f"give one {name} for all force maps or one for each of {count}; got {len(each)}"
+        )
+    return each
+
+
+def _check(objective: str, bootstrap: int) -> None:
+    named("objective", [objective], OBJECTIVES)
+    if bootstrap < 0:
+        raise InputError(f"the number of replicates cannot be negative, got {bootstrap}")
+    if bootstrap and objective != "sum_of_squares":
+        raise InputError(
+            f"bootstrap replicates need the objective sum_of_squares, got {objective}: leave "
+            "bootstrap out, or take that objective"
+        )
+
+
+def _fingerprint(geometry: famjax.geometries.AbstractGeometry) -> str:
+    """Hash of a geometry's numbers."""
+    digest = hashlib.sha256(type(geometry).__name__.encode())
+    for leaf in jax.tree.leaves(geometry):
+        digest.update(np.ascontiguousarray(leaf, "<f8").tobytes())
+    return digest.hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    return value.name if isinstance(value, Status) else value

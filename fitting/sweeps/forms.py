@@ -1,0 +1,73 @@
+"""The forms of the law that a sweep goes through, and those of them that were chosen."""
+
+import dataclasses
+from collections.abc import Sequence
+
+from famjax.boundary.errors import InputError
+
+from ..engine.program import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
+
+OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
+HUBER = 1.345
+"""Threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)."""
+NORMAL_MAD = 1.4826
+"""Standard deviation per median absolute deviation of normal noise."""
+
+_HIGHEST_ORDER = 4  # up to it the tangent modulus is a cubic, and its constraint exact
+
+
+@dataclasses.dataclass(frozen=True)
+class Forms:
+    """Orders, dependences and constraints: every combination of them is one fit.
+
+    Attributes:
+        orders: of the law, ascending.
+        dependences: some of `DEPENDENCES`, in their order.
+        constraints: some of `CONSTRAINTS`, in their order.
+    """
+
+    orders: tuple[int, ...]
+    dependences: tuple[str, ...] = DEPENDENCES
+    constraints: tuple[str, ...] = CONSTRAINTS
+
+    @classmethod
+    def of(
+        cls, orders: Sequence[int], dependences: Sequence[str], constraints: Sequence[str]
+    ) -> "Forms":
+        """Those that were named, each once.
+
+        Raises:
+            InputError: a name or an order is not known, or there is none.
+        """
+        degrees = tuple(sorted(set(orders)))
+        if not degrees or degrees[0] < 1 or degrees[-1] > _HIGHEST_ORDER:
+            raise InputError(
+                f"orders of the law lie between 1 and {_HIGHEST_ORDER}, got {list(orders)}"
+            )
+        return cls(
+            degrees,
+            named("dependences", dependences, DEPENDENCES),
+            named("constraints", constraints, CONSTRAINTS),
+        )
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(dependences, orders, constraints)."""
+        return len(self.dependences), len(self.orders), len(self.constraints)
+
+
+def named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """What was named, in the order in which it is known.
+
+    Raises:
+        InputError: something else was named, or nothing.
+    """
+    strange = [value for value in given if value not in known]
+    if strange or not given:
+        raise InputError(f"{what}: known are {', '.join(known)}; got {strange or 'none'}")
+    return tuple(value for value in known if value in given)
+
+
+def n_coefficients(dependence: str, order: int, n_pressures: int) -> int:
+    """Number of coefficients of a form of the law."""
+    return {"fixed": 1, "linear": min(2, n_pressures), "free": n_pressures}[dependence] * order

@@ -1,0 +1,136 @@
+"""Force and stability of a muscle of fixed geometry, linear in the coefficients of its law.
+
+One compiled program of the engine gives both at any lengths, pressures and stations of the paths.
+Whatever the law's order, its dependence on pressure or its constraint, nothing else is compiled.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import famjax
+
+from ..convex.paths import SAMPLES, PathFunctions
+from ..engine.family import AbstractFamily, Values
+from ..engine.program import MapInputs, Program
+
+_POINTS = 1024  # readings that one call takes
+
+
+class FixedGeometry(AbstractFamily):
+    """Muscles of one geometry and deadband with a polynomial law.
+
+    Attributes:
+        nonlinear, linear: no parameters but the coefficients.
+        geometry: of all of them.
+        deadband: P_d [Pa].
+    """
+
+    nonlinear: tuple[str, ...] = eqx.field(static=True)
+    linear: tuple[str, ...] = eqx.field(static=True)
+    geometry: famjax.geometries.AbstractGeometry
+    deadband: Float[np.ndarray, ""]
+
+    @classmethod
+    def of(
+        cls, geometry: famjax.geometries.AbstractGeometry, deadband: float, order: int
+    ) -> "FixedGeometry":
+        """Those with a law of that order."""
+        names = tuple(f"E_{n}" for n in range(1, order + 1))
+        return cls((), names, geometry, np.asarray(deadband, float))
+
+    def build(self, values: Values) -> famjax.Muscle:
+        """The muscle of these coefficients."""
+        law = famjax.PolynomialMaterial(jnp.stack([values[name] for name in self.linear]))
+        return famjax.Muscle(self.geometry, law, self.deadband)
+
+    def rest_length(self, values: Values) -> Float[Array, ""]:
+        """L0 [m] at which every path starts."""
+        del values
+        return self.geometry.rest_length
+
+    @property
+    def derived_names(self) -> tuple[str, ...]:
+        """The shortest length that the geometry knows."""
+        return ("shortest_length",)
+
+    def derived(self, values: Mapping[str, Array]) -> tuple[Float[Array, ""], ...]:
+        """The shortest length [m] that the geometry knows."""
+        del values
+        return (jnp.asarray(self.geometry.length_range()[0], float),)
+
+
+class LinearModel:
+    """F = braid force + sum_n E_n column_n, and the functions whose sum must not be negative.
+
+    Args:
+        geometry: of the muscle.
+        deadband: P_d [Pa].
+        order: highest of the law.
+        pressure: of the actuation paths [Pa], shape (paths,).
+        path_end: shortest length [m] of each path, shape (paths,).
+    """
+
+    def __init__(
+        self,
+        geometry: famjax.geometries.AbstractGeometry,
+        deadband: float,
+        order: int,
+        pressure: Float[np.ndarray, " paths"],
+        path_end: Float[np.ndarray, " paths"],
+    ) -> None:
+        self.order, self.rest_length = order, float(geometry.rest_length)
+        self._paths, at = pressure.size, np.full(_POINTS, self.rest_length)
+        self._inputs = MapInputs(
+            length=at,
+            pressure=np.full(_POINTS, pressure[-1]),
+            force=np.zeros(_POINTS),
+            length_index=np.zeros(_POINTS, int),
+            path_pressure=pressure,
+            path_end=path_end,
+            stations=np.tile(np.linspace(0, 1, SAMPLES), (pressure.size, 1)),
+        )
+        family = FixedGeometry.of(geometry, deadband, order)
+        self._program = Program(family, "drucker", self._inputs)
+        value, _, aside = self._call(self._inputs)
+        self.shortest_length = float(value.derived[0])
+        self._largest_strain = aside.largest_strain[: self._paths]
+
+    def _call(self, inputs: MapInputs) -> tuple:
+        none = np.zeros(0), np.zeros(self.order), np.zeros(_POINTS)
+        return self._program.at(inputs)(*none)
+
+    def columns(
+        self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
+    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... order"]]:
+        """Force [N] of the braid, and of the bladder per coefficient [N/Pa], broadcast shape."""
+        shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))
+        L, P = (np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (length, pressure))
+        braid, columns = np.empty(L.size), np.empty((L.size, self.order))
+        for first in range(0, L.size, _POINTS):
+            here = slice(first, first + _POINTS)
+            count = L[here].size
+            at = [np.pad(v[here], (0, _POINTS - count), mode="edge") for v in (L, P)]
+            value = self._call(dataclasses.replace(self._inputs, length=at[0], pressure=at[1]))[0]
+            braid[here], columns[here] = value.force[:count], value.columns[:count]
+        return braid.reshape(shape), columns.reshape(*shape, self.order)
+
+    def path_functions(self) -> PathFunctions:
+        """What must not be negative per coefficient [-], as functions of the share of a path.
+
+        First the law's own tangent n eps^(n - 1) over the strains of each path, then the modulus
+        along each path.
+        """
+        n = np.arange(1, self.order + 1)
+
+        def evaluate(s: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k order"]:
+            strain = self._largest_strain[:, None, None] * s[: self._paths, :, None]
+            at = dataclasses.replace(self._inputs, stations=s[self._paths :])
+            modulus = self._call(at)[0].rows[: self._paths]
+            return np.concatenate([n * strain ** (n - 1), modulus])
+
+        return PathFunctions.of(evaluate, 2 * self._paths)

@@ -1,0 +1,207 @@
+"""Bootstrap replicates of every fit of a sweep: readings drawn anew enter as weights.
+
+The weights of a replicate change the Gram matrix of each pressure's compressed readings, [Q r] with
+Q orthonormal, and nothing else. So a replicate is a few small matrices, and its fit one quadratic
+programme that shares its rows with all others of the same form: those at the stations, and those at
+the points where the fit to all readings, which the host has found, touches the constraint.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..convex.active_set import nearest_points
+from ..convex.arrays import AnyArray
+from ..convex.small_dense import cholesky, inverse_lower
+from ..convex.status import Status
+from .design import STATIONS, Design
+from .fits import solved
+from .forms import Forms
+from .readings import Readings
+from .unknowns import Unknowns, coupled, free
+
+
+def draw(
+    readings: Readings, count: int, seed: tuple[int, ...]
+) -> Float[np.ndarray, "replicates pressures readings"]:
+    """How often each reading is drawn: with replacement, at each pressure as many as there are.
+
+    Args:
+        readings: of the force map.
+        count: number of replicates.
+        seed: the same seed gives the same draws.
+    """
+    rng, there = np.random.default_rng(seed), readings.there
+    drawn = np.zeros((count, *there.shape))
+    for p, here in enumerate(there):
+        n = int(here.sum())
+        drawn[:, p, here] = rng.multinomial(n, np.full(n, 1 / n), size=count)
+    return drawn
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Programmes:
+    """The fits to all readings by sum of squares, each of one problem or of one per pressure.
+
+    Leading axes, `*fits`: (constraints, dependences, orders, problems).
+
+    Attributes:
+        W: of the compressed readings, whose residuals are W y - c, shape (*fits, paths, rows, n).
+        c: shape (*fits, paths, rows).
+        G: rows of unit length or zero, shape (*fits, m, n).
+        y: the optimum, shape (*fits, n).
+        rows: indices of those that are active there, and which of them are used, (*fits, n).
+        on_y: coefficients [Pa] of each path per unknown, shape (*fits, paths, order, n).
+        known: whether there is an optimum, shape (*fits,).
+        paths: indices of the pressures, shape (*fits, paths).
+    """
+
+    W: Float[AnyArray, "*fits paths rows n"]
+    c: Float[AnyArray, "*fits paths rows"]
+    G: Float[AnyArray, "*fits m n"]
+    y: Float[AnyArray, "*fits n"]
+    rows: tuple[Int[AnyArray, "*fits n"], Bool[AnyArray, "*fits n"]]
+    on_y: Float[AnyArray, "*fits paths order n"]
+    known: Bool[AnyArray, "*fits"]
+    paths: Int[AnyArray, "*fits paths"]
+
+    @classmethod
+    def of(cls, of: Design, unknowns: Unknowns, forms: Forms, problems: int) -> "Programmes":
+        """Those of laws into how many problems each of them falls."""
+        paths, axes = unknowns.paths.shape[1], (len(forms.orders), problems)
+        # As many rows as there may be, so that one compilation serves all maps of a shape.
+        size, found = (STATIONS + 2) * paths, []
+        keep = np.ones((1, paths))
+        for batch in solved(of, unknowns, forms.constraints, keep, "sum_of_squares"):
+            fits, more = batch.fits, size - batch.fits.normals.shape[1]
+            found.append(
+                cls(
+                    W=batch.objective.W,
+                    c=batch.objective.c,
+                    G=np.pad(fits.normals, ((0, 0), (0, more), (0, 0))),
+                    y=fits.y,
+                    rows=fits.rows,
+                    on_y=batch.constraint.on_y * of.unit[:, None],
+                    known=~unknowns.deficient[batch.form],
+                    paths=unknowns.paths[batch.form],
+                )
+            )
+
+        def whole(*leaves: np.ndarray) -> np.ndarray:
+            joined = np.concatenate(leaves)
+            return joined.reshape(len(forms.constraints), -1, *axes, *joined.shape[1:])
+
+        return jax.tree.map(whole, *found)
+
+
+@dataclasses.dataclass(frozen=True)
+class Replicates:
+    """Replicates of the fits of all forms of a map.
+
+    Attributes:
+        design: the linear problem.
+        programmes: fits of laws that are fixed or linear in pressure, and of free ones.
+    """
+
+    design: Design
+    programmes: tuple[Programmes, ...]
+
+    @classmethod
+    def of(cls, of: Design, forms: Forms) -> "Replicates":
+        """Those of a map, from the fits to all its readings."""
+        shared, found = [form for form in forms.dependences if form != "free"], []
+        if shared:
+            found.append(Programmes.of(of, coupled(of, shared, forms.orders), forms, 1))
+        if "free" in forms.dependences:
+            found.append(Programmes.of(of, free(of, forms.orders), forms, len(of.target)))
+        return cls(of, tuple(found))
+
+    def sums(
+        self, weights: Float[np.ndarray, "replicates pressures readings"], count: int
+    ) -> list[np.ndarray]:
+        """Sums over the first replicates of their deviations from the fit [Pa].
+
+        Args:
+            weights: of the readings.
+            count: number of replicates that are summed.
+
+        Returns:
+            [sum, sum of squares, number of those that are known], with the axes of the fits.
+        """
+        of = self.design
+        given = of.A * of.weight[..., None], of.target * of.weight, weights, np.asarray(count)
+        found = [_sums(programmes, *given) for programmes in self.programmes]
+        return [
+            np.concatenate([np.moveaxis(np.asarray(leaf), 0, 2) for leaf in leaves])
+            for leaves in zip(*found, strict=True)
+        ]
+
+
+@jax.jit
+def _sums(
+    programmes: Programmes,
+    A: Float[Array, "pressures k n"],
+    y: Float[Array, "pressures k"],
+    weights: Float[Array, "replicates pressures k"],
+    count: Int[Array, ""],
+) -> tuple[Array, Array, Array]:
+    axes, grams = programmes.known.shape, _grams(A, y, weights)
+    single = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[4:]), programmes)
+    each = jax.lax.map(lambda one: replicated(one, grams), single)
+    each = jnp.moveaxis(each.reshape(*axes, *each.shape[1:]), 3, 4)
+    each = each.reshape(*axes[:3], len(weights), -1, each.shape[-1])
+    known = jnp.all(jnp.isfinite(each), axis=(-2, -1), keepdims=True)
+    known &= (jnp.arange(len(weights)) < count)[:, None, None]
+    each = jnp.where(known, each, 0.0)
+    return jnp.sum(each, axis=3), jnp.sum(each**2, axis=3), jnp.sum(known, axis=3)
+
+
+def _grams(
+    A: Float[Array, "pressures k n"],
+    y: Float[Array, "pressures k"],
+    weights: Float[Array, "replicates pressures k"],
+) -> Float[Array, "replicates pressures rows rows"]:
+    """Weighted Gram matrices of the orthonormal columns that [A y] is compressed to."""
+
+    def one(
+        A: Float[Array, "k n"], y: Float[Array, " k"], weights: Float[Array, "replicates k"]
+    ) -> Float[Array, "replicates rows rows"]:
+        Q, _ = jnp.linalg.qr(A)
+        rest = y - Q @ (Q.T @ y)
+        size = jnp.linalg.norm(rest)
+        columns = jnp.concatenate([Q, (rest / jnp.where(size > 0, size, 1.0))[:, None]], axis=1)
+        products = columns[:, :, None] * columns[:, None, :]
+        gram = weights @ products.reshape(y.shape[0], -1)
+        return gram.reshape(-1, *products.shape[1:])
+
+    return jax.vmap(one, in_axes=(0, 0, 1), out_axes=1)(A, y, weights)
+
+
+def replicated(
+    of: Programmes, grams: Float[Array, "replicates pressures rows rows"]
+) -> Float[Array, "replicates paths order"]:
+    """Coefficients [Pa] of the replicates of one programme, minus those of the fit to all readings.
+
+    Constraints hold at the stations, and at the points where that fit touches them.
+    """
+    W, c, n = of.W, of.c, of.W.shape[-1]
+    flat = grams[:, of.paths].reshape(grams.shape[0], -1)
+    hessians = flat @ jnp.einsum("pkn,plm->pklnm", W, W).reshape(-1, n * n)
+    right = flat @ jnp.einsum("pkn,pl->pkln", W, c).reshape(-1, n)
+    unit = jnp.diag(jnp.where(jnp.any(W != 0, axis=(0, 1)), 0.0, 1.0))
+    L = cholesky(hessians.reshape(-1, n, n) + unit)
+    J = jnp.swapaxes(inverse_lower(L), 1, 2)
+    # Readings that happen to be drawn at too few lengths do not determine the law.
+    condition = jnp.sum(L**2, axis=(1, 2)) * jnp.sum(J**2, axis=(1, 2))
+    determined = condition * 10 * c.size * jnp.finfo(c.dtype).eps < 1
+    centre = jnp.einsum("rnm,rn->rm", J, right)
+    h = jnp.where(jnp.any(of.G != 0, axis=1), 0.0, -1.0)
+    points = nearest_points(of.G, h, centre, J, of.rows)
+    y = jnp.einsum("rnm,rm->rn", J, points.y)
+    known = (points.status == int(Status.OPTIMAL)) & determined & of.known
+    difference = jnp.einsum("pen,rn->rpe", of.on_y, y - of.y)
+    return jnp.where(known[:, None, None], difference, jnp.nan)

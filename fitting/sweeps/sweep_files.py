@@ -1,0 +1,87 @@
+"""What `famjax sweep` does besides parsing: sweep, files and the rows to print."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import famjax
+from famjax.boundary.files import as_png, check_output, make_output, write_all
+from famjax.boundary.units import from_si, unit_system
+
+from ..data.force_data import ForceData
+from .all_forms import SweepRow, sweep
+from .sweep_plot import plot_curves, plot_errors, rows_of
+
+SWEEP_FILE = "sweep.jsonl"
+"""Where the finished parts are kept, in the output folder."""
+
+_CURVES = 3
+
+
+def sweep_command(
+    data: Sequence[ForceData],
+    geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
+    *,
+    output: Path = Path("famjax-sweep"),
+    units: str = "metric",
+    **options: Any,
+) -> tuple[dict[str, Any], list[Path]]:
+    """All permutations of the law for some force maps, with their files.
+
+    Writes `sweep.jsonl`, from which a stopped sweep goes on, and for each force map pictures of
+    errors and force curves.
+
+    Args:
+        data: the force maps.
+        geometry: of all of them, or one for each.
+        output: folder, made if need be.
+        units: "si", "metric" or "us", of pictures and rows.
+        options: of `sweep`.
+
+    Returns:
+        A document for JSON with the rows, and the files.
+
+    Raises:
+        InputError: the data, the options or the folder cannot be used.
+    """
+    check_output(output)
+    make_output(output)
+    found = sweep(data, geometry, **options, resume=output / SWEEP_FILE)
+    pictures: dict[str, bytes] = {}
+    for index in range(len(found.data)):
+        best = sorted(rows_of(found, index), key=lambda row: row.bic)[:_CURVES]
+        for name, figure in (
+            ("errors", plot_errors(found, units, index)),
+            ("curves", plot_curves(found, best, units, index)),
+        ):
+            pictures[f"{name}-{index + 1}.png"] = as_png(figure)
+    document = {"rows": [table_row(row, units) for row in found.rows]}
+    json.dumps(document, allow_nan=False)
+    return document, [output / SWEEP_FILE, *write_all(output, pictures)]
+
+
+def table_row(row: SweepRow, system: str) -> dict[str, Any]:
+    """One line of the table, the unit in each name; what is not known is null."""
+    force, stress = unit_system(system)["force"], unit_system(system)["stress"]
+    numbers = {
+        f"rmse_{force}": from_si(row.rmse, force, "force"),
+        f"mae_{force}": from_si(row.mae, force, "force"),
+        f"blocked_force_error_{force}": from_si(row.blocked_error, force, "force"),
+        "free_contraction_error": row.free_contraction_error,
+        "aicc": row.aicc,
+        "bic": row.bic,
+        f"left_out_rmse_{force}": from_si(row.cross_validated_rmse, force, "force"),
+        f"stability_margin_{stress}": from_si(row.margin, stress, "stress"),
+        "condition": row.condition,
+    }
+    return {
+        "data": row.data,
+        "pressure": row.dependence,
+        "order": row.order,
+        "constraint": row.constraint,
+        "n_coefficients": row.n_coefficients,
+        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        "verdict": row.verdict,
+    }
