@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from famjax import units
 from famjax.braids import BraidStretch
 from famjax.compile_options import quick_jit
-from fitting.rubber.in_situ import InSitu, thread_in_situ
+from fitting.rubber import InSitu, thread_in_situ
 
 FROM_PRINT = {"B": 0.001, "theta": 0.03}
 """Tolerance [in, deg] of what follows from the printed D: 0.0005 in of D, and the print's digit."""

@@ -5,14 +5,19 @@ import math
 
 import numpy as np
 
-from fitting.records.alignment import Alignment, align_by_load, align_by_pulses
-from fitting.records.characterisation import Characterisation, characterise
-from fitting.records.isobaric_record import IsobaricRecord, combine
-from fitting.records.machine_log import MachineLog
-from rig.calibration.whole_rig import Calibration
+from fitting.records import (
+    Alignment,
+    Characterisation,
+    IsobaricRecord,
+    MachineLog,
+    align_by_load,
+    align_by_pulses,
+    characterise,
+    combine,
+)
+from rig.calibration import Calibration
 from rig.errors import RigError
-from rig.journal.reader import Record
-from rig.journal.tables import table
+from rig.journal import Record, table
 from rig.protocol.control_law import TICK_HZ
 
 
@@ -79,7 +84,7 @@ def analyse(
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
     if sync_column is None:
         sign = -1.0 if pushing_positive else 1.0
-        alignment = align_by_load(time, force, log.time, sign * log.force, near=near)
+        alignment = align_by_load(time, force, log.time, sign * log.channel("force"), near=near)
     else:
         if sync_column not in log.others:
             raise RigError(f"the log has no column {sync_column!r}; it has {', '.join(log.others)}")

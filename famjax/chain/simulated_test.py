@@ -4,24 +4,22 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from fitting.records.dataset import write_dataset
-from fitting.records.machine_log import read_machine_log
-from rig.control.plan import duration
-from rig.control.plan_file import PlanFile
-from rig.control.plan_run import run
-from rig.control.rig import Rig
-from rig.device.core import Device
-from rig.device.native import NativeDevice
+from fitting.records import read_machine_log, write_dataset
+from rig.control import PlanFile, Rig, duration, run
+from rig.device import Device, NativeDevice
 from rig.errors import RigError
-from rig.journal.reader import read_journal
-from rig.journal.writer import Journal
-from rig.link.virtual_link import VirtualLink
-from rig.simulation.hydraulic import HydraulicCircuit
-from rig.simulation.machine import MachineClock
-from rig.simulation.muscle import SimulatedMuscle, mckibben
-from rig.simulation.pneumatic import PneumaticCircuit
-from rig.simulation.sensors import load_cell
-from rig.simulation.simulated_rig import SimulatedRig, machine_for
+from rig.journal import Journal, read_journal
+from rig.link import VirtualLink
+from rig.simulation import (
+    HydraulicCircuit,
+    MachineClock,
+    PneumaticCircuit,
+    SimulatedMuscle,
+    SimulatedRig,
+    load_cell,
+    machine_for,
+    mckibben,
+)
 
 from .isobaric_test import Analysis, analyse
 

@@ -53,7 +53,7 @@ def compare(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.files import as_png, check_output, make_output, write_all
-    from fitting.comparison.league_plot import plot_comparison
+    from fitting.comparison import plot_comparison
     from fitting.search.options import parse_specimen
 
     check_output(output)

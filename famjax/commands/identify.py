@@ -110,7 +110,7 @@ def fit(
     load_matplotlib()
     from famjax.boundary.files import check_output
     from fitting.evidence.gathered import gather
-    from fitting.saved.report import write_fit
+    from fitting.saved import write_fit
     from fitting.search.options import (
         parameter_kinds,
         parse_bounds,

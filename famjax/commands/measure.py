@@ -102,7 +102,7 @@ def measure(
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     load_matplotlib()
-    from famjax.chain.photographs import as_document, measure_pictures
+    from famjax.chain import as_document, measure_pictures
 
     from ..boundary.errors import InputError
     from .measure_options import command_recipe

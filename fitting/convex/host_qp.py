@@ -195,7 +195,7 @@ def nearest_points(
     slack = (normals @ centre[:, :, None])[:, :, 0] - offsets
     noise = 32 * _EPS * (np.linalg.norm(centre, axis=1)[:, None] + np.abs(offsets))
     bound = np.flatnonzero((slack < -noise).any(axis=1))
-    known = None if guesses is None else [guesses[one] for one in bound]
+    known = None if guesses is None else [guesses[one] for one in bound.tolist()]
     together = _on_guessed_faces(
         normals[bound],
         offsets[bound],

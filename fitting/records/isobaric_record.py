@@ -127,7 +127,7 @@ def combine(
     return IsobaricRecord(
         time=time[use],
         length=rest_length + towards * (log.displacement[use] - zero_displacement),
-        force=(-1.0 if pushing_positive else 1.0) * log.force[use],
+        force=(-1.0 if pushing_positive else 1.0) * log.channel("force")[use],
         pressure=journal_pressure[nearest[use]],
         set_pressure=pressures[order[use]],
         rest_length=rest_length,

@@ -95,6 +95,17 @@ class MachineLog:
         """How many rows are missing in all gaps."""
         return sum(gap.rows for gap in self.gaps)
 
+    def channel(self, name: str) -> np.ndarray:
+        """A channel [SI] by its name.
+
+        Raises:
+            InputError: the log has no such channel.
+        """
+        values = getattr(self, name) if name in KINDS else None
+        if values is None:
+            raise InputError(f"{self.source}: the log has no channel {name!r}")
+        return values
+
     def at(
         self, name: str, time: np.ndarray, time_stderr: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -114,9 +125,7 @@ class MachineLog:
         Raises:
             InputError: the log has no such channel.
         """
-        values = getattr(self, name) if name in KINDS else None
-        if values is None:
-            raise InputError(f"{self.source}: the log has no channel {name!r}")
+        values = self.channel(name)
         time, stderr = np.broadcast_arrays(np.asarray(time, float), time_stderr)
         found = np.interp(time, self.time, values, left=np.nan, right=np.nan)
         k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)

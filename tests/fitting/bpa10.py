@@ -5,10 +5,8 @@ The raw records are not part of the project; tests that need them are skipped wh
 
 from pathlib import Path
 
-from fitting.data.force_data import ForceData, Specimen
-from fitting.ramps.force_map import StaticMap, static_map
-from fitting.ramps.quasi_static_ramp import quasi_static
-from fitting.ramps.record import read_ramp
+from fitting.data import ForceData, Specimen
+from fitting.ramps import StaticMap, quasi_static, read_ramp, static_map
 
 FOLDER = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "bpa10"
 ABSENT = "the raw ramps of bpa10 are not beside the repository"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fitting import ForceData, InputError, Specimen
-from fitting.comparison.cross_validation import cross_validate
+from fitting.comparison import cross_validate
 from fitting.data.levels import levels_of
 from fitting.families.laws import law_named
 from fitting.families.parameters import complete_table

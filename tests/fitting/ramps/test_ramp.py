@@ -5,8 +5,8 @@ import pytest
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
+from fitting.ramps import RampRecord, read_ramp
 from fitting.ramps.holds import find_staircase, noise_of
-from fitting.ramps.record import RampRecord, read_ramp
 
 COLUMNS = "force_N,pressure_kPa,time_s,valve_state"
 

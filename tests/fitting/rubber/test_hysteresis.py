@@ -8,10 +8,14 @@ import pytest
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.terms.friction import AbstractFriction, PressureFriction, ThreadFriction, smooth_sign
-from fitting.rubber.cyclic_record import CyclicRecord
-from fitting.rubber.hysteresis import fit_pressure_friction, fit_thread_friction
-from fitting.rubber.loop import HysteresisLoop, hysteresis_loop
+from famjax.terms import AbstractFriction, PressureFriction, ThreadFriction, smooth_sign
+from fitting.rubber import (
+    CyclicRecord,
+    HysteresisLoop,
+    fit_pressure_friction,
+    fit_thread_friction,
+    hysteresis_loop,
+)
 
 REST, SHORT, SPEED = 0.296, 0.23, 2e-3  # m, m, m/s
 C0, C1, COEFFICIENT = 6.0, 4e-5, 0.004

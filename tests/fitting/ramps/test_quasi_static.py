@@ -12,14 +12,11 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from famjax.boundary.errors import InputError
-from fitting.data.csv_writer import csv_text, write_csv
-from fitting.data.force_csv import read_csv
-from fitting.data.force_data import ForceData, Specimen
+from fitting.data import ForceData, Specimen, read_csv, write_csv
+from fitting.data.csv_writer import csv_text
 from fitting.families.monotone_cubic import end_slope, monotone_cubic
-from fitting.ramps.force_map import StaticMap, static_map
-from fitting.ramps.quasi_static_ramp import QuasiStatic, quasi_static
+from fitting.ramps import QuasiStatic, RampRecord, StaticMap, quasi_static, static_map
 from fitting.ramps.ramp_files import parse_atmosphere, ramps_command, read_ramps
-from fitting.ramps.record import RampRecord
 
 ZERO, TOP, HALF_WIDTH, NOISE = 9e3, 6.2e5, 4.0, 0.9  # Pa, Pa, N, N
 CLAMP = -8.7
@@ -443,7 +440,7 @@ def test_commands_that_cannot_be(call: Callable[[str], object], match: str, tmp_
 
 
 def _bpa10() -> ModuleType:
-    path = Path(__file__).parent / "bpa10.py"
+    path = Path(__file__).parents[1] / "bpa10.py"
     spec = importlib.util.spec_from_file_location("bpa10", path)
     assert spec is not None
     assert spec.loader is not None

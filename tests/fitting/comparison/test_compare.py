@@ -14,12 +14,19 @@ from scipy import optimize
 
 from famjax import peers
 from fitting import ForceData, InputError, Specimen
-from fitting.comparison.cross_validation import cross_validate, subset
-from fitting.comparison.fit import PeerFit, cross_validate_peer, fit_peer
-from fitting.comparison.hocking import fit_hocking_wereley, hocking_orders
-from fitting.comparison.league_plot import plot_comparison
-from fitting.comparison.league_table import comparable_models, compare
-from fitting.comparison.published import peer_families
+from fitting.comparison import (
+    PeerFit,
+    comparable_models,
+    compare,
+    cross_validate,
+    cross_validate_peer,
+    fit_hocking_wereley,
+    fit_peer,
+    peer_families,
+    plot_comparison,
+)
+from fitting.comparison.cross_validation import subset
+from fitting.comparison.hocking import hocking_orders
 
 pytestmark = pytest.mark.slow
 

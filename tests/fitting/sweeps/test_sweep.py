@@ -13,7 +13,8 @@ import pytest
 import famjax
 from fitting import ForceData, InputError, Specimen
 from fitting.convex import Status
-from fitting.sweeps.all_forms import FEASIBLE, Sweep, SweepRow, sweep
+from fitting.sweeps import Sweep, SweepRow, sweep
+from fitting.sweeps.all_forms import FEASIBLE
 from fitting.sweeps.design import Design
 from fitting.sweeps.fits import solve
 from fitting.sweeps.forms import Forms

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from famjax.braids.thread import LinearThread, ToeThread
+from famjax.braids import LinearThread, ToeThread
 from fitting import InputError
-from fitting.rubber.thread_fit import fit_thread
+from fitting.rubber import fit_thread
 
 # The reference work's thread in SI: 16.9e6 psi, 1.332e-4 in2, broken at 59.3 lbf
 GAUGE, AREA, MODULUS, TOE, TOE_TENSION = 0.25, 8.594e-8, 116.5e9, 0.004, 12.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fitting import ForceData, InputError, Specimen
-from fitting.comparison.cross_validation import cross_validate
+from fitting.comparison import cross_validate
 
 EXACT = 1e-12  # the same sums
 

@@ -7,8 +7,8 @@ import pytest
 from jaxtyping import Array
 
 from fitting import load_bundled
+from fitting.comparison import peer_families
 from fitting.comparison.fit import _posed
-from fitting.comparison.published import peer_families
 from fitting.convex.arrays import member
 from fitting.convex.host_qp import solve_host_qps
 from fitting.convex.status import Status

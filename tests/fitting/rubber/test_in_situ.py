@@ -5,16 +5,15 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from famjax.braids.elastic import ElasticBraid
-from famjax.braids.thread import LinearThread, ToeThread
+from famjax.braids import ElasticBraid, LinearThread, ToeThread
 from fitting import InputError
-from fitting.rubber.in_situ import InSitu, thread_in_situ
+from fitting.rubber import InSitu, thread_in_situ
 
 # The reference specimen in inch, psi, lbf
 L0, B0, N, n, AREA = 9.28125, 9.89, 1.09, 144, 1.332e-4
 SPECIMEN = {"length": L0, "turns": N, "n_threads": n, "area": AREA}
 PUBLISHED = tomllib.loads(
-    (Path(__file__).parents[2] / "benchmarks" / "reference" / "chambers2021.toml").read_text()
+    (Path(__file__).parents[3] / "benchmarks" / "reference" / "chambers2021.toml").read_text()
 )
 TABLE = PUBLISHED["elastic_braid"]
 PRESSURE = np.array(TABLE["pressure_psi"], float)

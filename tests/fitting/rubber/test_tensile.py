@@ -12,7 +12,8 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from famjax.boundary.errors import InputError
-from fitting.rubber.tensile import Characterisation, TensileRecord, characterise_bladder
+from fitting.rubber import Characterisation, characterise_bladder
+from fitting.rubber.tensile import TensileRecord
 
 LAW = np.array([257.8, -57.9, 32.7])  # psi: the reference work's latex
 LENGTH, AREA, SET = 3.09375, 0.16, 3 / 32  # in, in2, in
