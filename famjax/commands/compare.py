@@ -53,8 +53,8 @@ def compare(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.files import as_png, check_output, make_output, write_all
+    from famjax.commands.options.fits import parse_specimen
     from fitting.comparison import plot_comparison
-    from fitting.search.options import parse_specimen
 
     check_output(output)
     measured = load_map(

@@ -52,7 +52,7 @@ def design(
     from famjax.boundary.files import check_output, write_all
 
     from ..design.document import design_document, design_picture
-    from ..design.options import parse_requirement, parse_tube
+    from .options.designs import parse_requirement, parse_tube
 
     check_output(output)
     document = design_document(

@@ -109,15 +109,15 @@ def fit(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.files import check_output
-    from fitting.evidence.gathered import gather
-    from fitting.saved import write_fit
-    from fitting.search.options import (
+    from famjax.commands.options.fits import (
         parameter_kinds,
         parse_bounds,
         parse_free,
         parse_priors,
         parse_specimen,
     )
+    from fitting.evidence import gather
+    from fitting.saved import write_fit
 
     from .terminal import progress_bar
 
@@ -167,7 +167,7 @@ def fit(
 
 
 def _print_fit(result: "Identification", units: str, evidence: "Evidence") -> None:
-    from fitting.saved.report import notes, tables, verdict
+    from fitting.saved import notes, tables, verdict
 
     console = Console(highlight=False)
     console.print(f"[bold]{result.data.specimen.name}[/bold]  ({result.data.source})")

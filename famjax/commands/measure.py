@@ -105,7 +105,7 @@ def measure(
     from famjax.chain import as_document, measure_pictures
 
     from ..boundary.errors import InputError
-    from .measure_options import command_recipe
+    from .options.photographs import command_recipe
 
     began: list[tuple[float, int]] = []
     try:

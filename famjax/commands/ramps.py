@@ -59,8 +59,8 @@ def ramps(
     """
     load_fitting()
     from famjax.boundary.files import check_output, write_all
-    from fitting.ramps.ramp_files import parse_atmosphere, ramps_command
-    from fitting.search.options import parse_specimen
+    from famjax.commands.options.fits import parse_specimen
+    from fitting.ramps import parse_atmosphere, ramps_command
 
     check_output(output)
     summary, files = ramps_command(

@@ -59,8 +59,8 @@ def series(
     """
     fitting = load_fitting()
     from famjax.boundary.files import check_output, write_all
-    from fitting.evidence.series import DEFAULT_LAWS
-    from fitting.search.options import as_parameters, parse_bounds, parse_free
+    from famjax.commands.options.fits import as_parameters, parse_bounds, parse_free
+    from fitting.evidence import DEFAULT_LAWS
 
     check_output(output)
     maps = [load_map(one, {}) for one in data]

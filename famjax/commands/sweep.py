@@ -71,8 +71,8 @@ def sweep(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.units import parse_quantity
-    from fitting.search.options import parse_specimen
-    from fitting.sweeps.sweep_files import sweep_command
+    from famjax.commands.options.fits import parse_specimen
+    from fitting.sweeps import sweep_command
 
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}

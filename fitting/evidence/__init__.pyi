@@ -1,5 +1,10 @@
-from .gathered import Evidence as Evidence
+from .gathered import Evidence as Evidence, gather as gather
 from .likelihood import Profile as Profile, profile as profile
 from .resampling import Bootstrap as Bootstrap, bootstrap as bootstrap
-from .series import SERIES_LAWS as SERIES_LAWS, Series as Series, identify_series as identify_series
+from .series import (
+    DEFAULT_LAWS as DEFAULT_LAWS,
+    SERIES_LAWS as SERIES_LAWS,
+    Series as Series,
+    identify_series as identify_series,
+)
 from .validation import Validation as Validation, validate as validate

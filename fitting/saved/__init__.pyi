@@ -5,5 +5,11 @@ from .fit_file import (
 )
 from .fit_plot import plot_fit as plot_fit
 from .prediction import predict as predict
-from .report import html_report as html_report, write_fit as write_fit
+from .report import (
+    html_report as html_report,
+    notes as notes,
+    tables as tables,
+    verdict as verdict,
+    write_fit as write_fit,
+)
 from .saved_fit import SavedFit as SavedFit, load_fit as load_fit

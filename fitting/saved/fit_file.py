@@ -9,7 +9,7 @@ import numpy as np
 
 import famjax
 from famjax.boundary.units import from_si, si_unit, unit_system
-from famjax.cards.muscle_card import muscle_as_dict
+from famjax.cards import muscle_as_dict
 
 from ..data.force_csv import specimen_as_dict
 from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings

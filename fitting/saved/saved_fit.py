@@ -8,7 +8,7 @@ from typing import Any
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.cards.muscle_card import muscle_from_dict
+from famjax.cards import muscle_from_dict
 
 SCHEMA = "famjax-fit/1"
 

@@ -16,12 +16,10 @@ import pytest
 
 import imaging.shape.one_picture
 from imaging import ImagingError
-from imaging.campaign import shards as _shards, workers as _workers
-from imaging.campaign.run import process
-from imaging.campaign.shards import CampaignChanged
+from imaging.campaign import CampaignChanged, process, shards as _shards, workers as _workers
 from imaging.errors import MixedSizes, NoMuscle
 from imaging.recipe import Recipe
-from imaging.ruler.scale import Scale
+from imaging.ruler import Scale
 from imaging.synthetic import published_scene, render
 
 RECIPE = Recipe(Scale.manual(8922.0, 0.1))
@@ -324,7 +322,7 @@ def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
     monkeypatch.syspath_prepend(tmp_path)
     import dying_reader
 
-    from imaging.shape.one_picture import measure
+    from imaging.shape import measure
 
     table = process(rendered.paths, small_recipe(), workers=2, reader=dying_reader.reader)
     assert [bool(ok) for ok in table.ok] == [True, False, True, True, False]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from famjax.commands.measure_options import command_recipe, expand, parse_scale
+from famjax.commands.options.photographs import command_recipe, expand, parse_scale
 from imaging import ImagingError, read_recipe
 from imaging.errors import AmbiguousRuler
 from imaging.synthetic import (

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from imaging import Recipe, Scale, Table
-from imaging.campaign import Tile, contact_sheet, plot_table
-from imaging.campaign.check_pictures import choose, write_check_pictures
+from imaging.campaign import Tile, contact_sheet, plot_table, write_check_pictures
+from imaging.campaign.check_pictures import choose
 from imaging.campaign.row import POSITION, Row, measured_row
 from imaging.shape import draw_overlay
 from imaging.shape.measurement import Trace

@@ -18,10 +18,8 @@ from bare_rig import BareRig, Recorder
 
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal import writer as _journal
-from rig.journal.reader import Missing, read_journal
-from rig.journal.writer import Journal
-from rig.protocol.lines import frame
+from rig.journal import Journal, Missing, read_journal, writer as _journal
+from rig.protocol import frame
 
 PAGE = 4096
 

@@ -5,15 +5,16 @@ from pathlib import Path
 import pytest
 
 from famjax.boundary.errors import InputError
-from rig.control.plan import (
+from rig.control import (
+    PRECONDITIONS,
     Isobaric,
     describe,
     duration,
     highest_pressure,
     next_block,
-    seconds_of,
+    read_plan,
 )
-from rig.control.plan_file import PRECONDITIONS, read_plan
+from rig.control.plan import seconds_of
 
 PSI = 6894.757293168361
 PLAN = Isobaric((1e5, 3e5, 2e5), cycles=2, stroke=0.05, rate=0.001, settle=4.0)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from famjax.commands.options.fits import parse_bounds, parse_specimen
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv
-from fitting.search.options import parse_bounds, parse_specimen
 
 
 def _spoil(path: Path, old: str, new: str) -> Path:

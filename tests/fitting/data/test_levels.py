@@ -8,7 +8,7 @@ import pytest
 
 from fitting import ForceData, InputError, Specimen
 from fitting.comparison import cross_validate
-from fitting.data.levels import levels_of
+from fitting.data import levels_of
 from fitting.families.laws import law_named
 from fitting.families.parameters import complete_table
 from fitting.search.checks import check_count

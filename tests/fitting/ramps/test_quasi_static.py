@@ -15,8 +15,16 @@ from famjax.boundary.errors import InputError
 from fitting.data import ForceData, Specimen, read_csv, write_csv
 from fitting.data.csv_writer import csv_text
 from fitting.families.monotone_cubic import end_slope, monotone_cubic
-from fitting.ramps import QuasiStatic, RampRecord, StaticMap, quasi_static, static_map
-from fitting.ramps.ramp_files import parse_atmosphere, ramps_command, read_ramps
+from fitting.ramps import (
+    QuasiStatic,
+    RampRecord,
+    StaticMap,
+    parse_atmosphere,
+    quasi_static,
+    ramps_command,
+    static_map,
+)
+from fitting.ramps.ramp_files import read_ramps
 
 ZERO, TOP, HALF_WIDTH, NOISE = 9e3, 6.2e5, 4.0, 0.9  # Pa, Pa, N, N
 CLAMP = -8.7

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Mapping
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS, si_unit, to_si
-
-from ..data.force_csv import parse_specimen as parse_specimen
-from ..families.laws import LawGiven, known_laws, law_named
-from ..families.parameters import KINDS, Parameter
+from fitting.data import parse_specimen as parse_specimen
+from fitting.families import Parameter, known_laws
+from fitting.families.laws import LawGiven, law_named
+from fitting.families.parameters import KINDS
 
 Kinds = Mapping[str, str]
 """Kind of unit of every parameter by name."""

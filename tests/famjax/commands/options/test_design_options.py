@@ -1,8 +1,8 @@
 import pytest
 
 from famjax import units
+from famjax.commands.options.designs import parse_requirement, parse_tube
 from famjax.design import CatalogueError
-from famjax.design.options import parse_requirement, parse_tube
 
 
 def test_entries_are_read_in_any_known_unit():

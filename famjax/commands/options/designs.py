@@ -3,10 +3,10 @@
 import math
 from collections.abc import Iterable, Mapping
 
-from ..boundary.units import UNITS
-from .catalogue import CatalogueError
-from .catalogue_search import Requirement
-from .swage_tube import TubeOptions
+from ...boundary.units import UNITS
+from ...design.catalogue import CatalogueError
+from ...design.catalogue_search import Requirement
+from ...design.swage_tube import TubeOptions
 
 _REQUIREMENT = {
     "pressure": "pressure",

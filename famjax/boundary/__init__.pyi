@@ -1,0 +1,20 @@
+from .errors import InputError as InputError
+from .files import (
+    as_png as as_png,
+    check_output as check_output,
+    make_output as make_output,
+    write_all as write_all,
+)
+from .units import (
+    SYSTEMS as SYSTEMS,
+    UNITS as UNITS,
+    entry as entry,
+    factor as factor,
+    from_si as from_si,
+    parse_quantities as parse_quantities,
+    parse_quantity as parse_quantity,
+    si_unit as si_unit,
+    to_si as to_si,
+    unit_of_key as unit_of_key,
+    unit_system as unit_system,
+)

@@ -1,0 +1,1 @@
+"""Options of the command line as numbers in SI, recipes and requirements."""

@@ -1,0 +1,2 @@
+from .batched import Batched as Batched, BatchedFit as BatchedFit
+from .family import AbstractFamily as AbstractFamily

@@ -1,0 +1,1 @@
+from .tape_store import keep_tapes as keep_tapes
