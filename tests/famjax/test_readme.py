@@ -23,7 +23,10 @@ def test_readme_is_short_and_holds_the_two_commands() -> None:
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)))
-def test_examples_run(number: int, capsys: pytest.CaptureFixture) -> None:
+def test_examples_run(
+    number: int, capsys: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     exec(compile(EXAMPLES[number], f"README example {number}", "exec"), {})
     printed = capsys.readouterr().out
     assert printed.strip()
