@@ -117,17 +117,34 @@ def identify(
     source = _source(data, geometry, tuple(named))
     if isinstance(source, KnownSource):
         given |= known_bounds(data, source.known, named)
-    further = None if terms is None else famjax.terms.SumOfTerms((terms,))
-    declared = {**source.declared, **({} if further is None else further.declared())}
-    table = complete_table(
-        data.specimen, box, {**chosen.shape, **chosen.coefficients}, given, parameters or {},
-        {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()},
-    )  # fmt: skip
+    further = _further(terms)
+    table = _table(data, source, further, chosen, box, given, parameters or {})
     return _identified(
         (data,), (source,), table, chosen, terms=further, constraint=constraint,
         dependence=dependence, box=box, noise=noise, objective=objective, starts=starts, seed=seed,
         progress=progress,
     )[0]  # fmt: skip
+
+
+def _further(terms: famjax.terms.AbstractForceTerm | None) -> famjax.terms.SumOfTerms | None:
+    """Terms besides those that every muscle has."""
+    return None if terms is None else famjax.terms.SumOfTerms((terms,))
+
+
+def _table(
+    data: ForceData,
+    source: AbstractGeometrySource,
+    further: famjax.terms.SumOfTerms | None,
+    law: Law,
+    box: str,
+    bounds: Mapping[str, tuple[float, float]],
+    parameters: Mapping[str, Parameter],
+) -> dict[str, Entry]:
+    """All parameters that the fit of a specimen may have."""
+    declared = {**source.declared, **({} if further is None else further.declared())}
+    own = {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()}
+    rows = {**law.shape, **law.coefficients}
+    return complete_table(data.specimen, box, rows, bounds, parameters, own)
 
 
 def _source(
@@ -158,6 +175,8 @@ def identify_together(
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
     objective: str = "sum_of_squares",
+    geometry: Geometry | None = None,
+    terms: famjax.terms.AbstractForceTerm | None = None,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -175,6 +194,8 @@ def identify_together(
         parameters: bounds, held values and priors, the same for every specimen.
         noise: standard deviation of one reading [N].
         objective: "sum_of_squares" or "huber".
+        geometry: a class or function of the estimated geometry of each specimen.
+        terms: further force terms, the same for every specimen; see `identify`.
         starts: number of starts.
         seed: of the starts.
         progress: called with (starts done, starts).
@@ -191,8 +212,17 @@ def identify_together(
     if len(set(names)) < len(names) or not names:
         raise InputError(f"specimens identified together need different names, got {names}")
     chosen = law_named(law, order)
-    rows = {**chosen.shape, **chosen.coefficients}
-    tables = [complete_table(d.specimen, box, rows, {}, parameters or {}) for d in data]
+    if isinstance(geometry, famjax.geometries.AbstractGeometry | AbstractGeometrySource):
+        raise InputError(
+            "a known geometry is that of one specimen: give a class or a function of the estimated "
+            f"geometry, such as lambda shape: EndEffectGeometry(shape, 1.0); got {type(geometry)}"
+        )
+    rows, further = {**chosen.shape, **chosen.coefficients}, _further(terms)
+    sources = tuple(_source(one, geometry, tuple(parameters or {})) for one in data)
+    tables = [
+        _table(one, source, further, chosen, box, {}, parameters or {})
+        for one, source in zip(data, sources, strict=True)
+    ]
     if "length_offset" in own:
         raise InputError("length_offset is always each specimen's own: leave it out of own")
     unknown = sorted(set(own) - set(tables[0]))
@@ -207,11 +237,10 @@ def identify_together(
             table |= {f"{name}[{who}]": of[name] for who, of in zip(names, tables, strict=True)}
         else:
             table[name] = _shared(name, entry, [of[name] for of in tables])
-    sources = tuple(EstimatedSource(one.specimen) for one in data)
     return _identified(
-        tuple(data), sources, table, chosen, constraint=constraint, dependence="fixed", box=box,
-        noise=noise, objective=objective, starts=starts, seed=seed, own_law=own_law,
-        progress=progress,
+        tuple(data), sources, table, chosen, terms=further, constraint=constraint,
+        dependence="fixed", box=box, noise=noise, objective=objective, starts=starts, seed=seed,
+        own_law=own_law, progress=progress,
     )  # fmt: skip
 
 

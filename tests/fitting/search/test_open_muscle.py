@@ -3,6 +3,7 @@
 Nothing of the package is edited: classes declare their numbers, and everything works with them.
 """
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import ClassVar
@@ -107,9 +108,10 @@ class Foreign(famjax.AbstractMuscle):
         return 0.5 * self.rest_length, 1.1 * self.rest_length
 
 
-def readings(muscle: famjax.AbstractMuscle) -> ForceData:
+def readings(muscle: famjax.AbstractMuscle, name: str = "known") -> ForceData:
     L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 8), np.linspace(3e5, 7e5, 5)))
-    return ForceData(np.asarray(muscle.force(L, P)), P, L, SPECIMEN)
+    specimen = dataclasses.replace(SPECIMEN, name=name)
+    return ForceData(np.asarray(muscle.force(L, P)), P, L, specimen)
 
 
 def recovered(result: fitting.Identification, **truth: float) -> None:
@@ -170,6 +172,28 @@ def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
     assert result.estimate("spring_rate").stderr >= 0
     assert fitting.saved.summary_as_dict(result, "us")["parameters"]["spring_rate"]["unit"] == "N/m"
     saved(result, tmp_path)
+
+
+def test_several_specimens_share_a_spring_and_conical_ends() -> None:
+    law = famjax.PolynomialMaterial([4e6, -6e6, 6e6])
+    maps = []
+    for name, deadband in (("first", 30e3), ("second", 50e3)):
+        pull = famjax.terms.PressurisedBraid(deadband) + famjax.terms.BladderWall(law)
+        truth = famjax.Muscle(ConicalEnds(CYLINDER, 0.02), pull + ReturnSpring(800.0))
+        maps.append(readings(truth, name))
+    first, second = fitting.identify_together(
+        maps,
+        geometry=ConicalEnds,
+        terms=ReturnSpring(0.0),
+        parameters={"spring_rate": Parameter(), "cone_length": Parameter()},
+        starts=STARTS,
+    )
+    assert max(first.errors.rmse, second.errors.rmse) < 1e-4
+    assert first.estimate("spring_rate").value == pytest.approx(800.0, rel=1e-3)
+    assert second.estimate("cone_length").value == pytest.approx(0.02, rel=1e-3)
+    assert second.muscle.deadband_pressure == pytest.approx(50e3, rel=1e-3)
+    with pytest.raises(fitting.InputError, match="that of one specimen"):
+        fitting.identify_together(maps, geometry=ConicalEnds(CYLINDER, 0.02))
 
 
 def test_a_foreign_model_as_a_peer() -> None:
