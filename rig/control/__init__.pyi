@@ -14,10 +14,14 @@ from .plan import (
     describe as describe,
     duration as duration,
     highest_pressure as highest_pressure,
-    isobaric_from_dict as isobaric_from_dict,
     next_block as next_block,
 )
-from .plan_file import PRECONDITIONS as PRECONDITIONS, PlanFile as PlanFile, read_plan as read_plan
+from .plan_file import (
+    PRECONDITIONS as PRECONDITIONS,
+    PlanFile as PlanFile,
+    isobaric_from_dict as isobaric_from_dict,
+    read_plan as read_plan,
+)
 from .plan_run import (
     Machine as Machine,
     calibrate_feed_forward as calibrate_feed_forward,

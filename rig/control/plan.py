@@ -17,8 +17,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol
 
-from famjax.boundary.units import to_si, unit_of_key
-
 from ..errors import RigError
 
 Step = tuple[Any, ...]
@@ -144,59 +142,3 @@ def describe(plan: Plan, first_block: int = 0) -> list[str]:
         lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
         at += seconds_of(step)
     return lines
-
-
-_KEYS = {
-    "pressures": "pressure",
-    "stroke": "length",
-    "rate": "rate",
-    "settle": "time",
-    "photograph_every": "time",
-}
-
-
-def isobaric_from_dict(entries: Mapping[str, Any]) -> Isobaric:
-    """An isobaric plan from entries whose keys end with their units, and `cycles`.
-
-    Raises:
-        RigError: a key is unknown, has no or an unknown unit, or is missing.
-
-    >>> isobaric_from_dict(
-    ...     {"pressures_bar": [1, 2], "cycles": 3, "stroke_mm": 50, "rate_mm_per_s": 1}
-    ... ).pressures
-    (100000.0, 200000.0)
-    """
-    fields: dict[str, Any] = {}
-    for key, value in entries.items():
-        name, field = _entry(key, value)
-        if name in fields:
-            raise RigError(f"{name} is given twice")
-        fields[name] = field
-    missing = [name for name in ("pressures", "cycles", "stroke", "rate") if name not in fields]
-    if missing:
-        raise RigError(
-            f"the plan must have {', '.join(missing)}; as in pressures_psi = [20, 40], cycles = 3, "
-            "stroke_in = 2, rate_in_per_s = 0.02, settle_s = 10"
-        )
-    return Isobaric(**fields)
-
-
-def _entry(key: str, value: Any) -> tuple[str, Any]:
-    if key == "cycles":
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise RigError(f"cycles must be a whole number, got {value!r}")
-        return key, value
-    for name, kind in _KEYS.items():
-        unit = unit_of_key(key, name, kind)
-        if unit is not None:
-            many = name == "pressures"
-            numbers = value if many and isinstance(value, list) else [value]
-            for number in numbers:
-                if isinstance(number, bool) or not isinstance(number, int | float):
-                    raise RigError(
-                        f"{key} must be {'numbers' if many else 'a number'}, got {value!r}"
-                    )
-            si = tuple(to_si(float(number), unit, kind) for number in numbers)
-            return name, si if many else si[0]
-    known = ", ".join(["cycles", *(f"{name}_<unit>" for name in _KEYS)])
-    raise RigError(f"unknown entry {key!r} of the plan; known are {known}")

@@ -241,7 +241,7 @@ def test_nothing_runs_without_a_pressure_limit(
 ) -> None:
     code, _, err = run(capsys, command, write_plan(tmp_path, limit=""), "--output", tmp_path / "o")
     assert code == 2
-    assert "must have a pressure limit" in err
+    assert "[rig]: pressure_limit_<unit> is missing: a number >= 0 and finite, as" in err
     assert not (tmp_path / "o").exists()
 
 
