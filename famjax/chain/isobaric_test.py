@@ -5,15 +5,20 @@ import math
 
 import numpy as np
 
-from fitting.records.alignment import Alignment, align_by_load, align_by_pulses
-from fitting.records.characterisation import Characterisation, characterise
-from fitting.records.isobaric_record import IsobaricRecord, combine
-from fitting.records.machine_log import MachineLog
-from rig.calibration.whole_rig import Calibration
+from fitting.records import (
+    Alignment,
+    Characterisation,
+    IsobaricRecord,
+    MachineLog,
+    align_by_load,
+    align_by_pulses,
+    characterise,
+    combine,
+)
+from rig.calibration import Calibration
 from rig.errors import RigError
-from rig.journal.reader import Record
-from rig.journal.tables import table
-from rig.protocol.control_law import TICK_HZ
+from rig.journal import Record, table
+from rig.protocol import TICK_HZ
 
 
 @dataclasses.dataclass(frozen=True)

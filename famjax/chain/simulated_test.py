@@ -4,31 +4,26 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from fitting.records.dataset import write_dataset
-from fitting.records.machine_log import read_machine_log
-from rig.control.plan import duration
-from rig.control.plan_file import PlanFile
-from rig.control.plan_run import run
-from rig.control.rig import Rig
-from rig.device.core import Device
-from rig.device.native import NativeDevice
+from fitting.records import read_machine_log, write_dataset
+from rig.control import JOURNAL, PlanFile, record_test
+from rig.device import Device, NativeDevice
 from rig.errors import RigError
-from rig.journal.reader import read_journal
-from rig.journal.writer import Journal
-from rig.link.virtual_link import VirtualLink
-from rig.simulation.hydraulic import HydraulicCircuit
-from rig.simulation.machine import MachineClock
-from rig.simulation.muscle import SimulatedMuscle, mckibben
-from rig.simulation.pneumatic import PneumaticCircuit
-from rig.simulation.sensors import load_cell
-from rig.simulation.simulated_rig import SimulatedRig, machine_for
+from rig.journal import read_journal
+from rig.link import VirtualLink
+from rig.simulation import (
+    CIRCUITS,
+    MachineClock,
+    SimulatedMuscle,
+    SimulatedRig,
+    load_cell,
+    machine_for,
+    mckibben,
+)
 
 from .isobaric_test import Analysis, analyse
 
-CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
-
-JOURNAL, LOG, DATASET = "test.fam", "machine.csv", "dataset.csv"
-"""Names of the files of a test."""
+LOG, DATASET = "machine.csv", "dataset.csv"
+"""Names of the files of a test beside its journal."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,41 +99,12 @@ def simulate(
         clock_rate=clock_rate,
         seed=seed,
     )
-    planned = duration(test.plan)
-    link = _WatchedLink(rig, progress, planned)
-    journal = Journal(paths[0], lambda: link.now, plan_seconds=planned)
-    try:
-        with Rig(
-            link,
-            rig.calibration(),
-            pressure_limit=test.pressure_limit,
-            control=test.control,
-            jump_limit=test.jump_limit,
-            journal=journal,
-        ) as controlled:
-            run(controlled, test.plan, machine=machine)
-    finally:
-        journal.close()
+    record_test(
+        test, VirtualLink(rig), rig.calibration(), paths[0], machine=machine, progress=progress
+    )
     machine.write_log(paths[1])
     found = analyse(
         read_journal(paths[0]), read_machine_log(paths[1]), rest_length=muscle.rest_length
     )
     write_dataset(found.characterisation, paths[2], specimen=specimen)
     return SimulatedTest(found, rig.now, tuple(paths))
-
-
-class _WatchedLink(VirtualLink):
-    """A virtual link that tells how far its rig has come, about every second of its time."""
-
-    def __init__(
-        self, rig: SimulatedRig, progress: Callable[[float, float], None] | None, planned: float
-    ) -> None:
-        super().__init__(rig)
-        self._progress, self._planned, self._next = progress, planned, 0.0
-
-    def sleep(self, seconds: float) -> None:
-        """Advance the rig, and tell."""
-        super().sleep(seconds)
-        if self._progress is not None and self.now >= self._next:
-            self._next = self.now + 1.0
-            self._progress(min(self.now, self._planned), self._planned)

@@ -235,7 +235,9 @@ def _row(kind: type[_Row], fields: Mapping[str, Any], where: str) -> _Row:
 
 def _braids(fields: Mapping[str, Any], where: str, source: str) -> list[CatalogueBraid]:
     row = _row(_BraidRow, fields, f"{where} ({fields.get('name')!r}): ")
-    values = vars(row) | {"boundary_range": row.boundary_range or row.diameter_range}
+    values: dict[str, Any] = vars(row) | {
+        "boundary_range": row.boundary_range or row.diameter_range
+    }
     return [CatalogueBraid(**values, source=source)]
 
 
@@ -251,11 +253,12 @@ def _bladders(fields: Mapping[str, Any], where: str, source: str) -> list[Catalo
 
 def _tubes(fields: Mapping[str, Any], where: str, source: str) -> list[CatalogueTube]:
     row = _row(_TubeRow, fields, f"{where}: ")
+    values: dict[str, Any] = vars(row)
     names = itertools.product(_written("outer_diameter", fields), _written("thickness", fields))
     sizes = itertools.product(row.outer_diameter, row.thickness)
     return [
         CatalogueTube(
-            **vars(row) | {"outer_diameter": diameter, "thickness": thickness},
+            **(values | {"outer_diameter": diameter, "thickness": thickness}),
             name=f"tube {wide} x {thick}",
             source=source,
         )

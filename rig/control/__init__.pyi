@@ -1,9 +1,10 @@
 from .monitor import Monitor as Monitor
 from .operator import (
+    JOURNAL as JOURNAL,
     convert as convert,
     need_port as need_port,
     ports as ports,
-    quantity as quantity,
+    record_test as record_test,
     run_test as run_test,
     specimen_entries as specimen_entries,
 )

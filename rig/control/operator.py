@@ -1,47 +1,25 @@
 """What the commands of `famjax rig` do, without their printing."""
 
 import csv
-import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from famjax.boundary.units import to_si
-
-from ..calibration.whole_rig import read_calibration
+from ..calibration.whole_rig import Calibration, read_calibration
 from ..errors import RigError
 from ..journal.reader import read_journal
 from ..journal.tables import table, write_netcdf, write_parquet
 from ..journal.writer import Journal
+from ..link.abstract_link import AbstractLink
 from ..link.serial_link import Link, serial_opener
 from .plan import duration, next_block
 from .plan_file import PlanFile
-from .plan_run import run
+from .plan_run import Machine, run
 from .rig import Rig
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""
 
 FORMATS = {".parquet": write_parquet, ".nc": write_netcdf}
-
-
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]+)\s*")
-
-
-def quantity(text: str, kind: str) -> float:
-    """A number with its unit as a person types it, in SI.
-
-    Raises:
-        RigError: it is not of that form, or of an unknown unit.
-
-    >>> quantity("10 in", "length")
-    0.254
-    """
-    match = _QUANTITY.fullmatch(text)
-    if match is None:
-        raise RigError(
-            f"a {kind} is a number with its unit, as in 1.5{_EXAMPLE[kind]}, got {text!r}"
-        )
-    return to_si(float(match.group(1)), match.group(2), kind)
 
 
 def specimen_entries(entries: Iterable[str]) -> dict[str, str]:
@@ -60,9 +38,6 @@ def specimen_entries(entries: Iterable[str]) -> dict[str, str]:
             )
         found[key] = value
     return found
-
-
-_EXAMPLE = {"length": "in", "time": "s", "pressure": "psi", "force": "N"}
 
 
 def ports() -> list[dict[str, str]]:
@@ -127,29 +102,56 @@ def run_test(
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
     calibration = read_calibration(test.calibration)
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / JOURNAL
+    path = Path(folder) / JOURNAL
+    path.parent.mkdir(parents=True, exist_ok=True)
     first = next_block(read_journal(path).notes) if resume else 0
-    planned = duration(test.plan, first)
-    link = _ToldLink(serial_opener(port, baud), progress, planned)
-    try:
-        journal = Journal(path, lambda: link.now, append=resume, plan_seconds=planned)
-        try:
-            with Rig(
-                link,
-                calibration,
-                pressure_limit=test.pressure_limit,
-                control=test.control,
-                jump_limit=test.jump_limit,
-                journal=journal,
-            ) as rig:
-                run(rig, test.plan, first_block=first)
-        finally:
-            journal.close()
-    finally:
-        link.close()
+    with Link(serial_opener(port, baud)) as link:
+        record_test(
+            test, link, calibration, path, first_block=first, append=resume, progress=progress
+        )
     return path
+
+
+def record_test(
+    test: PlanFile,
+    link: AbstractLink,
+    calibration: Calibration,
+    path: Path,
+    *,
+    machine: Machine | None = None,
+    first_block: int = 0,
+    append: bool = False,
+    progress: Callable[[float, float], None] | None = None,
+) -> None:
+    """Carry out a test over a link, real or virtual, and record it.
+
+    Args:
+        test: plan, limits and gains.
+        link: to the device.
+        calibration: of its sensors.
+        path: of the journal.
+        machine: as for `run`.
+        first_block: as for `run`.
+        append: go on in the journal that is there.
+        progress: as for `run`.
+
+    Raises:
+        RigError: as `Journal`, `Rig` and `run`.
+        RigFault: the test had to stop; the rig is vented.
+    """
+    planned = duration(test.plan, first_block)
+    with (
+        Journal(path, lambda: link.now, append=append, plan_seconds=planned) as journal,
+        Rig(
+            link,
+            calibration,
+            pressure_limit=test.pressure_limit,
+            control=test.control,
+            jump_limit=test.jump_limit,
+            journal=journal,
+        ) as rig,
+    ):
+        run(rig, test.plan, machine=machine, first_block=first_block, progress=progress)
 
 
 def convert(journal: str | Path, target: str | Path) -> Path:
@@ -171,19 +173,3 @@ def convert(journal: str | Path, target: str | Path) -> Path:
         writer.writerow(columns)
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
     return target
-
-
-class _ToldLink(Link):
-    """A link that tells how long a test has lasted, from the test's own waits."""
-
-    def __init__(
-        self, opener: Callable, progress: Callable[[float, float], None] | None, planned: float
-    ) -> None:
-        super().__init__(opener)
-        self._progress, self._planned, self._begin = progress, planned, self.now
-
-    def sleep(self, seconds: float) -> None:
-        """Wait, and tell."""
-        super().sleep(seconds)
-        if self._progress is not None:
-            self._progress(min(self.now - self._begin, self._planned), self._planned)

@@ -17,7 +17,7 @@ from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
 from ..protocol.control_law import TICK_HZ
 from ..protocol.messages import FAULTS, MANUAL, RUN, STATES, Sample
-from .set_up import greet, set_up, told_of
+from .set_up import greet, limit_commands, set_up
 from .settings import JUMP_LIMIT, Control
 
 LOOK = 0.05
@@ -40,6 +40,10 @@ class Rig:
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
 
+    Attributes:
+        on_look: called with the link's time [s] at every look of a wait, or None.
+        lost: records that the line lost.
+
     Raises:
         RigError: no pressure limit, or a limit that the transducer cannot see.
     """
@@ -61,9 +65,10 @@ class Rig:
         self.pressure_limit = pressure_limit
         self.jump_limit = jump_limit
         self.lost = 0
+        self.on_look: Callable[[float], None] | None = None
         self._journal = journal
         self._camera = camera
-        told_of(calibration, pressure_limit, jump_limit)  # or refused before a port is spoken to
+        limit_commands(calibration, pressure_limit, jump_limit)  # refused before the port is used
         self._active_from: int | None = None
         self._cancelled = False
 
@@ -71,7 +76,10 @@ class Rig:
         self.link.attach(self._journal)
         try:
             greet(self.link)
-            set_up(self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit)
+            found = set_up(
+                self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit
+            )
+            self.note("rig", **found)
         except BaseException as error:
             self._leave(error)
             raise
@@ -84,6 +92,11 @@ class Rig:
         trace: TracebackType | None,
     ) -> None:
         self._leave(error)
+
+    def note(self, kind: str, /, **fields: object) -> None:
+        """A note in the journal, if there is one."""
+        if self._journal is not None:
+            self._journal.note(kind, **fields)
 
     def set_pressure(self, pressure: float) -> None:
         """Hold a pressure from now on.
@@ -101,15 +114,13 @@ class Rig:
             )
         feed_forward = self.calibration.feed_forward.output(pressure)
         answer = self.link.command("set", pressure / _PSI, feed_forward)
-        self.link.note(
-            "set", pressure_Pa=pressure, feed_forward_counts=feed_forward, seq=answer.seq
-        )
+        self.note("set", pressure_Pa=pressure, feed_forward_counts=feed_forward, seq=answer.seq)
         self._active("run")
 
     def manual(self, output: int) -> None:
         """Hold an output [counts, 0..255] with the controller off, for calibrations."""
         self._active("man", output)
-        self.link.note("manual", output=output)
+        self.note("manual", output=output)
 
     def stop(self) -> None:
         """Output off, dump valve open."""
@@ -128,6 +139,8 @@ class Rig:
             self.link.sleep(min(LOOK, left))
             self.link.kick()
             self.check()
+            if self.on_look is not None:
+                self.on_look(self.link.now)
 
     def check(self) -> None:
         """Look at the device, the link and the recorder once; see `wait`."""
@@ -188,12 +201,12 @@ class Rig:
         ticks = settings.ticks_per_record if settings else READINGS
         records = round(seconds * TICK_HZ / ticks)
         answer = self.link.command("sync", records)
-        self.link.note("sync", seq=answer.seq, records=records)
+        self.note("sync", seq=answer.seq, records=records)
 
     def trigger(self, name: str) -> None:
         """Take a photograph and note at which tick it was asked for."""
         newest = self.link.newest
-        self.link.note("trigger", name=name, tick=newest.tick if newest else None)
+        self.note("trigger", name=name, tick=newest.tick if newest else None)
         if self._camera is not None:
             self._camera(name)
 
@@ -201,7 +214,7 @@ class Rig:
         """Stop the heartbeats and say why; a fault is told once."""
         self._active_from = None
         self.link.rest()
-        self.link.note("fault", what=what)
+        self.note("fault", what=what)
         raise RigFault(what)
 
     def _active(self, verb: str, *values: float) -> None:
@@ -227,7 +240,7 @@ class Rig:
         finally:
             self.link.settle(SETTLE if failure is None else 0.0)
             reason = "complete" if error is None else f"{type(error).__name__}: {error}"
-            self.link.note("end", reason=reason, confirmed=failure is None)
+            self.note("end", reason=reason, confirmed=failure is None)
             self.link.attach(None)
         if failure is not None and error is None:
             raise failure

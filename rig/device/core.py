@@ -3,14 +3,6 @@
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import crc16, frame
 from ..protocol.messages import DRIVEN, PROTOCOL, STATES
-from .commands import (
-    ARGUMENTS,
-    LINE_LIMIT,
-    body_of,
-    read_numbers,
-    read_request,
-    split_command,
-)
 from .decide import (
     COUNTER,
     NUMBER,
@@ -19,7 +11,15 @@ from .decide import (
     VERB,
     WATCHDOG,
     DeviceControl,
-    Record,
+    StoredRecord,
+)
+from .host_line import (
+    ARGUMENTS,
+    LINE_LIMIT,
+    body_of,
+    read_numbers,
+    read_request,
+    split_command,
 )
 
 FIRMWARE = 1
@@ -88,7 +88,7 @@ class Device:
         self._cause = cause
         fault = WATCHDOG if cause & WATCHDOG_RESET else 0
         self._control = DeviceControl(fault, least_div=-(-_SAMPLE // self._budget))
-        self._ring: list[Record] = []
+        self._ring: list[StoredRecord] = []
         self._received, self._line = bytearray(), bytearray()
         self._sending = bytearray(b"\n")  # ends what the reset has torn
         self._strict = self._human = False
@@ -173,7 +173,7 @@ class Device:
     def _send(self, body: str) -> None:
         self._sending += frame(body)
 
-    def _send_record(self, seq: int, record: Record) -> None:
+    def _send_record(self, seq: int, record: StoredRecord) -> None:
         if self._room() < _SAMPLE:
             self._dropped = (self._dropped + 1) & 0xFFFF
             return
@@ -298,7 +298,7 @@ class Device:
         return OK
 
 
-def _record_line(boot: int, seq: int, record: Record) -> bytes:
+def _record_line(boot: int, seq: int, record: StoredRecord) -> bytes:
     tick, sum_p, count, sum_f, output, integral, flags = record
     body = b"T,%d,%d,%d,%d,%d,%d,%d,%d,%d" % (
         boot & 15, seq, tick, sum_p, count, sum_f, output, integral, flags

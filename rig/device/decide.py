@@ -25,7 +25,7 @@ REASONS = (
 )
 
 
-class Record(NamedTuple):
+class StoredRecord(NamedTuple):
     """What a record keeps, the number aside."""
 
     tick: int
@@ -71,7 +71,7 @@ class DeviceControl:
         self._over = self._jumped = 0
         self._stall_ticks = self._stall_from = 0
 
-    def step(self, pressure: int, force: int) -> Record | None:
+    def step(self, pressure: int, force: int) -> StoredRecord | None:
         """One tick: guards, output, and the record where one is complete."""
         self.tick = (self.tick + 1) & COUNTER
         if self.phase == 0:
@@ -145,11 +145,11 @@ class DeviceControl:
         if self._stall_ticks >= self.stall:
             self.leave(TRIP, STALL)
 
-    def _end_record(self) -> Record:
+    def _end_record(self) -> StoredRecord:
         self.phase = 0
         self.seq = (self.seq + 1) & COUNTER
         flags = self.state + 4 * self.sync + 16 * self.fault
-        return Record(
+        return StoredRecord(
             self.tick, self._sum_p, self.count, self._sum_f, self.output, self._integral, flags
         )
 

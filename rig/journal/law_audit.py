@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..protocol.control_law import drive, next_integral, pressure_error
-from ..protocol.messages import RUN, STATES, Settings
+from ..protocol.messages import RUN, STATES, DeviceSettings
 from .reader import Record
 
 
@@ -118,7 +118,7 @@ def audit(record: Record) -> Audit:
     )
 
 
-def _governed(record: Record) -> Iterator[tuple[NDArray[np.int64], int, list[Settings]]]:
+def _governed(record: Record) -> Iterator[tuple[NDArray[np.int64], int, list[DeviceSettings]]]:
     """The rows of each epoch with the settings that governed them, in order and each once."""
     for epoch in np.unique(record.epoch).tolist():
         rows = record.rows[record.epoch == epoch]
@@ -127,7 +127,7 @@ def _governed(record: Record) -> Iterator[tuple[NDArray[np.int64], int, list[Set
 
 
 def _recomputed(
-    rows: NDArray[np.int64], settings: list[Settings]
+    rows: NDArray[np.int64], settings: list[DeviceSettings]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which rows came out as recorded, and which could be recomputed at all."""
     right = np.zeros(len(rows), bool)

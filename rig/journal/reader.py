@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RigError
-from ..protocol.messages import Sample, Settings, Status
-from .lines import Damage, JournalLines
+from ..protocol.messages import DeviceSettings, DeviceStatus, Sample
+from .journal_lines import Damage, JournalLines
 from .writer import FORMAT
 
 COLUMNS = Sample._fields
@@ -59,8 +59,8 @@ class Record:
     notes: tuple[dict[str, Any], ...]
     note_parts: tuple[int, ...]
     epoch_parts: tuple[int, ...]
-    settings: tuple[tuple[int, Settings], ...]
-    statuses: tuple[tuple[int, Status], ...]
+    settings: tuple[tuple[int, DeviceSettings], ...]
+    statuses: tuple[tuple[int, DeviceStatus], ...]
     comments: tuple[str, ...]
     missing: tuple[Missing, ...]
     missing_notes: int

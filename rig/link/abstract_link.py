@@ -10,7 +10,7 @@ from ..errors import RigError
 from ..fault import RigFault
 from ..journal.writer import Journal
 from ..protocol.messages import Ack, Sample
-from .events import Event, Lost, Reset, Silent, Timing
+from .events import NOTES, Event, Lost, Reset, Silent
 from .session import Session
 
 _POLL = 0.004
@@ -71,12 +71,6 @@ class AbstractLink(abc.ABC):
         """Record into a journal from now on; None detaches, which must come before closing it."""
         with self._lock:
             self._journal = journal
-
-    def note(self, kind: str, /, **fields: object) -> None:
-        """A note in the journal, where one is attached."""
-        with self._lock:
-            if self._journal is not None:
-                self._journal.note(kind, **fields)
 
     def check(self) -> None:
         """Nothing while bytes flow and the recording goes well.
@@ -150,15 +144,6 @@ class AbstractLink(abc.ABC):
     def _take(self, event: Event) -> None:
         if isinstance(event, Lost | Reset | Silent):
             self.alarms.append(event)
-        journal = self._journal
-        if journal is None:
-            return
-        match event:
-            case Timing(boot, tick, arrival):
-                journal.note("clock", boot=boot, tick=tick, arrival_s=round(arrival, 6))
-            case Lost(boot, first, records):
-                journal.note("lost", boot=boot, first=first, records=records)
-            case Reset(old, new, cause):
-                journal.note("reset", old=old, new=new, cause=cause)
-            case Silent(seconds):
-                journal.note("silent", seconds=round(seconds, 3))
+        kind = NOTES.get(type(event))
+        if kind is not None and self._journal is not None:
+            self._journal.note(kind, **event._asdict())

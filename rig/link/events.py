@@ -1,4 +1,4 @@
-"""What a session tells beside the device's own messages."""
+"""What a session reports besides the device's own messages."""
 
 from typing import NamedTuple
 
@@ -32,7 +32,10 @@ class Timing(NamedTuple):
 
     boot: int
     tick: int
-    at: float
+    arrival_s: float
 
+
+NOTES = {Lost: "lost", Reset: "reset", Silent: "silent", Timing: "clock"}
+"""What a journal notes of a session, and the kind of note; fields are those of the event."""
 
 Event = Message | Lost | Reset | Silent | Timing

@@ -4,7 +4,16 @@ import math
 
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import Splitter, frame, parse
-from ..protocol.messages import MANUAL, RUN, Ack, Hello, Message, Sample, Settings, Status
+from ..protocol.messages import (
+    MANUAL,
+    RUN,
+    Ack,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Message,
+    Sample,
+)
 from .command_queue import RETRY, Command, CommandQueue
 from .events import Event, Reset, Silent, Timing
 from .record_order import RecordOrder
@@ -44,9 +53,9 @@ class Session:
     """
 
     def __init__(self, ring: int = 64, first_id: int = 0) -> None:
-        self.settings: Settings | None = None
+        self.settings: DeviceSettings | None = None
         self.hello: Hello | None = None
-        self.status: Status | None = None
+        self.status: DeviceStatus | None = None
         self.bad_lines = 0
         self.order = RecordOrder(ring, self._on_restart)
         self.commands = CommandQueue(first_id)
@@ -148,12 +157,12 @@ class Session:
                 command = self.commands.answered(message)
                 if command and message.seq is not None and command.verb in _CHANGES_SETTINGS:
                     self._settings_due = message.seq
-            case Settings():
+            case DeviceSettings():
                 self.settings = message
                 self._set_pace(message.ticks_per_record)
                 if self._settings_due is not None and message.since >= self._settings_due:
                     self._settings_due = None
-            case Status():
+            case DeviceStatus():
                 self.status = message
                 self._on_boot(message.boot)
             case Hello():
@@ -201,7 +210,8 @@ class Session:
                 self._earliest = (late, sample.tick, now)
             return
         if self._quarter[0] >= 0:
-            self.order.events.append(Timing(self._quarter[0], *self._earliest[1:]))
+            _, tick, arrival = self._earliest
+            self.order.events.append(Timing(self._quarter[0], tick, round(arrival, 6)))
         self._quarter, self._earliest = quarter, (late, sample.tick, now)
 
     def _watch_silence(self, now: float) -> None:
@@ -211,4 +221,4 @@ class Session:
             self._told_silent = False
         elif not self._told_silent:
             self._told_silent = True
-            self.order.events.append(Silent(now - self._heard_at))
+            self.order.events.append(Silent(round(now - self._heard_at, 3)))

@@ -9,7 +9,16 @@ import re
 from collections.abc import Callable
 
 from .control_law import ControlLaw
-from .messages import Ack, Comment, Hello, Limits, Message, Sample, Settings, Status
+from .messages import (
+    Ack,
+    Comment,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Message,
+    Sample,
+    StoredRange,
+)
 
 
 def crc16(data: bytes) -> int:
@@ -104,18 +113,18 @@ def _integers(fields: bytes, number: int) -> list[int] | None:
     return [int(part) for part in parts]
 
 
-def _status(fields: bytes) -> Status | None:
-    values = _integers(fields, len(Status._fields))
-    return Status(*values) if values else None
+def _status(fields: bytes) -> DeviceStatus | None:
+    values = _integers(fields, len(DeviceStatus._fields))
+    return DeviceStatus(*values) if values else None
 
 
-def _settings(fields: bytes) -> Settings | None:
+def _settings(fields: bytes) -> DeviceSettings | None:
     values = _integers(fields, 2 + len(ControlLaw._fields) + 5)
     if values is None:
         return None
     boot, since, *rest = values
     law, guards = ControlLaw(*rest[:-5]), rest[-5:]
-    return Settings(boot, since, law, *guards)
+    return DeviceSettings(boot, since, law, *guards)
 
 
 def _hello(fields: bytes) -> Hello | None:
@@ -133,9 +142,9 @@ def _ack(fields: bytes) -> Ack | None:
     return Ack(int(parts[0]), None, parts[2].decode("latin-1")) if parts[1] == b"ERR" else None
 
 
-def _limits(fields: bytes) -> Limits | None:
+def _limits(fields: bytes) -> StoredRange | None:
     values = _integers(fields, 2)
-    return Limits(*values) if values else None
+    return StoredRange(*values) if values else None
 
 
 def _comment(fields: bytes) -> Comment:

@@ -15,6 +15,9 @@ from .pneumatic import PneumaticCircuit
 from .regulator import Regulator
 from .sensors import SimulatedSensor, load_cell, pressure_transducer
 
+CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
+"""The circuit of each name in a plan."""
+
 TICK = 2e-3
 """The device's tick [s] by its own clock."""
 

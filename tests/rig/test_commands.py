@@ -14,11 +14,12 @@ import pytest
 
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import parse_quantity
 from famjax.commands.rig import HELP
 from fitting import read_csv
 from rig import audit, read_journal, read_plan
 from rig.calibration import write_calibration
-from rig.control import Monitor, quantity
+from rig.control import Monitor
 from rig.protocol import Sample, frame
 from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
 
@@ -355,11 +356,11 @@ def test_run_and_monitor_against_a_served_rig(
 
 
 def test_quantities_need_their_unit() -> None:
-    assert quantity("9.28125in", "length") == pytest.approx(0.23574375)
-    assert quantity("-3 ms", "time") == pytest.approx(-0.003)
+    assert parse_quantity("9.28125in", "length") == pytest.approx(0.23574375)
+    assert parse_quantity("-3 ms", "time") == pytest.approx(-0.003)
     for wrong in ("9", "in", "9 furlong", "9 psi"):
         with pytest.raises(InputError):
-            quantity(wrong, "length")
+            parse_quantity(wrong, "length")
 
 
 def test_monitor_draws_what_it_was_given() -> None:

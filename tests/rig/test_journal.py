@@ -48,7 +48,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         recorder.link.attach(journal)
         for second in range(10):
             recorder.run(1.0)
-            recorder.link.note("mark", second=second, text="Größe * 5")
+            journal.note("mark", second=second, text="Größe * 5")
         recorder.link.attach(None)
     return path
 

@@ -64,15 +64,19 @@ def rig_characterise(
     json_
         Print one JSON object to standard output and nothing else there.
     """
+    from famjax.boundary.units import parse_quantity
     from famjax.chain import analyse
     from fitting.records import read_machine_log, write_dataset
     from rig import read_journal
-    from rig.control import quantity, specimen_entries
+    from rig.control import specimen_entries
 
     with rig_problems():
         entries = specimen_entries(specimen)
-        rest, zero = quantity(rest_length, "length"), quantity(zero_displacement, "length")
-        roughly = near and (quantity(near, "time"), quantity(near_within, "time"))
+        rest, zero = (
+            parse_quantity(rest_length, "length"),
+            parse_quantity(zero_displacement, "length"),
+        )
+        roughly = near and (parse_quantity(near, "time"), parse_quantity(near_within, "time"))
         found = analyse(
             read_journal(journal),
             read_machine_log(log),

@@ -140,11 +140,10 @@ def rig_serve(
     import time
 
     from rig.calibration import write_calibration
-    from rig.simulation import HydraulicCircuit, PneumaticCircuit, RigServer, SimulatedRig
+    from rig.simulation import CIRCUITS, RigServer, SimulatedRig
 
     with rig_problems():
-        plant = PneumaticCircuit() if circuit == "air" else HydraulicCircuit()
-        simulated = SimulatedRig(plant, baud=baud, seed=seed)
+        simulated = SimulatedRig(CIRCUITS[circuit](), baud=baud, seed=seed)
         write_calibration(calibration, simulated.calibration())
         with RigServer(simulated, transport, port=port, link=link) as server:
             print(server.address, flush=True)

@@ -5,7 +5,7 @@ from array import array
 from typing import Any, NamedTuple
 
 from ..protocol.lines import crc16, parse, record_fields
-from ..protocol.messages import Comment, Hello, Message, Settings, Status
+from ..protocol.messages import Comment, DeviceSettings, DeviceStatus, Hello, Message
 
 
 class Damage(NamedTuple):
@@ -44,8 +44,8 @@ class JournalLines:
         self.note_parts: list[int] = []
         self.epoch_parts: list[int] = []
         self.losses: list[tuple[int, int, int]] = []
-        self.settings: list[tuple[int, Settings]] = []
-        self.statuses: list[tuple[int, Status]] = []
+        self.settings: list[tuple[int, DeviceSettings]] = []
+        self.statuses: list[tuple[int, DeviceStatus]] = []
         self.comments: list[str] = []
         self.damage: list[Damage] = []
         self._boots: list[int] = []  # modulo 16, of each epoch
@@ -94,11 +94,11 @@ class JournalLines:
         return message is not None
 
     def _take_message(self, message: Message) -> None:
-        if isinstance(message, Settings | Status | Hello):
+        if isinstance(message, DeviceSettings | DeviceStatus | Hello):
             self._enter(message.boot & 15, message.boot)
-        if isinstance(message, Settings):
+        if isinstance(message, DeviceSettings):
             self.settings.append((self._epoch, message))
-        elif isinstance(message, Status):
+        elif isinstance(message, DeviceStatus):
             self.statuses.append((self._epoch, message))
         elif isinstance(message, Comment):
             self.comments.append(message.text)
