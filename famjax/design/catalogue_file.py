@@ -253,12 +253,15 @@ def _bladders(fields: Mapping[str, Any], where: str, source: str) -> list[Catalo
 
 def _tubes(fields: Mapping[str, Any], where: str, source: str) -> list[CatalogueTube]:
     row = _row(_TubeRow, fields, f"{where}: ")
-    values: dict[str, Any] = vars(row)
+    sizes_apart = {"outer_diameter", "thickness"}
+    values: dict[str, Any] = {k: v for k, v in vars(row).items() if k not in sizes_apart}
     names = itertools.product(_written("outer_diameter", fields), _written("thickness", fields))
     sizes = itertools.product(row.outer_diameter, row.thickness)
     return [
         CatalogueTube(
-            **(values | {"outer_diameter": diameter, "thickness": thickness}),
+            **values,
+            outer_diameter=diameter,
+            thickness=thickness,
             name=f"tube {wide} x {thick}",
             source=source,
         )

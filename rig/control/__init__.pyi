@@ -1,12 +1,9 @@
 from .monitor import Monitor as Monitor
 from .operator import (
     JOURNAL as JOURNAL,
-    convert as convert,
-    need_port as need_port,
     ports as ports,
     record_test as record_test,
     run_test as run_test,
-    specimen_entries as specimen_entries,
 )
 from .plan import (
     Isobaric as Isobaric,

@@ -1,13 +1,11 @@
-"""What the commands of `famjax rig` do, without their printing."""
+"""A test on a port from start to end, recorded; what ports there are."""
 
-import csv
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from ..calibration.whole_rig import Calibration, read_calibration
 from ..errors import RigError
 from ..journal.reader import read_journal
-from ..journal.tables import table, write_netcdf, write_parquet
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.serial_link import Link, serial_opener
@@ -18,26 +16,6 @@ from .rig import Rig
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""
-
-FORMATS = {".parquet": write_parquet, ".nc": write_netcdf}
-
-
-def specimen_entries(entries: Iterable[str]) -> dict[str, str]:
-    """Key and value of entries such as `wall_thickness_mm=1.6`.
-
-    Raises:
-        RigError: an entry that is not of this form, or a key twice.
-    """
-    found: dict[str, str] = {}
-    for entry in entries:
-        key, equals, value = (part.strip() for part in entry.partition("="))
-        if not (key and equals and value) or key in found:
-            raise RigError(
-                f"specimen {entry!r} must read key_unit=value, once for each key, as in "
-                "wall_thickness_mm=1.6"
-            )
-        found[key] = value
-    return found
 
 
 def ports() -> list[dict[str, str]]:
@@ -57,20 +35,6 @@ def ports() -> list[dict[str, str]]:
         {"port": stable.get(port.device, port.device), "description": port.description}
         for port in sorted(list_ports.comports())
     ]
-
-
-def need_port(port: str | None) -> str:
-    """The port, or what there is to choose from.
-
-    Raises:
-        RigError: none is given.
-    """
-    if port is not None:
-        return port
-    known = ", ".join(f"{row['port']} ({row['description']})" for row in ports())
-    raise RigError(
-        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
-    )
 
 
 def run_test(
@@ -152,24 +116,3 @@ def record_test(
         ) as rig,
     ):
         run(rig, test.plan, machine=machine, first_block=first_block, progress=progress)
-
-
-def convert(journal: str | Path, target: str | Path) -> Path:
-    """The records of a journal as a table: Parquet, NetCDF or CSV, by the target's ending.
-
-    Raises:
-        RigError: another ending, or the journal cannot be read.
-    """
-    target = Path(target)
-    record = read_journal(journal)
-    if target.suffix in FORMATS:
-        FORMATS[target.suffix](record, target)
-        return target
-    if target.suffix != ".csv":
-        raise RigError(f"the target must end in {', '.join(FORMATS)} or .csv, got {target.name!r}")
-    columns = table(record)
-    with target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-    return target

@@ -16,13 +16,12 @@ from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
 from ..protocol.control_law import TICK_HZ
-from ..protocol.messages import FAULTS, MANUAL, RUN, STATES, Sample
+from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, Sample
 from .set_up import greet, limit_commands, set_up
 from .settings import JUMP_LIMIT, Control
 
 LOOK = 0.05
 """Time [s] between two looks at the device's state during a wait."""
-ACTIVE = (RUN, MANUAL)
 SETTLE = 0.7
 """Time [s] for which the device keeps its last records."""
 _PSI = UNITS["pressure"]["psi"]
@@ -160,7 +159,7 @@ class Rig:
                         "cable"
                     )
         newest, since = self.link.newest, self._active_from
-        if newest and since is not None and newest.seq >= since and newest.state not in ACTIVE:
+        if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
             fault = FAULTS[newest.fault]
             self._fault(
                 f"the device went to {STATES[newest.state]} by itself: {fault}; it has vented. "

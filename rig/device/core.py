@@ -170,8 +170,8 @@ class Device:
     def _room(self) -> int:
         return _LIMIT - len(self._sending)
 
-    def _send(self, body: str) -> None:
-        self._sending += frame(body)
+    def _send(self, kind: str, *fields: int | str) -> None:
+        self._sending += frame(",".join([kind, *map(str, fields)]))
 
     def _send_record(self, seq: int, record: StoredRecord) -> None:
         if self._room() < _SAMPLE:
@@ -198,23 +198,19 @@ class Device:
             self._send_comment()
 
     def _send_hello(self) -> None:
-        self._send(
-            f"H,famrig,{PROTOCOL},{FIRMWARE},{self.boot},{self._cause},{TICK_HZ},"
-            f"{self._control.div},{self._size},{self._budget}"
-        )
+        c = self._control
+        reset = self.boot, self._cause
+        self._send("H,famrig", PROTOCOL, FIRMWARE, *reset, TICK_HZ, c.div, self._size, self._budget)
 
     def _send_status(self) -> None:
         c = self._control
-        self._send(
-            f"S,{self.boot},{c.seq},{c.tick},{c.state},{c.fault},{c.count},"
-            f"{self._bad},{self._good},{self._overrun},{self._dropped},0"
-        )
+        counters = self._bad, self._good, self._overrun, self._dropped, 0
+        self._send("S", self.boot, c.seq, c.tick, c.state, c.fault, c.count, *counters)
 
     def _send_settings(self) -> None:
         c = self._control
-        law = ",".join(map(str, c.law))
-        guards = f"{c.div},{c.trip},{c.jump},{c.stall},{c.silent}"
-        self._send(f"P,{self.boot},{c.since},{law},{guards}")
+        guards = c.div, c.trip, c.jump, c.stall, c.silent
+        self._send("P", self.boot, c.since, *c.law, *guards)
 
     def _send_comment(self) -> None:
         c = self._control
@@ -235,7 +231,7 @@ class Device:
                 return
             if wanted and kept < age < _FUTURE and not self._told:
                 self._told = True
-                self._send(f"L,{(seq - kept) & COUNTER},{seq}")
+                self._send("L", (seq - kept) & COUNTER, seq)
                 return
 
     def _read(self) -> bool:
@@ -270,7 +266,7 @@ class Device:
             reason = self._execute(verb, words)
             self._last = (id_, check, reason, self._control.in_force())
         _, _, reason, seq = self._last
-        self._send(f"A,{id_},OK,{seq}" if reason == OK else f"A,{id_},ERR,{REASONS[reason]}")
+        self._send("A", id_, *(("OK", seq) if reason == OK else ("ERR", REASONS[reason])))
         return True
 
     def _request(self, words: list[bytes]) -> None:

@@ -24,6 +24,14 @@ REASONS = (
     "too fast for this baud",
 )
 
+LAW_FIELDS = {
+    b"set": ("set_point", "feed_forward"),
+    b"gain": ("proportional", "integral"),
+    b"ilim": ("low", "high"),
+    b"cal": ("zero", "span"),
+}
+"""What the numbers of a command set in the law."""
+
 
 class StoredRecord(NamedTuple):
     """What a record keeps, the number aside."""
@@ -167,19 +175,12 @@ class DeviceControl:
 
     def execute(self, verb: bytes, values: list[int]) -> int:
         """Carry out one command of the controller; index into `REASONS`."""
-        law = self.next_law
         match verb, values:
-            case b"set", [set_point, *rest]:
-                feed_forward = rest[0] if rest else law.feed_forward
-                self.next_law = law._replace(set_point=set_point, feed_forward=feed_forward)
-            case b"gain", [proportional, integral]:
-                self.next_law = law._replace(proportional=proportional, integral=integral)
-            case b"ilim", [low, high]:
-                self.next_law = law._replace(low=low, high=high)
-            case b"cal", [zero, span]:
-                if self.state in DRIVEN:
+            case b"set" | b"gain" | b"ilim" | b"cal", _:
+                if verb == b"cal" and self.state in DRIVEN:
                     return RUNNING
-                self.next_law = law._replace(zero=zero, span=span)
+                fields = zip(LAW_FIELDS[verb], values, strict=False)  # `set` may lack the second
+                self.next_law = self.next_law._replace(**dict(fields))
             case b"tele", [ticks]:
                 if ticks < self._least_div:
                     return BAUD

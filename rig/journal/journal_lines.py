@@ -26,15 +26,9 @@ class JournalLines:
     Attributes:
         numbers: the records in the order of the file, field after field.
         epochs: of each record: the device's boots in the file, counted from 0.
-        notes: the notes.
-        note_parts: of each note: the part of the recording, counted from 0; it begins with a
-            "journal" note, and another one when the recording is resumed.
-        epoch_parts: of each epoch, likewise.
         losses: (epoch, first, records) that the recorder noted.
-        settings: (epoch, settings).
-        statuses: (epoch, status).
-        comments: texts of the device for people.
-        damage: what could not be verified.
+        notes, note_parts, epoch_parts, settings, statuses, comments, damage: as in `Record`. A part
+            of the recording begins with a "journal" note.
     """
 
     def __init__(self) -> None:

@@ -71,6 +71,18 @@ class Record:
         """One column of `COLUMNS`, shape (n,)."""
         return self.rows[:, COLUMNS.index(name)]
 
+    def governing(self) -> NDArray[np.int64]:
+        """For each row, the index in `settings` of what governed it, -1 where that is not known."""
+        index = np.full(len(self.rows), -1)
+        order = sorted(range(len(self.settings)), key=lambda k: self.settings[k][1].since)
+        for epoch in {epoch for epoch, _ in self.settings}:
+            mine = [k for k in order if self.settings[k][0] == epoch]
+            rows = self.epoch == epoch
+            begins = [self.settings[k][1].since for k in mine]
+            latest = np.searchsorted(begins, self.rows[rows, 1], side="right")
+            index[rows] = np.array([-1, *mine])[latest]
+        return index
+
     def notes_of(self, kind: str) -> list[dict[str, Any]]:
         """The notes of one kind, in their order."""
         return [note for note in self.notes if note["note"] == kind]

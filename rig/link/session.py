@@ -5,8 +5,7 @@ import math
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import Splitter, frame, parse
 from ..protocol.messages import (
-    MANUAL,
-    RUN,
+    DRIVEN,
     Ack,
     DeviceSettings,
     DeviceStatus,
@@ -140,7 +139,7 @@ class Session:
             self._beat_at = now
             out = frame("0 hb")
         newest = self.order.newest
-        may_ask = now < self._alive_until or newest is None or newest.state not in (RUN, MANUAL)
+        may_ask = now < self._alive_until or newest is None or newest.state not in DRIVEN
         due = self._settings_due is not None and now >= self._status_at + RETRY
         if due and may_ask and not self.commands:
             self._status_at = now

@@ -113,9 +113,14 @@ def _integers(fields: bytes, number: int) -> list[int] | None:
     return [int(part) for part in parts]
 
 
-def _status(fields: bytes) -> DeviceStatus | None:
-    values = _integers(fields, len(DeviceStatus._fields))
-    return DeviceStatus(*values) if values else None
+def _integers_of(kind: type[DeviceStatus | StoredRange]) -> Callable[[bytes], Message | None]:
+    """What reads a line whose fields are those of the tuple."""
+
+    def read(fields: bytes) -> Message | None:
+        values = _integers(fields, len(kind._fields))
+        return kind(*values) if values else None
+
+    return read
 
 
 def _settings(fields: bytes) -> DeviceSettings | None:
@@ -142,22 +147,13 @@ def _ack(fields: bytes) -> Ack | None:
     return Ack(int(parts[0]), None, parts[2].decode("latin-1")) if parts[1] == b"ERR" else None
 
 
-def _limits(fields: bytes) -> StoredRange | None:
-    values = _integers(fields, 2)
-    return StoredRange(*values) if values else None
-
-
-def _comment(fields: bytes) -> Comment:
-    return Comment(fields.decode("latin-1"))
-
-
 _READERS: dict[bytes, Callable[[bytes], Message | None]] = {
-    b"S,": _status,
+    b"S,": _integers_of(DeviceStatus),
     b"P,": _settings,
     b"H,": _hello,
     b"A,": _ack,
-    b"L,": _limits,
-    b"# ": _comment,
+    b"L,": _integers_of(StoredRange),
+    b"# ": lambda fields: Comment(fields.decode("latin-1")),
 }
 
 

@@ -7,13 +7,11 @@ from types import TracebackType
 from typing import Literal, Self
 
 from ..errors import RigError
-from .serial_line import PtyLine, SerialLine, TcpLine
+from .serial_line import PtyLine, TcpLine
 from .simulated_rig import SimulatedRig
 
 _SLICE = 0.004  # s between two looks at the bytes
-_CATCH_UP = (
-    0.25  # s that the rig may lie behind; on a busy machine the rest is left out, and counted
-)
+_CATCH_UP = 0.25  # s that the rig may lag; on a busy machine the rest is left out, and counted
 
 
 class RigServer:
@@ -53,7 +51,7 @@ class RigServer:
             )
         self.rig, self.skipped = rig, 0.0
         self._speed = speed
-        self._line: SerialLine = PtyLine(link) if transport == "pty" else TcpLine(port)
+        self._line: PtyLine | TcpLine = PtyLine(link) if transport == "pty" else TcpLine(port)
         self._lock = threading.Lock()
         self._frozen = False
         self._stop = threading.Event()

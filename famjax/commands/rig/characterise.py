@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ...boundary.errors import InputError
+from ...boundary.units import parse_quantity
 from ..terminal import print_rows
 from .problems import rig_problems
 
@@ -64,14 +66,12 @@ def rig_characterise(
     json_
         Print one JSON object to standard output and nothing else there.
     """
-    from famjax.boundary.units import parse_quantity
     from famjax.chain import analyse
     from fitting.records import read_machine_log, write_dataset
     from rig import read_journal
-    from rig.control import specimen_entries
 
     with rig_problems():
-        entries = specimen_entries(specimen)
+        entries = _entries(specimen)
         rest, zero = (
             parse_quantity(rest_length, "length"),
             parse_quantity(zero_displacement, "length"),
@@ -111,3 +111,17 @@ def report_test(found, paths: list[Path], output: Path, units: str, json_: bool)
         print("note:", note)
     print("written:", ", ".join(map(str, paths)))
     return 0
+
+
+def _entries(specimen: tuple[str, ...]) -> dict[str, str]:
+    """Key and value of entries such as `wall_thickness_mm=1.6`."""
+    found: dict[str, str] = {}
+    for entry in specimen:
+        key, equals, value = (part.strip() for part in entry.partition("="))
+        if not (key and equals and value) or key in found:
+            raise InputError(
+                f"specimen {entry!r} must read key_unit=value, once for each key, as in "
+                "wall_thickness_mm=1.6"
+            )
+        found[key] = value
+    return found

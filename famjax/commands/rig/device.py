@@ -105,7 +105,7 @@ def rig_run(
         Go on in the journal that is there, with the pressure that was not completed.
     """
     from rig import read_plan
-    from rig.control import PRECONDITIONS, need_port, run_test
+    from rig.control import PRECONDITIONS, run_test
 
     with rig_problems():
         test = read_plan(plan)
@@ -119,7 +119,7 @@ def rig_run(
             task = progress.add_task("running the plan", total=None)
             path = run_test(
                 test,
-                need_port(port),
+                _known_port(port),
                 output,
                 baud=baud,
                 resume=resume,
@@ -127,3 +127,16 @@ def rig_run(
             )
     print("written:", path)
     return 0
+
+
+def _known_port(port: str | None) -> str:
+    """The port, or an error that lists what there is to choose from."""
+    from rig import RigError
+    from rig.control import ports
+
+    if port is not None:
+        return port
+    known = ", ".join(f"{row['port']} ({row['description']})" for row in ports())
+    raise RigError(
+        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
+    )

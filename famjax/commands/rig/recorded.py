@@ -93,7 +93,7 @@ def rig_convert(journal: Path, target: Path) -> int:
     target
         File to write: .parquet, .nc (NetCDF) or .csv.
     """
-    from rig.control import convert
+    from rig.journal import convert
 
     with rig_problems():
         print("written:", convert(journal, target))
