@@ -23,7 +23,7 @@ from rig.protocol import TICK_HZ
 
 @dataclasses.dataclass(frozen=True)
 class Analysis:
-    """What a test came to.
+    """The result of a test.
 
     Attributes:
         alignment: of the machine's clock to the journal's.

@@ -28,7 +28,7 @@ LOG, DATASET = "machine.csv", "dataset.csv"
 
 @dataclasses.dataclass(frozen=True)
 class SimulatedTest:
-    """What a simulated test has left behind.
+    """The result of a simulated test.
 
     Attributes:
         analysis: alignment, record, characterisation.

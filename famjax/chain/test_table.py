@@ -1,4 +1,4 @@
-"""The figures of a characterisation for people, in the units that they ask for."""
+"""The figures of a characterisation as rows of a table and as JSON, in the units asked for."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a person at a terminal sees of a rig: values and a plot of the pressure, as plain text."""
+"""A rig on a terminal: values and a plot of the pressure, as plain text."""
 
 from collections import deque
 

@@ -21,7 +21,7 @@ JOURNAL = "test.fam"
 def ports() -> list[dict[str, str]]:
     """The serial ports of this computer: what to open, and what is plugged in.
 
-    A path under /dev/serial/by-id stays the same when a board is plugged in anew.
+    A path under /dev/serial/by-id stays the same when a board is replugged.
     """
     from serial.tools import list_ports  # noqa: PLC0415 -- importing rig loads no serial library
 
@@ -53,7 +53,7 @@ def run_test(
         port: as `serial_opener` takes it.
         folder: for the journal.
         baud: of the firmware.
-        resume: go on in the journal that is there, with the block that was not completed.
+        resume: continue the existing journal with the block that was not completed.
         progress: called about every second with the seconds done and the seconds planned.
 
     Returns:
@@ -96,7 +96,7 @@ def record_test(
         path: of the journal.
         machine: as for `run`.
         first_block: as for `run`.
-        append: go on in the journal that is there.
+        append: continue the existing journal.
         progress: as for `run`.
 
     Raises:

@@ -114,7 +114,7 @@ def highest_pressure(plan: Plan, first_block: int = 0) -> float:
 
 
 def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
-    """The block with which a plan goes on, from the notes of its journal.
+    """The block with which a plan resumes, from the notes of its journal.
 
     >>> next_block([{"note": "done", "block": 0}, {"note": "block", "block": 1}])
     1

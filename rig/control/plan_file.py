@@ -15,7 +15,7 @@ from .settings import JUMP_LIMIT, Control
 
 PRECONDITIONS: dict[str, tuple[str, ...]] = {
     "air": (
-        "The supply regulator is set no higher than the muscle and the hoses bear.",
+        "The supply regulator is set no higher than muscle and hoses are rated for.",
         "A normally open dump valve vents the muscle when it loses its supply.",
         "The proportional valve exhausts at 0 % output.",
         "Nobody stands in line with the muscle's ends.",
@@ -28,12 +28,12 @@ PRECONDITIONS: dict[str, tuple[str, ...]] = {
         "The circuit is bled: trapped air stores energy.",
     ),
 }
-"""What must hold before a circuit is pressurised, and no software can see."""
+"""What must hold before a circuit is pressurised and software cannot check."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PlanFile:
-    """A test as it stands in a file.
+    """A test as its file describes it.
 
     Attributes:
         plan: what to do.

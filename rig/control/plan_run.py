@@ -51,7 +51,7 @@ def run(
     if highest >= rig.pressure_limit:
         raise RigError(
             f"the plan sets {highest:.0f} Pa, the limit is {rig.pressure_limit:.0f} Pa; lower the one "
-            "or, if muscle and circuit can bear it, raise the other"
+            "or, if muscle and circuit are rated for it, raise the other"
         )
     for step in plan.steps(first_block):
         if step[0] == "set":

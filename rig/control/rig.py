@@ -1,4 +1,4 @@
-"""A rig that is safe on every way out: pressure control for a plan, and its record."""
+"""A rig that vents however a test ends: pressure control for a plan, and its record."""
 
 from collections.abc import Callable
 from types import TracebackType
@@ -127,7 +127,7 @@ class Rig:
         self.link.command("stop")
 
     def wait(self, seconds: float) -> None:
-        """Let a time [s] pass and look after the rig.
+        """Wait for a time [s] and supervise the rig meanwhile.
 
         Raises:
             RigFault: the device tripped, was reset or is silent, or the recorder has failed.
@@ -150,12 +150,12 @@ class Rig:
                     self.lost += records
                 case Reset(old, new, cause):
                     self._fault(
-                        f"the device was reset (boot {old} to {new}, cause {cause}); it vents; look "
-                        "at its supply"
+                        f"the device was reset (boot {old} to {new}, cause {cause}); it vents; "
+                        "check its supply"
                     )
                 case Silent(seconds):
                     self._fault(
-                        f"the device is silent for {seconds:.1f} s; it vents by itself; look at the "
+                        f"the device is silent for {seconds:.1f} s; it vents by itself; check the "
                         "cable"
                     )
         newest, since = self.link.newest, self._active_from
@@ -185,7 +185,7 @@ class Rig:
         finally:
             self.link.watch = None
         if not sums or self.link.session.settings is None:
-            raise RigFault(f"no record came in {seconds:g} s; look at the cable")
+            raise RigFault(f"no record came in {seconds:g} s; check the cable")
         scale = READINGS / self.link.session.settings.ticks_per_record
         mean = scale * np.mean([(s.pressure_sum, s.force_sum) for s in sums], axis=0)
         return float(mean[0]), float(mean[1])
@@ -210,7 +210,7 @@ class Rig:
             self._camera(name)
 
     def _fault(self, what: str) -> NoReturn:
-        """Stop the heartbeats and say why; a fault is told once."""
+        """Stop the heartbeats and raise; a fault is reported once."""
         self._active_from = None
         self.link.rest()
         self.note("fault", what=what)
@@ -225,7 +225,7 @@ class Rig:
         self._active_from = self.link.command(verb, *values).seq
 
     def _leave(self, error: BaseException | None) -> None:
-        """Vent, say how the test ended, and let the journal go."""
+        """Vent, note how the test ended, and detach the journal."""
         self.link.rest()
         failure: RigFault | None = RigFault("interrupted before the device had stopped")
         try:

@@ -85,7 +85,7 @@ def set_up(
     session, until = link.session, link.now + 1.0
     while not session.settings_known:
         if link.now > until:
-            raise RigFault("the device does not tell its settings; look at the cable")
+            raise RigFault("the device does not report its settings; check the cable")
         link.sleep(_LOOK)
     hello, settings = session.hello, session.settings
     return {

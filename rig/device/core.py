@@ -94,7 +94,7 @@ class Device:
         self._strict = self._human = False
         self._last = (0, 0, OK, 0)  # id, CRC, reason and record of the last command
         self._base = self._mask = 0
-        self._told = False
+        self._range_sent = False
         self._bad = self._good = self._overrun = self._dropped = 0
         self._hello = True
         self._control.report_state = self._control.report_settings = True
@@ -160,7 +160,7 @@ class Device:
         answered = self._received and self._room() >= _ANSWER and self._read()
         if not answered:
             if self._hello or control.report_state or control.report_settings or self._comment:
-                self._tell()
+                self._report()
             elif self._mask and self._room() >= _REPEAT:
                 self._repeat()
         if sending:
@@ -179,8 +179,8 @@ class Device:
             return
         self._sending += _record_line(self.boot, seq, record)
 
-    def _tell(self) -> None:
-        """One line of what is to be told, where there is room."""
+    def _report(self) -> None:
+        """One line of what is due, where there is room."""
         control = self._control
         if self._room() < _REPORT:
             return
@@ -220,7 +220,7 @@ class Device:
         )
 
     def _repeat(self) -> None:
-        """The next record of the re-request; that some are too old is told once per request."""
+        """The next record of the re-request; that some are too old is reported once per request."""
         seq, kept = self._control.seq, len(self._ring)
         while self._mask:
             wanted, age = self._mask & 1, (seq - self._base) & COUNTER
@@ -229,8 +229,8 @@ class Device:
             if wanted and 1 <= age <= kept:
                 self._send_record((seq - age) & COUNTER, self._ring[-age])
                 return
-            if wanted and kept < age < _FUTURE and not self._told:
-                self._told = True
+            if wanted and kept < age < _FUTURE and not self._range_sent:
+                self._range_sent = True
                 self._send("L", (seq - kept) & COUNTER, seq)
                 return
 
@@ -243,16 +243,16 @@ class Device:
             del self._received[: end + 1]
             if ends and self._line:
                 line, self._line = bytes(self._line), bytearray()
-                return self._obey(line)
+                return self._handle(line)
         return False
 
-    def _obey(self, line: bytes) -> bool:
+    def _handle(self, line: bytes) -> bool:
         body = body_of(line, strict=self._strict)
         if body is None:
             self._bad = (self._bad + 1) & 0xFFFF
             return False
         id_, verb, words = split_command(body)
-        if verb not in ARGUMENTS and body is line:  # noise without a CRC keeps nothing alive
+        if verb not in ARGUMENTS and body is line:  # noise without a CRC is no heartbeat
             self._bad = (self._bad + 1) & 0xFFFF
         else:
             self._good = (self._good + 1) & 0xFFFF
@@ -273,7 +273,7 @@ class Device:
         request = read_request(words)
         if request is not None:
             self._base, self._mask = request
-            self._told = False
+            self._range_sent = False
 
     def _execute(self, verb: bytes, words: list[bytes]) -> int:
         if verb not in ARGUMENTS:

@@ -1,4 +1,4 @@
-"""A recording checked from its own figures: is it whole, and did the device do what its law says?"""
+"""The audit of a recording: is it complete, and does its output follow the control law?"""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ class Audit:
     Attributes:
         records: rows in the journal.
         lost: records that the line lost, as the recorder noted.
-        torn: records that the file lost, which nobody noted.
+        torn: records that the file lost, without a note.
         missing_notes: notes that the file lost.
         damaged_bytes: bytes of the file that cannot be verified.
         refused: rows that contradict their neighbours.
@@ -42,7 +42,7 @@ class Audit:
 
     @property
     def sound(self) -> bool:
-        """Whether the file is whole and every recomputed record is equal; losses on the line count not."""
+        """Whether the file is whole and every recomputed record equal; losses on the line do not count."""
         return (
             self.torn == self.missing_notes == self.damaged_bytes == self.refused == 0
             and self.checked == self.equal
@@ -58,7 +58,7 @@ class Audit:
                 f"lost in the file   {self.torn} records, {self.missing_notes} notes, "
                 f"{self.damaged_bytes} bytes damaged, {self.refused} rows refused",
                 f"control law        {self.equal} of {self.checked} recomputed equal ({share}), "
-                f"{self.unchecked} not to be checked",
+                f"{self.unchecked} could not be checked",
                 f"end                {self.ended or 'cut off'}",
                 f"verdict            {self.verdict}",
             ]
@@ -72,7 +72,7 @@ class Audit:
             f"the file lost {self.missing_notes} notes": self.missing_notes,
             f"{self.damaged_bytes} bytes are damaged": self.damaged_bytes,
             f"{self.refused} rows contradict their neighbours": self.refused,
-            f"{self.checked - self.equal} records are not what the law says, the first is record "
+            f"{self.checked - self.equal} records do not follow the law, the first is record "
             f"{self.first_wrong and self.first_wrong[1]}": self.checked - self.equal,
             "the recording was cut off": self.ended is None,
         }
@@ -82,7 +82,7 @@ class Audit:
 
 
 def audit(record: Record) -> Audit:
-    """The control law recomputed from every recorded sample, and everything that is not there.
+    """The control law recomputed from every recorded sample, and all that is missing.
 
     In RUN the integral must follow from the one before and the sum of the pressure counts, and the
     output from it and the last count; in every other state but MAN both must be zero.

@@ -38,9 +38,9 @@ def table(record: Record, calibration: Calibration | None = None) -> dict[str, N
 
     Returns:
         Arrays of shape (n,): time on the host's clock, as that of the notes, nan in a boot too short
-        to tell (half a second); time on the device's;
+        to determine it (half a second); time on the device's;
         pressure and force as means over the ticks of a record; the set pressure that the device
-        controlled for, nan where it has not told; output [0..255] and integral [counts]; state and
+        controlled for, nan where unknown; output [0..255] and integral [counts]; state and
         fault as the indices of `STATES` and `FAULTS`; sync; the plan's block, -1 outside of one.
 
     Raises:

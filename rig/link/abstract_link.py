@@ -1,4 +1,4 @@
-"""What a link to a device offers, whatever carries its bytes and whatever its time is."""
+"""The interface of a link to a device, whatever its transport and clock."""
 
 import abc
 import threading
@@ -17,7 +17,7 @@ _POLL = 0.004
 
 
 class AbstractLink(abc.ABC):
-    """A session with its recording; a subclass brings bytes and time.
+    """A session with its recording; a subclass adds transport and clock.
 
     Every wait goes through `sleep`, so that one plan runs in real and in virtual time. All methods
     but `close` may be called from any thread.
@@ -27,7 +27,7 @@ class AbstractLink(abc.ABC):
 
     Attributes:
         session: the conversation.
-        alarms: losses, resets and silences that nobody has looked at yet.
+        alarms: losses, resets and silences that were not handled yet.
         watch: called with every record, or None.
     """
 
@@ -52,15 +52,15 @@ class AbstractLink(abc.ABC):
     @property
     @abc.abstractmethod
     def running(self) -> bool:
-        """Whether anybody moves the bytes."""
+        """Whether bytes are exchanged."""
 
     @abc.abstractmethod
     def sleep(self, seconds: float) -> None:
-        """Let time pass [s] while bytes go on flowing."""
+        """Wait for a time [s] while bytes are exchanged."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Let the device go; heartbeats end with it."""
+        """Close the connection; the heartbeats stop."""
 
     @property
     def newest(self) -> Sample | None:
@@ -73,20 +73,18 @@ class AbstractLink(abc.ABC):
             self._journal = journal
 
     def check(self) -> None:
-        """Nothing while bytes flow and the recording goes well.
+        """Nothing unless the link or the recording has failed.
 
         Raises:
-            RigFault: nobody moves the bytes any more, or as `Journal.check`.
+            RigFault: the link has ended, or as `Journal.check`.
         """
         if not self.running:
-            raise RigFault(
-                "the link has ended and nobody moves the bytes; the device vents by itself"
-            )
+            raise RigFault("the link has ended: no byte is exchanged; the device vents by itself")
         if self._journal is not None:
             self._journal.check()
 
     def kick(self) -> None:
-        """Let heartbeats go on for five seconds more; only who looks after the test may do so."""
+        """Extend the heartbeats by five seconds; only the code that supervises the test does so."""
         with self._lock:
             self.session.kick(self.now)
 
@@ -96,7 +94,7 @@ class AbstractLink(abc.ABC):
             self.session.rest()
 
     def command(self, verb: str, *values: float | str) -> Ack:
-        """The device's answer to a command, waited for.
+        """Send a command and wait for the device's answer.
 
         Raises:
             RigError: the device refuses the command, or a number is not finite.
@@ -106,17 +104,17 @@ class AbstractLink(abc.ABC):
             command = self.session.command(verb, *values)
         while not command.done:
             if not self.running:
-                raise RigFault(f"nobody sends {verb!r}: the link has ended")
+                raise RigFault(f"{verb!r} was not sent: the link has ended")
             self.sleep(_POLL)
         said = " ".join([verb, *map(str, values)])
         if command.answer is None:
-            raise RigFault(f"{said!r} came to nothing: {command.failure}; look at cable and supply")
+            raise RigFault(f"{said!r} failed: {command.failure}; check cable and supply")
         if command.answer.seq is None:
             raise RigError(f"the device refuses {said!r}: {command.answer.reason}")
         return command.answer
 
     def settle(self, seconds: float) -> None:
-        """Wait a while [s] for records that are still missing; what has not come then is lost."""
+        """Wait up to a time [s] for missing records; those that have not come by then are lost."""
         until = self.now + seconds
         while self.running and self.session.order.gaps and self.now < until:
             self.sleep(_POLL)
@@ -126,7 +124,7 @@ class AbstractLink(abc.ABC):
                 self._take(event)
 
     def _pump(self, data: bytes) -> bytes:
-        """Hand in what was received; what is to be sent."""
+        """Take what was received; returns what is to be sent."""
         with self._lock:
             now = self.now
             events = self.session.feed(data, now)

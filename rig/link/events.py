@@ -14,7 +14,7 @@ class Lost(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """The device started anew; boots modulo 16, `cause` as in `Hello`, None where no hello came."""
+    """The device restarted; boots modulo 16, `cause` as in `Hello`, None where no hello came."""
 
     old: int
     new: int

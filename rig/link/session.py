@@ -20,7 +20,7 @@ from .record_order import RecordOrder
 HEARTBEAT = 0.2
 """Time [s] between heartbeats."""
 ALIVE = 5.0
-"""Time [s] for which heartbeats go on after a kick: a plan that hangs for longer vents the rig."""
+"""Time [s] for which heartbeats continue after a kick: if a plan hangs for longer, the rig vents."""
 SILENCE = 1.0
 """Time [s] without a verified line that counts as silence."""
 SUSPICION = 10.0
@@ -32,7 +32,7 @@ _CHANGES_SETTINGS = frozenset(
 
 
 class Session:
-    r"""One conversation with a device, neglecting nothing that it said.
+    r"""One session with a device.
 
     Args:
         ring: records that the device can repeat, until its hello says how many.
@@ -40,7 +40,7 @@ class Session:
 
     Attributes:
         order: the records; `order.newest` is the last one.
-        settings: what governs them, None until the device has told.
+        settings: what governs them, None until the device has reported it.
         hello: the last hello, None before the first.
         status: the last status, None before the first.
         bad_lines: lines refused so far.
@@ -63,7 +63,7 @@ class Session:
         self._doubted_boot: int | None = None
         self._suspicious_until = self._beat_at = self._status_at = self._alive_until = -math.inf
         self._heard_at: float | None = None
-        self._told_silent = False
+        self._silence_reported = False
         self._settings_due: int | None = None
         self._inquiry: Command | None = None
         self._quarter = (-1, -1)
@@ -101,7 +101,7 @@ class Session:
 
     @property
     def settings_known(self) -> bool:
-        """Whether the device has told its settings since the last command that changed them."""
+        """Whether the device has reported its settings since the last command that changed them."""
         return self.settings is not None and self._settings_due is None
 
     def idle(self, now: float) -> bool:
@@ -121,7 +121,7 @@ class Session:
         return self.commands.put(verb, values)
 
     def kick(self, now: float) -> None:
-        """Let heartbeats go on for `ALIVE` seconds more."""
+        """Extend the heartbeats by `ALIVE` seconds."""
         self._alive_until = now + ALIVE
 
     def rest(self) -> None:
@@ -189,14 +189,14 @@ class Session:
 
     def _on_restart(self) -> None:
         reset, hello = self.order.events[-1], self.hello
-        told = hello is not None and hello.boot != self._boot  # not that of sixteen boots ago
-        if isinstance(reset, Reset) and hello and told and hello.boot & 15 == reset.new:
+        fresh = hello is not None and hello.boot != self._boot  # not that of sixteen boots ago
+        if isinstance(reset, Reset) and hello and fresh and hello.boot & 15 == reset.new:
             self.order.events[-1] = reset._replace(cause=hello.cause)
         self._boot = self._doubted_boot = self.settings = self._settings_due = None
         self.commands.fail("the device was reset")
 
     def _time(self, sample: Sample, now: float) -> None:
-        """Of each quarter second, tell the arrival that is earliest against the device's clock.
+        """Of each quarter second, report the arrival that is earliest against the device's clock.
 
         The arrival is that of the line's first byte: lines grow, and on a slow port by milliseconds.
         """
@@ -217,7 +217,7 @@ class Session:
         if self._heard_at is None:
             self._heard_at = now
         if now - self._heard_at < SILENCE:
-            self._told_silent = False
-        elif not self._told_silent:
-            self._told_silent = True
+            self._silence_reported = False
+        elif not self._silence_reported:
+            self._silence_reported = True
             self.order.events.append(Silent(round(now - self._heard_at, 3)))

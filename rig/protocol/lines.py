@@ -158,10 +158,10 @@ _READERS: dict[bytes, Callable[[bytes], Message | None]] = {
 
 
 class Splitter:
-    r"""Cuts a stream of bytes into lines; what grows beyond `limit` bytes is thrown away and counted.
+    r"""Cuts a stream of bytes into lines; longer ones than `limit` bytes are discarded and counted.
 
     Attributes:
-        discarded: bytes thrown away so far.
+        discarded: bytes discarded so far.
 
     >>> Splitter(limit=200).feed(b"one\ntwo\r\nthr")
     [b'one', b'two']

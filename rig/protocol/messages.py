@@ -160,7 +160,7 @@ class StoredRange(NamedTuple):
 
 
 class Comment(NamedTuple):
-    """`# text`, for people."""
+    """`# text`, to be read in a terminal."""
 
     text: str
 

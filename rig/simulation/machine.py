@@ -12,7 +12,7 @@ from .muscle import INCH, POUND
 
 @dataclasses.dataclass(frozen=True)
 class MachineClock:
-    """A clock that is wrong: reading = offset + (1 + rate) t, with t the true time.
+    """A clock with offset and drift: reading = offset + (1 + rate) t, with t the true time.
 
     Attributes:
         offset: reading [s] at the true time 0.
@@ -36,7 +36,7 @@ class TestMachine:
 
     A stroke begins at the rest length, turns where the load falls to `turn_load` (or after the
     given stroke), and ends at the rest length. Neglected: the frame's compliance and the time that
-    the drive takes to turn round.
+    the drive takes to reverse.
 
     Args:
         rest_length: L0 [m], where strokes begin and end.

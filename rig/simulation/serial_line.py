@@ -29,10 +29,10 @@ class PtyLine:
         import tty  # noqa: PLC0415
 
         self._master, slave = os.openpty()
-        tty.setraw(slave)  # before anybody writes, or the terminal echoes
+        tty.setraw(slave)  # before the first write, or the terminal echoes
         os.set_blocking(self._master, False)
         name = os.ttyname(slave)
-        # The slave stays open here: with nobody on it, reading the master is an error.
+        # The slave stays open here: reading the master is an error while no process has it open.
         self._slave = slave
         if self._link is None:
             self.address = name

@@ -1,4 +1,4 @@
-"""A simulated rig in real time on a pseudo-terminal or a TCP port, with faults to order."""
+"""A simulated rig in real time on a pseudo-terminal or a TCP port, with faults on demand."""
 
 import threading
 import time
@@ -10,19 +10,19 @@ from ..errors import RigError
 from .serial_line import PtyLine, TcpLine
 from .simulated_rig import SimulatedRig
 
-_SLICE = 0.004  # s between two looks at the bytes
+_SLICE = 0.004  # s between two exchanges of bytes
 _CATCH_UP = 0.25  # s that the rig may lag; on a busy machine the rest is left out, and counted
 
 
 class RigServer:
     """Runs a simulated rig in real time in a thread and offers its serial line.
 
-    A virtual cable can be pulled, a bridge frozen and the device reset while it runs. Bytes for
-    which nobody reads are lost, as on a serial line. Real time on a busy machine is an
-    approximation: `skipped` says how much of it was left out; gate nothing on it.
+    A virtual cable can be pulled, a bridge frozen and the device reset while it runs. Bytes
+    that are not read are lost, as on a serial line. Real time on a busy machine is an
+    approximation: `skipped` says how much of it was left out; base no test on it.
 
     Args:
-        rig: to be run; nobody else may advance it.
+        rig: to be run; nothing else may advance it.
         transport: "pty" (not on Windows) or "tcp".
         link: path of a symbolic link that always leads to the present pseudo-terminal.
         port: TCP port, 0 for a free one.
@@ -76,7 +76,7 @@ class RigServer:
         self.close()
 
     def close(self) -> None:
-        """Stop the rig and give the port back.
+        """Stop the rig and free the port.
 
         Raises:
             RigError: the rig itself had failed while it ran.

@@ -1,4 +1,4 @@
-"""A whole rig in virtual time: device, sensors, serial line and plant behind four calls."""
+"""A whole rig in virtual time: device, sensors, serial line and plant."""
 
 from ..calibration.feed_forward import FeedForward, fit_feed_forward
 from ..calibration.whole_rig import Calibration
@@ -23,7 +23,7 @@ TICK = 2e-3
 
 
 class SimulatedRig:
-    r"""What a host finds at the other end of a serial line, and the muscle behind it.
+    r"""The far end of a serial line: a device, its sensors and its plant.
 
     Nothing waits: `advance` runs the rig. The same arguments give the same bytes, whatever the
     steps in which it is advanced.

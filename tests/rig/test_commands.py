@@ -255,7 +255,7 @@ def test_ports_and_bad_input_end_in_a_sentence(
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
         (
             ("characterise", tmp_path / "a", tmp_path / "b", "--rest-length", "9"),
-            "number with its unit",
+            "has no unit",
         ),
     ):
         code, _, err = run(capsys, *arguments)

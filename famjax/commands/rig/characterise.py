@@ -45,10 +45,10 @@ def rig_characterise(
         Column of the log with the rig's sync pulses (`run` raises pin D7 at each pressure's first
         stroke); without it the load aligns the clocks.
     near
-        What is to be added to the machine's time to give the journal's, roughly, with its unit;
-        needed where equal strokes leave it open.
+        Approximate offset from the machine's time to the journal's, with its unit; needed where
+        equal strokes leave it ambiguous.
     near_within
-        How far that may be off.
+        Largest error of that offset.
     skip_cycles
         First strokes at each pressure that are left out.
     shortening_positive

@@ -1,4 +1,4 @@
-"""How a problem of the rig ends a command."""
+"""Exit codes of a rig's faults and of signals."""
 
 import contextlib
 import signal

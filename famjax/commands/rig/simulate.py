@@ -1,4 +1,4 @@
-"""With no hardware: a whole test in virtual time, and a rig served in real time."""
+"""Commands without hardware: a whole test in virtual time, a rig served in real time."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -116,7 +116,7 @@ def rig_serve(
 ) -> int:
     """Run a simulated rig in real time on a TCP port or a pseudo-terminal, to try `monitor` and `run`.
 
-    Prints what to open, and goes on until Ctrl-C.
+    Prints the address to open and runs until Ctrl-C.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def rig_serve(
     baud
         Of the firmware; a served line is as fast as its device.
     seconds
-        To go on for; until Ctrl-C unless given.
+        Duration; until Ctrl-C unless given.
     seed
         Of the sensors' noise.
     """
