@@ -32,15 +32,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.device.core import Device
-from rig.device.native import NativeDevice, build_native
-from rig.journal.reader import read_journal
-from rig.journal.writer import Journal
-from rig.link.events import Lost
-from rig.link.serial_link import Link, serial_opener
-from rig.link.session import Session
-from rig.protocol.lines import parse
-from rig.protocol.messages import Sample
+from rig.device import Device, NativeDevice, build_native
+from rig.journal import Journal, read_journal
+from rig.link import Link, Lost, Session, serial_opener
+from rig.protocol import Sample, parse
 from rig.simulation import ByteChannel
 
 SLICE = 2

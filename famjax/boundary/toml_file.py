@@ -130,6 +130,24 @@ def from_entries(
         raise error(f"{where}{problem}") from None
 
 
+def check_fields(part: Any, error: Refusal = InputError) -> None:
+    """Refuse a dataclass with a field that is not as annotated, `Positive` for example.
+
+    Args:
+        part: the dataclass; to be called from its `__post_init__`.
+        error: what is raised.
+
+    Raises:
+        InputError: a field has another type or is out of range.
+    """
+    for name, hint in typing.get_type_hints(type(part), include_extras=True).items():
+        value = getattr(part, name)
+        try:
+            convert(None if value is None else _encoded(value, PLAIN), hint)
+        except ValidationError:
+            raise error(f"{name} must be {_described(hint)}, got {value!r}") from None
+
+
 def to_entries(part: Any, form: Form = PLAIN) -> dict[str, Any]:
     """The entries of a dataclass in SI, of types that TOML and JSON know; see `from_entries`.
 

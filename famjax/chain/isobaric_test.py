@@ -83,6 +83,8 @@ def analyse(
     time = time[rising]
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
     if sync_column is None:
+        if log.force is None:
+            raise RigError("the log has no force to align the clocks by; name a sync_column")
         sign = -1.0 if pushing_positive else 1.0
         alignment = align_by_load(time, force, log.time, sign * log.force, near=near)
     else:

@@ -10,16 +10,11 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
-from fitting.records.machine_log import MachineLog, read_machine_log
-from fitting.records.motion_match import SyncError, Synchronisation, synchronise
-from imaging.campaign.check_pictures import write_check_pictures
-from imaging.campaign.columns import column_name
-from imaging.campaign.picture_files import expand
-from imaging.campaign.run import process
-from imaging.campaign.table import Table
+from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
+from imaging.campaign import Table, column_name, expand, process, write_check_pictures
 from imaging.errors import ImagingError
 from imaging.recipe import Recipe
-from imaging.shape.recipe_file import write_recipe
+from imaging.shape import write_recipe
 
 _NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")
 """Of the machine's log."""

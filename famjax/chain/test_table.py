@@ -3,7 +3,7 @@
 import math
 
 from famjax.boundary.units import factor, unit_system
-from fitting.records.characterisation import Characterisation
+from fitting.records import Characterisation
 
 from .isobaric_test import Analysis
 

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from famjax.boundary.units import factor, parse_quantity
-from imaging.camera.read import read_image
+from imaging.camera import read_image
 from imaging.errors import ImagingError
 from imaging.recipe import Recipe
-from imaging.ruler.calibrate import calibrate_ruler
-from imaging.ruler.scale import Scale
-from imaging.shape.recipe_file import read_recipe
+from imaging.ruler import Scale, calibrate_ruler
+from imaging.shape import read_recipe
 
 REFERENCE_FRAME = (5568, 3712)
 """Width and height [px] of the frames of the reference work's camera."""

@@ -1,3 +1,6 @@
+from .check_pictures import write_check_pictures as write_check_pictures
+from .columns import column_name as column_name
+from .picture_files import expand as expand
 from .plots import plot_table as plot_table
 from .run import process as process
 from .shards import CampaignChanged as CampaignChanged

@@ -15,7 +15,11 @@ k: stroke [m], rate [m/s]; the camera is triggered every so many seconds, 0 for 
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
+
+from msgspec import Meta
+
+from famjax.boundary.toml_file import NotNegative, Positive, check_fields
 
 from ..errors import RigError
 
@@ -45,30 +49,18 @@ class Isobaric:
         photograph_every: time between triggers of the camera during strokes [s]; 0 for none.
     """
 
-    pressures: tuple[float, ...]
-    cycles: int
-    stroke: float
-    rate: float
-    settle: float = 10.0
-    photograph_every: float = 0.0
+    pressures: Annotated[
+        tuple[NotNegative, ...],
+        Meta(min_length=1, description="one pressure at least, each a number >= 0 and finite"),
+    ]
+    cycles: Annotated[int, Meta(ge=1, description="a whole number >= 1")]
+    stroke: Positive
+    rate: Positive
+    settle: NotNegative = 10.0
+    photograph_every: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        if not self.pressures:
-            raise RigError("a plan needs one pressure at least")
-        for pressure in self.pressures:
-            if not (math.isfinite(pressure) and pressure >= 0):
-                raise RigError(f"set pressures must be finite and >= 0 Pa gauge, got {pressure}")
-        if self.cycles < 1 or self.cycles != int(self.cycles):
-            raise RigError(f"cycles must be a whole number >= 1, got {self.cycles}")
-        for name, low in (
-            ("stroke", True),
-            ("rate", True),
-            ("settle", False),
-            ("photograph_every", False),
-        ):
-            value = getattr(self, name)
-            if not math.isfinite(value) or value < 0 or (low and value == 0):
-                raise RigError(f"{name} must be finite and {'> 0' if low else '>= 0'}, got {value}")
+        check_fields(self, RigError)
 
     def steps(self, first_block: int = 0) -> Iterator[Step]:
         """The steps from the block of pressure `first_block` on."""

@@ -1,7 +1,6 @@
 """A rig that vents however a test ends: pressure control for a plan, and its record."""
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import NoReturn, Self
 
 import numpy as np
@@ -84,12 +83,7 @@ class Rig:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         self._leave(error)
 
     def note(self, kind: str, /, **fields: object) -> None:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rig.device.core import Device
+from rig.device import Device
 from rig.errors import RigError
-from rig.link.virtual_link import VirtualLink
+from rig.link import VirtualLink
 from rig.simulation import ByteChannel
 
 TICK = 0.002

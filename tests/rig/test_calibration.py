@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rig.calibration.feed_forward import FeedForward, fit_feed_forward
-from rig.calibration.sensor import Sensor, fit_sensor
-from rig.calibration.whole_rig import (
+from rig.calibration import (
     Calibration,
+    FeedForward,
+    Sensor,
     calibration_from_dict,
+    fit_feed_forward,
+    fit_sensor,
     read_calibration,
     write_calibration,
 )

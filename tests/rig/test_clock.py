@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rig.errors import RigError
-from rig.journal.clock import fit_clock
+from rig.journal import fit_clock
 
 LATENCY = 0.002
 """Shortest latency [s]: the map cannot know it."""

@@ -15,17 +15,12 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
-from rig.control.rig import Control, Rig
-from rig.device.core import Device
+from rig.control import Control, Rig
+from rig.device import Device
 from rig.fault import RigFault
-from rig.journal import writer as _journal
-from rig.journal.law_audit import audit
-from rig.journal.reader import read_journal
-from rig.journal.tables import table
-from rig.journal.writer import Journal
-from rig.link.events import Lost, Silent
-from rig.link.virtual_link import VirtualLink
-from rig.protocol.messages import FAULTS, RUN, SAFE, TRIP
+from rig.journal import Journal, audit, read_journal, table, writer as _journal
+from rig.link import Lost, Silent, VirtualLink
+from rig.protocol import FAULTS, RUN, SAFE, TRIP
 from rig.simulation import ByteChannel, SimulatedRig
 
 PSI = 6894.757293168361

@@ -18,10 +18,8 @@ from bare_rig import BareRig, Recorder
 
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal import writer as _journal
-from rig.journal.reader import Missing, read_journal
-from rig.journal.writer import Journal
-from rig.protocol.lines import frame
+from rig.journal import Journal, Missing, read_journal, writer as _journal
+from rig.protocol import frame
 
 PAGE = 4096
 
@@ -181,7 +179,7 @@ def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(tmp_path: 
 def test_what_is_no_journal_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.fam"
     path.write_bytes(b"time,pressure\n1,2\n")
-    with pytest.raises(RigError, match=r"is no journal: not one of its 18 bytes"):
+    with pytest.raises(RigError, match=r"is not a journal: none of its 18 bytes"):
         read_journal(path)
     with pytest.raises(RigError, match=r"cannot read"):
         read_journal(tmp_path)
@@ -278,8 +276,8 @@ def test_recording_stops_at_the_reserve(tmp_path: Path, monkeypatch: pytest.Monk
 
 RECORDER = """
 import sys, time
-from rig.journal.writer import Journal
-from rig.protocol.lines import frame
+from rig.journal import Journal
+from rig.protocol import frame
 journal = Journal(sys.argv[1], time.monotonic, reserve_bytes=0)
 seq = 0
 while True:

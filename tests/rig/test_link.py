@@ -11,13 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from rig.device.core import Device
+from rig.device import Device
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal.reader import read_journal
-from rig.journal.writer import Journal
-from rig.link.events import Silent
-from rig.link.serial_link import Link, serial_opener
+from rig.journal import Journal, read_journal
+from rig.link import Link, Silent, serial_opener
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="a pty is needed")
 

@@ -8,23 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.calibration.feed_forward import FeedForward
-from rig.calibration.sensor import Sensor
-from rig.calibration.whole_rig import Calibration, read_calibration
-from rig.control.plan import Isobaric, next_block
-from rig.control.plan_run import calibrate_feed_forward, run
-from rig.control.rig import Control, Rig
-from rig.device.native import firmware_folder
+from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
+from rig.control import Control, Isobaric, Rig, calibrate_feed_forward, next_block, run
+from rig.device import firmware_folder
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal.law_audit import audit
-from rig.journal.reader import read_journal
-from rig.journal.tables import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
-from rig.journal.writer import Journal
-from rig.link.virtual_link import VirtualLink
+from rig.journal import (
+    UNIT_OF,
+    Journal,
+    audit,
+    read_journal,
+    table,
+    to_xarray,
+    write_netcdf,
+    write_parquet,
+)
+from rig.link import VirtualLink
+from rig.protocol import MANUAL, RUN, SAFE, frame
 from rig.protocol.control_law import PRESSURE_UNIT
-from rig.protocol.lines import frame
-from rig.protocol.messages import MANUAL, RUN, SAFE
 from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
 
 PSI = 6894.757293168361

@@ -6,10 +6,9 @@ from bare_rig import BareRig, Recorder
 
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.link.events import Lost, Reset, Silent, Timing
-from rig.link.session import ALIVE, HEARTBEAT, Session
-from rig.protocol.lines import frame
-from rig.protocol.messages import Sample
+from rig.link import Lost, Reset, Session, Silent, Timing
+from rig.link.session import ALIVE, HEARTBEAT
+from rig.protocol import Sample, frame
 
 
 def record_line(seq: int, tick: int, **fields: int) -> bytes:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fitting.records.machine_log import MachineLog, read_machine_log
-from fitting.records.motion_match import SyncError, synchronise
+from fitting.records import MachineLog, SyncError, read_machine_log, synchronise
 
 IN = 0.0254
 REST = 9.28 * IN
