@@ -13,12 +13,15 @@ import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from msgspec import Meta, ValidationError, convert
 
 from .errors import InputError
 from .units import UNITS, si_unit
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 T = TypeVar("T")
 Refusal = Callable[[str], InputError]
@@ -70,12 +73,16 @@ PLAIN = Form()
 
 
 def read_toml(
-    path: str | Path, what: str, error: Refusal = InputError, *, where: str | None = None
+    path: "str | Path | Traversable",
+    what: str,
+    error: Refusal = InputError,
+    *,
+    where: str | None = None,
 ) -> dict[str, Any]:
     """The entries of a TOML file.
 
     Args:
-        path: of the file, UTF-8 with or without a byte order mark.
+        path: of the file or of a resource, UTF-8 with or without a byte order mark.
         what: it is, for messages: "plan".
         error: what is raised.
         where: what begins every message; the path unless given.
@@ -85,7 +92,8 @@ def read_toml(
     """
     fault = f"{f'{path}: ' if where is None else where}cannot read the {what}"
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+        file = Path(path) if isinstance(path, str) else path
+        return tomllib.loads(file.read_text(encoding="utf-8").removeprefix("\ufeff"))
     except OSError as problem:
         raise error(f"{fault}: {problem.strerror}") from None
     except UnicodeDecodeError:

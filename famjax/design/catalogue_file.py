@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from msgspec import Meta
 
@@ -21,6 +21,9 @@ from .catalogue import (
     CatalogueTest,
     CatalogueTube,
 )
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 _ANGLE_AGREEMENT = (
     0.5 * units.DEGREE
@@ -50,8 +53,7 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
     parts = []
     if bundled:
         resource = importlib.resources.files("famjax") / "data" / "catalogue.toml"
-        with importlib.resources.as_file(resource) as path:
-            parts.append(_read(path, "bundled catalogue: "))
+        parts.append(_read(resource, "bundled catalogue: "))
     parts += [_read(Path(path), f"{path}: ") for path in paths]
     rows = {kind: _unique([row for part in parts for row in part[kind]], kind) for kind in _READERS}
     catalogue = Catalogue(*(tuple(rows[kind]) for kind in ("braid", "bladder", "tube", "test")))
@@ -83,7 +85,7 @@ class _CatalogueFile:
     test: _Rows = ()
 
 
-def _read(path: Path, where: str) -> dict[str, list[Any]]:
+def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
     """The rows of one file, by table."""
     content = read_toml(path, "catalogue", CatalogueError, where=where)
     file = from_entries(_CatalogueFile, content, where=where, error=CatalogueError)

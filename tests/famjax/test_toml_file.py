@@ -5,6 +5,7 @@ import math
 import tomllib
 from typing import Any, Literal
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
@@ -14,6 +15,7 @@ from famjax.boundary.toml_file import (
     NotNegative,
     Positive,
     Text,
+    check_fields,
     from_entries,
     read_toml,
     to_entries,
@@ -50,6 +52,27 @@ FORM = Form(
     kinds=dict.fromkeys(("length", "lengths", "ends", "gap", "limit"), "length"),
     keys={"count": "count_of_all"},
 )
+
+
+@dataclasses.dataclass(frozen=True)
+class Checked:
+    width: Positive
+    widths: tuple[NotNegative, ...] = ()
+    count: int | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+def test_a_dataclass_made_in_a_program_is_checked_by_its_annotations() -> None:
+    Checked(np.float64(0.1), tuple(np.linspace(0, 1, 3)), 3)
+    for fields, message in (
+        ((0.0,), "width must be a number > 0 and finite, got 0.0"),
+        ((1.0, (1.0, math.nan)), "widths must be numbers in brackets"),
+        ((1.0, (), 2.5), "count must be a whole number, got 2.5"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Checked(*fields)
 
 
 @given(

@@ -196,7 +196,7 @@ def test_check_finds_a_forged_record_whose_crc_is_right(
     (tmp_path / "forged.fam").write_bytes(b"\n".join(lines))
     code, out, _ = run(capsys, "check", tmp_path / "forged.fam")
     assert code == 1
-    assert f"1 records are not what the law says, the first is record {fields[2]}" in out
+    assert f"1 records do not follow the law, the first is record {fields[2]}" in out
 
 
 def test_convert_keeps_every_record(
