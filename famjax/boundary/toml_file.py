@@ -134,7 +134,7 @@ def from_entries(
     """
     try:
         return kind(**_values(kind, entries, form))
-    except (ValueError, TypeError) as problem:
+    except ValueError as problem:  # of the dataclass, too
         raise error(f"{where}{problem}") from None
 
 
@@ -237,7 +237,10 @@ def _field(key: str, fields: Iterable[str], form: Form) -> tuple[str | None, flo
 def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
     """A value as its field is annotated."""
     if hint in form.codecs:
-        return form.codecs[hint][1](value)
+        try:
+            return form.codecs[hint][1](value)
+        except (ValueError, TypeError) as problem:
+            raise InputError(f"{key}: {problem}") from None
     if dataclasses.is_dataclass(hint):
         if not isinstance(value, dict):
             raise InputError(f"{key} must be a table, got {value!r}")
@@ -246,10 +249,9 @@ def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
     if value == "none" and NoneType in kinds and str not in kinds:
         return None
     listed = kinds[0] if typing.get_origin(hint) is Annotated else hint
-    if Ellipsis in typing.get_args(listed) and isinstance(value, int | float):
-        value = [value]
+    single = Ellipsis in typing.get_args(listed) and isinstance(value, int | float)
     try:
-        return convert(value, hint)
+        return convert([value] if single else value, hint)
     except ValidationError:
         raise InputError(f"{key} must be {_described(hint)}, got {value!r}") from None
 

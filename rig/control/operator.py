@@ -19,7 +19,7 @@ JOURNAL = "test.fam"
 
 
 def ports() -> list[dict[str, str]]:
-    """The serial ports of this computer: what to open, and what is plugged in.
+    """The serial ports of this computer: path to open, and description.
 
     A path under /dev/serial/by-id stays the same when a board is replugged.
     """

@@ -82,7 +82,7 @@ class Device:
         self.reset(POWER_ON)
 
     def reset(self, cause: int) -> None:
-        """Start again: output off, dump valve open, boot counter moved; what was not sent is lost."""
+        """Start again: output off, dump valve open, boot counter advanced; unsent bytes are lost."""
         self.boot = (int.from_bytes(self._eeprom[:2], "little") + 1) & 0xFFFF
         self._eeprom[:2] = self.boot.to_bytes(2, "little")
         self._cause = cause
@@ -90,7 +90,7 @@ class Device:
         self._control = DeviceControl(fault, least_div=-(-_SAMPLE // self._budget))
         self._ring: list[StoredRecord] = []
         self._received, self._line = bytearray(), bytearray()
-        self._sending = bytearray(b"\n")  # ends what the reset has torn
+        self._sending = bytearray(b"\n")  # ends the line that the reset has cut
         self._strict = self._human = False
         self._last = (0, 0, OK, 0)  # id, CRC, reason and record of the last command
         self._base = self._mask = 0
@@ -127,7 +127,7 @@ class Device:
         self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF
 
     def take(self) -> bytes:
-        """What has been sent since the last call."""
+        """The bytes sent since the last call."""
         if not self._out:
             return b""
         sent = bytes(self._out)
@@ -180,7 +180,7 @@ class Device:
         self._sending += _record_line(self.boot, seq, record)
 
     def _report(self) -> None:
-        """One line of what is due, where there is room."""
+        """One of the lines that are due, where there is room."""
         control = self._control
         if self._room() < _REPORT:
             return

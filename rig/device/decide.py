@@ -1,4 +1,4 @@
-"""The part of the device that decides: states, guards, the control law, and what a command changes."""
+"""The device's control: states, guards, the control law, and the effect of each command."""
 
 from typing import NamedTuple
 
@@ -30,11 +30,11 @@ LAW_FIELDS = {
     b"ilim": ("low", "high"),
     b"cal": ("zero", "span"),
 }
-"""What the numbers of a command set in the law."""
+"""The fields of the law that the numbers of a command set."""
 
 
 class StoredRecord(NamedTuple):
-    """What a record keeps, the number aside."""
+    """The contents of a record, except its number."""
 
     tick: int
     pressure_sum: int
@@ -48,7 +48,7 @@ class StoredRecord(NamedTuple):
 class DeviceControl:
     """State machine, guards and controller: one call of `step` per tick.
 
-    Guards look at raw counts before any arithmetic. What a command sets is staged and acts from the
+    Guards compare raw counts before any arithmetic. A command's settings are staged and act from the
     first tick of the next record, so that one law governs the whole of every record; `stop` and the
     limits of the guards act at once.
     """

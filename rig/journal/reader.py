@@ -33,7 +33,7 @@ class Missing(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """What a journal holds.
+    """The contents of a journal.
 
     Attributes:
         path: the file.

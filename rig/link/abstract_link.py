@@ -124,7 +124,7 @@ class AbstractLink(abc.ABC):
                 self._take(event)
 
     def _pump(self, data: bytes) -> bytes:
-        """Take what was received; returns what is to be sent."""
+        """Process received bytes; returns the bytes to send."""
         with self._lock:
             now = self.now
             events = self.session.feed(data, now)

@@ -1,4 +1,4 @@
-"""What a session reports besides the device's own messages."""
+"""The events of a session besides the device's own messages."""
 
 from typing import NamedTuple
 
@@ -36,6 +36,6 @@ class Timing(NamedTuple):
 
 
 NOTES = {Lost: "lost", Reset: "reset", Silent: "silent", Timing: "clock"}
-"""What a journal notes of a session, and the kind of note; fields are those of the event."""
+"""Events that a journal notes, and the kind of note; its fields are those of the event."""
 
 Event = Message | Lost | Reset | Silent | Timing

@@ -74,12 +74,12 @@ class RecordOrder:
             self._lose(self.newest.boot, self.gaps.overwritten(self._next, now))
 
     def give_up(self) -> None:
-        """What is still missing is lost."""
+        """Report all records that are still missing as lost."""
         if self.newest is not None:
             self._lose(self.newest.boot, self.gaps.abandon())
 
     def restart(self, new_boot: int) -> None:
-        """The device has restarted: what is missing of the old boot is lost."""
+        """The device has restarted: missing records of the old boot are lost."""
         if self.newest is None:
             return
         old, self.newest = self.newest.boot, None
@@ -148,7 +148,7 @@ class RecordOrder:
         self._accept(sample, line, now)
 
     def _open_gap(self, sample: Sample, end: int) -> None:
-        """Ask for next <= seq < end; what the device had overwritten before `sample` is lost."""
+        """Request next <= seq < end; those overwritten before `sample` are lost."""
         first = max(self._next, sample.seq + 1 - self.gaps.ring)
         if first > self._next:
             self.events.append(Lost(sample.boot, self._next, first - self._next))

@@ -19,7 +19,7 @@ _READ_LIMIT = 4096
 
 
 class Port(Protocol):
-    """What a link needs of a port; `serial.Serial` has it."""
+    """The interface of a port, which `serial.Serial` has."""
 
     @property
     def in_waiting(self) -> int:
@@ -27,7 +27,7 @@ class Port(Protocol):
         ...
 
     def read(self, size: int = 1, /) -> bytes:
-        """Up to `size` bytes, after `READ_TIMEOUT` what there is."""
+        """Up to `size` bytes, after `READ_TIMEOUT` those that have arrived."""
         ...
 
     def write(self, data: bytes, /) -> Any:
@@ -40,7 +40,7 @@ class Port(Protocol):
 
 
 def serial_opener(path: str, baud: int = 115200) -> Callable[[], Port]:
-    """What opens a serial port for this program alone.
+    """A function that opens a serial port for this program alone.
 
     Opening the port of most Arduino boards resets them: the link sees a reset, not a reconnection.
 

@@ -70,7 +70,7 @@ class Session:
         self._earliest = (math.inf, 0, 0.0)
 
     def feed(self, data: bytes, now: float) -> list[Event]:
-        """What `data`, received by host time `now` [s], says; to be called without data, too."""
+        """The events in `data`, received by host time `now` [s]; to be called without data, too."""
         order = self.order
         for line in self._splitter.feed(data) if data else ():
             message = parse(line)
@@ -94,7 +94,7 @@ class Session:
         return events
 
     def take_lines(self) -> bytes:
-        """The verified lines since the last call, verbatim, each once: what a journal keeps."""
+        """The verified lines since the last call, verbatim, each once, for the journal."""
         data = b"".join(self.order.lines)
         self.order.lines.clear()
         return data
@@ -129,7 +129,7 @@ class Session:
         self._alive_until = -math.inf
 
     def poll(self, now: float) -> bytes:
-        """What is to be sent at host time `now` [s]: heartbeat, command, request for records.
+        """The bytes to send at host time `now` [s]: heartbeat, command, request for records.
 
         Every line keeps the device alive. So what the session sends by itself to a device that
         drives its output ends with the heartbeats.

@@ -1,7 +1,7 @@
-"""The lines that host and device exchange: text, a CRC, a line feed; nothing here waits or keeps time.
+"""The lines that host and device exchange: text, a CRC, a line feed; no waiting and no clock.
 
 Every line of the device, and every line of a host under `strict 1`, ends in `*HHHH`, the CRC-16 of
-what stands before the asterisk. `firmware/README.md` lists the lines and their fields.
+the text before the asterisk. `firmware/README.md` lists the lines and their fields.
 """
 
 import binascii
@@ -63,7 +63,7 @@ def _number(value: float) -> str:
 
 
 def parse(line: bytes) -> Message | None:
-    """What a line of the device says, or None where its CRC or its form is not right.
+    """The message in a line of the device, or None where its CRC or its form is wrong.
 
     Args:
         line: without the line feed.
@@ -84,7 +84,7 @@ def parse(line: bytes) -> Message | None:
 
 
 def record_fields(line: bytes) -> tuple[bytes, ...] | None:
-    """The fields of a record's line as digits, or None where it is none or not right.
+    """The fields of a record's line as digits, or None where it is another line or damaged.
 
     >>> record_fields(frame("T,3,17,90,1025,205,512,131,-42,1")[:-1])[3]
     b'1025'
@@ -95,7 +95,7 @@ def record_fields(line: bytes) -> tuple[bytes, ...] | None:
 
 
 def _verified(line: bytes) -> bytes | None:
-    """What stands before the asterisk, where the CRC is right."""
+    """The text before the asterisk, where the CRC is right."""
     body = line[:-5]
     return body if b"*%04X" % binascii.crc_hqx(body, 0xFFFF) == line[-5:] else None
 

@@ -1,4 +1,4 @@
-"""What the lines of the device say: samples, status, settings, answers; plain tuples of integers."""
+"""The device's messages: samples, status, settings, answers; plain tuples of integers."""
 
 from typing import NamedTuple
 

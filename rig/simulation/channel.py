@@ -59,7 +59,7 @@ class ByteChannel:
 
     @property
     def cut(self) -> bool:
-        """Whether the cable is out: nothing enters, and what was on its way is lost."""
+        """Whether the cable is out: nothing enters, and bytes under way are lost."""
         return self._cut
 
     @cut.setter
@@ -85,7 +85,7 @@ class ByteChannel:
         self.waiting += len(data)
 
     def receive(self, now: float) -> bytes:
-        """What has arrived by a time [s]."""
+        """The bytes that have arrived by a time [s]."""
         queue = self._queue
         if not queue:
             return b""

@@ -1,4 +1,4 @@
-"""What every pressure circuit of a simulated rig offers, and the constants that they share.
+"""The interface of the pressure circuits of a simulated rig, and their constants.
 
 A circuit is a lumped volume of one pressure. Parameters that the reference work does not print are
 ASSUMED and say so.

@@ -23,7 +23,7 @@ class MachineClock:
     rate: float = 0.0
 
     def reading(self, true_time: float) -> float:
-        """What it shows [s] at a true time [s]."""
+        """The reading [s] at a true time [s]."""
         return self.offset + (1 + self.rate) * true_time
 
     def true_time(self, reading: float) -> float:
@@ -159,7 +159,7 @@ class TestMachine:
         self._next_at = self.clock.true_time(self._next_row)
 
     def log(self) -> dict[str, np.ndarray]:
-        """What it has recorded, each of shape (n,): time of its own clock, displacement, force, sync.
+        """The recorded columns, each of shape (n,): time of its own clock, displacement, force, sync.
 
         The displacement is negative where the muscle is shorter than at rest.
         """

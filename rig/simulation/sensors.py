@@ -72,7 +72,7 @@ class SimulatedSensor:
         return 0 if counts < 0 else counts if counts < FULL_COUNTS else FULL_COUNTS
 
     def calibration(self) -> Sensor:
-        """What a perfect calibration of this sensor finds, for sums of five readings.
+        """The result of a perfect calibration of this sensor, for sums of five readings.
 
         A converter rounds down, so that its counts are half a count low in the mean.
         """

@@ -83,7 +83,7 @@ class RigServer:
             raise RigError(f"the simulated rig stopped: {self._failure}") from self._failure
 
     def unplug(self) -> None:
-        """Pull the cable: what is on its way is lost, and the host's port is gone."""
+        """Pull the cable: bytes under way are lost, and the host's port disappears."""
         with self._lock:
             self.rig.to_device.cut = self.rig.to_host.cut = True
             self._line.hang_up()

@@ -113,7 +113,7 @@ class SimulatedRig:
         self.to_device.send(data, self.now)
 
     def read(self) -> bytes:
-        """What has arrived at the host since the last call."""
+        """The bytes that have arrived at the host since the last call."""
         return self.to_host.receive(self.now)
 
     def advance(self, seconds: float) -> None:
@@ -142,7 +142,7 @@ class SimulatedRig:
         self.now = end
 
     def calibration(self) -> Calibration:
-        """What a perfect calibration of this rig finds, the feed-forward included.
+        """The result of a perfect calibration of this rig, the feed-forward included.
 
         The hydraulic feed-forward is the cubic fitted to the pump's steady outputs, 5 to 115 psi.
         """
