@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import (
@@ -75,6 +75,7 @@ def test_a_dataclass_made_in_a_program_is_checked_by_its_annotations() -> None:
             Checked(*fields)
 
 
+@settings(deadline=None)  # the first example imports what it needs
 @given(
     plain=st.dictionaries(st.sampled_from("abc"), st.one_of(VALUES, st.lists(VALUES, max_size=3))),
     table=st.dictionaries(st.sampled_from("abc"), VALUES),
