@@ -27,3 +27,5 @@ from .muscle.cutting import cut_to_length as cut_to_length
 from .muscle.mounted import MountedMuscle as MountedMuscle
 from .parameters.apart import take_apart as take_apart
 from .parameters.declared import parameter as parameter
+
+__version__: str

@@ -72,6 +72,8 @@ def analyse(
     Raises:
         RigError: the records do not belong together, or hold no complete stroke.
     """
+    if log.force is None:
+        raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
     columns = table(journal, calibration)
     known = np.isfinite(columns["time_s"])
     if known.sum() < 2:
@@ -83,8 +85,6 @@ def analyse(
     time = time[rising]
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
     if sync_column is None:
-        if log.force is None:
-            raise RigError("the log has no force to align the clocks by; name a sync_column")
         sign = -1.0 if pushing_positive else 1.0
         alignment = align_by_load(time, force, log.time, sign * log.force, near=near)
     else:
