@@ -161,7 +161,7 @@ def damaged_line(
     found.lost_in_silence = found.made - found.samples - len(order.gaps) - found.lost
     found.recovered, found.repeated = order.recovered, order.repeated
     found.confirmed, found.bad_lines = order.confirmed, session.bad_lines
-    found.spoilt_bytes = line.up.spoilt + line.down.spoilt
+    found.spoilt_bytes = line.up.faulty + line.down.faulty
     found.seconds = time.perf_counter() - began
     return found
 
@@ -198,7 +198,7 @@ class StreamingDevice:
                     self.sent.append((time.monotonic(), tick // 5 - 1))
 
     def close(self) -> set[int]:
-        """End the thread; the records that were not taken from the port."""
+        """End the thread; the records that were not read from the port."""
         self._closing.set()
         self._thread.join()
         os.set_blocking(self._slave, False)

@@ -81,6 +81,9 @@ class Recipe:
                 "a crop_offset needs the frame_size that was cropped, or the centre, to say where "
                 f"the optical axis is; got crop_offset = {self.crop_offset} alone"
             )
+        for name in ("centre", "crop_offset"):  # floats, as a recipe's file gives them back
+            place = getattr(self, name)
+            object.__setattr__(self, name, place and tuple(map(float, place)))
 
     def camera(self, width: int, height: int) -> Camera:
         """The camera for a picture of this size [px].

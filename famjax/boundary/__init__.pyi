@@ -15,6 +15,5 @@ from .units import (
     parse_quantity as parse_quantity,
     si_unit as si_unit,
     to_si as to_si,
-    unit_of_key as unit_of_key,
     unit_system as unit_system,
 )

@@ -170,28 +170,3 @@ def parse_quantity(text: str, kind: str) -> float:
 def parse_quantities(texts: Iterable[str], kind: str) -> list[float]:
     """All numbers of comma-separated lists."""
     return [parse_quantity(one, kind) for text in texts for one in text.split(",") if one.strip()]
-
-
-def unit_of_key(key: str, quantity: str, kind: str) -> str | None:
-    """The unit at the end of a key such as `pressure_limit_psi`, or None if it is another key.
-
-    Args:
-        key: the key.
-        quantity: its name without the unit.
-        kind: one of `UNITS`.
-
-    Raises:
-        InputError: the key is that quantity with no unit, or with an unknown one.
-
-    >>> unit_of_key("stroke_in", "stroke", "length")
-    'in'
-    """
-    if key != quantity and not key.startswith(quantity + "_"):
-        return None
-    unit = key[len(quantity) + 1 :]
-    if unit not in UNITS[kind]:
-        raise InputError(
-            f"{key!r} must end with a unit of {kind}, as in {quantity}_{si_unit(kind)}; "
-            f"known are: {', '.join(UNITS[kind])}"
-        )
-    return unit

@@ -1,4 +1,4 @@
-"""From an experiment to its figures: where rig, photographs and identification meet.
+"""From an experiment to its figures: which joins rig, photographs and identification.
 
 `analyse` joins a journal with the log of the test machine; `simulate` does a whole isobaric test
 without hardware. Only this room and the commands import all packages.

@@ -18,12 +18,12 @@ from fitting.records import (
 from rig.calibration import Calibration
 from rig.errors import RigError
 from rig.journal import Record, table
-from rig.protocol.control_law import TICK_HZ
+from rig.protocol import TICK_HZ
 
 
 @dataclasses.dataclass(frozen=True)
 class Analysis:
-    """What a test came to.
+    """The result of a test.
 
     Attributes:
         alignment: of the machine's clock to the journal's.
@@ -72,6 +72,8 @@ def analyse(
     Raises:
         RigError: the records do not belong together, or hold no complete stroke.
     """
+    if log.force is None:
+        raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
     columns = table(journal, calibration)
     known = np.isfinite(columns["time_s"])
     if known.sum() < 2:

@@ -23,7 +23,7 @@ _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What a campaign has come to.
+    """The result of a campaign.
 
     Args:
         table: of the pictures.
@@ -51,7 +51,7 @@ def measure_pictures(
     overlays: int = 12,
     progress: Callable[[int, int], None] | None = None,
 ) -> Outcome:
-    """Measure the pictures and write table, recipe and the pictures to check by eye.
+    """Measure the pictures; write table, recipe and check pictures.
 
     Args:
         photos: files, folders and globs.
@@ -63,8 +63,8 @@ def measure_pictures(
         workers: number of processes.
         system: units of CSV and plots.
         output: folder, made if need be.
-        resume: go on with what is there.
-        overlays: number of pictures drawn to check by eye.
+        resume: continue from the results in the folder.
+        overlays: number of check pictures.
         progress: called with (pictures done, pictures).
 
     Raises:

@@ -5,15 +5,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fitting.records import read_machine_log, write_dataset
-from rig.control import PlanFile, Rig, duration, run
+from rig.control import JOURNAL, PlanFile, record_test
 from rig.device import Device, NativeDevice
 from rig.errors import RigError
-from rig.journal import Journal, read_journal
+from rig.journal import read_journal
 from rig.link import VirtualLink
 from rig.simulation import (
-    HydraulicCircuit,
+    CIRCUITS,
     MachineClock,
-    PneumaticCircuit,
     SimulatedMuscle,
     SimulatedRig,
     load_cell,
@@ -23,15 +22,13 @@ from rig.simulation import (
 
 from .isobaric_test import Analysis, analyse
 
-CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
-
-JOURNAL, LOG, DATASET = "test.fam", "machine.csv", "dataset.csv"
-"""Names of the files of a test."""
+LOG, DATASET = "machine.csv", "dataset.csv"
+"""Names of the files of a test beside its journal."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SimulatedTest:
-    """What a simulated test has left behind.
+    """The result of a simulated test.
 
     Attributes:
         analysis: alignment, record, characterisation.
@@ -102,41 +99,12 @@ def simulate(
         clock_rate=clock_rate,
         seed=seed,
     )
-    planned = duration(test.plan)
-    link = _WatchedLink(rig, progress, planned)
-    journal = Journal(paths[0], lambda: link.now, plan_seconds=planned)
-    try:
-        with Rig(
-            link,
-            rig.calibration(),
-            pressure_limit=test.pressure_limit,
-            control=test.control,
-            jump_limit=test.jump_limit,
-            journal=journal,
-        ) as controlled:
-            run(controlled, test.plan, machine=machine)
-    finally:
-        journal.close()
+    record_test(
+        test, VirtualLink(rig), rig.calibration(), paths[0], machine=machine, progress=progress
+    )
     machine.write_log(paths[1])
     found = analyse(
         read_journal(paths[0]), read_machine_log(paths[1]), rest_length=muscle.rest_length
     )
     write_dataset(found.characterisation, paths[2], specimen=specimen)
     return SimulatedTest(found, rig.now, tuple(paths))
-
-
-class _WatchedLink(VirtualLink):
-    """A virtual link that tells how far its rig has come, about every second of its time."""
-
-    def __init__(
-        self, rig: SimulatedRig, progress: Callable[[float, float], None] | None, planned: float
-    ) -> None:
-        super().__init__(rig)
-        self._progress, self._planned, self._next = progress, planned, 0.0
-
-    def sleep(self, seconds: float) -> None:
-        """Advance the rig, and tell."""
-        super().sleep(seconds)
-        if self._progress is not None and self.now >= self._next:
-            self._next = self.now + 1.0
-            self._progress(min(self.now, self._planned), self._planned)

@@ -1,4 +1,4 @@
-"""The figures of a characterisation in the units of a system."""
+"""The figures of a characterisation as rows of a table and as JSON, in the units asked for."""
 
 import math
 

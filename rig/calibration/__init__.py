@@ -1,4 +1,4 @@
-"""What a rig's readings mean: its sensors, and the output that holds a pressure by itself.
+"""Calibration of a rig: its sensors, and the output that holds a pressure by itself.
 
 `read_calibration` reads the TOML file of a rig; `fit_sensor` and `fit_feed_forward` make its parts.
 """

@@ -99,7 +99,7 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
         at = x[np.argmin(slope)] * scale
         raise RigError(
             f"the output must rise with the pressure, but falls near {at:.0f} Pa; wait longer at "
-            "each step, start where the pump begins to deliver, and look at the needle valve"
+            "each step, start where the pump begins to deliver, and check the needle valve"
         )
     covariance = scatter**2 * np.linalg.inv(A.T @ A)
     return FeedForward(

@@ -106,7 +106,7 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     if bad.size:
         raise RigError(
             f"reading {bad[0] + 1} is {y[bad[0]]:g} counts, the end of the converter's range "
-            f"0..{FULL_SCALE}; leave it out or look at the wiring"
+            f"0..{FULL_SCALE}; leave it out or check the wiring"
         )
     spread = float(np.sum((x - x.mean()) ** 2))
     if spread == 0:
@@ -118,7 +118,7 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     if abs(slope) <= 3 * slope_std or slope == 0:
         raise RigError(
             f"the counts do not follow the references: {slope:.3g} +- {slope_std:.1g} counts per "
-            "unit; look at the wiring and at the order of the table"
+            "unit; check the wiring and the order of the table"
         )
     zero_std = math.sqrt(variance * (1 / y.size + x.mean() ** 2 / spread))
     # gain = 1/slope turns the sign of its correlation with the zero

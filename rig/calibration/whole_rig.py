@@ -1,30 +1,41 @@
 """A rig's calibration as one TOML file: both sensors and the feed-forward, units in every key."""
 
 import dataclasses
-import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
 
 from ..errors import RigError
 from .feed_forward import FeedForward
 from .sensor import Sensor
 
-_SENSOR_KEYS = {
-    "gain": "gain_{unit}_per_count",
-    "zero": "zero_counts",
-    "gain_std": "gain_std_{unit}_per_count",
-    "zero_std": "zero_std_counts",
-    "correlation": "correlation",
-    "scatter": "scatter_{unit}",
-}
-_FEED_FORWARD_KEYS = {
-    "coefficients": "coefficients_counts",
-    "scale": "scale_Pa",
-    "pressure_range": "pressure_range_Pa",
-    "covariance": "covariance_counts2",
-    "scatter": "scatter_counts",
+
+def _sensor_form(unit: str) -> Form:
+    return Form(
+        keys={
+            "gain": f"gain_{unit}_per_count",
+            "zero": "zero_counts",
+            "gain_std": f"gain_std_{unit}_per_count",
+            "zero_std": "zero_std_counts",
+            "scatter": f"scatter_{unit}",
+        }
+    )
+
+
+_FORMS = {
+    "pressure": _sensor_form("Pa"),
+    "force": _sensor_form("N"),
+    "feed_forward": Form(
+        keys={
+            "coefficients": "coefficients_counts",
+            "scale": "scale_Pa",
+            "pressure_range": "pressure_range_Pa",
+            "covariance": "covariance_counts2",
+            "scatter": "scatter_counts",
+        }
+    ),
 }
 
 
@@ -52,34 +63,28 @@ class Calibration:
 
 def calibration_as_dict(calibration: Calibration) -> dict[str, Any]:
     """The calibration with the unit in each key; what is not known or unlimited is left out."""
-    content: dict[str, Any] = {}
-    for name, unit in (("pressure", "Pa"), ("force", "N")):
-        content[name] = _known(getattr(calibration, name), _SENSOR_KEYS, unit)
-    content["feed_forward"] = _known(calibration.feed_forward, _FEED_FORWARD_KEYS)
-    return content
+    return {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
 
 
-def calibration_from_dict(content: dict[str, Any]) -> Calibration:
+def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibration:
     """The calibration of such a dictionary.
+
+    Args:
+        content: a table for each sensor, and one for the feed-forward or none.
+        where: the place of the tables, for messages.
 
     Raises:
         RigError: a sensor is missing, a key is unknown or a value is no number.
     """
-    missing = {"pressure", "force"} - content.keys()
-    unknown = content.keys() - {"pressure", "force", "feed_forward"}
-    if missing or unknown:
-        raise RigError(
-            "a calibration must have [pressure] and [force] and may have [feed_forward]; "
-            f"missing: {sorted(missing)}, unknown: {sorted(unknown)}"
-        )
-    parts: dict[str, Any] = {
-        name: Sensor(**_fields(name, content[name], _SENSOR_KEYS, unit))
-        for name, unit in (("pressure", "Pa"), ("force", "N"))
-    }
-    if "feed_forward" in content:
-        given = _fields("feed_forward", content["feed_forward"], _FEED_FORWARD_KEYS)
-        parts["feed_forward"] = FeedForward(**given)
-    return Calibration(**parts)
+    tables = from_entries(_Tables, content, where=where, error=RigError)
+    kinds: dict[str, Any] = {"pressure": Sensor, "force": Sensor, "feed_forward": FeedForward}
+    return Calibration(
+        **{
+            name: from_entries(kinds[name], table, form, where=f"{where}[{name}]: ", error=RigError)
+            for name, form in _FORMS.items()
+            if (table := getattr(tables, name)) is not None
+        }
+    )
 
 
 def read_calibration(path: str | Path) -> Calibration:
@@ -88,55 +93,20 @@ def read_calibration(path: str | Path) -> Calibration:
     Raises:
         RigError: the file cannot be read or is not a calibration.
     """
-    try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise RigError(f"cannot read the calibration {path}: {error}") from None
-    try:
-        return calibration_from_dict(content)
-    except RigError as error:
-        raise RigError(f"{path}: {error}") from None
+    return calibration_from_dict(read_toml(path, "calibration", RigError), where=f"{path}: ")
 
 
 def write_calibration(path: str | Path, calibration: Calibration) -> None:
     """Write the calibration as TOML; reading it back gives the same numbers."""
-    lines = ["# value = gain (counts - zero), counts: sum of five readings, 0..5115"]
-    for section, entries in calibration_as_dict(calibration).items():
-        lines.append(f"\n[{section}]")
-        lines += [f"{key} = {_toml(value)}" for key, value in entries.items()]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    text = toml_text(calibration_as_dict(calibration))
+    heading = "# value = gain (counts - zero), counts: sum of five readings, 0..5115\n"
+    Path(path).write_text(heading + text, encoding="utf-8")
 
 
-def _known(part: Any, keys: dict[str, str], unit: str = "") -> dict[str, Any]:
-    values = {key.format(unit=unit): getattr(part, name) for name, key in keys.items()}
-    return {k: v for k, v in values.items() if v != () and np.isfinite(v).all()}
+@dataclasses.dataclass(frozen=True)
+class _Tables:
+    """The tables of a calibration."""
 
-
-def _fields(section: str, entries: Any, keys: dict[str, str], unit: str = "") -> dict[str, Any]:
-    names = {key.format(unit=unit): name for name, key in keys.items()}
-    if not isinstance(entries, dict):
-        raise RigError(f"{section} must be a table, got {entries!r}")
-    fields = {}
-    for key, value in entries.items():
-        if key not in names:
-            raise RigError(f"[{section}] has the unknown key {key!r}; known: {', '.join(names)}")
-        fields[names[key]] = _numbers(f"[{section}] {key}", value)
-    required = [key for key in list(names)[: 2 if unit else 1] if key not in entries]
-    if required:
-        raise RigError(f"[{section}] must have {', '.join(required)}")
-    return fields
-
-
-def _numbers(key: str, value: Any) -> Any:
-    """A number as a float, lists of them as tuples."""
-    if isinstance(value, list):
-        return tuple(_numbers(key, item) for item in value)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RigError(f"{key} must be a number or a list of numbers, got {value!r}")
-    return float(value)
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return repr(float(value))
+    pressure: dict[str, Any]
+    force: dict[str, Any]
+    feed_forward: dict[str, Any] | None = None

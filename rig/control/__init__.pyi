@@ -1,11 +1,9 @@
 from .monitor import Monitor as Monitor
 from .operator import (
-    convert as convert,
-    need_port as need_port,
+    JOURNAL as JOURNAL,
     ports as ports,
-    quantity as quantity,
+    record_test as record_test,
     run_test as run_test,
-    specimen_entries as specimen_entries,
 )
 from .plan import (
     Isobaric as Isobaric,
@@ -14,10 +12,14 @@ from .plan import (
     describe as describe,
     duration as duration,
     highest_pressure as highest_pressure,
-    isobaric_from_dict as isobaric_from_dict,
     next_block as next_block,
 )
-from .plan_file import PRECONDITIONS as PRECONDITIONS, PlanFile as PlanFile, read_plan as read_plan
+from .plan_file import (
+    PRECONDITIONS as PRECONDITIONS,
+    PlanFile as PlanFile,
+    isobaric_from_dict as isobaric_from_dict,
+    read_plan as read_plan,
+)
 from .plan_run import (
     Machine as Machine,
     calibrate_feed_forward as calibrate_feed_forward,

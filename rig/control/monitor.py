@@ -1,10 +1,12 @@
-"""What a person at a terminal sees of a rig: values and a plot of the pressure, as plain text."""
+"""A rig on a terminal: values and a plot of the pressure, as plain text."""
 
 from collections import deque
 
+import numpy as np
+
 from famjax.boundary.units import factor, unit_system
 
-from ..calibration.sensor import READINGS
+from ..calibration.sensor import READINGS, Sensor
 from ..calibration.whole_rig import Calibration
 from ..protocol.messages import FAULTS, STATES, Sample
 
@@ -39,10 +41,15 @@ class Monitor:
         ticks_per_record: int = READINGS,
     ) -> None:
         self.ticks_per_record = ticks_per_record
-        self._calibration = calibration
-        self._units, self._scales = ("counts", "counts"), (1.0, 1.0)
+        counts = Sensor(1 / READINGS, 0.0)
+        self._sensors, self._units, self._scales = (
+            (counts, counts),
+            ("counts", "counts"),
+            (1.0, 1.0),
+        )
         if calibration:
             pressure, force = unit_system(system)["pressure"], unit_system(system)["force"]
+            self._sensors = calibration.pressure, calibration.force
             self._units = pressure, force
             self._scales = factor(pressure, "pressure"), factor(force, "force")
         self._height, self._every = height, every
@@ -88,12 +95,7 @@ class Monitor:
         return "\n".join(rows)
 
     def _values(self, sample: Sample) -> tuple[float, float]:
-        if self._calibration is None:
-            n = self.ticks_per_record
-            return sample.pressure_sum / n, sample.force_sum / n
-        scale = READINGS / self.ticks_per_record
-        found = (
-            self._calibration.pressure.value(sample.pressure_sum * scale),
-            self._calibration.force.value(sample.force_sum * scale),
-        )
-        return float(found[0]) / self._scales[0], float(found[1]) / self._scales[1]
+        sums = np.array([sample.pressure_sum, sample.force_sum]) * READINGS / self.ticks_per_record
+        values = zip(self._sensors, sums, self._scales, strict=True)
+        pressure, force = (float(sensor.value(total)) / scale for sensor, total, scale in values)
+        return pressure, force

@@ -1,74 +1,27 @@
-"""What the commands of `famjax rig` do, without their printing."""
+"""A test on a port from start to end, recorded; what ports there are."""
 
-import csv
-import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
-from famjax.boundary.units import to_si
-
-from ..calibration.whole_rig import read_calibration
+from ..calibration.whole_rig import Calibration, read_calibration
 from ..errors import RigError
 from ..journal.reader import read_journal
-from ..journal.tables import table, write_netcdf, write_parquet
 from ..journal.writer import Journal
+from ..link.abstract_link import AbstractLink
 from ..link.serial_link import Link, serial_opener
 from .plan import duration, next_block
 from .plan_file import PlanFile
-from .plan_run import run
+from .plan_run import Machine, run
 from .rig import Rig
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""
 
-FORMATS = {".parquet": write_parquet, ".nc": write_netcdf}
-
-
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z]+)\s*")
-
-
-def quantity(text: str, kind: str) -> float:
-    """A number with its unit as a person types it, in SI.
-
-    Raises:
-        RigError: it is not of that form, or of an unknown unit.
-
-    >>> quantity("10 in", "length")
-    0.254
-    """
-    match = _QUANTITY.fullmatch(text)
-    if match is None:
-        raise RigError(
-            f"a {kind} is a number with its unit, as in 1.5{_EXAMPLE[kind]}, got {text!r}"
-        )
-    return to_si(float(match.group(1)), match.group(2), kind)
-
-
-def specimen_entries(entries: Iterable[str]) -> dict[str, str]:
-    """Key and value of entries such as `wall_thickness_mm=1.6`.
-
-    Raises:
-        RigError: an entry that is not of this form, or a key twice.
-    """
-    found: dict[str, str] = {}
-    for entry in entries:
-        key, equals, value = (part.strip() for part in entry.partition("="))
-        if not (key and equals and value) or key in found:
-            raise RigError(
-                f"specimen {entry!r} must read key_unit=value, once for each key, as in "
-                "wall_thickness_mm=1.6"
-            )
-        found[key] = value
-    return found
-
-
-_EXAMPLE = {"length": "in", "time": "s", "pressure": "psi", "force": "N"}
-
 
 def ports() -> list[dict[str, str]]:
-    """The serial ports of this computer: what to open, and what is plugged in.
+    """The serial ports of this computer: path to open, and description.
 
-    A path under /dev/serial/by-id stays the same when a board is plugged in anew.
+    A path under /dev/serial/by-id stays the same when a board is replugged.
     """
     from serial.tools import list_ports  # noqa: PLC0415 -- importing rig loads no serial library
 
@@ -82,20 +35,6 @@ def ports() -> list[dict[str, str]]:
         {"port": stable.get(port.device, port.device), "description": port.description}
         for port in sorted(list_ports.comports())
     ]
-
-
-def need_port(port: str | None) -> str:
-    """The port, or what there is to choose from.
-
-    Raises:
-        RigError: none is given.
-    """
-    if port is not None:
-        return port
-    known = ", ".join(f"{row['port']} ({row['description']})" for row in ports())
-    raise RigError(
-        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
-    )
 
 
 def run_test(
@@ -114,7 +53,7 @@ def run_test(
         port: as `serial_opener` takes it.
         folder: for the journal.
         baud: of the firmware.
-        resume: go on in the journal that is there, with the block that was not completed.
+        resume: continue the existing journal with the block that was not completed.
         progress: called about every second with the seconds done and the seconds planned.
 
     Returns:
@@ -127,63 +66,53 @@ def run_test(
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
     calibration = read_calibration(test.calibration)
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / JOURNAL
+    path = Path(folder) / JOURNAL
+    path.parent.mkdir(parents=True, exist_ok=True)
     first = next_block(read_journal(path).notes) if resume else 0
-    planned = duration(test.plan, first)
-    link = _ToldLink(serial_opener(port, baud), progress, planned)
-    try:
-        journal = Journal(path, lambda: link.now, append=resume, plan_seconds=planned)
-        try:
-            with Rig(
-                link,
-                calibration,
-                pressure_limit=test.pressure_limit,
-                control=test.control,
-                jump_limit=test.jump_limit,
-                journal=journal,
-            ) as rig:
-                run(rig, test.plan, first_block=first)
-        finally:
-            journal.close()
-    finally:
-        link.close()
+    with Link(serial_opener(port, baud)) as link:
+        record_test(
+            test, link, calibration, path, first_block=first, append=resume, progress=progress
+        )
     return path
 
 
-def convert(journal: str | Path, target: str | Path) -> Path:
-    """The records of a journal as a table: Parquet, NetCDF or CSV, by the target's ending.
+def record_test(
+    test: PlanFile,
+    link: AbstractLink,
+    calibration: Calibration,
+    path: Path,
+    *,
+    machine: Machine | None = None,
+    first_block: int = 0,
+    append: bool = False,
+    progress: Callable[[float, float], None] | None = None,
+) -> None:
+    """Carry out a test over a link, real or virtual, and record it.
+
+    Args:
+        test: plan, limits and gains.
+        link: to the device.
+        calibration: of its sensors.
+        path: of the journal.
+        machine: as for `run`.
+        first_block: as for `run`.
+        append: continue the existing journal.
+        progress: as for `run`.
 
     Raises:
-        RigError: another ending, or the journal cannot be read.
+        RigError: as `Journal`, `Rig` and `run`.
+        RigFault: the test had to stop; the rig is vented.
     """
-    target = Path(target)
-    record = read_journal(journal)
-    if target.suffix in FORMATS:
-        FORMATS[target.suffix](record, target)
-        return target
-    if target.suffix != ".csv":
-        raise RigError(f"the target must end in {', '.join(FORMATS)} or .csv, got {target.name!r}")
-    columns = table(record)
-    with target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-    return target
-
-
-class _ToldLink(Link):
-    """A link that tells how long a test has lasted, from the test's own waits."""
-
-    def __init__(
-        self, opener: Callable, progress: Callable[[float, float], None] | None, planned: float
-    ) -> None:
-        super().__init__(opener)
-        self._progress, self._planned, self._begin = progress, planned, self.now
-
-    def sleep(self, seconds: float) -> None:
-        """Wait, and tell."""
-        super().sleep(seconds)
-        if self._progress is not None:
-            self._progress(min(self.now - self._begin, self._planned), self._planned)
+    planned = duration(test.plan, first_block)
+    with (
+        Journal(path, lambda: link.now, append=append, plan_seconds=planned) as journal,
+        Rig(
+            link,
+            calibration,
+            pressure_limit=test.pressure_limit,
+            control=test.control,
+            jump_limit=test.jump_limit,
+            journal=journal,
+        ) as rig,
+    ):
+        run(rig, test.plan, machine=machine, first_block=first_block, progress=progress)

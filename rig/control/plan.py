@@ -15,9 +15,11 @@ k: stroke [m], rate [m/s]; the camera is triggered every so many seconds, 0 for 
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
-from famjax.boundary.units import to_si, unit_of_key
+from msgspec import Meta
+
+from famjax.boundary.toml_file import NotNegative, Positive, check_fields
 
 from ..errors import RigError
 
@@ -47,30 +49,18 @@ class Isobaric:
         photograph_every: time between triggers of the camera during strokes [s]; 0 for none.
     """
 
-    pressures: tuple[float, ...]
-    cycles: int
-    stroke: float
-    rate: float
-    settle: float = 10.0
-    photograph_every: float = 0.0
+    pressures: Annotated[
+        tuple[NotNegative, ...],
+        Meta(min_length=1, description="one pressure at least, each a number >= 0 and finite"),
+    ]
+    cycles: Annotated[int, Meta(ge=1, description="a whole number >= 1")]
+    stroke: Positive
+    rate: Positive
+    settle: NotNegative = 10.0
+    photograph_every: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        if not self.pressures:
-            raise RigError("a plan needs one pressure at least")
-        for pressure in self.pressures:
-            if not (math.isfinite(pressure) and pressure >= 0):
-                raise RigError(f"set pressures must be finite and >= 0 Pa gauge, got {pressure}")
-        if self.cycles < 1 or self.cycles != int(self.cycles):
-            raise RigError(f"cycles must be a whole number >= 1, got {self.cycles}")
-        for name, low in (
-            ("stroke", True),
-            ("rate", True),
-            ("settle", False),
-            ("photograph_every", False),
-        ):
-            value = getattr(self, name)
-            if not math.isfinite(value) or value < 0 or (low and value == 0):
-                raise RigError(f"{name} must be finite and {'> 0' if low else '>= 0'}, got {value}")
+        check_fields(self, RigError)
 
     def steps(self, first_block: int = 0) -> Iterator[Step]:
         """The steps from the block of pressure `first_block` on."""
@@ -116,7 +106,7 @@ def highest_pressure(plan: Plan, first_block: int = 0) -> float:
 
 
 def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
-    """The block with which a plan goes on, from the notes of its journal.
+    """The block with which a plan resumes, from the notes of its journal.
 
     >>> next_block([{"note": "done", "block": 0}, {"note": "block", "block": 1}])
     1
@@ -144,59 +134,3 @@ def describe(plan: Plan, first_block: int = 0) -> list[str]:
         lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
         at += seconds_of(step)
     return lines
-
-
-_KEYS = {
-    "pressures": "pressure",
-    "stroke": "length",
-    "rate": "rate",
-    "settle": "time",
-    "photograph_every": "time",
-}
-
-
-def isobaric_from_dict(entries: Mapping[str, Any]) -> Isobaric:
-    """An isobaric plan from entries whose keys end with their units, and `cycles`.
-
-    Raises:
-        RigError: a key is unknown, has no or an unknown unit, or is missing.
-
-    >>> isobaric_from_dict(
-    ...     {"pressures_bar": [1, 2], "cycles": 3, "stroke_mm": 50, "rate_mm_per_s": 1}
-    ... ).pressures
-    (100000.0, 200000.0)
-    """
-    fields: dict[str, Any] = {}
-    for key, value in entries.items():
-        name, field = _entry(key, value)
-        if name in fields:
-            raise RigError(f"{name} is given twice")
-        fields[name] = field
-    missing = [name for name in ("pressures", "cycles", "stroke", "rate") if name not in fields]
-    if missing:
-        raise RigError(
-            f"the plan must have {', '.join(missing)}; as in pressures_psi = [20, 40], cycles = 3, "
-            "stroke_in = 2, rate_in_per_s = 0.02, settle_s = 10"
-        )
-    return Isobaric(**fields)
-
-
-def _entry(key: str, value: Any) -> tuple[str, Any]:
-    if key == "cycles":
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise RigError(f"cycles must be a whole number, got {value!r}")
-        return key, value
-    for name, kind in _KEYS.items():
-        unit = unit_of_key(key, name, kind)
-        if unit is not None:
-            many = name == "pressures"
-            numbers = value if many and isinstance(value, list) else [value]
-            for number in numbers:
-                if isinstance(number, bool) or not isinstance(number, int | float):
-                    raise RigError(
-                        f"{key} must be {'numbers' if many else 'a number'}, got {value!r}"
-                    )
-            si = tuple(to_si(float(number), unit, kind) for number in numbers)
-            return name, si if many else si[0]
-    known = ", ".join(["cycles", *(f"{name}_<unit>" for name in _KEYS)])
-    raise RigError(f"unknown entry {key!r} of the plan; known are {known}")

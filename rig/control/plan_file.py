@@ -1,19 +1,21 @@
 """PLAN.toml: what to do, on which circuit, under which limit; units in every key."""
 
 import dataclasses
-import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from famjax.boundary.units import to_si, unit_of_key
+from msgspec import Meta
+
+from famjax.boundary.toml_file import Form, NotNegative, Text, from_entries, read_toml
 
 from ..errors import RigError
-from .plan import Isobaric, isobaric_from_dict
+from .plan import Isobaric
 from .settings import JUMP_LIMIT, Control
 
 PRECONDITIONS: dict[str, tuple[str, ...]] = {
     "air": (
-        "The supply regulator is set no higher than the muscle and the hoses bear.",
+        "The supply regulator is set no higher than muscle and hoses are rated for.",
         "A normally open dump valve vents the muscle when it loses its supply.",
         "The proportional valve exhausts at 0 % output.",
         "Nobody stands in line with the muscle's ends.",
@@ -26,14 +28,12 @@ PRECONDITIONS: dict[str, tuple[str, ...]] = {
         "The circuit is bled: trapped air stores energy.",
     ),
 }
-"""What must hold before a circuit is pressurised, and no software can see."""
-
-_PLAN_TABLES = {"plan", "rig"}
+"""What must hold before a circuit is pressurised and software cannot check."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PlanFile:
-    """A test as it stands in a file.
+    """A test as its file describes it.
 
     Attributes:
         plan: what to do.
@@ -75,73 +75,67 @@ def read_plan(path: str | Path) -> PlanFile:
     Raises:
         RigError: what is wrong with the file; a missing pressure limit above all.
     """
-    path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise RigError(f"cannot read the plan {path}: {error}") from None
-    try:
-        return _plan_file(content, path.parent.absolute())
-    except RigError as error:
-        raise RigError(f"{path}: {error}") from None
-
-
-def _plan_file(content: dict[str, Any], folder: Path) -> PlanFile:
-    if content.keys() != _PLAN_TABLES or not all(isinstance(t, dict) for t in content.values()):
-        raise RigError(f"a plan has the tables [plan] and [rig], got {sorted(content)}")
-    fields: dict[str, Any] = {}
-    gains: dict[str, Any] = {}
-    for key, value in content["rig"].items():
-        if key in {"proportional_counts_per_psi", "integral_counts_per_psi_s"}:
-            gains[key.split("_")[0]] = _number(key, value)
-        elif key == "integral_limits_counts":
-            gains[key.removesuffix("_counts")] = _limits(value)
-        elif unit := unit_of_key(key, "pressure_limit", "pressure"):
-            fields["pressure_limit"] = to_si(_number(key, value), unit, "pressure")
-        elif unit := unit_of_key(key, "jump_limit", "pressure"):
-            fields["jump_limit"] = to_si(_number(key, value), unit, "pressure")
-        elif key == "circuit":
-            fields[key] = _circuit(value)
-        elif key == "calibration":
-            fields[key] = folder / str(value)
-        else:
-            raise RigError(f"unknown entry {key!r} of [rig]; known are {_KNOWN}")
-    if "pressure_limit" not in fields:
-        raise RigError("[rig] must have a pressure limit, as in pressure_limit_psi = 110")
-    missing = [k for k in ("circuit",) if k not in fields] + [
-        f"{k}_counts_per_psi{s}"
-        for k, s in (("proportional", ""), ("integral", "_s"))
-        if k not in gains
-    ]
-    if missing:
-        raise RigError(f"[rig] must have {', '.join(missing)}")
-    limits = gains.get("integral_limits", Control.integral_limits)
-    control = dataclasses.replace(
-        Control.per_psi(gains["proportional"], gains["integral"]), integral_limits=limits
+    content = read_toml(path, "plan", RigError)
+    if content.keys() != {"plan", "rig"} or not all(isinstance(t, dict) for t in content.values()):
+        raise RigError(f"{path}: a plan has the tables [plan] and [rig], got {sorted(content)}")
+    plan = isobaric_from_dict(content["plan"], where=f"{path}: [plan]: ")
+    rig = from_entries(
+        _RigTable, content["rig"], _RIG_FORM, where=f"{path}: [rig]: ", error=RigError
     )
-    return PlanFile(plan=isobaric_from_dict(content["plan"]), control=control, **fields)
+    gains = Control.per_psi(rig.proportional_counts_per_psi, rig.integral_counts_per_psi_s)
+    return PlanFile(
+        plan=plan,
+        circuit=rig.circuit,
+        pressure_limit=rig.pressure_limit,
+        control=dataclasses.replace(gains, integral_limits=rig.integral_limits_counts),
+        calibration=Path(path).parent.absolute() / rig.calibration if rig.calibration else None,
+        jump_limit=rig.jump_limit,
+    )
 
 
-_KNOWN = (
-    "circuit, pressure_limit_<unit>, jump_limit_<unit>, proportional_counts_per_psi, "
-    "integral_counts_per_psi_s, integral_limits_counts, calibration"
+def isobaric_from_dict(entries: Mapping[str, Any], where: str = "") -> Isobaric:
+    """An isobaric plan from entries whose keys end with their units, and `cycles`.
+
+    Args:
+        entries: as in the table [plan].
+        where: the place of the entries, for messages.
+
+    Raises:
+        RigError: a key is unknown, has no or an unknown unit, or is missing, or a value cannot be.
+
+    >>> isobaric_from_dict(
+    ...     {"pressures_bar": [1, 2], "cycles": 3, "stroke_mm": 50, "rate_mm_per_s": 1}
+    ... ).pressures
+    (100000.0, 200000.0)
+    """
+    return from_entries(Isobaric, entries, _PLAN_FORM, where=where, error=RigError)
+
+
+_PLAN_FORM = Form(
+    kinds={
+        "pressures": "pressure",
+        "stroke": "length",
+        "rate": "rate",
+        "settle": "time",
+        "photograph_every": "time",
+    }
 )
 
 
-def _number(key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
-        raise RigError(f"{key} must be a number >= 0, got {value!r}")
-    return float(value)
+@dataclasses.dataclass(frozen=True)
+class _RigTable:
+    """The table [rig]."""
+
+    circuit: Literal["air", "water"]
+    pressure_limit: NotNegative
+    proportional_counts_per_psi: NotNegative
+    integral_counts_per_psi_s: NotNegative
+    integral_limits_counts: Annotated[
+        tuple[Annotated[int, Meta(ge=-255, le=0)], Annotated[int, Meta(ge=0, le=255)]],
+        Meta(description="[-255..0, 0..255]"),
+    ] = Control.integral_limits
+    calibration: Text | None = None
+    jump_limit: NotNegative = JUMP_LIMIT
 
 
-def _limits(value: Any) -> tuple[int, int]:
-    match value:
-        case [int(low), int(high)] if -255 <= low <= 0 <= high <= 255:
-            return low, high
-    raise RigError(f"integral_limits_counts must be [-255..0, 0..255], got {value!r}")
-
-
-def _circuit(value: Any) -> str:
-    if value not in PRECONDITIONS:
-        raise RigError(f"circuit must be {' or '.join(PRECONDITIONS)}, got {value!r}")
-    return str(value)
+_RIG_FORM = Form(kinds={"pressure_limit": "pressure", "jump_limit": "pressure"})

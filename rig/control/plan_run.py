@@ -1,6 +1,6 @@
 """A plan carried out on a rig, and the pump stepped for its feed-forward."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from ..calibration.feed_forward import FeedForward, fit_feed_forward
@@ -25,7 +25,14 @@ class Machine(Protocol):
         ...
 
 
-def run(rig: Rig, plan: Plan, *, machine: Machine | None = None, first_block: int = 0) -> None:
+def run(
+    rig: Rig,
+    plan: Plan,
+    *,
+    machine: Machine | None = None,
+    first_block: int = 0,
+    progress: Callable[[float, float], None] | None = None,
+) -> None:
     """Carry out a plan from a block on and stop the rig.
 
     Args:
@@ -33,6 +40,7 @@ def run(rig: Rig, plan: Plan, *, machine: Machine | None = None, first_block: in
         plan: what to do.
         machine: makes the strokes; without one the plan waits for as long as they last.
         first_block: where to begin; `next_block` of a journal's notes resumes it.
+        progress: called about every second of the rig's time with the seconds done and planned.
 
     Raises:
         RigError: a set pressure of the plan is at or above the rig's limit, or one that the
@@ -43,29 +51,45 @@ def run(rig: Rig, plan: Plan, *, machine: Machine | None = None, first_block: in
     if highest >= rig.pressure_limit:
         raise RigError(
             f"the plan sets {highest:.0f} Pa, the limit is {rig.pressure_limit:.0f} Pa; lower the one "
-            "or, if muscle and circuit can bear it, raise the other"
+            "or, if muscle and circuit are rated for it, raise the other"
         )
     for step in plan.steps(first_block):
         if step[0] == "set":
             rig.calibration.feed_forward.output(step[1])
-    rig.link.note(
-        "plan", plan=repr(plan), first_block=first_block, seconds=duration(plan, first_block)
-    )
+    planned = duration(plan, first_block)
+    rig.note("plan", plan=repr(plan), first_block=first_block, seconds=planned)
+    if progress is not None:
+        rig.on_look = _every_second(progress, rig.link.now, planned)
     for step in plan.steps(first_block):
         _carry_out(rig, step, machine)
     rig.stop()
 
 
+def _every_second(
+    progress: Callable[[float, float], None], begin: float, planned: float
+) -> Callable[[float], None]:
+    """Reports progress at times that are a second apart at least."""
+    due = begin
+
+    def report(now: float) -> None:
+        nonlocal due
+        if now >= due:
+            due = now + 1.0
+            progress(min(now - begin, planned), planned)
+
+    return report
+
+
 def _carry_out(rig: Rig, step: Step, machine: Machine | None) -> None:
     match step:
         case ("block", block, pressure):
-            rig.link.note("block", block=block, pressure_Pa=pressure)
+            rig.note("block", block=block, pressure_Pa=pressure)
         case ("set", pressure):
             rig.set_pressure(pressure)
         case ("wait", seconds):
             rig.wait(seconds)
         case ("strokes", block, cycles, seconds, stroke, rate, every):
-            rig.link.note(
+            rig.note(
                 "strokes",
                 block=block,
                 cycles=cycles,
@@ -77,13 +101,13 @@ def _carry_out(rig: Rig, step: Step, machine: Machine | None) -> None:
             if machine is not None:
                 machine.start(cycles, rate, stroke=stroke)
             _wait_for_strokes(rig, block, seconds, every, machine)
-            rig.link.note("strokes_end", block=block)
+            rig.note("strokes_end", block=block)
         case ("trigger", name):
             rig.trigger(name)
         case ("note", kind, fields):
-            rig.link.note(kind, **fields)
+            rig.note(kind, **fields)
         case ("done", block):
-            rig.link.note("done", block=block)
+            rig.note("done", block=block)
         case _:
             raise RigError(f"unknown step {step!r} of a plan")
 
@@ -143,6 +167,6 @@ def calibrate_feed_forward(
         rig.wait(settle)
         counts, _ = rig.average(average)
         pressures.append(float(rig.calibration.pressure.value(counts)))
-        rig.link.note("step", output=int(output), pressure_Pa=pressures[-1])
+        rig.note("step", output=int(output), pressure_Pa=pressures[-1])
     rig.stop()
     return fit_feed_forward(pressures, outputs)

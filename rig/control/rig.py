@@ -1,7 +1,6 @@
-"""A rig that is safe on every way out: pressure control for a plan, and its record."""
+"""A rig that vents however a test ends: pressure control for a plan, and its record."""
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import NoReturn, Self
 
 import numpy as np
@@ -16,13 +15,12 @@ from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
 from ..protocol.control_law import TICK_HZ
-from ..protocol.messages import FAULTS, MANUAL, RUN, STATES, Sample
-from .set_up import greet, set_up, told_of
+from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, Sample
+from .set_up import greet, limit_commands, set_up
 from .settings import JUMP_LIMIT, Control
 
 LOOK = 0.05
 """Time [s] between two looks at the device's state during a wait."""
-ACTIVE = (RUN, MANUAL)
 SETTLE = 0.7
 """Time [s] for which the device keeps its last records."""
 _PSI = UNITS["pressure"]["psi"]
@@ -39,6 +37,10 @@ class Rig:
         jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
+
+    Attributes:
+        on_look: called with the link's time [s] at every look of a wait, or None.
+        lost: records that the line lost.
 
     Raises:
         RigError: no pressure limit, or a limit that the transducer cannot see.
@@ -61,9 +63,10 @@ class Rig:
         self.pressure_limit = pressure_limit
         self.jump_limit = jump_limit
         self.lost = 0
+        self.on_look: Callable[[float], None] | None = None
         self._journal = journal
         self._camera = camera
-        told_of(calibration, pressure_limit, jump_limit)  # or refused before a port is spoken to
+        limit_commands(calibration, pressure_limit, jump_limit)  # refused before the port is used
         self._active_from: int | None = None
         self._cancelled = False
 
@@ -71,19 +74,22 @@ class Rig:
         self.link.attach(self._journal)
         try:
             greet(self.link)
-            set_up(self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit)
+            found = set_up(
+                self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit
+            )
+            self.note("rig", **found)
         except BaseException as error:
             self._leave(error)
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         self._leave(error)
+
+    def note(self, kind: str, /, **fields: object) -> None:
+        """A note in the journal, if there is one."""
+        if self._journal is not None:
+            self._journal.note(kind, **fields)
 
     def set_pressure(self, pressure: float) -> None:
         """Hold a pressure from now on.
@@ -101,15 +107,13 @@ class Rig:
             )
         feed_forward = self.calibration.feed_forward.output(pressure)
         answer = self.link.command("set", pressure / _PSI, feed_forward)
-        self.link.note(
-            "set", pressure_Pa=pressure, feed_forward_counts=feed_forward, seq=answer.seq
-        )
+        self.note("set", pressure_Pa=pressure, feed_forward_counts=feed_forward, seq=answer.seq)
         self._active("run")
 
     def manual(self, output: int) -> None:
         """Hold an output [counts, 0..255] with the controller off, for calibrations."""
         self._active("man", output)
-        self.link.note("manual", output=output)
+        self.note("manual", output=output)
 
     def stop(self) -> None:
         """Output off, dump valve open."""
@@ -117,7 +121,7 @@ class Rig:
         self.link.command("stop")
 
     def wait(self, seconds: float) -> None:
-        """Let a time [s] pass and look after the rig.
+        """Wait for a time [s] and supervise the rig meanwhile.
 
         Raises:
             RigFault: the device tripped, was reset or is silent, or the recorder has failed.
@@ -128,6 +132,8 @@ class Rig:
             self.link.sleep(min(LOOK, left))
             self.link.kick()
             self.check()
+            if self.on_look is not None:
+                self.on_look(self.link.now)
 
     def check(self) -> None:
         """Look at the device, the link and the recorder once; see `wait`."""
@@ -138,16 +144,16 @@ class Rig:
                     self.lost += records
                 case Reset(old, new, cause):
                     self._fault(
-                        f"the device was reset (boot {old} to {new}, cause {cause}); it vents; look "
-                        "at its supply"
+                        f"the device was reset (boot {old} to {new}, cause {cause}); it vents; "
+                        "check its supply"
                     )
                 case Silent(seconds):
                     self._fault(
-                        f"the device is silent for {seconds:.1f} s; it vents by itself; look at the "
+                        f"the device is silent for {seconds:.1f} s; it vents by itself; check the "
                         "cable"
                     )
         newest, since = self.link.newest, self._active_from
-        if newest and since is not None and newest.seq >= since and newest.state not in ACTIVE:
+        if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
             fault = FAULTS[newest.fault]
             self._fault(
                 f"the device went to {STATES[newest.state]} by itself: {fault}; it has vented. "
@@ -173,7 +179,7 @@ class Rig:
         finally:
             self.link.watch = None
         if not sums or self.link.session.settings is None:
-            raise RigFault(f"no record came in {seconds:g} s; look at the cable")
+            raise RigFault(f"no record came in {seconds:g} s; check the cable")
         scale = READINGS / self.link.session.settings.ticks_per_record
         mean = scale * np.mean([(s.pressure_sum, s.force_sum) for s in sums], axis=0)
         return float(mean[0]), float(mean[1])
@@ -188,20 +194,20 @@ class Rig:
         ticks = settings.ticks_per_record if settings else READINGS
         records = round(seconds * TICK_HZ / ticks)
         answer = self.link.command("sync", records)
-        self.link.note("sync", seq=answer.seq, records=records)
+        self.note("sync", seq=answer.seq, records=records)
 
     def trigger(self, name: str) -> None:
         """Take a photograph and note at which tick it was asked for."""
         newest = self.link.newest
-        self.link.note("trigger", name=name, tick=newest.tick if newest else None)
+        self.note("trigger", name=name, tick=newest.tick if newest else None)
         if self._camera is not None:
             self._camera(name)
 
     def _fault(self, what: str) -> NoReturn:
-        """Stop the heartbeats and say why; a fault is told once."""
+        """Stop the heartbeats and raise; a fault is reported once."""
         self._active_from = None
         self.link.rest()
-        self.link.note("fault", what=what)
+        self.note("fault", what=what)
         raise RigFault(what)
 
     def _active(self, verb: str, *values: float) -> None:
@@ -213,7 +219,7 @@ class Rig:
         self._active_from = self.link.command(verb, *values).seq
 
     def _leave(self, error: BaseException | None) -> None:
-        """Vent, say how the test ended, and let the journal go."""
+        """Vent, note how the test ended, and detach the journal."""
         self.link.rest()
         failure: RigFault | None = RigFault("interrupted before the device had stopped")
         try:
@@ -227,7 +233,7 @@ class Rig:
         finally:
             self.link.settle(SETTLE if failure is None else 0.0)
             reason = "complete" if error is None else f"{type(error).__name__}: {error}"
-            self.link.note("end", reason=reason, confirmed=failure is None)
+            self.note("end", reason=reason, confirmed=failure is None)
             self.link.attach(None)
         if failure is not None and error is None:
             raise failure

@@ -1,4 +1,4 @@
-"""Before a test: the device greeted, and told its transducer, its limits and its gains."""
+"""Before a test: greet the device, then send its transducer, its limits and its gains."""
 
 import dataclasses
 
@@ -17,10 +17,10 @@ _LOOK = 0.05
 _PSI = UNITS["pressure"]["psi"]
 
 
-def told_of(
+def limit_commands(
     calibration: Calibration, pressure_limit: float, jump_limit: float
 ) -> list[tuple[str, tuple[float, ...]]]:
-    """The commands that tell a device of its transducer and its limits.
+    """The commands that set a device's transducer and limits.
 
     Raises:
         RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
@@ -67,14 +67,17 @@ def set_up(
     control: Control,
     pressure_limit: float,
     jump_limit: float,
-) -> None:
-    """Tell a device all that it controls with, and note it.
+) -> dict[str, object]:
+    """Send a device all that it controls with.
+
+    Returns:
+        What governs the test, for the journal: units in the keys.
 
     Raises:
-        RigError: as `told_of`, or the device refuses it.
+        RigError: as `limit_commands`, or the device refuses it.
         RigFault: it does not answer.
     """
-    commands = told_of(calibration, pressure_limit, jump_limit)
+    commands = limit_commands(calibration, pressure_limit, jump_limit)
     gains = control.proportional * _PSI, control.integral * _PSI
     commands += [("gain", gains), ("ilim", control.integral_limits)]
     for verb, values in [("stop", ()), ("clear", ()), *commands]:
@@ -82,17 +85,16 @@ def set_up(
     session, until = link.session, link.now + 1.0
     while not session.settings_known:
         if link.now > until:
-            raise RigFault("the device does not tell its settings; look at the cable")
+            raise RigFault("the device does not report its settings; check the cable")
         link.sleep(_LOOK)
     hello, settings = session.hello, session.settings
-    link.note(
-        "rig",
-        pressure_limit_Pa=pressure_limit,
-        jump_limit_Pa=jump_limit,
-        trip_counts=settings.trip if settings else None,
-        jump_counts=settings.jump if settings else None,
-        calibration=calibration_as_dict(calibration),
-        control=dataclasses.asdict(control),
-        gains_stored_counts_per_psi=settings.law.gains if settings else None,
-        hello=hello._asdict() if hello else None,
-    )
+    return {
+        "pressure_limit_Pa": pressure_limit,
+        "jump_limit_Pa": jump_limit,
+        "trip_counts": settings.trip if settings else None,
+        "jump_counts": settings.jump if settings else None,
+        "calibration": calibration_as_dict(calibration),
+        "control": dataclasses.asdict(control),
+        "gains_stored_counts_per_psi": settings.law.gains if settings else None,
+        "hello": hello._asdict() if hello else None,
+    }

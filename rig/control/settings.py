@@ -1,4 +1,4 @@
-"""What the device is told before a test: gains, its limits in counts, its transducer."""
+"""The device's configuration for a test: gains, limits in counts, transducer."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ _PSI = UNITS["pressure"]["psi"]
 JUMP_LIMIT = 15 * _PSI
 """Change of the pressure within five ticks (10 ms) that trips [Pa]; see `jump_counts`."""
 LEAST_JUMP = 5
-"""Counts that noise of a count or two does not reach."""
+"""Counts, above noise of a count or two."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +59,7 @@ def jump_counts(calibration: Calibration, limit: float) -> int:
     """The change within five ticks that trips, in counts of one reading, rounded.
 
     A transducer that breaks or is unplugged jumps. So does the pressure of a small muscle that a
-    large valve fills: then the limit must be higher, and guards the less.
+    large valve fills: then the limit must be higher, and protects less.
     """
     counts = round(limit / (calibration.pressure.gain * READINGS)) if math.isfinite(limit) else 0
     if not LEAST_JUMP <= counts <= 1023:
@@ -78,6 +78,6 @@ def device_calibration(calibration: Calibration) -> tuple[float, float]:
     if not (0 <= zero < 1023.9 and 1 / 64 <= span < 1023.9):
         raise RigError(
             f"the device takes a zero of 0 to 1023.9 counts and a span of 0.02 to 1023.9 psi, the "
-            f"calibration gives {zero:.2f} counts and {span:.2f} psi; look at the transducer"
+            f"calibration gives {zero:.2f} counts and {span:.2f} psi; check the transducer"
         )
     return zero, span

@@ -3,14 +3,6 @@
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import crc16, frame
 from ..protocol.messages import DRIVEN, PROTOCOL, STATES
-from .commands import (
-    ARGUMENTS,
-    LINE_LIMIT,
-    body_of,
-    read_numbers,
-    read_request,
-    split_command,
-)
 from .decide import (
     COUNTER,
     NUMBER,
@@ -19,7 +11,15 @@ from .decide import (
     VERB,
     WATCHDOG,
     DeviceControl,
-    Record,
+    StoredRecord,
+)
+from .host_line import (
+    ARGUMENTS,
+    LINE_LIMIT,
+    body_of,
+    read_numbers,
+    read_request,
+    split_command,
 )
 
 FIRMWARE = 1
@@ -82,19 +82,19 @@ class Device:
         self.reset(POWER_ON)
 
     def reset(self, cause: int) -> None:
-        """Start again: output off, dump valve open, boot counter moved; what was not sent is lost."""
+        """Start again: output off, dump valve open, boot counter advanced; unsent bytes are lost."""
         self.boot = (int.from_bytes(self._eeprom[:2], "little") + 1) & 0xFFFF
         self._eeprom[:2] = self.boot.to_bytes(2, "little")
         self._cause = cause
         fault = WATCHDOG if cause & WATCHDOG_RESET else 0
         self._control = DeviceControl(fault, least_div=-(-_SAMPLE // self._budget))
-        self._ring: list[Record] = []
+        self._ring: list[StoredRecord] = []
         self._received, self._line = bytearray(), bytearray()
-        self._sending = bytearray(b"\n")  # ends what the reset has torn
+        self._sending = bytearray(b"\n")  # ends the line that the reset has cut
         self._strict = self._human = False
         self._last = (0, 0, OK, 0)  # id, CRC, reason and record of the last command
         self._base = self._mask = 0
-        self._told = False
+        self._range_sent = False
         self._bad = self._good = self._overrun = self._dropped = 0
         self._hello = True
         self._control.report_state = self._control.report_settings = True
@@ -127,7 +127,7 @@ class Device:
         self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF
 
     def take(self) -> bytes:
-        """What has been sent since the last call."""
+        """The bytes sent since the last call."""
         if not self._out:
             return b""
         sent = bytes(self._out)
@@ -160,7 +160,7 @@ class Device:
         answered = self._received and self._room() >= _ANSWER and self._read()
         if not answered:
             if self._hello or control.report_state or control.report_settings or self._comment:
-                self._tell()
+                self._report()
             elif self._mask and self._room() >= _REPEAT:
                 self._repeat()
         if sending:
@@ -170,17 +170,17 @@ class Device:
     def _room(self) -> int:
         return _LIMIT - len(self._sending)
 
-    def _send(self, body: str) -> None:
-        self._sending += frame(body)
+    def _send(self, kind: str, *fields: int | str) -> None:
+        self._sending += frame(",".join([kind, *map(str, fields)]))
 
-    def _send_record(self, seq: int, record: Record) -> None:
+    def _send_record(self, seq: int, record: StoredRecord) -> None:
         if self._room() < _SAMPLE:
             self._dropped = (self._dropped + 1) & 0xFFFF
             return
         self._sending += _record_line(self.boot, seq, record)
 
-    def _tell(self) -> None:
-        """One line of what is to be told, where there is room."""
+    def _report(self) -> None:
+        """One of the lines that are due, where there is room."""
         control = self._control
         if self._room() < _REPORT:
             return
@@ -198,23 +198,19 @@ class Device:
             self._send_comment()
 
     def _send_hello(self) -> None:
-        self._send(
-            f"H,famrig,{PROTOCOL},{FIRMWARE},{self.boot},{self._cause},{TICK_HZ},"
-            f"{self._control.div},{self._size},{self._budget}"
-        )
+        c = self._control
+        reset = self.boot, self._cause
+        self._send("H,famrig", PROTOCOL, FIRMWARE, *reset, TICK_HZ, c.div, self._size, self._budget)
 
     def _send_status(self) -> None:
         c = self._control
-        self._send(
-            f"S,{self.boot},{c.seq},{c.tick},{c.state},{c.fault},{c.count},"
-            f"{self._bad},{self._good},{self._overrun},{self._dropped},0"
-        )
+        counters = self._bad, self._good, self._overrun, self._dropped, 0
+        self._send("S", self.boot, c.seq, c.tick, c.state, c.fault, c.count, *counters)
 
     def _send_settings(self) -> None:
         c = self._control
-        law = ",".join(map(str, c.law))
-        guards = f"{c.div},{c.trip},{c.jump},{c.stall},{c.silent}"
-        self._send(f"P,{self.boot},{c.since},{law},{guards}")
+        guards = c.div, c.trip, c.jump, c.stall, c.silent
+        self._send("P", self.boot, c.since, *c.law, *guards)
 
     def _send_comment(self) -> None:
         c = self._control
@@ -224,7 +220,7 @@ class Device:
         )
 
     def _repeat(self) -> None:
-        """The next record of the re-request; that some are too old is told once per request."""
+        """The next record of the re-request; that some are too old is reported once per request."""
         seq, kept = self._control.seq, len(self._ring)
         while self._mask:
             wanted, age = self._mask & 1, (seq - self._base) & COUNTER
@@ -233,9 +229,9 @@ class Device:
             if wanted and 1 <= age <= kept:
                 self._send_record((seq - age) & COUNTER, self._ring[-age])
                 return
-            if wanted and kept < age < _FUTURE and not self._told:
-                self._told = True
-                self._send(f"L,{(seq - kept) & COUNTER},{seq}")
+            if wanted and kept < age < _FUTURE and not self._range_sent:
+                self._range_sent = True
+                self._send("L", (seq - kept) & COUNTER, seq)
                 return
 
     def _read(self) -> bool:
@@ -247,16 +243,16 @@ class Device:
             del self._received[: end + 1]
             if ends and self._line:
                 line, self._line = bytes(self._line), bytearray()
-                return self._obey(line)
+                return self._handle(line)
         return False
 
-    def _obey(self, line: bytes) -> bool:
+    def _handle(self, line: bytes) -> bool:
         body = body_of(line, strict=self._strict)
         if body is None:
             self._bad = (self._bad + 1) & 0xFFFF
             return False
         id_, verb, words = split_command(body)
-        if verb not in ARGUMENTS and body is line:  # noise without a CRC keeps nothing alive
+        if verb not in ARGUMENTS and body is line:  # noise without a CRC is no heartbeat
             self._bad = (self._bad + 1) & 0xFFFF
         else:
             self._good = (self._good + 1) & 0xFFFF
@@ -270,14 +266,14 @@ class Device:
             reason = self._execute(verb, words)
             self._last = (id_, check, reason, self._control.in_force())
         _, _, reason, seq = self._last
-        self._send(f"A,{id_},OK,{seq}" if reason == OK else f"A,{id_},ERR,{REASONS[reason]}")
+        self._send("A", id_, *(("OK", seq) if reason == OK else ("ERR", REASONS[reason])))
         return True
 
     def _request(self, words: list[bytes]) -> None:
         request = read_request(words)
         if request is not None:
             self._base, self._mask = request
-            self._told = False
+            self._range_sent = False
 
     def _execute(self, verb: bytes, words: list[bytes]) -> int:
         if verb not in ARGUMENTS:
@@ -298,7 +294,7 @@ class Device:
         return OK
 
 
-def _record_line(boot: int, seq: int, record: Record) -> bytes:
+def _record_line(boot: int, seq: int, record: StoredRecord) -> bytes:
     tick, sum_p, count, sum_f, output, integral, flags = record
     body = b"T,%d,%d,%d,%d,%d,%d,%d,%d,%d" % (
         boot & 15, seq, tick, sum_p, count, sum_f, output, integral, flags

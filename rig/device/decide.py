@@ -1,4 +1,4 @@
-"""The part of the device that decides: states, guards, the control law, and what a command changes."""
+"""The device's control: states, guards, the control law, and the effect of each command."""
 
 from typing import NamedTuple
 
@@ -24,9 +24,17 @@ REASONS = (
     "too fast for this baud",
 )
 
+LAW_FIELDS = {
+    b"set": ("set_point", "feed_forward"),
+    b"gain": ("proportional", "integral"),
+    b"ilim": ("low", "high"),
+    b"cal": ("zero", "span"),
+}
+"""The fields of the law that the numbers of a command set."""
 
-class Record(NamedTuple):
-    """What a record keeps, the number aside."""
+
+class StoredRecord(NamedTuple):
+    """The contents of a record, except its number."""
 
     tick: int
     pressure_sum: int
@@ -40,7 +48,7 @@ class Record(NamedTuple):
 class DeviceControl:
     """State machine, guards and controller: one call of `step` per tick.
 
-    Guards look at raw counts before any arithmetic. What a command sets is staged and acts from the
+    Guards compare raw counts before any arithmetic. A command's settings are staged and act from the
     first tick of the next record, so that one law governs the whole of every record; `stop` and the
     limits of the guards act at once.
     """
@@ -71,7 +79,7 @@ class DeviceControl:
         self._over = self._jumped = 0
         self._stall_ticks = self._stall_from = 0
 
-    def step(self, pressure: int, force: int) -> Record | None:
+    def step(self, pressure: int, force: int) -> StoredRecord | None:
         """One tick: guards, output, and the record where one is complete."""
         self.tick = (self.tick + 1) & COUNTER
         if self.phase == 0:
@@ -145,11 +153,11 @@ class DeviceControl:
         if self._stall_ticks >= self.stall:
             self.leave(TRIP, STALL)
 
-    def _end_record(self) -> Record:
+    def _end_record(self) -> StoredRecord:
         self.phase = 0
         self.seq = (self.seq + 1) & COUNTER
         flags = self.state + 4 * self.sync + 16 * self.fault
-        return Record(
+        return StoredRecord(
             self.tick, self._sum_p, self.count, self._sum_f, self.output, self._integral, flags
         )
 
@@ -167,19 +175,12 @@ class DeviceControl:
 
     def execute(self, verb: bytes, values: list[int]) -> int:
         """Carry out one command of the controller; index into `REASONS`."""
-        law = self.next_law
         match verb, values:
-            case b"set", [set_point, *rest]:
-                feed_forward = rest[0] if rest else law.feed_forward
-                self.next_law = law._replace(set_point=set_point, feed_forward=feed_forward)
-            case b"gain", [proportional, integral]:
-                self.next_law = law._replace(proportional=proportional, integral=integral)
-            case b"ilim", [low, high]:
-                self.next_law = law._replace(low=low, high=high)
-            case b"cal", [zero, span]:
-                if self.state in DRIVEN:
+            case b"set" | b"gain" | b"ilim" | b"cal", _:
+                if verb == b"cal" and self.state in DRIVEN:
                     return RUNNING
-                self.next_law = law._replace(zero=zero, span=span)
+                fields = zip(LAW_FIELDS[verb], values, strict=False)  # `set` may lack the second
+                self.next_law = self.next_law._replace(**dict(fields))
             case b"tele", [ticks]:
                 if ticks < self._least_div:
                     return BAUD

@@ -1,13 +1,12 @@
-"""A recording checked from its own figures: is it whole, and did the device do what its law says?"""
+"""The audit of a recording: is it complete, and does its output follow the control law?"""
 
 import dataclasses
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..protocol.control_law import drive, next_integral, pressure_error
-from ..protocol.messages import RUN, STATES, Settings
+from ..protocol.messages import RUN, STATES
 from .reader import Record
 
 
@@ -18,7 +17,7 @@ class Audit:
     Attributes:
         records: rows in the journal.
         lost: records that the line lost, as the recorder noted.
-        torn: records that the file lost, which nobody noted.
+        torn: records that the file lost, without a note.
         missing_notes: notes that the file lost.
         damaged_bytes: bytes of the file that cannot be verified.
         refused: rows that contradict their neighbours.
@@ -43,7 +42,7 @@ class Audit:
 
     @property
     def sound(self) -> bool:
-        """Whether the file is whole and every recomputed record is equal; losses on the line count not."""
+        """Whether the file is whole and every recomputed record equal; losses on the line do not count."""
         return (
             self.torn == self.missing_notes == self.damaged_bytes == self.refused == 0
             and self.checked == self.equal
@@ -59,7 +58,7 @@ class Audit:
                 f"lost in the file   {self.torn} records, {self.missing_notes} notes, "
                 f"{self.damaged_bytes} bytes damaged, {self.refused} rows refused",
                 f"control law        {self.equal} of {self.checked} recomputed equal ({share}), "
-                f"{self.unchecked} not to be checked",
+                f"{self.unchecked} could not be checked",
                 f"end                {self.ended or 'cut off'}",
                 f"verdict            {self.verdict}",
             ]
@@ -73,7 +72,7 @@ class Audit:
             f"the file lost {self.missing_notes} notes": self.missing_notes,
             f"{self.damaged_bytes} bytes are damaged": self.damaged_bytes,
             f"{self.refused} rows contradict their neighbours": self.refused,
-            f"{self.checked - self.equal} records are not what the law says, the first is record "
+            f"{self.checked - self.equal} records do not follow the law, the first is record "
             f"{self.first_wrong and self.first_wrong[1]}": self.checked - self.equal,
             "the recording was cut off": self.ended is None,
         }
@@ -83,7 +82,7 @@ class Audit:
 
 
 def audit(record: Record) -> Audit:
-    """The control law recomputed from every recorded sample, and everything that is not there.
+    """The control law recomputed from every recorded sample, and all that is missing.
 
     In RUN the integral must follow from the one before and the sum of the pressure counts, and the
     output from it and the last count; in every other state but MAN both must be zero.
@@ -91,16 +90,9 @@ def audit(record: Record) -> Audit:
     Args:
         record: a journal read back.
     """
-    checked = equal = unchecked = 0
-    first_wrong: tuple[int, int] | None = None
-    for rows, epoch, settings in _governed(record):
-        right, known = _recomputed(rows, settings)
-        checked += int(known.sum())
-        unchecked += int((~known).sum())
-        equal += int((right & known).sum())
-        wrong = np.flatnonzero(known & ~right)
-        if wrong.size and first_wrong is None:
-            first_wrong = (epoch, int(rows[wrong[0], 1]))
+    right, known = _recomputed(record)
+    wrong = np.flatnonzero(known & ~right)
+    first = (int(record.epoch[wrong[0]]), int(record.rows[wrong[0], 1])) if wrong.size else None
     ends = record.notes_of("end")
     begins = record.notes_of("journal")
     return Audit(
@@ -110,35 +102,28 @@ def audit(record: Record) -> Audit:
         missing_notes=record.missing_notes,
         damaged_bytes=sum(damage.size for damage in record.damage),
         refused=len(record.refused),
-        checked=checked,
-        equal=equal,
-        unchecked=unchecked,
-        first_wrong=first_wrong,
+        checked=int(known.sum()),
+        equal=int((right & known).sum()),
+        unchecked=int((~known).sum()),
+        first_wrong=first,
         ended=ends[-1].get("reason") if ends and len(ends) >= len(begins) else None,
     )
 
 
-def _governed(record: Record) -> Iterator[tuple[NDArray[np.int64], int, list[Settings]]]:
-    """The rows of each epoch with the settings that governed them, in order and each once."""
-    for epoch in np.unique(record.epoch).tolist():
-        rows = record.rows[record.epoch == epoch]
-        by_since = {s.since: s for at, s in record.settings if at == epoch}
-        yield rows, epoch, [by_since[since] for since in sorted(by_since)]
-
-
-def _recomputed(
-    rows: NDArray[np.int64], settings: list[Settings]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _recomputed(record: Record) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which rows came out as recorded, and which could be recomputed at all."""
-    right = np.zeros(len(rows), bool)
-    known = np.ones(len(rows), bool)
+    right = np.zeros(len(record.rows), bool)
+    known = np.ones(len(record.rows), bool)
     at, law, ticks = -1, None, 0
-    last_seq, last_integral, last_state = -1, 0, -1
-    for i, row in enumerate(rows.tolist()):
+    last_epoch, last_seq, last_integral, last_state = -1, -1, 0, -1
+    governing = zip(record.epoch.tolist(), record.governing().tolist(), strict=True)
+    for i, (row, (epoch, now)) in enumerate(zip(record.rows.tolist(), governing, strict=True)):
         _, seq, _, pressure_sum, pressure_count, _, output, integral, flags = row
-        while at + 1 < len(settings) and settings[at + 1].since <= seq:
-            at += 1
-            law, ticks = settings[at].law, settings[at].ticks_per_record
+        if epoch != last_epoch:
+            last_epoch, last_seq, last_integral, last_state = epoch, -1, 0, -1
+        if now != at:
+            at, law = now, None if now < 0 else record.settings[now][1].law
+            ticks = 0 if now < 0 else record.settings[now][1].ticks_per_record
         state = flags & 3
         if STATES[state] == "MAN":
             right[i] = integral == 0

@@ -1,4 +1,4 @@
-"""A journal read back: verified rows only, and a list of everything that is not there."""
+"""A journal read back: verified rows only, and a list of all that is missing."""
 
 import dataclasses
 from pathlib import Path
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RigError
-from ..protocol.messages import Sample, Settings, Status
-from .lines import Damage, JournalLines
+from ..protocol.messages import DeviceSettings, DeviceStatus, Sample
+from .journal_lines import Damage, JournalLines
 from .writer import FORMAT
 
 COLUMNS = Sample._fields
@@ -33,7 +33,7 @@ class Missing(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """What a journal holds.
+    """The contents of a journal.
 
     Attributes:
         path: the file.
@@ -46,10 +46,10 @@ class Record:
         epoch_parts: the part of each epoch.
         settings: (epoch, what the device controlled with), in the order of the file.
         statuses: (epoch, status), likewise.
-        comments: texts of the device for people.
-        missing: records that are not there.
-        missing_notes: how many notes are not there.
-        damage: what could not be read.
+        comments: comment lines of the device.
+        missing: records that are missing.
+        missing_notes: how many notes are missing.
+        damage: bytes that could not be verified.
         refused: (epoch, seq) of rows whose CRC is right but that contradict their neighbours.
     """
 
@@ -59,8 +59,8 @@ class Record:
     notes: tuple[dict[str, Any], ...]
     note_parts: tuple[int, ...]
     epoch_parts: tuple[int, ...]
-    settings: tuple[tuple[int, Settings], ...]
-    statuses: tuple[tuple[int, Status], ...]
+    settings: tuple[tuple[int, DeviceSettings], ...]
+    statuses: tuple[tuple[int, DeviceStatus], ...]
     comments: tuple[str, ...]
     missing: tuple[Missing, ...]
     missing_notes: int
@@ -70,6 +70,18 @@ class Record:
     def column(self, name: str) -> NDArray[np.int64]:
         """One column of `COLUMNS`, shape (n,)."""
         return self.rows[:, COLUMNS.index(name)]
+
+    def governing(self) -> NDArray[np.int64]:
+        """For each row, the index in `settings` of what governed it, -1 where that is not known."""
+        index = np.full(len(self.rows), -1)
+        order = sorted(range(len(self.settings)), key=lambda k: self.settings[k][1].since)
+        for epoch in {epoch for epoch, _ in self.settings}:
+            mine = [k for k in order if self.settings[k][0] == epoch]
+            rows = self.epoch == epoch
+            begins = [self.settings[k][1].since for k in mine]
+            latest = np.searchsorted(begins, self.rows[rows, 1], side="right")
+            index[rows] = np.array([-1, *mine])[latest]
+        return index
 
     def notes_of(self, kind: str) -> list[dict[str, Any]]:
         """The notes of one kind, in their order."""
@@ -85,7 +97,7 @@ def read_journal(path: str | Path) -> Record:
         path: the journal.
 
     Returns:
-        The verified rows in order, the notes, and a list of all that is not there.
+        The verified rows in order, the notes, and a list of all that is missing.
 
     Raises:
         RigError: the file cannot be read, or nothing in it is a journal's.
@@ -98,7 +110,7 @@ def read_journal(path: str | Path) -> Record:
     parts = JournalLines()
     parts.read(data)
     if not parts.numbers and not parts.notes:
-        raise RigError(f"{path} is no journal: not one of its {len(data)} bytes can be verified")
+        raise RigError(f"{path} is not a journal: none of its {len(data)} bytes can be verified")
     for note in parts.notes:
         if note["note"] == "journal" and note.get("format") != FORMAT:
             raise RigError(f"{path} has the format {note.get('format')!r}; this reads {FORMAT!r}")
@@ -124,9 +136,9 @@ def read_journal(path: str | Path) -> Record:
 def _in_order(
     rows: NDArray[np.int64], epoch: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[tuple[int, int], ...]]:
-    """Rows by epoch and number, each once; those that contradict another are left out and told."""
+    """Rows by epoch and number, each once; those that contradict another are left out and listed."""
     if np.unique(epoch).size > np.unique(rows[:, 0]).size:
-        # Two boots have one number: a page may stand in the file twice.
+        # Two boots have one number: a page may be in the file twice.
         _, first = np.unique(rows, axis=0, return_index=True)
         rows, epoch = rows[first], epoch[first]
     order = np.lexsort((rows[:, 1], epoch))

@@ -1,5 +1,6 @@
 """A journal as columns in SI with a time of the host's clock, for analysis and other programs."""
 
+import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,26 +14,16 @@ from ..calibration.whole_rig import Calibration, calibration_from_dict
 from ..errors import RigError
 from ..protocol.control_law import TICK_HZ
 from .clock import ClockMap, fit_clock
-from .reader import Record
+from .reader import Record, read_journal
 
 if TYPE_CHECKING:
     import xarray
 
-UNIT_OF = {
-    "time_s": "s",
-    "device_time_s": "s",
-    "pressure_Pa": "Pa",
-    "force_N": "N",
-    "set_pressure_Pa": "Pa",
-    "output": "1",
-    "integral": "1",
-    "state": "1",
-    "fault": "1",
-    "sync": "1",
-    "block": "1",
-    "epoch": "1",
-    "seq": "1",
-}
+COLUMNS_IN_UNITS = ("time_s", "device_time_s", "pressure_Pa", "force_N", "set_pressure_Pa")
+COUNTS_AND_CODES = ("output", "integral", "state", "fault", "sync", "block", "epoch", "seq")
+UNIT_OF = {name: name.rpartition("_")[2] for name in COLUMNS_IN_UNITS} | dict.fromkeys(
+    COUNTS_AND_CODES, "1"
+)
 """Columns of a table and their units; "1" for counts and codes."""
 
 _PSI = UNITS["pressure"]["psi"]
@@ -47,17 +38,18 @@ def table(record: Record, calibration: Calibration | None = None) -> dict[str, N
 
     Returns:
         Arrays of shape (n,): time on the host's clock, as that of the notes, nan in a boot too short
-        to tell (half a second); time on the device's;
+        to determine it (half a second); time on the device's;
         pressure and force as means over the ticks of a record; the set pressure that the device
-        controlled for, nan where it has not told; output [0..255] and integral [counts]; state and
+        controlled for, nan where unknown; output [0..255] and integral [counts]; state and
         fault as the indices of `STATES` and `FAULTS`; sync; the plan's block, -1 outside of one.
 
     Raises:
         RigError: there is no calibration.
     """
     calibration = calibration or stored_calibration(record)
-    ticks = _settings_column(record, "ticks_per_record", 5)
-    scale = READINGS / ticks
+    known, governing = [settings for _, settings in record.settings], record.governing()
+    scale = READINGS / np.array([*(s.ticks_per_record for s in known), READINGS])[governing]
+    set_point = np.array([*(s.law.set_point_psi for s in known), np.nan])[governing] * _PSI
     flags = record.column("flags")
     device = record.column("tick") / TICK_HZ
     time = np.full(len(device), np.nan)
@@ -69,7 +61,7 @@ def table(record: Record, calibration: Calibration | None = None) -> dict[str, N
         "device_time_s": device,
         "pressure_Pa": calibration.pressure.value(record.column("pressure_sum") * scale),
         "force_N": calibration.force.value(record.column("force_sum") * scale),
-        "set_pressure_Pa": _settings_column(record, "set_point", np.nan) / 128 * _PSI,
+        "set_pressure_Pa": set_point,
         "output": record.column("output"),
         "integral": record.column("integral") / 32768,
         "state": flags & 3,
@@ -119,20 +111,6 @@ def _clock_pairs(record: Record) -> list[tuple[int, int, float]]:
         ):
             pairs.append((epoch, note["tick"], note["arrival_s"]))
     return pairs
-
-
-def _settings_column(record: Record, name: str, unknown: float) -> NDArray[np.float64]:
-    """What the device's settings were at each row."""
-    values = np.full(len(record.rows), float(unknown))
-    seq = record.column("seq")
-    known = sorted(record.settings, key=lambda item: (item[0], item[1].since))
-    for epoch in {epoch for epoch, _ in known}:
-        mine = [settings for at, settings in known if at == epoch]
-        told = [s.ticks_per_record if name == "ticks_per_record" else s.law.set_point for s in mine]
-        rows = record.epoch == epoch
-        latest = np.searchsorted([s.since for s in mine], seq[rows], side="right")
-        values[rows] = np.array([unknown, *told], float)[latest]
-    return values
 
 
 def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -190,6 +168,28 @@ def write_parquet(record: Record, path: str | Path, calibration: Calibration | N
     ]
     schema = arrow.schema(fields, metadata={"source": record.path.name})
     parquet.write_table(arrow.table(list(columns.values()), schema=schema), path)
+
+
+def convert(journal: str | Path, target: str | Path) -> Path:
+    """The records of a journal as a table: Parquet, NetCDF or CSV, by the target's ending.
+
+    Raises:
+        RigError: another ending, or the journal cannot be read.
+    """
+    target = Path(target)
+    record = read_journal(journal)
+    writers = {".parquet": write_parquet, ".nc": write_netcdf}
+    if target.suffix in writers:
+        writers[target.suffix](record, target)
+        return target
+    if target.suffix != ".csv":
+        raise RigError(f"the target must end in {', '.join(writers)} or .csv, got {target.name!r}")
+    columns = table(record)
+    with target.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+    return target
 
 
 def _import(name: str) -> Any:

@@ -3,8 +3,8 @@
 {"note":"set","n":12,"at":3.20112,"pressure_Pa":275790.3}*5A1C
 T,...*09F2
 
-What has been handed over is in the kernel within milliseconds, so killing this process loses no
-more; it is on the disk within about a second. Neither ever makes the caller wait.
+What was queued is in the kernel within milliseconds, so killing this process loses no more than
+that; it is on the disk within about a second. Neither blocks the caller.
 """
 
 import datetime
@@ -27,7 +27,7 @@ RESERVE_BYTES = 50_000_000
 BYTES_PER_SECOND = 6000
 """What 100 records a second, statuses and notes need."""
 BACKLOG_LIMIT = 1 << 22
-"""Bytes waiting for the disk at which it counts as hung: more than ten minutes of records."""
+"""Bytes queued for the disk at which it counts as hung: more than ten minutes of records."""
 
 _sync_data: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 
@@ -35,14 +35,14 @@ _sync_data: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 class Journal:
     """A journal that is being written.
 
-    Lines and notes may be handed over from any thread and keep their order. A writer thread hands
-    them to the kernel at once; a second one asks for them to be on the disk every `sync_period`.
+    Lines and notes may be queued from any thread and keep their order. One thread writes them to
+    the kernel at once; a second one syncs the file to the disk every `sync_period`.
 
     Args:
-        path: the file; made anew, or with `append` continued after its last whole line.
+        path: the file; created, or with `append` continued after its last complete line.
         now: the clock of the notes [s].
         append: continue an existing journal.
-        plan_seconds: expected duration [s]; there must be room for three times its records.
+        plan_seconds: expected duration [s]; the disk must have room for three times its records.
         reserve_bytes: free space at which `check` raises.
         sync_period: seconds between two syncs.
         sync: brings a file descriptor's data to the disk.
@@ -71,7 +71,7 @@ class Journal:
         self._lock = threading.Lock()  # orders the notes' numbers with the queue
         self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._notes = 0
-        self._handed_over = self._written = 0
+        self._queued = self._written = 0
         self._failure: str | None = None
         self._sync = sync
         self._sync_period = sync_period
@@ -90,13 +90,13 @@ class Journal:
         self.close()
 
     def lines(self, data: bytes) -> None:
-        """Hand over verified lines of the device, each with its end."""
+        """Queue verified lines of the device, each with its end."""
         if data:
             with self._lock:
                 self._put(data)
 
     def note(self, kind: str, /, **fields: Any) -> None:
-        """Hand over a note; every field must be JSON, numbers finite, units in the names."""
+        """Queue a note; every field must be JSON, numbers finite, units in the names."""
         with self._lock:
             content = {"note": kind, "n": self._notes, "at": round(self._now(), 6), **fields}
             text = json.dumps(content, allow_nan=False, separators=(",", ":"))
@@ -105,14 +105,14 @@ class Journal:
 
     @property
     def waiting(self) -> int:
-        """Bytes that were handed over and that the kernel has not taken yet."""
-        return self._handed_over - self._written
+        """Bytes that are queued and not yet in the kernel."""
+        return self._queued - self._written
 
     def check(self) -> None:
-        """Nothing while the recording goes well.
+        """Nothing unless the recording has failed.
 
         Raises:
-            RigFault: it does not; all that was written before stays.
+            RigFault: it has; all that was written before stays.
         """
         if self._failure is not None:
             raise RigFault(self._failure)
@@ -123,7 +123,7 @@ class Journal:
             )
 
     def close(self) -> None:
-        """Write and sync all that was handed over; closing twice does nothing.
+        """Write and sync all that is queued; closing twice does nothing.
 
         Raises:
             RigFault: not all of it could be written.
@@ -144,11 +144,11 @@ class Journal:
 
     def _put(self, data: bytes) -> None:
         if self._failure is None and not self._closing.is_set():
-            self._handed_over += len(data)
+            self._queued += len(data)
             self._queue.put(data)
 
     def _write(self) -> None:
-        """Hand over all that waits in one go: in virtual time too many lines come for one by one."""
+        """Write all that is queued in one call: in virtual time one call per line is too slow."""
         waiting: list[bytes | None] = []
         while not waiting or waiting[-1] is not None:  # nothing comes after None
             waiting = [self._queue.get()]

@@ -1,4 +1,4 @@
-"""What a link to a device offers, whatever carries its bytes and whatever its time is."""
+"""The interface of a link to a device, whatever its transport and clock."""
 
 import abc
 import threading
@@ -10,14 +10,14 @@ from ..errors import RigError
 from ..fault import RigFault
 from ..journal.writer import Journal
 from ..protocol.messages import Ack, Sample
-from .events import Event, Lost, Reset, Silent, Timing
+from .events import NOTES, Event, Lost, Reset, Silent
 from .session import Session
 
 _POLL = 0.004
 
 
 class AbstractLink(abc.ABC):
-    """A session with its recording; a subclass brings bytes and time.
+    """A session with its recording; a subclass adds transport and clock.
 
     Every wait goes through `sleep`, so that one plan runs in real and in virtual time. All methods
     but `close` may be called from any thread.
@@ -27,7 +27,7 @@ class AbstractLink(abc.ABC):
 
     Attributes:
         session: the conversation.
-        alarms: losses, resets and silences that nobody has looked at yet.
+        alarms: losses, resets and silences that were not handled yet.
         watch: called with every record, or None.
     """
 
@@ -52,15 +52,15 @@ class AbstractLink(abc.ABC):
     @property
     @abc.abstractmethod
     def running(self) -> bool:
-        """Whether anybody moves the bytes."""
+        """Whether bytes are exchanged."""
 
     @abc.abstractmethod
     def sleep(self, seconds: float) -> None:
-        """Let time pass [s] while bytes go on flowing."""
+        """Wait for a time [s] while bytes are exchanged."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Let the device go; heartbeats end with it."""
+        """Close the connection; the heartbeats stop."""
 
     @property
     def newest(self) -> Sample | None:
@@ -72,27 +72,19 @@ class AbstractLink(abc.ABC):
         with self._lock:
             self._journal = journal
 
-    def note(self, kind: str, /, **fields: object) -> None:
-        """A note in the journal, where one is attached."""
-        with self._lock:
-            if self._journal is not None:
-                self._journal.note(kind, **fields)
-
     def check(self) -> None:
-        """Nothing while bytes flow and the recording goes well.
+        """Nothing unless the link or the recording has failed.
 
         Raises:
-            RigFault: nobody moves the bytes any more, or as `Journal.check`.
+            RigFault: the link has ended, or as `Journal.check`.
         """
         if not self.running:
-            raise RigFault(
-                "the link has ended and nobody moves the bytes; the device vents by itself"
-            )
+            raise RigFault("the link has ended: no byte is exchanged; the device vents by itself")
         if self._journal is not None:
             self._journal.check()
 
     def kick(self) -> None:
-        """Let heartbeats go on for five seconds more; only who looks after the test may do so."""
+        """Extend the heartbeats by five seconds; only the code that supervises the test does so."""
         with self._lock:
             self.session.kick(self.now)
 
@@ -102,7 +94,7 @@ class AbstractLink(abc.ABC):
             self.session.rest()
 
     def command(self, verb: str, *values: float | str) -> Ack:
-        """The device's answer to a command, waited for.
+        """Send a command and wait for the device's answer.
 
         Raises:
             RigError: the device refuses the command, or a number is not finite.
@@ -112,17 +104,17 @@ class AbstractLink(abc.ABC):
             command = self.session.command(verb, *values)
         while not command.done:
             if not self.running:
-                raise RigFault(f"nobody sends {verb!r}: the link has ended")
+                raise RigFault(f"{verb!r} was not sent: the link has ended")
             self.sleep(_POLL)
         said = " ".join([verb, *map(str, values)])
         if command.answer is None:
-            raise RigFault(f"{said!r} came to nothing: {command.failure}; look at cable and supply")
+            raise RigFault(f"{said!r} failed: {command.failure}; check cable and supply")
         if command.answer.seq is None:
             raise RigError(f"the device refuses {said!r}: {command.answer.reason}")
         return command.answer
 
     def settle(self, seconds: float) -> None:
-        """Wait a while [s] for records that are still missing; what has not come then is lost."""
+        """Wait up to a time [s] for missing records; those that have not come by then are lost."""
         until = self.now + seconds
         while self.running and self.session.order.gaps and self.now < until:
             self.sleep(_POLL)
@@ -132,7 +124,7 @@ class AbstractLink(abc.ABC):
                 self._take(event)
 
     def _pump(self, data: bytes) -> bytes:
-        """Hand in what was received; what is to be sent."""
+        """Process received bytes; returns the bytes to send."""
         with self._lock:
             now = self.now
             events = self.session.feed(data, now)
@@ -150,15 +142,6 @@ class AbstractLink(abc.ABC):
     def _take(self, event: Event) -> None:
         if isinstance(event, Lost | Reset | Silent):
             self.alarms.append(event)
-        journal = self._journal
-        if journal is None:
-            return
-        match event:
-            case Timing(boot, tick, arrival):
-                journal.note("clock", boot=boot, tick=tick, arrival_s=round(arrival, 6))
-            case Lost(boot, first, records):
-                journal.note("lost", boot=boot, first=first, records=records)
-            case Reset(old, new, cause):
-                journal.note("reset", old=old, new=new, cause=cause)
-            case Silent(seconds):
-                journal.note("silent", seconds=round(seconds, 3))
+        kind = NOTES.get(type(event))
+        if kind is not None and self._journal is not None:
+            self._journal.note(kind, **event._asdict())

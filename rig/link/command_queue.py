@@ -1,4 +1,4 @@
-"""Commands one after the other: each sent again until it is answered, or given up."""
+"""Commands one after the other: each is sent again until it is answered or has failed."""
 
 import dataclasses
 import math
@@ -17,10 +17,10 @@ _LAST_ID = 30_000
 
 @dataclasses.dataclass(eq=False)
 class Command:
-    """A command on its way.
+    """A command under way.
 
     Attributes:
-        id: its number; the device answers a repeated number without obeying twice.
+        id: its number; the device answers a repeated number without executing it twice.
         verb: what to do.
         line: as it is sent.
         answer: of the device, None until it has come.
@@ -42,10 +42,10 @@ class Command:
 
 
 class CommandQueue:
-    """Commands that wait; one is on its way at a time.
+    """Commands in a queue; one is under way at a time.
 
     Args:
-        first_id: number of the first command. The device remembers the last one it obeyed, also from
+        first_id: number of the first command. The device remembers the last one it executed, also from
             a program that ran before: begin with another number than that one did.
     """
 
@@ -100,12 +100,12 @@ class CommandQueue:
         return command
 
     def withdraw(self, command: Command | None) -> None:
-        """Forget a command that only asks, so that it keeps nobody waiting."""
+        """Drop a query, so that it does not delay other commands."""
         if command in self._queue:
             self._queue.remove(command)
 
     def fail(self, why: str) -> None:
-        """Give up all that waits: what a device had not done before a reset it must not do after."""
+        """Fail all queued commands: what a device had not executed before a reset must not follow it."""
         for command in self._queue:
             command.failure = why
         self._queue.clear()

@@ -1,4 +1,4 @@
-"""What a session tells beside the device's own messages."""
+"""The events of a session besides the device's own messages."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ class Lost(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """The device started anew; boots modulo 16, `cause` as in `Hello`, None where no hello came."""
+    """The device restarted; boots modulo 16, `cause` as in `Hello`, None where no hello came."""
 
     old: int
     new: int
@@ -32,7 +32,10 @@ class Timing(NamedTuple):
 
     boot: int
     tick: int
-    at: float
+    arrival_s: float
 
+
+NOTES = {Lost: "lost", Reset: "reset", Silent: "silent", Timing: "clock"}
+"""Events that a journal notes, and the kind of note; its fields are those of the event."""
 
 Event = Message | Lost | Reset | Silent | Timing

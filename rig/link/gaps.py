@@ -1,4 +1,4 @@
-"""Records that have not come yet: when to ask for each again, and when one is lost."""
+"""Missing records: when to request each again, and when one is lost."""
 
 from ..protocol.lines import command_body, frame
 
@@ -13,8 +13,8 @@ class Gaps:
 
     A request is a bit mask, and a new one takes the place of the one before; the device answers it in
     ascending order at its own pace. So each request asks for everything that is missing but what,
-    at that pace, is on its way just now; and for what will soon be overwritten in any case, since
-    requests are damaged, too. At one damaged byte in a hundred nothing simpler keeps up.
+    at that pace, is under way; and for what will soon be overwritten in any case, since
+    requests are damaged, too. At 1 % damaged bytes nothing simpler suffices.
 
     Args:
         ring: records that the device can repeat.
@@ -42,7 +42,7 @@ class Gaps:
     def set_pace(
         self, line_bytes: int, bytes_per_tick: int, ticks_per_record: int, tick: float
     ) -> None:
-        """Reckon the device's pace from what its line carries beside the new records."""
+        """Estimate the device's pace from what its line carries besides new records."""
         left = max(bytes_per_tick - line_bytes / ticks_per_record, 1.0)
         self.pace = max(1.0, line_bytes / left) * tick  # it repeats one record in a tick at most
 
@@ -53,13 +53,13 @@ class Gaps:
             self._missing.setdefault(seq, never)
 
     def fill(self, seq: int, now: float) -> None:
-        """Record `seq` has come; from its turn in the answer follows how long an answer takes."""
+        """Record `seq` has come; its turn in the answer gives the time that an answer takes."""
         taken = now - self._missing.pop(seq)
         if 0 <= taken < 0.25:
             self.round_trip += (taken - self.round_trip) / 16
 
     def overwritten(self, next_seq: int, now: float) -> list[int]:
-        """Forget and return the records that the device has no longer and that are not on their way."""
+        """Remove and return the records that the device has overwritten and that are not under way."""
         self._oldest = next_seq - self.ring
         if not self._missing or next(iter(self._missing)) >= self._oldest:
             return []
@@ -73,7 +73,7 @@ class Gaps:
         return gone
 
     def abandon(self) -> list[int]:
-        """Forget and return all missing records, in order."""
+        """Remove and return all missing records, in order."""
         gone = sorted(self._missing)
         self._missing.clear()
         self._oldest = 0

@@ -1,4 +1,4 @@
-"""Each record of a device once: gaps asked for, doubtful records believed when they come twice."""
+"""Each record of a device once: gaps are requested, doubtful records need a confirmation."""
 
 from collections.abc import Callable
 
@@ -11,19 +11,19 @@ JUMP = Sample(0, 0, 0, 64, 13, 64, 32, 2 << 15, 0)
 MOST_TICKS = 50
 """Most ticks in a record."""
 NEAR = 16
-"""Most records between two that vouch for each other."""
+"""Most records between two that confirm each other."""
 
 
 class RecordOrder:
     """The records of one conversation.
 
     A record that does not follow from the newest one (its tick off the grid; on a line that is being
-    damaged also a value that jumps) is believed only when the next one follows from it, or when the
+    damaged also a value that jumps) is accepted only when the next one follows from it, or when the
     same line has come twice: a CRC of 16 bits alone lets one damaged line in 65 536 pass.
 
     Args:
         ring: records that the device can repeat.
-        on_restart: called when the device has started anew.
+        on_restart: called when the device has restarted.
 
     Attributes:
         newest: the last record in order, or None.
@@ -64,22 +64,22 @@ class RecordOrder:
         on_grid = sample.tick - newest.tick == self._ticks * ahead
         if not on_grid or (suspicious and _has_jumped(sample, newest)):
             near = on_grid or ahead <= self.gaps.ring
-            if not self._believe(sample, line, now, late=late, near=near):
+            if not self._is_confirmed(sample, line, now, late=late, near=near):
                 return
         self._accept(sample, line, now)
 
     def expire(self, now: float) -> None:
-        """Tell which of the missing records are lost."""
+        """Report which of the missing records are lost."""
         if self.newest is not None:
             self._lose(self.newest.boot, self.gaps.overwritten(self._next, now))
 
     def give_up(self) -> None:
-        """What is still missing is lost."""
+        """Report all records that are still missing as lost."""
         if self.newest is not None:
             self._lose(self.newest.boot, self.gaps.abandon())
 
     def restart(self, new_boot: int) -> None:
-        """The device has started anew: what is missing of the old boot is lost."""
+        """The device has restarted: missing records of the old boot are lost."""
         if self.newest is None:
             return
         old, self.newest = self.newest.boot, None
@@ -107,7 +107,9 @@ class RecordOrder:
         self.lines += (line, b"\n")
         self.events.append(sample)
 
-    def _believe(self, sample: Sample, line: bytes, now: float, *, late: bool, near: bool) -> bool:
+    def _is_confirmed(
+        self, sample: Sample, line: bytes, now: float, *, late: bool, near: bool
+    ) -> bool:
         """Whether a doubtful record is right after all; if not yet, it is asked for again."""
         copies = self._doubtful.setdefault(sample.seq, set())
         if line in copies:
@@ -146,7 +148,7 @@ class RecordOrder:
         self._accept(sample, line, now)
 
     def _open_gap(self, sample: Sample, end: int) -> None:
-        """Ask for next <= seq < end; what the device had overwritten before `sample` is lost."""
+        """Request next <= seq < end; those overwritten before `sample` are lost."""
         first = max(self._next, sample.seq + 1 - self.gaps.ring)
         if first > self._next:
             self.events.append(Lost(sample.boot, self._next, first - self._next))
@@ -154,7 +156,7 @@ class RecordOrder:
         self._next = end
 
     def _lose(self, boot: int, seqs: list[int]) -> None:
-        """Tell of lost records, runs of them together."""
+        """Report lost records, runs of them together."""
         start = 0
         for i, seq in enumerate(seqs):
             self._doubtful.pop(seq, None)

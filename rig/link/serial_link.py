@@ -1,4 +1,4 @@
-"""The thread that owns the serial port, and nothing else does."""
+"""A link over a serial port, which one thread owns."""
 
 import os
 import threading
@@ -10,16 +10,16 @@ from ..errors import RigError
 from .abstract_link import AbstractLink
 
 READ_TIMEOUT = 0.004
-"""Longest wait for a byte [s], and with it the grain of heartbeats and requests."""
+"""Longest wait for a byte [s], and with it the resolution of heartbeats and requests."""
 REOPEN = 0.02
-"""Time [s] between attempts to open a port that went away."""
+"""Time [s] between attempts to reopen a port."""
 
 
 _READ_LIMIT = 4096
 
 
 class Port(Protocol):
-    """What a link needs of a port; `serial.Serial` has it."""
+    """The interface of a port, which `serial.Serial` has."""
 
     @property
     def in_waiting(self) -> int:
@@ -27,7 +27,7 @@ class Port(Protocol):
         ...
 
     def read(self, size: int = 1, /) -> bytes:
-        """Up to `size` bytes, after `READ_TIMEOUT` what there is."""
+        """Up to `size` bytes, after `READ_TIMEOUT` those that have arrived."""
         ...
 
     def write(self, data: bytes, /) -> Any:
@@ -35,12 +35,12 @@ class Port(Protocol):
         ...
 
     def close(self) -> None:
-        """Let the port go."""
+        """Close the port."""
         ...
 
 
 def serial_opener(path: str, baud: int = 115200) -> Callable[[], Port]:
-    """What opens a serial port for this program alone.
+    """A function that opens a serial port for this program alone.
 
     Opening the port of most Arduino boards resets them: the link sees a reset, not a reconnection.
 
@@ -63,8 +63,8 @@ def serial_opener(path: str, baud: int = 115200) -> Callable[[], Port]:
 class Link(AbstractLink):
     """A link over a real port, in real time.
 
-    A port that goes away is opened again; while it is away the records are missing, and heartbeats
-    too, so that a device which runs on vents within its limit of silence.
+    A port that disappears is opened again. Until then records and heartbeats are missing, so that a
+    running device vents within its limit of silence.
 
     Args:
         opener: opens the port, as `serial_opener` does.
@@ -102,11 +102,11 @@ class Link(AbstractLink):
         return self._port is not None
 
     def sleep(self, seconds: float) -> None:
-        """Wait while the thread goes on."""
+        """Wait while the thread runs."""
         time.sleep(max(seconds, 0.0))
 
     def close(self) -> None:
-        """End the thread and let the port go."""
+        """End the thread and close the port."""
         self._closing.set()
         self._thread.join()
         self._drop()
@@ -124,11 +124,11 @@ class Link(AbstractLink):
             try:
                 self._port = self._opener()
             except OSError:
-                return b""  # still away; silence is told by the session
+                return b""  # not back yet; the session reports the silence
         try:
             data = self._port.read(self._port.in_waiting or 1)
             while (waiting := self._port.in_waiting) and len(data) < _READ_LIMIT:
-                data += self._port.read(waiting)  # a socket never tells of more than one byte
+                data += self._port.read(waiting)  # a socket reports one byte at most
             return data
         except OSError:
             self._drop()
@@ -148,4 +148,4 @@ class Link(AbstractLink):
         try:
             port.close()
         except OSError:
-            return  # it is gone already
+            return  # closed already

@@ -4,7 +4,15 @@ import math
 
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import Splitter, frame, parse
-from ..protocol.messages import MANUAL, RUN, Ack, Hello, Message, Sample, Settings, Status
+from ..protocol.messages import (
+    DRIVEN,
+    Ack,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Message,
+    Sample,
+)
 from .command_queue import RETRY, Command, CommandQueue
 from .events import Event, Reset, Silent, Timing
 from .record_order import RecordOrder
@@ -12,7 +20,7 @@ from .record_order import RecordOrder
 HEARTBEAT = 0.2
 """Time [s] between heartbeats."""
 ALIVE = 5.0
-"""Time [s] for which heartbeats go on after a kick: a plan that hangs for longer vents the rig."""
+"""Time [s] for which heartbeats continue after a kick: if a plan hangs for longer, the rig vents."""
 SILENCE = 1.0
 """Time [s] without a verified line that counts as silence."""
 SUSPICION = 10.0
@@ -24,7 +32,7 @@ _CHANGES_SETTINGS = frozenset(
 
 
 class Session:
-    r"""One conversation with a device, neglecting nothing that it said.
+    r"""One session with a device.
 
     Args:
         ring: records that the device can repeat, until its hello says how many.
@@ -32,7 +40,7 @@ class Session:
 
     Attributes:
         order: the records; `order.newest` is the last one.
-        settings: what governs them, None until the device has told.
+        settings: what governs them, None until the device has reported it.
         hello: the last hello, None before the first.
         status: the last status, None before the first.
         bad_lines: lines refused so far.
@@ -44,9 +52,9 @@ class Session:
     """
 
     def __init__(self, ring: int = 64, first_id: int = 0) -> None:
-        self.settings: Settings | None = None
+        self.settings: DeviceSettings | None = None
         self.hello: Hello | None = None
-        self.status: Status | None = None
+        self.status: DeviceStatus | None = None
         self.bad_lines = 0
         self.order = RecordOrder(ring, self._on_restart)
         self.commands = CommandQueue(first_id)
@@ -55,14 +63,14 @@ class Session:
         self._doubted_boot: int | None = None
         self._suspicious_until = self._beat_at = self._status_at = self._alive_until = -math.inf
         self._heard_at: float | None = None
-        self._told_silent = False
+        self._silence_reported = False
         self._settings_due: int | None = None
         self._inquiry: Command | None = None
         self._quarter = (-1, -1)
         self._earliest = (math.inf, 0, 0.0)
 
     def feed(self, data: bytes, now: float) -> list[Event]:
-        """What `data`, received by host time `now` [s], says; to be called without data, too."""
+        """The events in `data`, received by host time `now` [s]; to be called without data, too."""
         order = self.order
         for line in self._splitter.feed(data) if data else ():
             message = parse(line)
@@ -86,14 +94,14 @@ class Session:
         return events
 
     def take_lines(self) -> bytes:
-        """The verified lines since the last call, verbatim, each once: what a journal keeps."""
+        """The verified lines since the last call, verbatim, each once, for the journal."""
         data = b"".join(self.order.lines)
         self.order.lines.clear()
         return data
 
     @property
     def settings_known(self) -> bool:
-        """Whether the device has told its settings since the last command that changed them."""
+        """Whether the device has reported its settings since the last command that changed them."""
         return self.settings is not None and self._settings_due is None
 
     def idle(self, now: float) -> bool:
@@ -113,7 +121,7 @@ class Session:
         return self.commands.put(verb, values)
 
     def kick(self, now: float) -> None:
-        """Let heartbeats go on for `ALIVE` seconds more."""
+        """Extend the heartbeats by `ALIVE` seconds."""
         self._alive_until = now + ALIVE
 
     def rest(self) -> None:
@@ -121,7 +129,7 @@ class Session:
         self._alive_until = -math.inf
 
     def poll(self, now: float) -> bytes:
-        """What is to be sent at host time `now` [s]: heartbeat, command, request for records.
+        """The bytes to send at host time `now` [s]: heartbeat, command, request for records.
 
         Every line keeps the device alive. So what the session sends by itself to a device that
         drives its output ends with the heartbeats.
@@ -131,7 +139,7 @@ class Session:
             self._beat_at = now
             out = frame("0 hb")
         newest = self.order.newest
-        may_ask = now < self._alive_until or newest is None or newest.state not in (RUN, MANUAL)
+        may_ask = now < self._alive_until or newest is None or newest.state not in DRIVEN
         due = self._settings_due is not None and now >= self._status_at + RETRY
         if due and may_ask and not self.commands:
             self._status_at = now
@@ -148,12 +156,12 @@ class Session:
                 command = self.commands.answered(message)
                 if command and message.seq is not None and command.verb in _CHANGES_SETTINGS:
                     self._settings_due = message.seq
-            case Settings():
+            case DeviceSettings():
                 self.settings = message
                 self._set_pace(message.ticks_per_record)
                 if self._settings_due is not None and message.since >= self._settings_due:
                     self._settings_due = None
-            case Status():
+            case DeviceStatus():
                 self.status = message
                 self._on_boot(message.boot)
             case Hello():
@@ -181,14 +189,14 @@ class Session:
 
     def _on_restart(self) -> None:
         reset, hello = self.order.events[-1], self.hello
-        told = hello is not None and hello.boot != self._boot  # not that of sixteen boots ago
-        if isinstance(reset, Reset) and hello and told and hello.boot & 15 == reset.new:
+        fresh = hello is not None and hello.boot != self._boot  # not that of sixteen boots ago
+        if isinstance(reset, Reset) and hello and fresh and hello.boot & 15 == reset.new:
             self.order.events[-1] = reset._replace(cause=hello.cause)
         self._boot = self._doubted_boot = self.settings = self._settings_due = None
         self.commands.fail("the device was reset")
 
     def _time(self, sample: Sample, now: float) -> None:
-        """Of each quarter second, tell the arrival that is earliest against the device's clock.
+        """Of each quarter second, report the arrival that is earliest against the device's clock.
 
         The arrival is that of the line's first byte: lines grow, and on a slow port by milliseconds.
         """
@@ -201,14 +209,15 @@ class Session:
                 self._earliest = (late, sample.tick, now)
             return
         if self._quarter[0] >= 0:
-            self.order.events.append(Timing(self._quarter[0], *self._earliest[1:]))
+            _, tick, arrival = self._earliest
+            self.order.events.append(Timing(self._quarter[0], tick, round(arrival, 6)))
         self._quarter, self._earliest = quarter, (late, sample.tick, now)
 
     def _watch_silence(self, now: float) -> None:
         if self._heard_at is None:
             self._heard_at = now
         if now - self._heard_at < SILENCE:
-            self._told_silent = False
-        elif not self._told_silent:
-            self._told_silent = True
-            self.order.events.append(Silent(now - self._heard_at))
+            self._silence_reported = False
+        elif not self._silence_reported:
+            self._silence_reported = True
+            self.order.events.append(Silent(round(now - self._heard_at, 3)))

@@ -5,11 +5,11 @@ from typing import Protocol
 from .abstract_link import AbstractLink
 
 SLICE = 0.004
-"""Virtual time [s] between two looks at the bytes."""
+"""Virtual time [s] between two exchanges of bytes."""
 
 
 class Simulated(Protocol):
-    """Anything that plays the device's side of the cable."""
+    """The device's side of the cable."""
 
     @property
     def now(self) -> float:
@@ -40,7 +40,7 @@ class VirtualLink(AbstractLink):
     def __init__(self, rig: Simulated, first_id: int = 0) -> None:
         super().__init__(first_id)
         self.rig = rig
-        self._part = b""  # of a line that has not come whole
+        self._part = b""  # of an incomplete line
 
     @property
     def now(self) -> float:
@@ -68,4 +68,4 @@ class VirtualLink(AbstractLink):
                 rig.write(out)
 
     def close(self) -> None:
-        """Nothing to let go."""
+        """Nothing to close."""

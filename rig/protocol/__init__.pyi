@@ -1,4 +1,5 @@
 from .control_law import (
+    TICK_HZ as TICK_HZ,
     ControlLaw as ControlLaw,
     drive as drive,
     next_integral as next_integral,
@@ -20,10 +21,10 @@ from .messages import (
     TRIP as TRIP,
     Ack as Ack,
     Comment as Comment,
+    DeviceSettings as DeviceSettings,
+    DeviceStatus as DeviceStatus,
     Hello as Hello,
-    Limits as Limits,
     Message as Message,
     Sample as Sample,
-    Settings as Settings,
-    Status as Status,
+    StoredRange as StoredRange,
 )

@@ -32,7 +32,7 @@ _SPAN_SHIFT = 13  # 2^4 per count of zero and 2^16 of span, to 2^7 per psi
 
 
 class ControlLaw(NamedTuple):
-    """What the device controls with, exactly as it stores it.
+    """The parameters of the controller, exactly as the device stores them.
 
     Attributes:
         set_point: 1/128 psi, 0 to 131071.

@@ -1,7 +1,7 @@
-"""The lines that host and device exchange: text, a CRC, a line feed; nothing here waits or keeps time.
+"""The lines that host and device exchange: text, a CRC, a line feed; no waiting and no clock.
 
 Every line of the device, and every line of a host under `strict 1`, ends in `*HHHH`, the CRC-16 of
-what stands before the asterisk. `firmware/README.md` lists the lines and their fields.
+the text before the asterisk. `firmware/README.md` lists the lines and their fields.
 """
 
 import binascii
@@ -9,7 +9,16 @@ import re
 from collections.abc import Callable
 
 from .control_law import ControlLaw
-from .messages import Ack, Comment, Hello, Limits, Message, Sample, Settings, Status
+from .messages import (
+    Ack,
+    Comment,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Message,
+    Sample,
+    StoredRange,
+)
 
 
 def crc16(data: bytes) -> int:
@@ -54,7 +63,7 @@ def _number(value: float) -> str:
 
 
 def parse(line: bytes) -> Message | None:
-    """What a line of the device says, or None where its CRC or its form is not right.
+    """The message in a line of the device, or None where its CRC or its form is wrong.
 
     Args:
         line: without the line feed.
@@ -75,7 +84,7 @@ def parse(line: bytes) -> Message | None:
 
 
 def record_fields(line: bytes) -> tuple[bytes, ...] | None:
-    """The fields of a record's line as digits, or None where it is none or not right.
+    """The fields of a record's line as digits, or None where it is another line or damaged.
 
     >>> record_fields(frame("T,3,17,90,1025,205,512,131,-42,1")[:-1])[3]
     b'1025'
@@ -86,7 +95,7 @@ def record_fields(line: bytes) -> tuple[bytes, ...] | None:
 
 
 def _verified(line: bytes) -> bytes | None:
-    """What stands before the asterisk, where the CRC is right."""
+    """The text before the asterisk, where the CRC is right."""
     body = line[:-5]
     return body if b"*%04X" % binascii.crc_hqx(body, 0xFFFF) == line[-5:] else None
 
@@ -104,18 +113,23 @@ def _integers(fields: bytes, number: int) -> list[int] | None:
     return [int(part) for part in parts]
 
 
-def _status(fields: bytes) -> Status | None:
-    values = _integers(fields, len(Status._fields))
-    return Status(*values) if values else None
+def _integers_of(kind: type[DeviceStatus | StoredRange]) -> Callable[[bytes], Message | None]:
+    """What reads a line whose fields are those of the tuple."""
+
+    def read(fields: bytes) -> Message | None:
+        values = _integers(fields, len(kind._fields))
+        return kind(*values) if values else None
+
+    return read
 
 
-def _settings(fields: bytes) -> Settings | None:
+def _settings(fields: bytes) -> DeviceSettings | None:
     values = _integers(fields, 2 + len(ControlLaw._fields) + 5)
     if values is None:
         return None
     boot, since, *rest = values
     law, guards = ControlLaw(*rest[:-5]), rest[-5:]
-    return Settings(boot, since, law, *guards)
+    return DeviceSettings(boot, since, law, *guards)
 
 
 def _hello(fields: bytes) -> Hello | None:
@@ -133,30 +147,21 @@ def _ack(fields: bytes) -> Ack | None:
     return Ack(int(parts[0]), None, parts[2].decode("latin-1")) if parts[1] == b"ERR" else None
 
 
-def _limits(fields: bytes) -> Limits | None:
-    values = _integers(fields, 2)
-    return Limits(*values) if values else None
-
-
-def _comment(fields: bytes) -> Comment:
-    return Comment(fields.decode("latin-1"))
-
-
 _READERS: dict[bytes, Callable[[bytes], Message | None]] = {
-    b"S,": _status,
+    b"S,": _integers_of(DeviceStatus),
     b"P,": _settings,
     b"H,": _hello,
     b"A,": _ack,
-    b"L,": _limits,
-    b"# ": _comment,
+    b"L,": _integers_of(StoredRange),
+    b"# ": lambda fields: Comment(fields.decode("latin-1")),
 }
 
 
 class Splitter:
-    r"""Cuts a stream of bytes into lines; what grows beyond `limit` bytes is thrown away and counted.
+    r"""Cuts a stream of bytes into lines; longer ones than `limit` bytes are discarded and counted.
 
     Attributes:
-        discarded: bytes thrown away so far.
+        discarded: bytes discarded so far.
 
     >>> Splitter(limit=200).feed(b"one\ntwo\r\nthr")
     [b'one', b'two']

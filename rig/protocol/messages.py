@@ -1,4 +1,4 @@
-"""What the lines of the device say: samples, status, settings, answers; plain tuples of integers."""
+"""The device's messages: samples, status, settings, answers; plain tuples of integers."""
 
 from typing import NamedTuple
 
@@ -60,7 +60,7 @@ class Sample(NamedTuple):
         return self.flags >> 4
 
 
-class Status(NamedTuple):
+class DeviceStatus(NamedTuple):
     """`S,boot,seq,tick,state,fault,p,bad,good,overrun,dropped,late`; counters wrap at 65536.
 
     Attributes:
@@ -90,7 +90,7 @@ class Status(NamedTuple):
     late: int
 
 
-class Settings(NamedTuple):
+class DeviceSettings(NamedTuple):
     """What governs the records from `since` on: `P,boot,since,<law>,div,trip,jump,stall,silence`.
 
     Attributes:
@@ -152,7 +152,7 @@ class Ack(NamedTuple):
     reason: str
 
 
-class Limits(NamedTuple):
+class StoredRange(NamedTuple):
     """`L,oldest,next`: the records that can still be repeated, oldest <= seq < next."""
 
     oldest: int
@@ -160,9 +160,9 @@ class Limits(NamedTuple):
 
 
 class Comment(NamedTuple):
-    """`# text`, for people."""
+    """`# text`, to be read in a terminal."""
 
     text: str
 
 
-Message = Sample | Status | Settings | Hello | Ack | Limits | Comment
+Message = Sample | DeviceStatus | DeviceSettings | Hello | Ack | StoredRange | Comment

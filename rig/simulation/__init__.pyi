@@ -13,4 +13,8 @@ from .sensors import (
     pressure_transducer as pressure_transducer,
 )
 from .server import RigServer as RigServer
-from .simulated_rig import SimulatedRig as SimulatedRig, machine_for as machine_for
+from .simulated_rig import (
+    CIRCUITS as CIRCUITS,
+    SimulatedRig as SimulatedRig,
+    machine_for as machine_for,
+)

@@ -1,4 +1,4 @@
-"""One direction of a serial line: it takes time, and it damages, drops and doubles bytes."""
+"""One direction of a serial line: delay, and bytes damaged, dropped and doubled."""
 
 import math
 from collections import deque
@@ -23,7 +23,7 @@ class ByteChannel:
 
     Attributes:
         sent: bytes put in.
-        spoilt: bytes damaged, dropped or doubled.
+        faulty: bytes damaged, dropped or doubled.
         waiting: bytes that have not been received.
     """
 
@@ -54,12 +54,12 @@ class ByteChannel:
         self.waiting = 0
         self._limit = limit
         self.sent = 0
-        self.spoilt = 0
+        self.faulty = 0
         self._cut = False
 
     @property
     def cut(self) -> bool:
-        """Whether the cable is out: nothing enters, and what was on its way is lost."""
+        """Whether the cable is out: nothing enters, and bytes under way are lost."""
         return self._cut
 
     @cut.setter
@@ -78,14 +78,14 @@ class ByteChannel:
         if self._limit is not None:
             data = data[: max(0, self._limit - self.waiting)]
         if self._fault:
-            data = self._spoil(data)
+            data = self._with_faults(data)
         start = now if now > self._free_at else self._free_at
         self._free_at = start + len(data) * self._per_byte
         self._queue.append((start, data))
         self.waiting += len(data)
 
     def receive(self, now: float) -> bytes:
-        """What has arrived by a time [s]."""
+        """The bytes that have arrived by a time [s]."""
         queue = self._queue
         if not queue:
             return b""
@@ -109,21 +109,21 @@ class ByteChannel:
         """Bytes that pass before the next faulty one."""
         return int(self._rng.geometric(self._fault)) - 1 if self._fault else 0
 
-    def _spoil(self, data: bytes) -> bytes:
+    def _with_faults(self, data: bytes) -> bytes:
         if self._until_fault >= len(data):
             self._until_fault -= len(data)
             return data
-        spoilt = bytearray()
+        out = bytearray()
         position = 0
         while self._until_fault < len(data) - position:
             at = position + self._until_fault
-            spoilt += data[position:at]
-            spoilt += self._faulty(data[at])
-            self.spoilt += 1
+            out += data[position:at]
+            out += self._faulty(data[at])
+            self.faulty += 1
             position = at + 1
             self._until_fault = self._gap()
         self._until_fault -= len(data) - position
-        return bytes(spoilt + data[position:])
+        return bytes(out + data[position:])
 
     def _faulty(self, byte: int) -> bytes:
         damage, drop, _ = self._chances

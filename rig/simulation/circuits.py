@@ -1,13 +1,10 @@
-"""What every pressure circuit of a simulated rig offers, and the constants that they share.
+"""The interface of the pressure circuits of a simulated rig, and their constants.
 
 A circuit is a lumped volume of one pressure. Parameters that the reference work does not print are
 ASSUMED and say so.
 """
 
-import math
 from typing import Protocol
-
-from ..errors import RigError
 
 PSI = 6894.757293168361
 """Pascals per pound-force per square inch."""
@@ -17,9 +14,6 @@ ATMOSPHERE = 101325.0
 
 ANR_PRESSURE = 1e5
 """Pressure [Pa] of the reference atmosphere in which ISO 6358 states volume flow."""
-
-FULL_OUTPUT = 255
-"""Largest output of the controller [counts]."""
 
 
 class RunningCircuit(Protocol):
@@ -45,15 +39,3 @@ class RunningCircuit(Protocol):
             dt: [s].
         """
         ...
-
-
-def check_positive(circuit: object, *names: str) -> None:
-    """Nothing where all of these attributes are positive and finite.
-
-    Raises:
-        RigError: one is not.
-    """
-    for name in names:
-        value = getattr(circuit, name)
-        if not (math.isfinite(value) and value > 0):
-            raise RigError(f"{name} must be positive and finite, in SI, got {value}")

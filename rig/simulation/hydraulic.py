@@ -3,8 +3,11 @@
 import dataclasses
 import math
 
+from famjax.boundary.toml_file import NotNegative, Positive, check_fields
+
+from ..calibration.feed_forward import FULL_OUTPUT
 from ..errors import RigError
-from .circuits import FULL_OUTPUT, PSI, check_positive
+from .circuits import PSI
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,23 +33,19 @@ class HydraulicCircuit:
         dump_lag: time constant [s] of its opening and closing; ASSUMED.
     """
 
-    displacement: float = 0.8e-6
-    full_speed: float = 5000 / 60
-    lag: float = 0.1
-    needle: float = 0.8 * 0.8e-6 * 5000 / 60 / math.sqrt(100 * PSI)
-    bulk_modulus: float = 35e6
-    dead_volume: float = 20e-6
+    displacement: Positive = 0.8e-6
+    full_speed: Positive = 5000 / 60
+    lag: Positive = 0.1
+    needle: NotNegative = 0.8 * 0.8e-6 * 5000 / 60 / math.sqrt(100 * PSI)
+    bulk_modulus: Positive = 35e6
+    dead_volume: Positive = 20e-6
     relief: float | None = 110 * PSI
-    relief_conductance: float = 2e-9
-    dump: float = 4e-7
-    dump_lag: float = 0.015
+    relief_conductance: NotNegative = 2e-9
+    dump: NotNegative = 4e-7
+    dump_lag: Positive = 0.015
 
     def __post_init__(self) -> None:
-        names = ("displacement", "full_speed", "lag", "bulk_modulus", "dead_volume", "dump_lag")
-        check_positive(self, *names)
-        for name in ("needle", "relief_conductance", "dump"):
-            if not getattr(self, name) >= 0:
-                raise RigError(f"{name} must be >= 0, got {getattr(self, name)}")
+        check_fields(self, RigError)
 
     def steady_output(self, pressure: float) -> float:
         """Output [counts], not rounded, whose flow the needle passes at a gauge pressure [Pa]."""

@@ -12,7 +12,7 @@ from .muscle import INCH, POUND
 
 @dataclasses.dataclass(frozen=True)
 class MachineClock:
-    """A clock that is wrong: reading = offset + (1 + rate) t, with t the true time.
+    """A clock with offset and drift: reading = offset + (1 + rate) t, with t the true time.
 
     Attributes:
         offset: reading [s] at the true time 0.
@@ -23,7 +23,7 @@ class MachineClock:
     rate: float = 0.0
 
     def reading(self, true_time: float) -> float:
-        """What it shows [s] at a true time [s]."""
+        """The reading [s] at a true time [s]."""
         return self.offset + (1 + self.rate) * true_time
 
     def true_time(self, reading: float) -> float:
@@ -36,7 +36,7 @@ class TestMachine:
 
     A stroke begins at the rest length, turns where the load falls to `turn_load` (or after the
     given stroke), and ends at the rest length. Neglected: the frame's compliance and the time that
-    the drive takes to turn round.
+    the drive takes to reverse.
 
     Args:
         rest_length: L0 [m], where strokes begin and end.
@@ -159,7 +159,7 @@ class TestMachine:
         self._next_at = self.clock.true_time(self._next_row)
 
     def log(self) -> dict[str, np.ndarray]:
-        """What it has recorded, each of shape (n,): time of its own clock, displacement, force, sync.
+        """The recorded columns, each of shape (n,): time of its own clock, displacement, force, sync.
 
         The displacement is negative where the muscle is shorter than at rest.
         """

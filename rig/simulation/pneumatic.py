@@ -3,8 +3,11 @@
 import dataclasses
 import math
 
+from famjax.boundary.toml_file import NotNegative, Positive, check_fields
+
+from ..calibration.feed_forward import FULL_OUTPUT
 from ..errors import RigError
-from .circuits import ANR_PRESSURE, ATMOSPHERE, FULL_OUTPUT, PSI, check_positive
+from .circuits import ANR_PRESSURE, ATMOSPHERE, PSI
 from .orifice import SLOW_FLOW, iso_6358_flow, share_of_sonic
 
 
@@ -36,22 +39,20 @@ class PneumaticCircuit:
         ISO 6358-1:2013, equations 1 and 2.
     """
 
-    supply: float = 115 * PSI
-    conductance: float = 3.9e-9
+    supply: Positive = 115 * PSI
+    conductance: Positive = 3.9e-9
     critical_ratio: float = 0.3
     bias: int = 128
     dead_band: int = 3
     leak: float = 0.004
-    lag: float = 0.012
-    exponent: float = 1.2
-    dead_volume: float = 5e-6
-    dump_conductance: float = 8e-9
-    dump_lag: float = 0.015
+    lag: Positive = 0.012
+    exponent: Positive = 1.2
+    dead_volume: Positive = 5e-6
+    dump_conductance: NotNegative = 8e-9
+    dump_lag: Positive = 0.015
 
     def __post_init__(self) -> None:
-        check_positive(self, "supply", "conductance", "lag", "exponent", "dead_volume", "dump_lag")
-        if not self.dump_conductance >= 0:
-            raise RigError(f"dump_conductance must be >= 0, got {self.dump_conductance}")
+        check_fields(self, RigError)
         if not 0 < self.critical_ratio < SLOW_FLOW:
             raise RigError(f"critical_ratio must lie in (0, 0.95), got {self.critical_ratio}")
 

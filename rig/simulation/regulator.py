@@ -2,8 +2,10 @@
 
 import dataclasses
 
+from famjax.boundary.toml_file import NotNegative, Positive, check_fields
+
 from ..errors import RigError
-from .circuits import ANR_PRESSURE, ATMOSPHERE, PSI, check_positive
+from .circuits import ANR_PRESSURE, ATMOSPHERE, PSI
 
 _NORMAL_LITRE_PER_MINUTE = 1e-3 / 60  # m3/s, ANR
 
@@ -28,19 +30,15 @@ class Regulator:
         Chambers 2021, figures 3.3 and 3.4.
     """
 
-    set_pressure: float
-    dead_zone: float = 3.0 * PSI
-    feed_droop: float = 1.2 * PSI / _NORMAL_LITRE_PER_MINUTE
-    relief_droop: float = 2.5 * PSI / _NORMAL_LITRE_PER_MINUTE
-    exponent: float = 1.2
-    dead_volume: float = 5e-6
+    set_pressure: Positive
+    dead_zone: NotNegative = 3.0 * PSI
+    feed_droop: Positive = 1.2 * PSI / _NORMAL_LITRE_PER_MINUTE
+    relief_droop: Positive = 2.5 * PSI / _NORMAL_LITRE_PER_MINUTE
+    exponent: Positive = 1.2
+    dead_volume: Positive = 5e-6
 
     def __post_init__(self) -> None:
-        check_positive(
-            self, "set_pressure", "feed_droop", "relief_droop", "exponent", "dead_volume"
-        )
-        if not self.dead_zone >= 0:
-            raise RigError(f"dead_zone must be >= 0 Pa, got {self.dead_zone}")
+        check_fields(self, RigError)
 
     def start(self) -> "RunningRegulator":
         """The regulator on an empty line."""

@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from famjax.boundary.toml_file import NotNegative, check_fields
+
 from ..calibration.sensor import READINGS, Sensor
 from ..errors import RigError
 from .circuits import PSI
@@ -38,23 +40,19 @@ class SimulatedSensor:
 
     low: float
     high: float
-    noise: float
-    correlation_time: float = 0.0
+    noise: NotNegative
+    correlation_time: NotNegative = 0.0
     low_volts: float = 0.5
     high_volts: float = 4.5
 
     def __post_init__(self) -> None:
+        check_fields(self, RigError)
         if not self.high > self.low:
             raise RigError(f"high must exceed low, got {self.low} and {self.high}")
         if not 0 <= self.low_volts < self.high_volts <= _REFERENCE_VOLTS:
             raise RigError(
                 f"0 <= low_volts < high_volts <= 5 must hold, got {self.low_volts} and "
                 f"{self.high_volts} V"
-            )
-        if not (self.noise >= 0 and self.correlation_time >= 0):
-            raise RigError(
-                f"noise and correlation_time must be >= 0, got {self.noise} and "
-                f"{self.correlation_time} s"
             )
 
     @cached_property
@@ -74,7 +72,7 @@ class SimulatedSensor:
         return 0 if counts < 0 else counts if counts < FULL_COUNTS else FULL_COUNTS
 
     def calibration(self) -> Sensor:
-        """What a perfect calibration of this sensor finds, for sums of five readings.
+        """The result of a perfect calibration of this sensor, for sums of five readings.
 
         A converter rounds down, so that its counts are half a count low in the mean.
         """

@@ -4,7 +4,6 @@ import contextlib
 import errno
 import os
 import socket
-from abc import ABC, abstractmethod
 from pathlib import Path
 
 from ..errors import RigError
@@ -12,34 +11,8 @@ from ..errors import RigError
 _CHUNK = 4096
 
 
-class SerialLine(ABC):
-    """A serial line's far end; reading and writing never wait."""
-
-    address: str
-
-    @abstractmethod
-    def read(self) -> bytes:
-        """What the host has sent."""
-
-    @abstractmethod
-    def write(self, data: bytes) -> None:
-        """To the host; lost where nobody reads."""
-
-    @abstractmethod
-    def hang_up(self) -> None:
-        """The cable is pulled."""
-
-    @abstractmethod
-    def restore(self) -> None:
-        """The cable is back."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """The end."""
-
-
-class PtyLine(SerialLine):
-    """A pseudo-terminal."""
+class PtyLine:
+    """A pseudo-terminal; reading and writing never wait."""
 
     def __init__(self, link: str | Path | None) -> None:
         try:
@@ -56,10 +29,10 @@ class PtyLine(SerialLine):
         import tty  # noqa: PLC0415
 
         self._master, slave = os.openpty()
-        tty.setraw(slave)  # before anybody writes, or the terminal echoes
+        tty.setraw(slave)  # before the first write, or the terminal echoes
         os.set_blocking(self._master, False)
         name = os.ttyname(slave)
-        # The slave stays open here: with nobody on it, reading the master is an error.
+        # The slave stays open here: reading the master is an error while no process has it open.
         self._slave = slave
         if self._link is None:
             self.address = name
@@ -109,8 +82,8 @@ class PtyLine(SerialLine):
         self.hang_up()
 
 
-class TcpLine(SerialLine):
-    """A TCP port of this computer."""
+class TcpLine:
+    """A TCP port of this computer; reading and writing never wait."""
 
     def __init__(self, port: int) -> None:
         self._server = socket.socket()

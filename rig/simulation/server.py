@@ -1,30 +1,27 @@
-"""A simulated rig in real time on a pseudo-terminal or a TCP port, with faults to order."""
+"""A simulated rig in real time on a pseudo-terminal or a TCP port, with faults on demand."""
 
 import threading
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Literal, Self
 
 from ..errors import RigError
-from .serial_line import PtyLine, SerialLine, TcpLine
+from .serial_line import PtyLine, TcpLine
 from .simulated_rig import SimulatedRig
 
-_SLICE = 0.004  # s between two looks at the bytes
-_CATCH_UP = (
-    0.25  # s that the rig may lie behind; on a busy machine the rest is left out, and counted
-)
+_SLICE = 0.004  # s between two exchanges of bytes
+_CATCH_UP = 0.25  # s that the rig may lag; on a busy machine the rest is left out, and counted
 
 
 class RigServer:
     """Runs a simulated rig in real time in a thread and offers its serial line.
 
-    A virtual cable can be pulled, a bridge frozen and the device reset while it runs. Bytes for
-    which nobody reads are lost, as on a serial line. Real time on a busy machine is an
-    approximation: `skipped` says how much of it was left out; gate nothing on it.
+    A virtual cable can be pulled, a bridge frozen and the device reset while it runs. Bytes
+    that are not read are lost, as on a serial line. Real time on a busy machine is an
+    approximation: `skipped` says how much of it was left out; base no test on it.
 
     Args:
-        rig: to be run; nobody else may advance it.
+        rig: to be run; nothing else may advance it.
         transport: "pty" (not on Windows) or "tcp".
         link: path of a symbolic link that always leads to the present pseudo-terminal.
         port: TCP port, 0 for a free one.
@@ -53,7 +50,7 @@ class RigServer:
             )
         self.rig, self.skipped = rig, 0.0
         self._speed = speed
-        self._line: SerialLine = PtyLine(link) if transport == "pty" else TcpLine(port)
+        self._line: PtyLine | TcpLine = PtyLine(link) if transport == "pty" else TcpLine(port)
         self._lock = threading.Lock()
         self._frozen = False
         self._stop = threading.Event()
@@ -69,16 +66,11 @@ class RigServer:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Stop the rig and give the port back.
+        """Stop the rig and free the port.
 
         Raises:
             RigError: the rig itself had failed while it ran.
@@ -91,7 +83,7 @@ class RigServer:
             raise RigError(f"the simulated rig stopped: {self._failure}") from self._failure
 
     def unplug(self) -> None:
-        """Pull the cable: what is on its way is lost, and the host's port is gone."""
+        """Pull the cable: bytes under way are lost, and the host's port disappears."""
         with self._lock:
             self.rig.to_device.cut = self.rig.to_host.cut = True
             self._line.hang_up()

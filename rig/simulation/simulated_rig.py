@@ -1,4 +1,4 @@
-"""A whole rig in virtual time: device, sensors, serial line and plant behind four calls."""
+"""A whole rig in virtual time: device, sensors, serial line and plant."""
 
 from ..calibration.feed_forward import FeedForward, fit_feed_forward
 from ..calibration.whole_rig import Calibration
@@ -15,12 +15,15 @@ from .pneumatic import PneumaticCircuit
 from .regulator import Regulator
 from .sensors import SimulatedSensor, load_cell, pressure_transducer
 
+CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
+"""The circuit of each name in a plan."""
+
 TICK = 2e-3
 """The device's tick [s] by its own clock."""
 
 
 class SimulatedRig:
-    r"""What a host finds at the other end of a serial line, and the muscle behind it.
+    r"""The far end of a serial line: a device, its sensors and its plant.
 
     Nothing waits: `advance` runs the rig. The same arguments give the same bytes, whatever the
     steps in which it is advanced.
@@ -110,7 +113,7 @@ class SimulatedRig:
         self.to_device.send(data, self.now)
 
     def read(self) -> bytes:
-        """What has arrived at the host since the last call."""
+        """The bytes that have arrived at the host since the last call."""
         return self.to_host.receive(self.now)
 
     def advance(self, seconds: float) -> None:
@@ -139,7 +142,7 @@ class SimulatedRig:
         self.now = end
 
     def calibration(self) -> Calibration:
-        """What a perfect calibration of this rig finds, the feed-forward included.
+        """The result of a perfect calibration of this rig, the feed-forward included.
 
         The hydraulic feed-forward is the cubic fitted to the pump's steady outputs, 5 to 115 psi.
         """

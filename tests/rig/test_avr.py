@@ -24,7 +24,7 @@ from rig.control import Control, Isobaric
 from rig.device import Device, firmware_folder
 from rig.journal import table
 from rig.link import VirtualLink
-from rig.protocol import RUN, Hello, Splitter, Status, frame, parse
+from rig.protocol import RUN, DeviceStatus, Hello, Splitter, frame, parse
 from rig.simulation import SimulatedRig
 
 FIRMWARE = firmware_folder()
@@ -57,7 +57,7 @@ def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr: Avr) -> None:
             avr.feed(frame(f"{(number - 1) % 60000 + 10} set {(number - 1) % 100}.1234 128.5")[19:])
         avr.tick(GOOD_PRESSURE, tick.force)
         for message in map(parse, lines.feed(avr.take())):
-            last = message if isinstance(message, Status) else last
+            last = message if isinstance(message, DeviceStatus) else last
     assert last is not None
     assert last.good > 700
     assert (last.late, last.overrun, last.bad) == (0, 0, 0)
@@ -88,7 +88,7 @@ def test_hung_program_is_reset_by_the_watchdog(avr: Avr) -> None:
         assert hang_delay(avr, TICK * k / 2) <= 0.27
         messages = [parse(line) for line in Splitter().feed(avr.take())]
         hello = [m for m in messages if isinstance(m, Hello)][-1]
-        status = [m for m in messages if isinstance(m, Status)][-1]
+        status = [m for m in messages if isinstance(m, DeviceStatus)][-1]
         assert (hello.cause, status.state, status.fault) == (8, 0, 5)
         boots.append(hello.boot)
     assert boots[1] == boots[0] + 2  # the reset of the test, and that of the watchdog

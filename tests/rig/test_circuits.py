@@ -292,10 +292,10 @@ def test_mckibben_does_virtual_work_and_meets_the_printed_muscle() -> None:
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: PneumaticCircuit(supply=-1.0), "supply must be positive"),
+        (lambda: PneumaticCircuit(supply=-1.0), "supply must be a number > 0 and finite"),
         (lambda: PneumaticCircuit(critical_ratio=1.0), "critical_ratio"),
-        (lambda: HydraulicCircuit(needle=-1.0), "needle must be >= 0"),
-        (lambda: HydraulicCircuit(lag=math.nan), "lag must be positive"),
+        (lambda: HydraulicCircuit(needle=-1.0), "needle must be a number >= 0"),
+        (lambda: HydraulicCircuit(lag=math.nan), "lag must be a number > 0 and finite, got nan"),
         (lambda: Regulator(0.0), "set_pressure"),
         (lambda: mckibben(rest_length=0.3), "rest_length must lie between"),
         (

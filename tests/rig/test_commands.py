@@ -14,11 +14,12 @@ import pytest
 
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import parse_quantity
 from famjax.commands.rig import HELP
 from fitting import read_csv
 from rig import audit, read_journal, read_plan
 from rig.calibration import write_calibration
-from rig.control import Monitor, quantity
+from rig.control import Monitor
 from rig.protocol import Sample, frame
 from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
 
@@ -195,7 +196,7 @@ def test_check_finds_a_forged_record_whose_crc_is_right(
     (tmp_path / "forged.fam").write_bytes(b"\n".join(lines))
     code, out, _ = run(capsys, "check", tmp_path / "forged.fam")
     assert code == 1
-    assert f"1 records are not what the law says, the first is record {fields[2]}" in out
+    assert f"1 records do not follow the law, the first is record {fields[2]}" in out
 
 
 def test_convert_keeps_every_record(
@@ -241,7 +242,7 @@ def test_nothing_runs_without_a_pressure_limit(
 ) -> None:
     code, _, err = run(capsys, command, write_plan(tmp_path, limit=""), "--output", tmp_path / "o")
     assert code == 2
-    assert "must have a pressure limit" in err
+    assert "[rig]: pressure_limit_<unit> is missing: a number >= 0 and finite, as" in err
     assert not (tmp_path / "o").exists()
 
 
@@ -254,7 +255,7 @@ def test_ports_and_bad_input_end_in_a_sentence(
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
         (
             ("characterise", tmp_path / "a", tmp_path / "b", "--rest-length", "9"),
-            "number with its unit",
+            "has no unit",
         ),
     ):
         code, _, err = run(capsys, *arguments)
@@ -355,11 +356,11 @@ def test_run_and_monitor_against_a_served_rig(
 
 
 def test_quantities_need_their_unit() -> None:
-    assert quantity("9.28125in", "length") == pytest.approx(0.23574375)
-    assert quantity("-3 ms", "time") == pytest.approx(-0.003)
+    assert parse_quantity("9.28125in", "length") == pytest.approx(0.23574375)
+    assert parse_quantity("-3 ms", "time") == pytest.approx(-0.003)
     for wrong in ("9", "in", "9 furlong", "9 psi"):
         with pytest.raises(InputError):
-            quantity(wrong, "length")
+            parse_quantity(wrong, "length")
 
 
 def test_monitor_draws_what_it_was_given() -> None:

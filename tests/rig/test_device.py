@@ -14,11 +14,11 @@ from rig.protocol import (
     TRIP,
     Ack,
     Comment,
+    DeviceSettings,
+    DeviceStatus,
     Hello,
-    Limits,
     Sample,
-    Settings,
-    Status,
+    StoredRange,
     drive,
     frame,
     next_integral,
@@ -45,8 +45,8 @@ def test_starts_safe_and_says_who_it_is(bench: Bench) -> None:
     bench.ticks(30)
     assert (bench.device.output, bench.device.dump_open, bench.device.state) == (0, True, SAFE)
     assert bench.of(Hello) == [Hello(1, 1, 0, 1, 500, 5, 64, 21)]
-    assert bench.of(Status)[0].fault == 0
-    assert bench.of(Settings)[0].trip == 0
+    assert bench.of(DeviceStatus)[0].fault == 0
+    assert bench.of(DeviceSettings)[0].trip == 0
 
 
 @pytest.mark.parametrize("verb", [("run",), ("man", 50)])
@@ -110,7 +110,7 @@ def test_three_conversions_over_the_limit_trip_and_two_do_not(bench: Bench) -> N
     assert _conversions(bench, [600]) == TRIP
     assert (bench.device.output, bench.device.dump_open) == (0, True)
     bench.ticks(20)
-    assert bench.of(Status)[-1].fault == 2
+    assert bench.of(DeviceStatus)[-1].fault == 2
 
 
 def test_an_unplugged_sensor_that_reads_full_scale_trips(bench: Bench) -> None:
@@ -128,7 +128,7 @@ def test_a_jump_trips_and_a_single_bad_conversion_does_not(
     assert _conversions(bench, [0, *[100] * 8]) != TRIP
     assert _conversions(bench, [0, 0, 0]) == TRIP
     bench.ticks(20)
-    assert bench.of(Status)[-1].fault == 3
+    assert bench.of(DeviceStatus)[-1].fault == 3
 
 
 @pytest.mark.parametrize(("limit", "state"), [(75, RUN), (74, TRIP)])
@@ -149,7 +149,7 @@ def test_full_output_without_rise_trips_after_the_stall_time(bench: Bench) -> No
     bench.beat(50)
     assert bench.device.state == TRIP
     bench.ticks(20)
-    assert bench.of(Status)[-1].fault == 4
+    assert bench.of(DeviceStatus)[-1].fault == 4
 
 
 @pytest.mark.parametrize(("set_psi", "state"), [(24.53125, RUN), (24.5391, TRIP)])
@@ -178,7 +178,7 @@ def test_silence_ends_a_run_after_the_time_set(milliseconds: int, bench: Bench) 
     bench.ticks(1)
     assert (bench.device.state, bench.device.output, bench.device.dump_open) == (SAFE, 0, True)
     bench.ticks(20)
-    assert bench.of(Status)[-1].fault == 1
+    assert bench.of(DeviceStatus)[-1].fault == 1
 
 
 @pytest.mark.parametrize(
@@ -214,7 +214,7 @@ def test_strict_takes_nothing_without_its_crc(bench: Bench) -> None:
     bench.ticks(20)
     assert bench.device.state == RUN
     bench.command("status")
-    assert bench.of(Status)[-1].bad == 2
+    assert bench.of(DeviceStatus)[-1].bad == 2
 
 
 def test_a_start_on_its_way_does_not_outlive_a_trip(bench: Bench) -> None:
@@ -246,7 +246,7 @@ def test_calibration_is_not_changed_under_a_running_controller(bench: Bench) -> 
     assert not bench.command("cal", 102.4, 250).reason
     bench.start()
     assert bench.command("cal", 0, 200).reason == "running: stop first"
-    assert bench.of(Settings)[-1].law.zero == round(102.4 * 16)
+    assert bench.of(DeviceSettings)[-1].law.zero == round(102.4 * 16)
 
 
 # ---- commands ----
@@ -286,10 +286,10 @@ def test_numbers_out_of_range_are_refused_and_nothing_changes(
     verb: str, values: tuple[float | str, ...], bench: Bench
 ) -> None:
     bench.ticks(20)
-    before = bench.of(Settings)[-1]
+    before = bench.of(DeviceSettings)[-1]
     assert bench.command(verb, *values).reason == "number missing or out of range"
     bench.command("status")
-    assert bench.of(Settings)[-1] == before
+    assert bench.of(DeviceSettings)[-1] == before
 
 
 def test_rates_that_the_line_cannot_carry_are_refused(bench: Bench) -> None:
@@ -305,7 +305,7 @@ def test_unknown_verbs_are_named_so(bench: Bench) -> None:
 def test_gains_are_reported_as_stored(bench: Bench) -> None:
     bench.command("gain", 1.2, 4.5)
     bench.ticks(20)
-    assert bench.of(Settings)[-1].law.gains == (pytest.approx(1.1992, abs=5e-5), 4.5)
+    assert bench.of(DeviceSettings)[-1].law.gains == (pytest.approx(1.1992, abs=5e-5), 4.5)
 
 
 def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench: Bench) -> None:
@@ -335,7 +335,7 @@ def test_a_person_may_type(bench: Bench) -> None:
     for text in (b"trip 600\r\n", b"set 40.5\n", b"  gain   4  2 \n", b"human 1\r"):
         bench.send(text)
         bench.ticks(10)
-    settings = bench.of(Settings)[-1]
+    settings = bench.of(DeviceSettings)[-1]
     assert (settings.trip, settings.law.set_point_psi, settings.law.gains) == (600, 40.5, (4, 2))
     bench.ticks(150)
     comment = bench.of(Comment)[-1].text
@@ -347,7 +347,7 @@ def test_more_bytes_than_there_is_room_for_are_counted(bench: Bench) -> None:
     bench.ticks(100)
     bench.send(b"\n")
     bench.command("status")
-    assert bench.of(Status)[-1].overrun == 200 - 127
+    assert bench.of(DeviceStatus)[-1].overrun == 200 - 127
 
 
 # ---- records ----
@@ -376,7 +376,7 @@ def _recomputed(bench: Bench) -> int:
         if not isinstance(message, Sample):
             continue
         if message.state == RUN:
-            settings = [s for s in bench.of(Settings) if s.since <= message.seq][-1]
+            settings = [s for s in bench.of(DeviceSettings) if s.since <= message.seq][-1]
             law = settings.law
             error = pressure_error(law, message.pressure_sum, settings.ticks_per_record)
             start = before.integral if before is not None and before.state == RUN else 0
@@ -421,8 +421,8 @@ def test_answers_say_from_which_record_on_they_hold(bench: Bench) -> None:
         bench.ticks(wait)
         since = bench.command("set", 20 + wait).seq
         bench.ticks(30)
-        assert bench.of(Settings)[-1].since == since
-        assert bench.of(Settings)[-1].law.set_point_psi == 20 + wait
+        assert bench.of(DeviceSettings)[-1].since == since
+        assert bench.of(DeviceSettings)[-1].law.set_point_psi == 20 + wait
 
 
 def test_records_are_repeated_on_request(bench: Bench) -> None:
@@ -435,7 +435,7 @@ def test_records_are_repeated_on_request(bench: Bench) -> None:
     bench.ticks(50)
     wanted = [s for s in bench.samples if s.seq in (base, base + 1, base + 2, base + 3)]
     assert wanted == [s for s in before if s.seq in (base, base + 1, base + 3)]
-    assert not bench.of(Limits)
+    assert not bench.of(StoredRange)
 
 
 def test_what_is_too_old_is_told_once_and_the_rest_repeated(bench: Bench) -> None:
@@ -445,7 +445,7 @@ def test_what_is_too_old_is_told_once_and_the_rest_repeated(bench: Bench) -> Non
     oldest = next_ - 64
     bench.send(frame(f"0 rp {oldest - 8} ffffffffffffffff"))
     bench.ticks(400)
-    (limits,) = bench.of(Limits)
+    (limits,) = bench.of(StoredRange)
     assert limits.oldest <= oldest + 2  # the ring went on while the line arrived
     assert limits.next - limits.oldest == 64
     repeated = [s.seq for s in bench.samples if s.seq < next_]
@@ -463,7 +463,7 @@ def test_requests_that_make_no_sense_are_not_answered(request_: str, bench: Benc
     bench.send(frame(request_))
     bench.ticks(30)
     assert [s.seq for s in bench.samples] == sorted({s.seq for s in bench.samples})
-    assert not bench.of(Limits)
+    assert not bench.of(StoredRange)
 
 
 def test_requests_for_what_is_still_to_come_are_not_answered(bench: Bench) -> None:
@@ -471,7 +471,7 @@ def test_requests_for_what_is_still_to_come_are_not_answered(bench: Bench) -> No
     bench.said.clear()
     bench.send(frame("0 rp 1000 ffff"))
     bench.ticks(30)
-    assert not bench.of(Limits)
+    assert not bench.of(StoredRange)
 
 
 def test_sync_pin_is_high_for_whole_records_and_they_say_so(bench: Bench) -> None:
@@ -490,7 +490,7 @@ def test_boot_counter_moves_and_stands_in_every_record() -> None:
     bench.ticks(30)
     assert {sample.boot for sample in bench.samples} == {15, 0}
     assert [(h.boot, h.cause) for h in bench.of(Hello)] == [(15, 1), (16, 8)]
-    assert bench.of(Status)[-1].fault == 5
+    assert bench.of(DeviceStatus)[-1].fault == 5
     assert eeprom == b"\x10\x00"
     assert len(bench.torn) == 1
 
@@ -516,7 +516,7 @@ def test_no_line_is_dropped_under_a_full_load(bench: Bench) -> None:
         bench.device.feed(frame(f"{number + 100} set 30"))
         bench.ticks(1)
     bench.command("status")
-    status = bench.of(Status)[-1]
+    status = bench.of(DeviceStatus)[-1]
     assert (status.dropped, status.overrun, status.bad) == (0, 0, 0)
 
 

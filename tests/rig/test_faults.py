@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
-from rig.control import Rig
-from rig.control.rig import Control
+from rig.control import Control, Rig
 from rig.device import Device
 from rig.fault import RigFault
 from rig.journal import Journal, audit, read_journal, table, writer as _journal

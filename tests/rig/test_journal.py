@@ -46,7 +46,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         recorder.link.attach(journal)
         for second in range(10):
             recorder.run(1.0)
-            recorder.link.note("mark", second=second, text="Größe * 5")
+            journal.note("mark", second=second, text="Größe * 5")
         recorder.link.attach(None)
     return path
 
@@ -179,7 +179,7 @@ def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(tmp_path: 
 def test_what_is_no_journal_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.fam"
     path.write_bytes(b"time,pressure\n1,2\n")
-    with pytest.raises(RigError, match=r"is no journal: not one of its 18 bytes"):
+    with pytest.raises(RigError, match=r"is not a journal: none of its 18 bytes"):
         read_journal(path)
     with pytest.raises(RigError, match=r"cannot read"):
         read_journal(tmp_path)
@@ -276,8 +276,8 @@ def test_recording_stops_at_the_reserve(tmp_path: Path, monkeypatch: pytest.Monk
 
 RECORDER = """
 import sys, time
-from rig.journal.writer import Journal
-from rig.protocol.lines import frame
+from rig.journal import Journal
+from rig.protocol import frame
 journal = Journal(sys.argv[1], time.monotonic, reserve_bytes=0)
 seq = 0
 while True:

@@ -177,11 +177,11 @@ def test_faults_come_as_often_as_asked_and_by_the_seed(kind: str) -> None:
             line.send(clean[k : k + chunk], 0.0)
         outs.append(line.receive(0.0))
         expected, spread = n * chance, np.sqrt(n * chance)
-        assert abs(line.spoilt - expected) < 4 * spread
-        change = {"damage": 0, "drop": -line.spoilt, "duplicate": line.spoilt}[kind]
+        assert abs(line.faulty - expected) < 4 * spread
+        change = {"damage": 0, "drop": -line.faulty, "duplicate": line.faulty}[kind]
         assert len(outs[-1]) == n + change
         if kind == "damage":
-            assert n - outs[-1].count(0) == line.spoilt
+            assert n - outs[-1].count(0) == line.faulty
     assert outs[0] == outs[1] == outs[2]  # the seed decides, not the chunks
 
 

@@ -6,18 +6,18 @@ import re
 import pytest
 
 from rig.device import firmware_folder
-from rig.device.commands import ARGUMENTS
+from rig.device.host_line import ARGUMENTS
 from rig.protocol import (
     Ack,
     Comment,
     ControlLaw,
+    DeviceSettings,
+    DeviceStatus,
     Hello,
-    Limits,
     Message,
     Sample,
-    Settings,
     Splitter,
-    Status,
+    StoredRange,
     command_body,
     crc16,
     frame,
@@ -29,17 +29,17 @@ LINES: list[tuple[str, Message]] = [
         "T,15,4294967295,500,1025,205,512,131,-42,97",
         Sample(15, 4294967295, 500, 1025, 205, 512, 131, -42, 97),
     ),
-    ("S,65535,3,17,3,2,900,1,2,3,4,5", Status(65535, 3, 17, 3, 2, 900, 1, 2, 3, 4, 5)),
+    ("S,65535,3,17,3,2,900,1,2,3,4,5", DeviceStatus(65535, 3, 17, 3, 2, 900, 1, 2, 3, 4, 5)),
     (
         "P,7,20,5120,32768,1024,512,-128,128,1632,12800,5,700,77,1500,500",
-        Settings(
+        DeviceSettings(
             7, 20, ControlLaw(5120, 32768, 1024, 512, -128, 128, 1632, 12800), 5, 700, 77, 1500, 500
         ),
     ),
     ("H,famrig,1,1,7,8,500,5,64,21", Hello(1, 1, 7, 8, 500, 5, 64, 21)),
     ("A,12,OK,345", Ack(12, 345, "")),
     ("A,12,ERR,no trip limit", Ack(12, None, "no trip limit")),
-    ("L,10,74", Limits(10, 74)),
+    ("L,10,74", StoredRange(10, 74)),
     ("# p=40.12 set=40.00", Comment("p=40.12 set=40.00")),
 ]
 

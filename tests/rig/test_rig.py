@@ -9,13 +9,20 @@ import numpy as np
 import pytest
 
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
-from rig.control import Isobaric, Rig, calibrate_feed_forward, next_block, run
-from rig.control.rig import Control
+from rig.control import Control, Isobaric, Rig, calibrate_feed_forward, next_block, run
 from rig.device import firmware_folder
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal import Journal, audit, read_journal, table, to_xarray, write_netcdf, write_parquet
-from rig.journal.tables import UNIT_OF
+from rig.journal import (
+    UNIT_OF,
+    Journal,
+    audit,
+    read_journal,
+    table,
+    to_xarray,
+    write_netcdf,
+    write_parquet,
+)
 from rig.link import VirtualLink
 from rig.protocol import MANUAL, RUN, SAFE, frame
 from rig.protocol.control_law import PRESSURE_UNIT

@@ -220,7 +220,7 @@ def test_a_command_whose_answer_was_lost_is_obeyed_once() -> None:
 def test_a_command_that_is_never_answered_fails_and_the_next_goes_on() -> None:
     recorder = Recorder(BareRig())
     recorder.rig.to_device.cut = True
-    with pytest.raises(RigFault, match=r"'trip 900' came to nothing: .* not answer for 2 s"):
+    with pytest.raises(RigFault, match=r"'trip 900' failed: .* not answer for 2 s"):
         recorder.link.command("trip", 900)
     recorder.rig.to_device.cut = False
     assert recorder.link.command("trip", 901).seq is not None

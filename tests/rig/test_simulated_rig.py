@@ -238,7 +238,7 @@ def test_a_line_with_faults_loses_nothing(tmp_path: Path) -> None:
     ]  # a recording may end while its last records are asked for again
     assert steady.size > 1900
     assert np.array_equal(np.diff(steady), np.ones(steady.size - 1))
-    assert sim.to_host.spoilt > 500
+    assert sim.to_host.faulty > 500
 
 
 def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:

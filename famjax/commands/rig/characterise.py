@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ...boundary.errors import InputError
+from ...boundary.units import parse_quantity
 from ..terminal import print_rows
 from .problems import rig_problems
 
@@ -43,10 +45,10 @@ def rig_characterise(
         Column of the log with the rig's sync pulses (`run` raises pin D7 at each pressure's first
         stroke); without it the load aligns the clocks.
     near
-        What is to be added to the machine's time to give the journal's, roughly, with its unit;
-        needed where equal strokes leave it open.
+        Approximate offset from the machine's time to the journal's, with its unit; needed where
+        equal strokes leave it ambiguous.
     near_within
-        How far that may be off.
+        Largest error of that offset.
     skip_cycles
         First strokes at each pressure that are left out.
     shortening_positive
@@ -67,12 +69,14 @@ def rig_characterise(
     from famjax.chain import analyse
     from fitting.records import read_machine_log, write_dataset
     from rig import read_journal
-    from rig.control import quantity, specimen_entries
 
     with rig_problems():
-        entries = specimen_entries(specimen)
-        rest, zero = quantity(rest_length, "length"), quantity(zero_displacement, "length")
-        roughly = near and (quantity(near, "time"), quantity(near_within, "time"))
+        entries = _entries(specimen)
+        rest, zero = (
+            parse_quantity(rest_length, "length"),
+            parse_quantity(zero_displacement, "length"),
+        )
+        roughly = near and (parse_quantity(near, "time"), parse_quantity(near_within, "time"))
         found = analyse(
             read_journal(journal),
             read_machine_log(log),
@@ -107,3 +111,17 @@ def report_test(found, paths: list[Path], output: Path, units: str, json_: bool)
         print("note:", note)
     print("written:", ", ".join(map(str, paths)))
     return 0
+
+
+def _entries(specimen: tuple[str, ...]) -> dict[str, str]:
+    """Key and value of entries such as `wall_thickness_mm=1.6`."""
+    found: dict[str, str] = {}
+    for entry in specimen:
+        key, equals, value = (part.strip() for part in entry.partition("="))
+        if not (key and equals and value) or key in found:
+            raise InputError(
+                f"specimen {entry!r} must read key_unit=value, once for each key, as in "
+                "wall_thickness_mm=1.6"
+            )
+        found[key] = value
+    return found

@@ -1,4 +1,4 @@
-"""With a device on a port: what ports there are, live values, a test."""
+"""Commands on a device at a port: list the ports, live values, a test."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -44,7 +44,7 @@ def rig_monitor(
     baud
         Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
     seconds
-        To go on for; until Ctrl-C unless given.
+        Duration; until Ctrl-C unless given.
     units
         Of the values: si, metric or us.
     """
@@ -88,7 +88,7 @@ def rig_run(
 ) -> int:
     """Carry out a test at constant pressures and record it; the rig vents however this ends.
 
-    Prints first what must hold that no software can see: relief valve, dump valve. Writes
+    First prints what software cannot check: relief valve, dump valve. Writes
     `test.fam` into the output folder. Start the test machine's strokes when the pressure is held.
 
     Parameters
@@ -102,10 +102,10 @@ def rig_run(
     output
         Folder for the journal, made if need be.
     resume
-        Go on in the journal that is there, with the pressure that was not completed.
+        Continue the existing journal with the pressure that was not completed.
     """
     from rig import read_plan
-    from rig.control import PRECONDITIONS, need_port, run_test
+    from rig.control import PRECONDITIONS, run_test
 
     with rig_problems():
         test = read_plan(plan)
@@ -119,7 +119,7 @@ def rig_run(
             task = progress.add_task("running the plan", total=None)
             path = run_test(
                 test,
-                need_port(port),
+                _known_port(port),
                 output,
                 baud=baud,
                 resume=resume,
@@ -127,3 +127,16 @@ def rig_run(
             )
     print("written:", path)
     return 0
+
+
+def _known_port(port: str | None) -> str:
+    """The port, or an error that lists what there is to choose from."""
+    from rig import RigError
+    from rig.control import ports
+
+    if port is not None:
+        return port
+    known = ", ".join(f"{row['port']} ({row['description']})" for row in ports())
+    raise RigError(
+        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
+    )

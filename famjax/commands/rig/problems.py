@@ -1,4 +1,4 @@
-"""How a problem of the rig ends a command."""
+"""Exit codes of a rig's faults and of signals."""
 
 import contextlib
 import signal
@@ -9,15 +9,12 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def rig_problems() -> Iterator[None]:
-    """Bad input of the rig as that of every command, and a rig that had to stop with exit code 1."""
-    from fitting import InputError
-    from rig import RigError, RigFault
+    """Ends the command with exit code 1 where the rig had to stop, and with 130 on a signal."""
+    from rig import RigFault
 
     try:
-        with _polite_ends():
+        with _signals_as_ctrl_c():
             yield
-    except RigError as error:
-        raise InputError(str(error)) from None
     except RigFault as fault:
         notes = "".join(f"\n{note}" for note in getattr(fault, "__notes__", ()))
         print(f"famjax: the test was stopped: {fault}{notes}", file=sys.stderr)
@@ -31,8 +28,8 @@ def rig_problems() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _polite_ends() -> Iterator[None]:
-    """A closed terminal and a polite kill end a command as Ctrl-C does: vented, and said so."""
+def _signals_as_ctrl_c() -> Iterator[None]:
+    """SIGTERM and SIGHUP end a command as Ctrl-C does: the rig is vented."""
     main = threading.current_thread() is threading.main_thread()
     numbers = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")] if main else []
     ours = [n for n in numbers if n is not None and signal.getsignal(n) is signal.SIG_DFL]

@@ -1,4 +1,4 @@
-"""On a journal: shown again, checked, converted."""
+"""Commands on a journal: replay, check, convert."""
 
 import json
 from pathlib import Path
@@ -63,7 +63,7 @@ def rig_check(
 ) -> int:
     """Check a journal: is it whole, what was lost, did the device do what its law says?
 
-    Exit code 0 when it is sound, 1 when it is not; records that the line lost are told and do not
+    Exit code 0 when it is sound, 1 when it is not; records that the line lost are listed and do not
     make it unsound.
 
     Parameters
@@ -93,7 +93,7 @@ def rig_convert(journal: Path, target: Path) -> int:
     target
         File to write: .parquet, .nc (NetCDF) or .csv.
     """
-    from rig.control import convert
+    from rig.journal import convert
 
     with rig_problems():
         print("written:", convert(journal, target))

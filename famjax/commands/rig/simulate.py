@@ -1,4 +1,4 @@
-"""With no hardware: a whole test in virtual time, and a rig served in real time."""
+"""Commands without hardware: a whole test in virtual time, a rig served in real time."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -116,7 +116,7 @@ def rig_serve(
 ) -> int:
     """Run a simulated rig in real time on a TCP port or a pseudo-terminal, to try `monitor` and `run`.
 
-    Prints what to open, and goes on until Ctrl-C.
+    Prints the address to open and runs until Ctrl-C.
 
     Parameters
     ----------
@@ -133,18 +133,17 @@ def rig_serve(
     baud
         Of the firmware; a served line is as fast as its device.
     seconds
-        To go on for; until Ctrl-C unless given.
+        Duration; until Ctrl-C unless given.
     seed
         Of the sensors' noise.
     """
     import time
 
     from rig.calibration import write_calibration
-    from rig.simulation import HydraulicCircuit, PneumaticCircuit, RigServer, SimulatedRig
+    from rig.simulation import CIRCUITS, RigServer, SimulatedRig
 
     with rig_problems():
-        plant = PneumaticCircuit() if circuit == "air" else HydraulicCircuit()
-        simulated = SimulatedRig(plant, baud=baud, seed=seed)
+        simulated = SimulatedRig(CIRCUITS[circuit](), baud=baud, seed=seed)
         write_calibration(calibration, simulated.calibration())
         with RigServer(simulated, transport, port=port, link=link) as server:
             print(server.address, flush=True)

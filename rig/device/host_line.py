@@ -45,7 +45,7 @@ ARGUMENTS: dict[bytes, tuple[int, tuple[Number, ...]]] = {
     b"stall": (1, (Number(1, 500, 30000),)),
     b"hbms": (1, (Number(1, 100, 10000),)),
 }
-"""Verb: how many numbers it needs, and what it takes."""
+"""Verb: how many numbers it needs, and the numbers that it takes."""
 
 
 def body_of(line: bytes, *, strict: bool) -> bytes | None:

@@ -1,15 +1,15 @@
-"""The lines of a journal one by one: what can be verified, and where what cannot be stands."""
+"""The lines of a journal one by one: what can be verified, and where the rest is."""
 
 import json
 from array import array
 from typing import Any, NamedTuple
 
 from ..protocol.lines import crc16, parse, record_fields
-from ..protocol.messages import Comment, Hello, Message, Settings, Status
+from ..protocol.messages import Comment, DeviceSettings, DeviceStatus, Hello, Message
 
 
 class Damage(NamedTuple):
-    """Bytes of a file that say nothing that can be trusted.
+    """Bytes of a file that cannot be verified.
 
     Attributes:
         offset: of the first one in the file.
@@ -21,20 +21,14 @@ class Damage(NamedTuple):
 
 
 class JournalLines:
-    """What is gathered while a journal is read.
+    """What reading a journal collects.
 
     Attributes:
         numbers: the records in the order of the file, field after field.
         epochs: of each record: the device's boots in the file, counted from 0.
-        notes: the notes.
-        note_parts: of each note: the part of the recording, counted from 0; it begins with a
-            "journal" note, and another one when the recording is resumed.
-        epoch_parts: of each epoch, likewise.
         losses: (epoch, first, records) that the recorder noted.
-        settings: (epoch, settings).
-        statuses: (epoch, status).
-        comments: texts of the device for people.
-        damage: what could not be verified.
+        notes, note_parts, epoch_parts, settings, statuses, comments, damage: as in `Record`. A part
+            of the recording begins with a "journal" note.
     """
 
     def __init__(self) -> None:
@@ -44,12 +38,12 @@ class JournalLines:
         self.note_parts: list[int] = []
         self.epoch_parts: list[int] = []
         self.losses: list[tuple[int, int, int]] = []
-        self.settings: list[tuple[int, Settings]] = []
-        self.statuses: list[tuple[int, Status]] = []
+        self.settings: list[tuple[int, DeviceSettings]] = []
+        self.statuses: list[tuple[int, DeviceStatus]] = []
         self.comments: list[str] = []
         self.damage: list[Damage] = []
         self._boots: list[int] = []  # modulo 16, of each epoch
-        self._in_full: list[int | None] = []  # the same in full, where it was told
+        self._in_full: list[int | None] = []  # the same in full, where it is known
         self._epoch = -1
         self._first = 0  # epoch of this part of the recording
         self._broken = True
@@ -67,16 +61,16 @@ class JournalLines:
         *lines, rest = data.split(b"\n")
         for line in lines:
             if line and not self._take(line):
-                self._spoilt(offset, len(line) + 1)
+                self._damaged(offset, len(line) + 1)
             offset += len(line) + 1
         if rest:
-            self._spoilt(offset, len(rest))
+            self._damaged(offset, len(rest))
 
     def _take(self, line: bytes) -> bool:
         """Take one line; whether it could be verified."""
         if line.startswith(b"{"):
             note = _note(line)
-            if note is not None and line not in self._seen:  # else a page stands here twice
+            if note is not None and line not in self._seen:  # else a page is duplicated
                 self._seen.add(line)
                 self._take_note(note)
             return note is not None
@@ -94,11 +88,11 @@ class JournalLines:
         return message is not None
 
     def _take_message(self, message: Message) -> None:
-        if isinstance(message, Settings | Status | Hello):
+        if isinstance(message, DeviceSettings | DeviceStatus | Hello):
             self._enter(message.boot & 15, message.boot)
-        if isinstance(message, Settings):
+        if isinstance(message, DeviceSettings):
             self.settings.append((self._epoch, message))
-        elif isinstance(message, Status):
+        elif isinstance(message, DeviceStatus):
             self.statuses.append((self._epoch, message))
         elif isinstance(message, Comment):
             self.comments.append(message.text)
@@ -106,7 +100,7 @@ class JournalLines:
     def _enter(self, boot: int, in_full: int | None = None) -> None:
         """Go to the epoch of a boot: the last one of this part with its number, or a new one.
 
-        A page that stands twice in a file goes back to where it belongs.
+        A page that is in the file twice returns to its own epoch.
         """
         for epoch in range(len(self._boots) - 1, self._first - 1, -1):
             known = self._in_full[epoch]
@@ -135,7 +129,7 @@ class JournalLines:
             epoch = len(self._boots) - 1 - self._boots[::-1].index(note["boot"])
             self.losses.append((epoch, note["first"], note["records"]))
 
-    def _spoilt(self, offset: int, size: int) -> None:
+    def _damaged(self, offset: int, size: int) -> None:
         last = self.damage[-1] if self.damage else Damage(0, 0)
         if self.damage and last.offset + last.size == offset:
             self.damage[-1] = Damage(last.offset, last.size + size)
