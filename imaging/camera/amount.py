@@ -1,8 +1,8 @@
 """From a pixel's luma to the amount of braid in it, linear in light."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Single
 from .tone import Tone
 
 LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, JPEG's own
@@ -10,9 +10,7 @@ _BRIGHTEST = 1.6  # amounts above belong to threads that glare; they would pull 
 _DARKEST = -0.5
 
 
-def amount_of_luma(
-    tone: Tone, cloth: NDArray[np.float64], braid: NDArray[np.float64]
-) -> NDArray[np.float32]:
+def amount_of_luma(tone: Tone, cloth: Array, braid: Array) -> Single:
     """The amount q of braid for each value of luma, 0 on cloth and 1 at the braid's median colour.
 
     A pixel that shows q of braid and 1 - q of cloth has in each colour the light

@@ -7,8 +7,9 @@ Y downwards, Z along the optical axis away from the camera, in metres, the camer
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from .tangents import body_from_tangents, turned as turned
 
 _NEWTON_STEPS = 6  # quadratic from an error of k1 r^2, at most a few percent
@@ -56,7 +57,7 @@ class Camera:
         """Focal length f [px]."""
         return self.px_per_m * self.distance
 
-    def rays(self, u: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rays(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
         """The rays (X/Z, Y/Z) [-] of picture positions u, v [px], broadcast shape."""
         x = (np.asarray(u, float) - self.centre[0]) / self.focal_px
         y = (np.asarray(v, float) - self.centre[1]) / self.focal_px
@@ -69,9 +70,7 @@ class Camera:
         factor = np.divide(r, distorted, out=np.ones(distorted.shape), where=distorted > 0)
         return np.asarray(x * factor, float), np.asarray(y * factor, float)
 
-    def pixels(
-        self, X: ArrayLike, Y: ArrayLike, Z: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pixels(self, X: ArrayLike, Y: ArrayLike, Z: ArrayLike) -> tuple[Array, Array]:
         """The picture positions (u, v) [px] of points X, Y, Z [m], Z > 0, broadcast shape."""
         x, y = np.asarray(X, float) / Z, np.asarray(Y, float) / Z
         f = self.focal_px * (1 + self.k1 * (x**2 + y**2))
@@ -91,15 +90,15 @@ class Silhouette:
             shows it turned clockwise, its lower end to the left.
     """
 
-    y: NDArray[np.float64]
-    radius: NDArray[np.float64]
+    y: Array
+    radius: Array
     x0: float
     roll: float
 
 
 def silhouette_from_profile(
     camera: Camera, y: ArrayLike, R: ArrayLike, *, x0: float = 0.0, roll: float = 0.0
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array, Array]:
     """The outline of a body of revolution in the picture: rows, left and right columns [px].
 
     The surface point at azimuth phi is on the outline where its normal is square to the ray:
@@ -193,9 +192,7 @@ def profile_from_silhouette(
     return Silhouette(*body)
 
 
-def _checked_outline(
-    *columns: ArrayLike,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _checked_outline(*columns: ArrayLike) -> tuple[Array, Array, Array]:
     rows, left, right = (np.asarray(column, float) for column in columns)
     if not (rows.ndim == 1 and rows.shape == left.shape == right.shape and rows.size >= 9):
         raise ValueError(
@@ -216,7 +213,7 @@ def ring_position(
     radius: ArrayLike,
     x0: float = 0.0,
     roll: float = 0.0,
-) -> NDArray[np.float64]:
+) -> Array:
     """Position y along the axis [m] of a ring of known radius that is seen at picture position u, v.
 
     A straight edge around a cylinder, such as a tape's, is the front of a circle and so an arc in
@@ -243,7 +240,7 @@ def ring_position(
     return b * depth
 
 
-def apparent_diameter(diameter: ArrayLike, distance: float, x0: float = 0.0) -> NDArray[np.float64]:
+def apparent_diameter(diameter: ArrayLike, distance: float, x0: float = 0.0) -> Array:
     """Width [m] in the mid-plane that a cylinder of this diameter covers, its axis upright.
 
     D_app = D d sqrt(rho^2 - R^2) / (d^2 - R^2), rho = hypot(x0, d): the tangent rays touch in

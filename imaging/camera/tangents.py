@@ -4,14 +4,14 @@ import dataclasses
 import functools
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
+from ..arrays import Array
+
+Rays = tuple[Array, Array]
 
 
-def turned(
-    x: ArrayLike, y: ArrayLike, angle: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def turned(x: ArrayLike, y: ArrayLike, angle: float) -> tuple[Array, Array]:
     """x, y turned by an angle [rad], clockwise as a picture shows it."""
     x, y = np.asarray(x, float), np.asarray(y, float)
     c, s = np.cos(angle), np.sin(angle)
@@ -19,14 +19,8 @@ def turned(
 
 
 def body_from_tangents(
-    left: Rays,
-    right: Rays,
-    d: float,
-    *,
-    slope_window: int,
-    tolerance: float,
-    max_steps: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    left: Rays, right: Rays, d: float, *, slope_window: int, tolerance: float, max_steps: int
+) -> tuple[Array, Array, float, float]:
     """Position y [m], radius R [m], x0 [m] and roll [rad]; see `profile_from_silhouette`.
 
     Args:
@@ -68,19 +62,13 @@ def body_from_tangents(
 class _Side:
     """One side of an outline: position y and radius R [m], slope R' [-], each of shape (n,)."""
 
-    y: NDArray[np.float64]
-    R: NDArray[np.float64]
-    slope: NDArray[np.float64]
+    y: Array
+    R: Array
+    slope: Array
 
 
 def _improved(
-    side: _Side,
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    sign: int,
-    x0: float,
-    d: float,
-    slope_window: int,
+    side: _Side, a: Array, b: Array, sign: int, x0: float, d: float, slope_window: int
 ) -> _Side:
     """One fixed-point step for the tangent rays (a, b) of the left (-1) or right (+1) side."""
     rho, alpha = np.hypot(x0, d), np.arctan2(x0, d)
@@ -98,7 +86,7 @@ def _improved(
     return _Side(y, R, _slope(y, R, slope_window))
 
 
-def _slope(y: NDArray[np.float64], R: NDArray[np.float64], window: int) -> NDArray[np.float64]:
+def _slope(y: Array, R: Array, window: int) -> Array:
     """dR/dy by Savitzky and Golay's quartics, both by the row; at the ends the last full one's."""
     points = min(window, R.size - 1 + R.size % 2)
     rates = _rates(points)
@@ -106,7 +94,7 @@ def _slope(y: NDArray[np.float64], R: NDArray[np.float64], window: int) -> NDArr
     return dR / dy
 
 
-def _per_row(values: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
+def _per_row(values: Array, rates: Array) -> Array:
     points = rates.shape[0]
     half = points // 2
     slopes = np.empty(values.size)
@@ -117,7 +105,7 @@ def _per_row(values: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray
 
 
 @functools.cache
-def _rates(points: int) -> NDArray[np.float64]:
+def _rates(points: int) -> Array:
     """Matrix that takes `points` values to the slopes of the quartic through them, at each."""
     t = np.linspace(-1, 1, points)
     powers = np.vander(t, min(5, points), increasing=True)
@@ -126,9 +114,7 @@ def _rates(points: int) -> NDArray[np.float64]:
     return np.asarray(slopes @ np.linalg.pinv(powers) * (t[1] - t[0]), float)
 
 
-def _on_common_positions(
-    left: _Side, right: _Side
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _on_common_positions(left: _Side, right: _Side) -> tuple[Array, Array, Array]:
     """Positions y that both sides show [m], and there the radius by the left and by the right."""
     y = (left.y + right.y) / 2
     first, last = max(left.y[0], right.y[0]), min(left.y[-1], right.y[-1])
@@ -136,7 +122,7 @@ def _on_common_positions(
     return y, _between(left, y), _between(right, y)
 
 
-def _between(side: _Side, y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _between(side: _Side, y: Array) -> Array:
     """R at y, by the cubics that have the side's radii and slopes."""
     k = np.clip(np.searchsorted(side.y, y, side="right") - 1, 0, side.y.size - 2)
     h = side.y[k + 1] - side.y[k]
@@ -146,7 +132,7 @@ def _between(side: _Side, y: NDArray[np.float64]) -> NDArray[np.float64]:
     return R0 + t * (s0 + t * (3 * rise - 2 * s0 - s1 + t * (s0 + s1 - 2 * rise)))
 
 
-def _straight_line(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+def _straight_line(x: Array, y: Array) -> tuple[float, float]:
     """Slope and value at x = 0 of the least-squares line."""
     away = x - x.mean()
     slope = away @ y / (away @ away)

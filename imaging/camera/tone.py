@@ -4,7 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from ..arrays import Array, Image
 
 _FEWEST_EXPOSURES = 3
 _UNKNOWN_BELOW, _UNKNOWN_ABOVE = 4, 242  # Debevec's weights vanish towards 0 and 255
@@ -25,7 +27,7 @@ class Tone:
         ValueError: another shape, values that are not finite, a curve that falls or is flat.
     """
 
-    table: NDArray[np.float64]
+    table: Array
 
     def __post_init__(self) -> None:
         table = np.array(self.table, np.float64)
@@ -60,9 +62,7 @@ class Tone:
         return cls(np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4))
 
     @classmethod
-    def from_exposures(
-        cls, images: Sequence[NDArray[np.uint8]], times_s: Sequence[float]
-    ) -> "Tone":
+    def from_exposures(cls, images: Sequence[Image], times_s: Sequence[float]) -> "Tone":
         """The tone curve from pictures of one still scene at several exposure times.
 
         Debevec's least squares on each colour, averaged in the logarithm, made monotone by the
@@ -106,7 +106,7 @@ class Tone:
         table[beyond] = np.maximum.accumulate(np.maximum(top(values[beyond]), rising[-1]))
         return cls(table)
 
-    def linear(self, image: ArrayLike) -> NDArray[np.float64]:
+    def linear(self, image: ArrayLike) -> Array:
         """Linear light of an 8-bit picture, 1 at value 255, of its shape.
 
         Raises:

@@ -1,6 +1,6 @@
+from .finished import CampaignChanged as CampaignChanged
 from .plots import plot_table as plot_table
 from .run import process as process
-from .shards import CampaignChanged as CampaignChanged
 from .table import Table as Table
 from .tiles import Tile as Tile, contact_sheet as contact_sheet
 from .workers import WorkerDied as WorkerDied

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from famjax.boundary.units import factor, unit_system
 
+from ..arrays import Image
 from ..camera.read import readable_part
 from ..recipe import Recipe
 from ..shape.one_picture import measure
@@ -69,7 +70,7 @@ def _evenly(which: NDArray[np.intp], number: int) -> NDArray[np.intp]:
     return which[np.round(at).astype(int)]
 
 
-def _thick(image: NDArray[np.uint8]) -> int:
+def _thick(image: Image) -> int:
     """Lines that can still be seen when the picture has been made small."""
     return max(1, round(max(image.shape) / 500))
 
@@ -82,7 +83,7 @@ def _text(table: Table, k: int, system: str) -> str:
     return f"L {length:.4f} {unit}, contraction {table['contraction'][k]:.4f}"
 
 
-def _save(path: Path, image: NDArray[np.uint8]) -> Path:
+def _save(path: Path, image: Image) -> Path:
     import cv2  # noqa: PLC0415
 
     coded = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]

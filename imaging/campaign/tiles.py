@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..arrays import Image
 
 _FACE, _GAP, _LINE = 240, 8, 15  # px: longer side of a picture, space between, line of text
 _LETTERS, _LINES = 46, 4  # of a line; of what was measured or what was wrong
@@ -23,13 +24,13 @@ class Tile:
         ok: whether it was measured.
     """
 
-    image: NDArray[np.uint8] | None
+    image: Image | None
     title: str
     text: str
     ok: bool
 
 
-def contact_sheet(tiles: Sequence[Tile], columns: int | None = None) -> NDArray[np.uint8]:
+def contact_sheet(tiles: Sequence[Tile], columns: int | None = None) -> Image:
     """The pictures side by side in a frame that says whether each was measured.
 
     Args:
@@ -54,7 +55,7 @@ def contact_sheet(tiles: Sequence[Tile], columns: int | None = None) -> NDArray[
     return sheet
 
 
-def _face(tile: Tile, text: list[str], lines: int) -> NDArray[np.uint8]:
+def _face(tile: Tile, text: list[str], lines: int) -> Image:
     import cv2  # noqa: PLC0415
 
     if tile.image is None:

@@ -6,9 +6,9 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from ..arrays import Array, Image, Indices, Single
 from .edge_fit import best_shift, parabola_peak
 from .edge_profile import BROAD, EdgeProfile, edge_profile, limb, near_edge
 from .edge_windows import Samples, aligned_windows, first_curve
@@ -39,12 +39,12 @@ class Side:
         profile: mean of all rows along the normal, linear light, at `Outline.inward`.
     """
 
-    column: NDArray[np.float64]
-    stderr: NDArray[np.float64]
+    column: Array
+    stderr: Array
     residual: float
     outliers: float
     kappa: float
-    profile: NDArray[np.float64]
+    profile: Array
 
     def moved(self, columns: int) -> "Side":
         """The same so many columns further right."""
@@ -65,22 +65,22 @@ class Outline:
         resolution: wavelength that passed the smoothing at half its height [px].
     """
 
-    rows: NDArray[np.int64]
+    rows: Indices
     left: Side
     right: Side
     blur: float
     disk: float
     misfit: float
-    inward: NDArray[np.float64]
+    inward: Array
     resolution: float
 
 
 def find_outline(
-    image: NDArray[np.uint8],
-    amount: NDArray[np.float32],
-    rows: NDArray[np.int64],
-    left: NDArray[np.float64],
-    right: NDArray[np.float64],
+    image: Image,
+    amount: Single,
+    rows: Indices,
+    left: Array,
+    right: Array,
     *,
     resolution: float,
     method: Method = "limb",
@@ -135,11 +135,8 @@ def find_outline(
 
 
 def _first_look(
-    light: NDArray[np.float32],
-    curves: list[NDArray[np.float64]],
-    radius: float,
-    blur: float | None,
-) -> tuple[EdgeProfile, list[NDArray[np.float64]]]:
+    light: Single, curves: list[Array], radius: float, blur: float | None
+) -> tuple[EdgeProfile, list[Array]]:
     """Blur and light to within a tenth or so, and the curves less their mean error."""
     start = _WIDEST_START if blur is None else blur
     t = _window(start, radius)
@@ -153,9 +150,9 @@ def _first_look(
 
 
 def _improved(
-    light: NDArray[np.float32],
-    rows: NDArray[np.int64],
-    curves: list[NDArray[np.float64]],
+    light: Single,
+    rows: Indices,
+    curves: list[Array],
     blur: float,
     disk: float,
     radius: float,
@@ -190,23 +187,23 @@ def _improved(
     return Outline(rows, made[0], made[1], fit.blur, fit.disk, fit.misfit, t, resolution)
 
 
-def _in_every_row(column: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+def _in_every_row(column: Array, n: int) -> Array:
     """A curve of which every `_ALIGNED`-th of n rows is known."""
     longer = np.append(column, 2 * column[-1] - column[-2])
     return np.interp(np.arange(n), _ALIGNED * np.arange(longer.size), longer)
 
 
-def _window(blur: float, radius: float) -> NDArray[np.float64]:
+def _window(blur: float, radius: float) -> Array:
     outside = round(max(8.0, 5 * blur))
     inside = round(min(BROAD[1] * max(1.0, blur), _LARGEST_PART * radius))
     return np.arange(-outside, inside + 1.0)
 
 
-Estimator = Callable[[NDArray[np.float32]], NDArray[np.float64]]
+Estimator = Callable[[Single], Array]
 
 
 def _estimator(
-    method: Method, t: NDArray[np.float64], fit: EdgeProfile, kappa: float, radius: float
+    method: Method, t: Array, fit: EdgeProfile, kappa: float, radius: float
 ) -> Estimator:
     """Shift inward [px] of averaged windows, by the method."""
     s = fit.blur
@@ -225,15 +222,13 @@ def _estimator(
     return lambda windows: _half_level(windows[:, near], t[near], s)
 
 
-def _steepest(windows: NDArray[np.float32], t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steepest(windows: Single, t: Array) -> Array:
     slope = gaussian_filter1d(windows.astype(float), 1.0, axis=1, order=1)
     inner = np.flatnonzero(np.abs(t) <= 0.6 * t[-1])
     return t[inner[0]] + parabola_peak(slope[:, inner])
 
 
-def _half_level(
-    windows: NDArray[np.float32], t: NDArray[np.float64], s: float
-) -> NDArray[np.float64]:
+def _half_level(windows: Single, t: Array, s: float) -> Array:
     outside = windows[:, t < -3 * s].mean(axis=1)
     inside = windows[:, (t > 2 * s) & (t < 5 * s)].mean(axis=1)
     above = windows > ((outside + inside) / 2)[:, None]
@@ -246,7 +241,7 @@ def _half_level(
 
 def _refined(
     side: Samples, estimator: Estimator, resolution: float, mean_shift: float | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+) -> tuple[Array, Array, float, float]:
     """Smooth columns, their standard error, residual and part of stray rows."""
     shift = estimator(side.mean)
     if mean_shift is not None:

@@ -3,8 +3,10 @@
 import functools
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
+
+from ..arrays import Array
 
 LARGEST_DISK = 0.86  # of a blur's variance: with more, the nodes of its integral would show
 _REACH = 40.0  # end of the table of blurred roots, in blurs
@@ -14,7 +16,7 @@ _ANGLES = np.arange(1, 7) * np.pi / 7
 _NODES, _WEIGHTS = np.cos(_ANGLES), 2 / 7 * np.sin(_ANGLES) ** 2
 
 
-def step(t: ArrayLike, blur: ArrayLike) -> NDArray[np.float64]:
+def step(t: ArrayLike, blur: ArrayLike) -> Array:
     """A step at t = 0 under Gaussian blur, Phi(t / s), 0 outside and 1 inside.
 
     Args:
@@ -24,7 +26,7 @@ def step(t: ArrayLike, blur: ArrayLike) -> NDArray[np.float64]:
     return ndtr(np.divide(t, blur))
 
 
-def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> NDArray[np.float64]:
+def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
     """A step at t = 0 under the disk of a defocused lens and a Gaussian blur, 0 outside, 1 inside.
 
     Across an edge the disk of radius r weighs the light with a semicircle, whose variance is
@@ -42,7 +44,7 @@ def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> NDArray[np
     return ndtr(scaled - (radius / gaussian)[..., None] * _NODES) @ _WEIGHTS
 
 
-def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> NDArray[np.float64]:
+def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
     """The blurred root sqrt(t - t^2 / (2 R)) by which a lit cylinder brightens inward of its limb.
 
     The cosine between normal and line of sight at t from the limb of a cylinder of radius R is
@@ -69,7 +71,7 @@ def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> NDArray[np.float64]:
 
 
 @functools.cache
-def _blurred_roots() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _blurred_roots() -> tuple[Array, Array]:
     """E[(x + z)_+^p] for z normal: grid and values for p = 1/2, values for p = 3/2.
 
     The substitution x + z = w^2 removes the root's corner; Simpson's rule on w then is exact to

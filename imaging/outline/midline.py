@@ -1,12 +1,13 @@
 """How far the middle between both edges is from that of a body of revolution."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..arrays import Array
 
 _CUBIC = 4  # coefficients of the axis: a muscle may be bowed, or hang in an S
 
 
-def axis_deviation(left: NDArray[np.float64], right: NDArray[np.float64]) -> float:
+def axis_deviation(left: Array, right: Array) -> float:
     """Root mean square of the mid-line about a straight one, over the mean radius.
 
     Args:
@@ -19,7 +20,7 @@ def axis_deviation(left: NDArray[np.float64], right: NDArray[np.float64]) -> flo
     return float(np.sqrt(np.mean(off**2)) / np.mean((right - left) / 2))
 
 
-def axis_kink(left: NDArray[np.float64], right: NDArray[np.float64]) -> float:
+def axis_kink(left: Array, right: Array) -> float:
     """Largest deviation of the mid-line from a smooth one, over the mean radius.
 
     An axis bends as a cubic at most, and pairs of one row lie askew on a rolled muscle, which

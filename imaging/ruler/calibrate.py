@@ -5,8 +5,8 @@ from os import PathLike, fspath
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Image, Single
 from ..camera.pinhole import Camera
 from ..camera.read import Reader, read_image
 from ..camera.tone import Tone
@@ -21,7 +21,7 @@ _LEAST_EXACT = 1e-3  # standard error of the scale, relative
 
 
 def calibrate_ruler(
-    image: str | PathLike[str] | NDArray[np.uint8],
+    image: str | PathLike[str] | Image,
     *,
     pitch: float = 0.003175,
     distance: float = 1.524,
@@ -84,7 +84,7 @@ def calibrate_ruler(
         raise
 
 
-def _aligned(light: NDArray[np.float32], strip: Strip) -> Strip:
+def _aligned(light: Single, strip: Strip) -> Strip:
     """The strip turned until both of its halves show the marks at the same places."""
     line = strip.line
     for _ in range(_TURNS):
@@ -127,7 +127,7 @@ def _scale(
 ) -> Scale:
     foot = float((np.asarray(centre) - line.origin) @ line.along)
 
-    def scale_and_tilt(fit: NDArray[np.float64]) -> tuple[float, float]:
+    def scale_and_tilt(fit: Array) -> tuple[float, float]:
         a, b, c = fit
         n = (foot - a) / (b - c * foot)
         below = 1 + c * n

@@ -4,8 +4,8 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image, Single
 from ..errors import AmbiguousRuler, RulerNotFound
 from .marks import Numbered, marks_of, numbered
 from .strip import Line, regular_strips
@@ -40,9 +40,7 @@ class Strip:
         return float(np.ptp(self.marks.place) / np.ptp(self.marks.number))
 
 
-def choose_strip(
-    luma: NDArray[np.uint8], light: NDArray[np.float32], pitch: float, expected: float | None
-) -> Strip:
+def choose_strip(luma: Image, light: Single, pitch: float, expected: float | None) -> Strip:
     """The strip with the most marks of those that have the scale to expect.
 
     Args:
@@ -80,7 +78,7 @@ def choose_strip(
     return best
 
 
-def read_strip(light: NDArray[np.float32], line: Line) -> Strip | None:
+def read_strip(light: Single, line: Line) -> Strip | None:
     """A strip's marks, None where they cannot be numbered."""
     marks = numbered(marks_of(line.profile(light), line.pitch), line.pitch)
     return None if marks is None else Strip(line, marks)
@@ -96,9 +94,7 @@ def is_ruler(marks: Numbered) -> bool:
     )
 
 
-def _check_unique(
-    light: NDArray[np.float32], best: Strip, strips: list[Strip], pitch: float
-) -> None:
+def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
     """Every other strip must show the same marks, or the longer ones of them."""
     others = [
         strip
@@ -134,7 +130,7 @@ def _as_exact(strip: Strip, best: Strip) -> bool:
     return strip.marks.residual <= times * best.marks.residual + more
 
 
-def _run_together(light: NDArray[np.float32], fine: Strip, coarse: Strip) -> bool:
+def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
     """Whether the marks of a strip go on to that of the finer ones: they are its longer marks."""
     across = coarse.line.across
     way = float((fine.line.origin - coarse.line.origin) @ across)

@@ -4,10 +4,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Mask = NDArray[np.uint8]
+from ..arrays import Image, Indices
+
+Mask = Image
 
 
-def above(image: NDArray[np.uint8], level: float) -> Mask:
+def above(image: Image, level: float) -> Mask:
     """Where an 8-bit image is brighter than a level."""
     return _mask(cv2.threshold(image, float(np.floor(level)), 255, cv2.THRESH_BINARY)[1])
 
@@ -52,7 +54,7 @@ def parts(mask: Mask) -> NDArray[np.int32]:
     return np.asarray(cv2.connectedComponents(mask)[1], np.int32)  # thrice as fast as with areas
 
 
-def areas(labels: NDArray[np.int32]) -> NDArray[np.int64]:
+def areas(labels: NDArray[np.int32]) -> Indices:
     """Pixels of each part, that of the outside 0."""
     area = np.bincount(labels.ravel())
     area[0] = 0
@@ -66,7 +68,7 @@ def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mas
     return table.take(labels)
 
 
-def sampled(image: NDArray[np.uint8], mask: Mask, n: int) -> NDArray[np.uint8]:
+def sampled(image: Image, mask: Mask, n: int) -> Image:
     """About n pixels of a mask, from an even grid; all where it has fewer."""
     every = max(1, int(np.sqrt(cv2.countNonZero(mask) / n)))
     return image[::every, ::every][mask[::every, ::every] > 0]

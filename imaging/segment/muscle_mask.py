@@ -5,8 +5,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image
 from ..errors import NoMuscle, Underexposed
 from .masks import (
     Mask,
@@ -45,7 +45,7 @@ class MuscleMask:
     eta: float
 
 
-def muscle_mask(rgb: NDArray[np.uint8]) -> MuscleMask:
+def muscle_mask(rgb: Image) -> MuscleMask:
     """The largest thing that is brighter, or stronger in colour, than the cloth.
 
     Otsu's level on the brightest of the three colours, and on the strength of the colour, max -
@@ -92,7 +92,7 @@ def _check(split: Split, area: float) -> None:
         )
 
 
-def _with_shaded_side(lit: Mask, value: NDArray[np.uint8], split: Split) -> Mask:
+def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
     """The muscle's lit part and what is darker beside it, but not as dark as the cloth."""
     cloth = np.cumsum(counts_of(value, outside(dilated(lit, 9))))
     if cloth[-1] == 0:

@@ -3,7 +3,9 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from ..arrays import Array, Image
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,9 +62,7 @@ def otsu_split(counts: ArrayLike) -> Split:
     return Split(k, float(between[k] / spread), float(low), float(high), float(1 - w0))
 
 
-def counts_of(
-    values: NDArray[np.uint8], mask: NDArray[np.uint8] | None = None
-) -> NDArray[np.float64]:
+def counts_of(values: Image, mask: Image | None = None) -> Array:
     """Counts of the values 0 to 255 of an 8-bit array, or of those in a mask, shape (256,)."""
     import cv2  # noqa: PLC0415 - ten times as fast as numpy
 

@@ -4,8 +4,8 @@ import dataclasses
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Image, Indices
 from ..errors import Clipped, MissingFitting, NoMuscle, WrongOrientation
 from .masks import Mask, both, dilated, eroded, outside, sampled
 from .muscle_mask import MuscleMask, muscle_mask
@@ -34,7 +34,7 @@ class Tape:
     bottom: float
     left: float
     right: float
-    inner: NDArray[np.float64]
+    inner: Array
     inner_limbs: tuple[float, float]
 
 
@@ -51,14 +51,14 @@ class Segmentation:
         saturated: part of the muscle with a colour at 254 or more.
     """
 
-    rows: NDArray[np.int64]
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
+    rows: Indices
+    left: Array
+    right: Array
     upper: Tape
     lower: Tape
-    cloth: NDArray[np.float64]
-    braid: NDArray[np.float64]
-    tape: NDArray[np.float64]
+    cloth: Array
+    braid: Array
+    tape: Array
     eta_value: float
     eta_hue: float
     saturated: float
@@ -69,7 +69,7 @@ class _Look:
     """Muscle and tapes in a picture of which every `step`-th pixel is looked at."""
 
     step: int
-    small: NDArray[np.uint8]
+    small: Image
     muscle: MuscleMask
     tape: Mask
     upper: Patch
@@ -77,7 +77,7 @@ class _Look:
     eta_hue: float
 
 
-def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentation:
+def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
     """The coarse outline of an upright muscle and its two tapes.
 
     The brightest of the three colours, or the strength of the colour, tells the muscle from the
@@ -111,13 +111,13 @@ def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentati
     return _measured(look, v0, u0)
 
 
-def _first_step(rgb: NDArray[np.uint8]) -> int:
+def _first_step(rgb: Image) -> int:
     step = max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
     # A picture that would be looked at a little more finely than a large one needs no second look.
     return _FINE_STEP if step == _FINE_STEP - 1 else step
 
 
-def _look(rgb: NDArray[np.uint8], step: int, tape_hue: float | None) -> _Look:
+def _look(rgb: Image, step: int, tape_hue: float | None) -> _Look:
     h, w = rgb.shape[0] // step, rgb.shape[1] // step
     even = rgb[: h * step, : w * step]
     small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
@@ -184,7 +184,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     )
 
 
-def _pixels(small: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
+def _pixels(small: Image, mask: Mask) -> Image:
     """Pixels of a mask, evenly thinned out, shape (n, 3)."""
     pixels = sampled(small, mask, _SAMPLE)
     if pixels.size == 0:
@@ -203,7 +203,7 @@ def _tape(found: Patch, *, lower: bool) -> Tape:
     return Tape(y, y + h, x, x + w, inner, (float(limbs[0]), float(limbs[1])))
 
 
-def _robust_parabola(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _robust_parabola(x: Array, y: Array) -> Array:
     keep = np.abs(y - np.median(y)) <= max(4.0, 0.15 * np.ptp(x))
     fit = np.polyfit(x[keep], y[keep], 2)
     off = np.abs(y - np.polyval(fit, x))

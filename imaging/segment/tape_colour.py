@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Image
 from .masks import sampled
 from .otsu import otsu_split
 
@@ -25,13 +26,11 @@ class ColourSplit:
         eta: separability of the two colours, 0 to 1.
     """
 
-    mask: NDArray[np.uint8]
+    mask: Image
     eta: float
 
 
-def split_by_colour(
-    rgb: NDArray[np.uint8], muscle: NDArray[np.uint8], tape_hue: float | None
-) -> ColourSplit:
+def split_by_colour(rgb: Image, muscle: Image, tape_hue: float | None) -> ColourSplit:
     """The pixels of the tape among those of the muscle.
 
     Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut

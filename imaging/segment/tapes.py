@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags
 from ..errors import AmbiguousHue, Clipped, ExtraFitting, MissingFitting
 from .masks import Mask, areas, closed, opened, parts
 from .muscle_mask import TWO_CLASSES
@@ -25,7 +26,7 @@ class Patch:
 
     x: int
     y: int
-    mask: NDArray[np.bool_]
+    mask: Flags
 
     @property
     def centre(self) -> tuple[float, float]:

@@ -4,9 +4,10 @@ import dataclasses
 import functools
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from ..arrays import Array
 from ..outline.smoother import correlated_points
 
 _WAVES = (0.5, 4 * np.pi)
@@ -40,10 +41,10 @@ class FourierFit:
     """
 
     mean: float
-    cosines: NDArray[np.float64]
-    sines: NDArray[np.float64]
+    cosines: Array
+    sines: Array
     frequency: float
-    covariance: NDArray[np.float64]
+    covariance: Array
     rmse: float
     max_error: float
     sse: float
@@ -53,11 +54,11 @@ class FourierFit:
     symmetric: bool
 
     @property
-    def stderr(self) -> NDArray[np.float64]:
+    def stderr(self) -> Array:
         """Standard errors of (a0, a_1, ..., b_1, ..., w), shape (2 n_terms + 2,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    def diameter(self, x: ArrayLike) -> NDArray[np.float64]:
+    def diameter(self, x: ArrayLike) -> Array:
         """D [m] at x [-], of its shape."""
         x = np.asarray(x, float)
         angle = np.arange(1, self.cosines.size + 1) * self.frequency * x[..., None]
@@ -104,33 +105,23 @@ def fit_fourier(
     return _described(x, diameter, n_terms, symmetric, w)
 
 
-def _functions(
-    x: NDArray[np.float64], w: float, n_terms: int, symmetric: bool
-) -> NDArray[np.float64]:
+def _functions(x: Array, w: float, n_terms: int, symmetric: bool) -> Array:
     """Columns 1, then cos(n w (x - 1/2)), then, unless symmetric, the sines of the same."""
     angle = np.arange(1, n_terms + 1) * w * (x[:, None] - 0.5)
     parts = [np.ones((x.size, 1)), np.cos(angle)]
     return np.hstack(parts if symmetric else [*parts, np.sin(angle)])
 
 
-def _solved(functions: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solved(functions: Array, y: Array) -> Array:
     return np.asarray(np.linalg.lstsq(functions, y, rcond=_SPAN)[0], np.float64)
 
 
-def _residual(
-    w: NDArray[np.float64],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    n_terms: int,
-    symmetric: bool,
-) -> NDArray[np.float64]:
+def _residual(w: Array, x: Array, y: Array, n_terms: int, symmetric: bool) -> Array:
     functions = _functions(x, float(w[0]), n_terms, symmetric)
     return y - functions @ _solved(functions, y)
 
 
-def _best_wave(
-    x: NDArray[np.float64], y: NDArray[np.float64], n_terms: int, symmetric: bool
-) -> float:
+def _best_wave(x: Array, y: Array, n_terms: int, symmetric: bool) -> float:
     thin = slice(None, None, max(1, x.size // _SCAN_POINTS))
     left_over = functools.partial(
         _residual, x=x[thin], y=y[thin] / np.ptp(y) if np.ptp(y) > 0 else y[thin],
@@ -151,9 +142,7 @@ def _best_wave(
     return min(found)[1]
 
 
-def _described(
-    x: NDArray[np.float64], y: NDArray[np.float64], n_terms: int, symmetric: bool, w: float
-) -> FourierFit:
+def _described(x: Array, y: Array, n_terms: int, symmetric: bool, w: float) -> FourierFit:
     functions = _functions(x, w, n_terms, symmetric)
     solved = _solved(functions, y)
     cosine = solved[1 : n_terms + 1]
@@ -184,13 +173,7 @@ def _described(
     )
 
 
-def _covariance(
-    x: NDArray[np.float64],
-    solved: NDArray[np.float64],
-    n_terms: int,
-    symmetric: bool,
-    w: float,
-) -> NDArray[np.float64]:
+def _covariance(x: Array, solved: Array, n_terms: int, symmetric: bool, w: float) -> Array:
     """Covariance of (a0, a, b, w) for residuals of unit variance, by the centred coefficients."""
     functions = _functions(x, w, n_terms, symmetric)
     n = np.arange(1, n_terms + 1)

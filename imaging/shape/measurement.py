@@ -4,8 +4,8 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..quality import Quality
 from .fourier import FourierFit, fit_fourier
 
@@ -22,11 +22,11 @@ class Trace:
             the turned one.
     """
 
-    rows: NDArray[np.float64]
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    lower: NDArray[np.float64]
+    rows: Array
+    left: Array
+    right: Array
+    upper: Array
+    lower: Array
     turned: bool = False
 
 
@@ -93,9 +93,9 @@ class Measurement:
     path: str
     time: float
     method: str
-    z: NDArray[np.float64]
-    diameter: NDArray[np.float64]
-    diameter_stderr: NDArray[np.float64]
+    z: Array
+    diameter: Array
+    diameter_stderr: Array
     length: float
     px_per_m: float
     roll: float

@@ -5,8 +5,8 @@ import math
 from os import PathLike, fspath
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image
 from ..camera.amount import amount_of_luma
 from ..camera.pinhole import Camera, Silhouette, profile_from_silhouette, ring_position
 from ..camera.read import Reader, read_image
@@ -27,7 +27,7 @@ _LEAST_WIDTH = 16  # px
 
 
 def measure(
-    image: str | PathLike[str] | NDArray[np.uint8],
+    image: str | PathLike[str] | Image,
     recipe: Recipe,
     *,
     time: float | None = None,
@@ -63,7 +63,7 @@ def measure(
         raise
 
 
-def _checked(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _checked(rgb: Image) -> Image:
     if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or min(rgb.shape[:2]) < 64:
         raise ValueError(
             "a picture is RGB of dtype uint8 and shape (h, w, 3), 64 px or more each way; got "
@@ -72,7 +72,7 @@ def _checked(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return rgb
 
 
-def _upright(rgb: NDArray[np.uint8], recipe: Recipe, path: str, time: float) -> Measurement:
+def _upright(rgb: Image, recipe: Recipe, path: str, time: float) -> Measurement:
     """The measurement of a picture that is turned first where the recipe says so."""
     camera = recipe.camera(rgb.shape[1], rgb.shape[0])
     if recipe.orientation != "horizontal":
@@ -89,13 +89,7 @@ def _upright(rgb: NDArray[np.uint8], recipe: Recipe, path: str, time: float) -> 
 
 
 def _measured(
-    rgb: NDArray[np.uint8],
-    camera: Camera,
-    recipe: Recipe,
-    path: str,
-    time: float,
-    *,
-    turned: bool,
+    rgb: Image, camera: Camera, recipe: Recipe, path: str, time: float, *, turned: bool
 ) -> Measurement:
     if recipe.method == "pixel":
         return measure_pixels(rgb, recipe, path=path, time=time, turned=turned)
@@ -137,7 +131,7 @@ def _body(camera: Camera, outline: Outline, offset: float) -> Silhouette:
 
 
 def _ring(
-    rgb: NDArray[np.uint8],
+    rgb: Image,
     coarse: Segmentation,
     tape: Tape,
     outline: Outline,

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Image, Indices
 from ..errors import AmbiguousHue, Clipped, ExtraFitting, MissingFitting, NoMuscle
 from ..quality import Quality
 from ..recipe import Recipe
@@ -19,7 +20,7 @@ _HUES = 256
 _PIXEL_STDERR = 12**-0.5  # px, of a boundary that is known to a whole pixel
 
 
-def hue_saturation_value(rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
+def hue_saturation_value(rgb: Image) -> Array:
     """Hue, saturation and value of a colour picture, each in [0, 1]; hue 0 for grey.
 
     With V = max, delta = max - min: S = delta / V, and H = (G - B) / delta for a red maximum,
@@ -48,7 +49,7 @@ def hue_saturation_value(rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def measure_pixels(
-    rgb: NDArray[np.uint8], recipe: Recipe, *, path: str, time: float, turned: bool
+    rgb: Image, recipe: Recipe, *, path: str, time: float, turned: bool
 ) -> Measurement:
     """The muscle's shape by the reference work's steps, to a whole pixel.
 
@@ -114,12 +115,12 @@ def measure_pixels(
     )
 
 
-def _tilt(rows: NDArray[np.int64], middle: NDArray[np.float64]) -> float:
+def _tilt(rows: Indices, middle: Array) -> float:
     """Roll of the mid-line, clockwise positive [rad]."""
     return -float(np.arctan(np.polyfit(rows, middle, 1)[0]))
 
 
-def _boundary(value: NDArray[np.uint8]) -> tuple[NDArray[np.int32], float]:
+def _boundary(value: Image) -> tuple[NDArray[np.int32], float]:
     """Boundary of the largest object brighter than Otsu's level, and its separability."""
     split = otsu_split(counts_of(value))
     _, mask = cv2.threshold(value, 0, 255, cv2.THRESH_OTSU)
@@ -138,7 +139,7 @@ def _boundary(value: NDArray[np.uint8]) -> tuple[NDArray[np.int32], float]:
 
 
 def _fittings(
-    hsv: NDArray[np.uint8], inside: NDArray[np.uint8], tape_hue: float | None
+    hsv: Image, inside: Image, tape_hue: float | None
 ) -> tuple[tuple[NDArray[np.int32], NDArray[np.int32]], float, float]:
     """Boundaries of the upper and lower fitting, separability and hue [deg]."""
     coloured = (inside > 0) & (hsv[..., 1] > _LEAST_STRENGTH)
@@ -179,7 +180,7 @@ def _fittings(
     return (pair[0], pair[1]), split.eta, means[1 if take_upper else 0]
 
 
-def _emptiest(counts: NDArray[np.float64]) -> int:
+def _emptiest(counts: Array) -> int:
     """The middle of the longest run of hues that nearly no pixel has."""
     empty = counts <= 0.001 * counts.max()
     if not empty.any():
@@ -192,9 +193,7 @@ def _emptiest(counts: NDArray[np.float64]) -> int:
     return (end - int(run[end]) // 2) % counts.size
 
 
-def _edges(
-    boundary: NDArray[np.int32], first: int, last: int
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _edges(boundary: NDArray[np.int32], first: int, last: int) -> tuple[Indices, Array, Array]:
     """Leftmost and rightmost boundary pixel of each row between the fittings."""
     u, v = boundary.T
     between = (v >= first) & (v <= last)

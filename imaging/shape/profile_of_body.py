@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from ..arrays import Array
 from ..camera.pinhole import Camera, Silhouette
 from ..outline.both_sides import Outline
 from ..outline.smoother import correlated_points, smooth
@@ -88,7 +88,7 @@ def measurement_of_body(
     )
 
 
-def _random_part(outline: Outline) -> tuple[NDArray[np.float64], float]:
+def _random_part(outline: Outline) -> tuple[Array, float]:
     """Random error of the width in every row [px], and its density, variance times length [px^3].
 
     The larger of two: what passes the smoothing of the edges' scatter, and the scatter of the
@@ -126,7 +126,7 @@ def _scatter_of_middle(outline: Outline) -> tuple[float, float]:
     return 2 * float(np.sqrt(np.mean(off**2))), correlated_points(off)
 
 
-def _radius_at(body: Silhouette, y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _radius_at(body: Silhouette, y: Array) -> Array:
     """Cubic inside; beyond the ends the parabola through the rows next to them."""
     radius = CubicSpline(body.y, body.radius)(y)
     for upper, outside in ((True, y < body.y[0]), (False, y > body.y[-1])):

@@ -10,12 +10,13 @@ from typing import Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Image
 from .ruler import RulerScene
 from .scene import Jpeg, Scene, Sensor
 from .truth import RulerTruth, Truth
 
 
-def encode_jpeg(rgb: NDArray[np.uint8], jpeg: Jpeg) -> bytes:
+def encode_jpeg(rgb: Image, jpeg: Jpeg) -> bytes:
     """A JPEG file of this picture."""
     import cv2  # noqa: PLC0415 - heavy, and needed here only
 
@@ -27,7 +28,7 @@ def encode_jpeg(rgb: NDArray[np.uint8], jpeg: Jpeg) -> bytes:
     return data.tobytes()
 
 
-def decode_jpeg(data: bytes) -> NDArray[np.uint8]:
+def decode_jpeg(data: bytes) -> Image:
     """The picture of a JPEG file, RGB."""
     import cv2  # noqa: PLC0415 - heavy, and needed here only
 
@@ -64,7 +65,7 @@ class Photo(Generic[T]):
         time: when it was taken, local time.
     """
 
-    rgb: NDArray[np.uint8]
+    rgb: Image
     shown: T | None
     file: bytes | None
     time: datetime.datetime | None = None

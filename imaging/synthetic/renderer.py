@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from .exposure import LinearPhoto, Photo, expose
 from .ruler import Ruler, RulerScene
 from .scene import Lens, Scene
@@ -46,7 +47,6 @@ def _disk(radius: float) -> NDArray[np.floating]:
     return (part / part.sum()).astype(np.float32)
 
 
-Array = NDArray[np.float64]
 _BLOCK_ROWS = 64
 _SAMPLES, _SHIFT = 55, 34  # neighbours in Fibonacci's sequence: an even lattice in a pixel
 _CHUNK = 4096  # pixels sampled at once

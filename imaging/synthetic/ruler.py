@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Flags
 from ..camera.pinhole import Camera
 from .muscle import INCH
 from .scene import (
@@ -98,7 +99,6 @@ def published_ruler(*, size: tuple[int, int] = PUBLISHED_CROP) -> RulerScene:
     return RulerScene(Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre), size)
 
 
-Array = NDArray[np.float64]
 _NUMBERS_PER_M = 12000  # px of the raster that holds the printed numbers
 _GRAIN = 0.05
 
@@ -113,7 +113,7 @@ class _Row:
     lengths: Array
     visible: Array
 
-    def covers(self, s: Array, inward: Array, width: float) -> NDArray[np.bool_]:
+    def covers(self, s: Array, inward: Array, width: float) -> Flags:
         """Whether a mark of this width lies at s along the strip, `inward` of the edge [m]."""
         nearest = np.rint((s - self.places[0]) / self.pitch).astype(np.intp)
         k = np.clip(nearest, 0, self.places.size - 1)

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..camera.pinhole import Camera
 from ..camera.tone import Tone
 from .muscle import (
@@ -42,7 +43,7 @@ class Lamp:
         if not (self.softness > 0 and self.strength >= 0 and np.linalg.norm(self.direction) > 0):
             raise ValueError(f"a lamp has a direction, strength >= 0 and softness > 0; got {self}")
 
-    def irradiance(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def irradiance(self, normal: Array) -> Array:
         """Light on surfaces with these normals, shape (n, 3) -> (n,)."""
         direction = np.array(self.direction) / np.linalg.norm(self.direction)
         x, w = normal @ direction, self.softness
@@ -87,9 +88,7 @@ class Light:
         """One hard lamp at the camera: the limb at 8 percent, where thresholds fail."""
         return cls((Lamp((0.0, -0.05, -1.0), 1.0, 0.02),), ambient=0.08)
 
-    def on_threads(
-        self, normal: NDArray[np.float64], sight: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def on_threads(self, normal: Array, sight: Array) -> Array:
         """Light that white threads send to the camera.
 
         Args:
@@ -113,9 +112,7 @@ class Light:
         return total
 
 
-def _oren_nayar(
-    normal: NDArray[np.float64], lamp: NDArray[np.float64], sight: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _oren_nayar(normal: Array, lamp: Array, sight: Array) -> Array:
     """The factor by which a rough surface scatters more than Lambert's, shape (n,)."""
     lamp = lamp / np.linalg.norm(lamp)
     cos_i = np.clip(normal @ lamp, 0.05, 1)
@@ -191,7 +188,7 @@ class Sensor:
                 f"sharpening >= 0, and a curve that never falls, s_curve in [-2, 1]; got {self}"
             )
 
-    def encoded(self, light: NDArray[np.floating]) -> NDArray[np.float64]:
+    def encoded(self, light: NDArray[np.floating]) -> Array:
         """Encoded value in [0, 1] of linear light; light above 1 and below 0 is cut off."""
         light = np.clip(np.asarray(light, float), 0, 1)
         e = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)

@@ -8,17 +8,17 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from famjax.boundary.units import factor
 
+from ..arrays import Array
 from .exposure import Photo
 from .muscle import stroke_shape
 from .renderer import render
 from .scene import Scene
 from .truth import Truth
 
-Array = NDArray[np.float64]
 Contraction = Callable[[Array], ArrayLike]
 START = datetime.datetime(2021, 3, 1, 10, 0, 0)
 

@@ -3,11 +3,9 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .world import World
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,11 +6,11 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Flags
 from ..camera.pinhole import Camera, turned
 from .muscle import MuscleScene, Tape, Weave
 from .scene import Light
 
-Array = NDArray[np.float64]
 _STEPS = 3
 
 
@@ -105,7 +105,7 @@ class Body:
             for column, constant in zip(self.columns, self.constant, strict=True)
         ]
 
-    def _relief(self, offset: Array, right: NDArray[np.bool_], y: Array) -> Array:
+    def _relief(self, offset: Array, right: Flags, y: Array) -> Array:
         """What the yarns add to R^2 on the side of the body where the ray passes."""
         i, part = self._place(y)
         side = right.astype(np.intp)

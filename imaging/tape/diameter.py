@@ -1,8 +1,8 @@
 """The tapes' diameter in the picture against the one that a caliper gives."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image
 from ..camera.pinhole import Camera, Silhouette, turned
 from ..errors import ScaleContradiction
 from ..outline.both_sides import find_outline
@@ -14,12 +14,7 @@ _FEWEST_ROWS = 12
 
 
 def check_tape_diameter(
-    rgb: NDArray[np.uint8],
-    coarse: Segmentation,
-    body: Silhouette,
-    camera: Camera,
-    recipe: Recipe,
-    known: float,
+    rgb: Image, coarse: Segmentation, body: Silhouette, camera: Camera, recipe: Recipe, known: float
 ) -> None:
     """Nothing, or the error that the scale and the tapes' known diameter exclude each other.
 
@@ -45,12 +40,7 @@ def check_tape_diameter(
 
 
 def tape_diameter(
-    rgb: NDArray[np.uint8],
-    coarse: Segmentation,
-    tape: Tape,
-    body: Silhouette,
-    camera: Camera,
-    recipe: Recipe,
+    rgb: Image, coarse: Segmentation, tape: Tape, body: Silhouette, camera: Camera, recipe: Recipe
 ) -> float:
     """Diameter [m] of a tape, a cylinder about the muscle's axis, by the limb model.
 

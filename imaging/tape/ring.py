@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from ..arrays import Array, Flags, Image
 from ..camera.amount import LUMA
 from ..camera.pinhole import Camera, turned
 from ..camera.tone import Tone
@@ -45,14 +45,14 @@ class Ring:
     tilt: float
     spread: float
     blur: float
-    arc: NDArray[np.float64]
+    arc: Array
 
 
 def find_ring(
-    rgb: NDArray[np.uint8],
+    rgb: Image,
     tone: Tone,
     camera: Camera,
-    colours: tuple[NDArray[np.float64], NDArray[np.float64]],
+    colours: tuple[Array, Array],
     *,
     y: float,
     radius_at: Callable[[float], float],
@@ -92,17 +92,15 @@ def find_ring(
         rgb, tone, camera, colours, y, radius_at(y), x0, roll, 2 * len(_window(blur))
     )
 
-    def around(y: float, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def around(y: float, t: Array) -> tuple[Array, ...]:
         radius = radius_at(y)
         lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
         return lateral, *_seen(camera, y + inward * t * px, lateral, radius, x0, roll)
 
-    def uncovered(y: float, s: float) -> NDArray[np.bool_]:
+    def uncovered(y: float, s: float) -> Flags:
         return tape_shows(rgb, tone, colours, *around(y, behind(s))[1:])
 
-    def unrolled(
-        y: float, t: NDArray[np.float64], shows: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    def unrolled(y: float, t: Array, shows: Flags) -> tuple[Array, Array, float]:
         lateral, u, v = around(y, t)
         grid = amounts.at(u, v)
         lit = _lit(grid, t)
@@ -143,19 +141,14 @@ def find_ring(
     )
 
 
-def _window(blur: float) -> NDArray[np.float64]:
+def _window(blur: float) -> Array:
     half = round(max(12.0, 5 * blur))
     return np.arange(-half, half + 1.0)
 
 
 def _seen(
-    camera: Camera,
-    y: NDArray[np.float64],
-    lateral: NDArray[np.float64],
-    radius: float,
-    x0: float,
-    roll: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    camera: Camera, y: Array, lateral: Array, radius: float, x0: float, roll: float
+) -> tuple[Array, Array]:
     """Picture positions of the points of the cylinder at each lateral position and y."""
     depth = camera.distance - np.sqrt(
         np.maximum(radius**2 - lateral**2, 0.0)
@@ -168,11 +161,11 @@ def _seen(
 class _Amounts:
     """The amount of braid against tape in a part of the picture, as a cubic spline's coefficients."""
 
-    spline: NDArray[np.float64]
+    spline: Array
     u0: int
     v0: int
 
-    def at(self, u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, u: Array, v: Array) -> Array:
         """The amount at picture positions, of their shape; beyond the part that of its border."""
         where = [v - self.v0, u - self.u0]
         return np.asarray(
@@ -181,10 +174,10 @@ class _Amounts:
 
 
 def _amounts(
-    rgb: NDArray[np.uint8],
+    rgb: Image,
     tone: Tone,
     camera: Camera,
-    colours: tuple[NDArray[np.float64], NDArray[np.float64]],
+    colours: tuple[Array, Array],
     y: float,
     radius: float,
     x0: float,
@@ -206,21 +199,19 @@ def _amounts(
     return _Amounts(np.asarray(spline_filter(patch, 3, mode="mirror")), u0, v0)
 
 
-def _lit(grid: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _lit(grid: Array, t: Array) -> Flags:
     """Lateral positions where the braid behind the edge is lit; a black thread shows no edge."""
     height = grid[:, (t > 1) & (t < 6)].mean(axis=1)
     return height > _DARK_THREAD * np.sort(height)[int(0.7 * height.size)]
 
 
-def _blurred_step(
-    profile: NDArray[np.float64], t: NDArray[np.float64], start: float
-) -> tuple[float, float]:
+def _blurred_step(profile: Array, t: Array, start: float) -> tuple[float, float]:
     """Shift and blur of the step in the mean profile."""
 
-    def blur_of(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+    def blur_of(unknown: Array) -> Array:
         return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
 
-    def fitted(unknown: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def fitted(unknown: Array) -> tuple[Array, Array]:
         return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
 
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
@@ -235,9 +226,7 @@ def _blurred_step(
     return float(best[0]), float(blur_of(best)[0])
 
 
-def _group_shifts(
-    groups: NDArray[np.float64], t: NDArray[np.float64], s: float
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _group_shifts(groups: Array, t: Array, s: float) -> tuple[Array, Flags]:
     near = np.abs(t) <= max(8.0, 3 * s)
     delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
     centre = np.median(delta)

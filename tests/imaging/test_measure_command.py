@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from famjax.commands.measure_options import command_recipe, expand, parse_scale
+from famjax.commands.measure_options import command_recipe, parse_scale
 from imaging import ImagingError, read_recipe
+from imaging.campaign.picture_files import expand
 from imaging.errors import AmbiguousRuler
 from imaging.synthetic import (
     published_ruler,
@@ -111,7 +112,7 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
         (["PHOTOS"], "the scale is needed"),
         (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with its error and unit"),
         (["PHOTOS", "--scale", "56 px/in", "--ruler", "RULER"], "given twice"),
-        (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "distance is a number|a length is"),
+        (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "has no unit"),
         (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "1459"], "two numbers"),
         (
             ["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5", "--frame-size", "20,20"],
@@ -151,7 +152,7 @@ def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(imaging.campaign.run, "in_this_process", stopped)
+    monkeypatch.setattr(imaging.campaign.run, "_in_this_process", stopped)
     code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
     assert code == 130
     assert "Run the same command again to go on" in capsys.readouterr().err
