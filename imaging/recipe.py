@@ -7,7 +7,7 @@ import numpy as np
 
 from .camera.pinhole import Camera
 from .camera.tone import Tone
-from .quality import Limits
+from .quality import QualityLimits
 from .ruler.scale import RulerReading, Scale
 
 METHODS = ("limb", "gradient", "half-level", "pixel")
@@ -61,7 +61,7 @@ class Recipe:
     blur_px: float | None = None
     edge_offset_px: float = 0.0
     resolution_px: float | None = None
-    limits: Limits = dataclasses.field(default_factory=Limits)
+    limits: QualityLimits = dataclasses.field(default_factory=QualityLimits)
     ruler: RulerReading = dataclasses.field(default_factory=RulerReading)
 
     def __post_init__(self) -> None:

@@ -69,7 +69,7 @@ def measured_rows(
 
     from ..shape.one_picture import measure  # noqa: PLC0415
 
-    options = {} if reader is None else {"reader": reader}
+    options: dict[str, Any] = {} if reader is None else {"reader": reader}
     rows = []
     for path in paths:
         facts = file_facts(path)

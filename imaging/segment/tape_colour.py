@@ -61,7 +61,7 @@ def split_by_colour(rgb: Image, muscle: Image, tape_hue: float | None) -> Colour
     take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
     if tape_hue is not None:
         sides = (sample[upper], sample[~upper])
-        away = [_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
+        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
         nearest = bool(away[0] <= away[1])
         if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
             take_upper = nearest
@@ -81,7 +81,8 @@ def hue_of(rgb: NDArray[np.floating]) -> float:
     return 360 * colorsys.rgb_to_hsv(red, green, blue)[0]
 
 
-def _apart(a: float, b: float) -> float:
+def hues_apart(a: float, b: float) -> float:
+    """Distance of two hues around the circle [deg], 0 to 180."""
     return abs((a - b + 180) % 360 - 180)
 
 

@@ -107,7 +107,7 @@ class Measurement:
     @property
     def length_stderr(self) -> float:
         """Standard error of the length [m]."""
-        return float(np.hypot(self.errors.ends, self.length * self.errors.scale))
+        return math.hypot(self.errors.ends, self.length * self.errors.scale)
 
     @property
     def mean_diameter(self) -> float:
@@ -119,13 +119,8 @@ class Measurement:
         """Standard error of the mean diameter [m]."""
         mean = self.mean_diameter
         at_ends = float(self.diameter[[0, -1]].mean() - mean) / self.length * self.errors.ends
-        parts = (
-            self.errors.edge,
-            math.sqrt(self.errors.density / self.length),
-            at_ends,
-            mean * self.errors.scale,
-        )
-        return float(np.sqrt(np.sum(np.square(parts))))
+        random = math.sqrt(self.errors.density / self.length)
+        return math.hypot(self.errors.edge, random, at_ends, mean * self.errors.scale)
 
     @property
     def maximum_diameter(self) -> float:
@@ -143,13 +138,8 @@ class Measurement:
         by_edge = np.pi / 2 * float(np.trapezoid(self.diameter, self.z)) * self.errors.edge
         squared = float(np.trapezoid((np.pi / 2 * self.diameter) ** 2, self.z))
         at_ends = np.pi / 4 * float(np.mean(self.diameter[[0, -1]] ** 2)) * self.errors.ends
-        parts = (
-            by_edge,
-            math.sqrt(self.errors.density * squared),
-            at_ends,
-            3 * self.volume * self.errors.scale,
-        )
-        return float(np.sqrt(np.sum(np.square(parts))))
+        random = math.sqrt(self.errors.density * squared)
+        return math.hypot(by_edge, random, at_ends, 3 * self.volume * self.errors.scale)
 
     def contraction(self, rest: "float | Measurement") -> tuple[float, float]:
         """Contraction (L0 - L) / L0 and its standard error.
@@ -168,8 +158,7 @@ class Measurement:
         if not length > 0:
             raise ValueError(f"the rest length must be > 0, got {length} m")
         ratio = self.length / length
-        parts = (ends / length, ratio * at_rest / length, ratio * scale)
-        return 1 - ratio, float(np.sqrt(np.sum(np.square(parts))))
+        return 1 - ratio, math.hypot(ends / length, ratio * at_rest / length, ratio * scale)
 
     def arc_length(self) -> float:
         """Length of the outline from tape to tape [m], integral of sqrt(1 + R'^2)."""

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..arrays import Image
-from ..camera.pinhole import Camera, Silhouette, turned
+from ..camera.pinhole import Camera, turned
+from ..camera.silhouette import Silhouette
 from ..errors import ScaleContradiction
 from ..outline.both_sides import find_outline
 from ..recipe import Recipe
@@ -20,7 +21,7 @@ def check_tape_diameter(
 
     Raises:
         ScaleContradiction: the tapes' mean diameter differs from the known one by more than
-            `Limits.scale_contradiction`, or a tape shows too few rows to tell.
+            `QualityLimits.scale_contradiction`, or a tape shows too few rows to tell.
     """
     seen = [
         tape_diameter(rgb, coarse, tape, body, camera, recipe)

@@ -1,7 +1,6 @@
 """Where a tape's inner edge lies along the muscle's axis: the edge of a ring, seen as an arc."""
 
 import dataclasses
-from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from ..arrays import Array, Flags, Image
 from ..camera.amount import LUMA
 from ..camera.pinhole import Camera, turned
+from ..camera.silhouette import Silhouette
 from ..camera.tone import Tone
 from ..errors import MissingFitting
 from ..outline.edge_fit import best_shift, height_and_rest, least_squares
@@ -34,7 +34,6 @@ class Ring:
     Attributes:
         y: position along the axis, as in `Silhouette` [m].
         stderr: its random standard error [m].
-        tilt: angle against the axis' normal plane, as the camera sees it [rad].
         spread: standard deviation of the edge along the tape [px].
         blur: Gaussian blur of the edge along the axis [px].
         arc: points u, v of the edge in the picture [px], shape (2, n).
@@ -42,7 +41,6 @@ class Ring:
 
     y: float
     stderr: float
-    tilt: float
     spread: float
     blur: float
     arc: Array
@@ -53,11 +51,9 @@ def find_ring(
     tone: Tone,
     camera: Camera,
     colours: tuple[Array, Array],
+    body: Silhouette,
     *,
     y: float,
-    radius_at: Callable[[float], float],
-    x0: float,
-    roll: float,
     lower: bool,
     blur: float,
 ) -> Ring:
@@ -73,11 +69,9 @@ def find_ring(
         tone: the camera's tone curve.
         camera: the camera.
         colours: of tape and braid, encoded values 0 to 255, each of shape (3,).
+        body: whose radius the ring has; where the muscle swells right behind the tape, it matters
+            where on the slope the ring lies.
         y: position to within some pixels [m].
-        radius_at: R [m] at positions near the edge [m]; where the muscle swells right behind the
-            tape, it matters where on the slope the ring lies.
-        x0: of the axis, as in `Silhouette` [m].
-        roll: of the axis, as in `Silhouette` [rad].
         lower: the tape is at the lower end.
         blur: of the outline [px], where the search for the edge's own blur starts.
 
@@ -86,16 +80,13 @@ def find_ring(
     """
     px = 1 / camera.px_per_m
     inward = -1 if lower else 1
-    n = max(4 * _GROUPS, int(2 * _WIDTH * radius_at(y) / px))
+    n = max(4 * _GROUPS, int(2 * _WIDTH * float(body.radius_at(y)) / px))
+    amounts = _amounts(rgb, tone, camera, colours, body, y, 2 * len(_window(blur)))
 
-    amounts = _amounts(
-        rgb, tone, camera, colours, y, radius_at(y), x0, roll, 2 * len(_window(blur))
-    )
-
-    def around(y: float, t: Array) -> tuple[Array, ...]:
-        radius = radius_at(y)
+    def around(y: float, t: Array) -> tuple[Array, Array, Array]:
+        radius = float(body.radius_at(y))
         lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
-        return lateral, *_seen(camera, y + inward * t * px, lateral, radius, x0, roll)
+        return lateral, *_seen(camera, body, y + inward * t * px, lateral, radius)
 
     def uncovered(y: float, s: float) -> Flags:
         return tape_shows(rgb, tone, colours, *around(y, behind(s))[1:])
@@ -129,12 +120,11 @@ def find_ring(
     left_over = delta[keep] - slope * where[keep] / px - offset
     spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
     y += inward * float(offset) * px
-    u, v = _seen(camera, np.array([y]), lateral, radius_at(y), x0, roll)
+    u, v = _seen(camera, body, np.array([y]), lateral, float(body.radius_at(y)))
     return Ring(
         y=y,
         # Groups in the width of one thread are moved together.
         stderr=spread * np.sqrt(correlated_points(left_over) / keep.sum()) * px,
-        tilt=float(np.arctan(inward * slope)),
         spread=spread,
         blur=s,
         arc=np.stack([u[:, 0], v[:, 0]]),
@@ -147,14 +137,12 @@ def _window(blur: float) -> Array:
 
 
 def _seen(
-    camera: Camera, y: Array, lateral: Array, radius: float, x0: float, roll: float
+    camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float
 ) -> tuple[Array, Array]:
-    """Picture positions of the points of the cylinder at each lateral position and y."""
-    depth = camera.distance - np.sqrt(
-        np.maximum(radius**2 - lateral**2, 0.0)
-    )  # the rim itself rounds below
-    X, Y = turned((x0 + lateral)[:, None], y[None, :], roll)
-    return camera.pixels(X, Y, depth[:, None])
+    """Picture positions of a cylinder about the body's axis, at each lateral position and y."""
+    rim = np.maximum(radius**2 - lateral**2, 0.0)  # the rim itself rounds below
+    X, Y = turned((body.x0 + lateral)[:, None], y[None, :], body.roll)
+    return camera.pixels(X, Y, camera.distance - np.sqrt(rim)[:, None])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,15 +166,14 @@ def _amounts(
     tone: Tone,
     camera: Camera,
     colours: tuple[Array, Array],
+    body: Silhouette,
     y: float,
-    radius: float,
-    x0: float,
-    roll: float,
     reach: int,
 ) -> _Amounts:
     """The part of the picture around a ring, to `reach` px above and below."""
+    radius = float(body.radius_at(y))
     around = y + np.array([-reach, reach]) / camera.px_per_m
-    u, v = _seen(camera, around, np.array([-1.0, 0.0, 1.0]) * radius, radius, x0, roll)
+    u, v = _seen(camera, body, around, np.array([-1.0, 0.0, 1.0]) * radius, radius)
     v0, u0 = (max(int(np.floor(x.min())) - 3, 0) for x in (v, u))
     v1, u1 = int(np.ceil(v.max())) + 4, int(np.ceil(u.max())) + 4
     tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
