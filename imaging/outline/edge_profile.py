@@ -96,7 +96,7 @@ def limb(
 ) -> Array:
     """Brightness across a limb, the step under blur plus kappa (root under blur), elementwise.
 
-    Of the blur's shape the root, which is smooth, takes no notice.
+    The root is smooth: the shape of the blur does not matter to it.
     """
     edge = defocused_step(t, s, disk) if np.any(disk) else step(t, s)
     return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge

@@ -31,6 +31,7 @@ def smooth(position: Array, resolution: float, weight: Array | None = None) -> A
     References:
         Whittaker 1923; Eilers 2003, Anal. Chem. 75, equation 6.
     """
+    # SciPy's smoothing splines penalise the second derivative: a parabola would not pass unchanged.
     w = np.ones_like(position) if weight is None else weight
     band = penalty(position.size) * _strength(resolution)  # a new array
     band[-1] += w

@@ -28,7 +28,6 @@ class Numbered:
         coefficients: a, b, c of px(n) = (a + b n) / (1 + c n).
         covariance: of them, shape (3, 3).
         residual: root mean square about the fit [px].
-        found: marks seen, numbered or not.
     """
 
     number: Indices
@@ -36,7 +35,6 @@ class Numbered:
     coefficients: Array
     covariance: Array
     residual: float
-    found: int
 
     @property
     def expected(self) -> int:
@@ -63,11 +61,8 @@ def marks_of(profile: Array, pitch: float) -> Array:
     fine = np.arange(0, profile.size - 1 + 1 / (2 * _FINER), 1 / _FINER)
     slope = CubicSpline(np.arange(profile.size), smooth)(fine, 1)
     pitch *= _FINER
-    return (
-        1
-        / _FINER
-        * min((_pairs(sign * slope, pitch) for sign in (1, -1)), key=lambda pair: pair[1])[0]
-    )
+    places, _ = min((_pairs(sign * slope, pitch) for sign in (1, -1)), key=lambda pair: pair[1])
+    return places / _FINER
 
 
 def _pairs(slope: Array, pitch: float) -> tuple[Array, float]:
@@ -135,7 +130,7 @@ def numbered(places: Array, pitch: float) -> Numbered | None:
     variance = float(off @ off) / max(number.size - 3, 1)
     covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian) * variance, np.float64)
     residual = float(np.sqrt(np.mean(off**2)))
-    return Numbered(number, kept, fit, covariance, residual, places.size)
+    return Numbered(number, kept, fit, covariance, residual)
 
 
 def _typical_pitch(places: Array, pitch: float) -> float:
@@ -158,11 +153,9 @@ def _counted(places: Array, pitch: float) -> tuple[Indices, Flags]:
 def _one_each(number: Indices, off: Array, among: Flags) -> Flags:
     """The mark nearest to the model for each number."""
     order = np.lexsort((off, ~among, number))
-    first = np.ones(order.size, bool)
-    first[1:] = np.diff(number[order]) != 0
-    out = np.zeros(order.size, bool)
-    out[order[first]] = True
-    return out
+    nearest = np.zeros(order.size, bool)
+    nearest[order[np.unique(number[order], return_index=True)[1]]] = True
+    return nearest
 
 
 def _place(fit: Array, number: Indices) -> Array:

@@ -12,7 +12,6 @@ from ..arrays import Array, Flags, Image, Indices, Single
 
 _PITCHES = (5.0, 220.0)  # px between marks
 _STRIP = 6  # columns that are averaged in the search
-_HIGHPASS = 4.0  # pitches over which the background of the marks is taken
 _REGULAR = 0.35  # least autocorrelation one pitch on
 _HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
 _MOST = 12  # strips tried
@@ -154,21 +153,23 @@ def _autocorrelation(rows: Single, lags: int) -> Single:
 
 def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float, float, float]]:
     """Neighbouring strips of one pitch, joined."""
-    runs, start = [], None
-    for i in range(regular.size + 1):
-        ends = start is not None and (
-            i == regular.size or not regular[i] or abs(lag[i] - lag[start]) > 1 + 0.03 * lag[start]
+    runs: list[list[int]] = []
+    for i in np.flatnonzero(regular).tolist():
+        start = runs[-1][0] if runs and runs[-1][-1] == i - 1 else None
+        if start is not None and abs(lag[i] - lag[start]) <= 1 + 0.03 * lag[start]:
+            runs[-1].append(i)
+        else:
+            runs.append([i])
+    half = _STRIP // 2
+    return [
+        (
+            float(score[run].sum()),
+            ((run[0] + run[-1]) / 2 + 1) * half,
+            max(len(run) * half - 2.0, _STRIP / 2),
+            float(np.median(lag[run])),
         )
-        if ends and start is not None:
-            members = slice(start, i)
-            middle = ((start + i - 1) / 2 + 1) * (_STRIP // 2)
-            width = max((i - start) * (_STRIP // 2) - 2.0, _STRIP / 2)
-            pitch = float(np.median(lag[members]))
-            runs.append((float(score[members].sum()), middle, width, pitch))
-            start = None
-        if i < regular.size and regular[i] and start is None:
-            start = i
-    return runs
+        for run in runs
+    ]
 
 
 def _line(back: Array, samples: int, column: float, width: float, pitch: float) -> Line:

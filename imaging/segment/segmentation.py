@@ -7,7 +7,7 @@ import numpy as np
 
 from ..arrays import Array, Image, Indices
 from ..errors import Clipped, MissingFitting, NoMuscle, WrongOrientation
-from .masks import Mask, both, dilated, eroded, outside, sampled
+from .masks import Mask, sampled, shaped
 from .muscle_mask import MuscleMask, muscle_mask
 from .tape_colour import split_by_colour
 from .tapes import Patch, two_tapes
@@ -21,7 +21,7 @@ _MARGIN = 40  # pixels around the muscle that are kept as cloth
 
 
 @dataclasses.dataclass(frozen=True)
-class Tape:
+class TapeBand:
     """One tape ring as it lies in the picture [px].
 
     Attributes:
@@ -54,8 +54,8 @@ class Segmentation:
     rows: Indices
     left: Array
     right: Array
-    upper: Tape
-    lower: Tape
+    upper: TapeBand
+    lower: TapeBand
     cloth: Array
     braid: Array
     tape: Array
@@ -123,9 +123,9 @@ def _look(rgb: Image, step: int, tape_hue: float | None) -> _Look:
     small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
     soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
     muscle = muscle_mask(soft)
-    colour = split_by_colour(soft, muscle.lit, tape_hue)
-    upper, lower = two_tapes(colour.mask, muscle.lit, colour.eta, step)
-    return _Look(step, small, muscle, colour.mask, upper, lower, colour.eta)
+    tape, eta_hue = split_by_colour(soft, muscle.lit, tape_hue)
+    upper, lower = two_tapes(tape, muscle.lit, eta_hue, step)
+    return _Look(step, small, muscle, tape, upper, lower, eta_hue)
 
 
 def _around(look: _Look, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
@@ -163,11 +163,11 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
             right_px=int(right.max() * step),
         )
     at = np.arange(first, last + 1) * step
-    body = eroded(look.muscle.lit, 5)
+    body = shaped(look.muscle.lit, cv2.MORPH_ERODE, 5)
     inside = np.zeros_like(body)
     inside[first : last + 1] = body[first : last + 1]
-    cloth = outside(dilated(look.muscle.whole, 9))
-    tape = both(look.tape, body)
+    cloth = ~shaped(look.muscle.whole, cv2.MORPH_DILATE, 9)
+    tape = look.tape & body
     braid = _pixels(look.small, inside)
     return Segmentation(
         rows=rows + v0,
@@ -192,7 +192,7 @@ def _pixels(small: Image, mask: Mask) -> Image:
     return pixels
 
 
-def _tape(found: Patch, *, lower: bool) -> Tape:
+def _tape(found: Patch, *, lower: bool) -> TapeBand:
     x, y, patch = found.x, found.y, found.mask
     h, w = patch.shape
     edge = y + (np.argmax(patch, axis=0) if lower else h - 1 - np.argmax(patch[::-1], axis=0))
@@ -200,7 +200,7 @@ def _tape(found: Patch, *, lower: bool) -> Tape:
     middle = slice(w // 8, w - w // 8)
     inner = _robust_parabola(columns[middle].astype(float), edge[middle].astype(float))
     limbs = np.polyval(inner, np.array([x, x + w - 1.0]))
-    return Tape(y, y + h, x, x + w, inner, (float(limbs[0]), float(limbs[1])))
+    return TapeBand(y, y + h, x, x + w, inner, (float(limbs[0]), float(limbs[1])))
 
 
 def _robust_parabola(x: Array, y: Array) -> Array:
@@ -211,13 +211,13 @@ def _robust_parabola(x: Array, y: Array) -> Array:
     return np.polyfit(x[keep], y[keep], 2)
 
 
-def _moved(tape: Tape, step: int, v0: int, u0: int) -> Tape:
+def _moved(tape: TapeBand, step: int, v0: int, u0: int) -> TapeBand:
     """The tape in pixels of the whole picture."""
     a, b, c = tape.inner
     # v = step p((u - u0) / step) + v0
     inner = np.array([a / step, b - 2 * a * u0 / step, a * u0**2 / step - b * u0 + c * step + v0])
     upper, lower = tape.inner_limbs
-    return Tape(
+    return TapeBand(
         tape.top * step + v0,
         tape.bottom * step + v0,
         tape.left * step + u0,

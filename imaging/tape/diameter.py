@@ -8,7 +8,7 @@ from ..camera.silhouette import Silhouette
 from ..errors import ScaleContradiction
 from ..outline.both_sides import find_outline
 from ..recipe import Recipe
-from ..segment.segmentation import Segmentation, Tape
+from ..segment.segmentation import Segmentation, TapeBand
 
 _GUARD = 5  # px at a tape's ends that are left out
 _FEWEST_ROWS = 12
@@ -41,7 +41,12 @@ def check_tape_diameter(
 
 
 def tape_diameter(
-    rgb: Image, coarse: Segmentation, tape: Tape, body: Silhouette, camera: Camera, recipe: Recipe
+    rgb: Image,
+    coarse: Segmentation,
+    tape: TapeBand,
+    body: Silhouette,
+    camera: Camera,
+    recipe: Recipe,
 ) -> float:
     """Diameter [m] of a tape, a cylinder about the muscle's axis, by the limb model.
 
