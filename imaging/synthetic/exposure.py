@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Image
-from .ruler import RulerScene
-from .scene import Jpeg, Scene, Sensor
+from .scene import Jpeg, Sensor, Setting
 from .truth import RulerTruth, Truth
 
 
@@ -54,8 +53,25 @@ def stamped(data: bytes, time: datetime.datetime) -> bytes:
 T = TypeVar("T", Truth, RulerTruth)
 
 
+class _Shows(Generic[T]):
+    """A picture of something that is known."""
+
+    shown: T | None
+
+    @property
+    def truth(self) -> T:
+        """What a perfect measurement of the picture would find.
+
+        Raises:
+            ValueError: the cloth is alone in the picture.
+        """
+        if self.shown is None:
+            raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
+        return self.shown
+
+
 @dataclasses.dataclass(frozen=True)
-class Photo(Generic[T]):
+class Photo(_Shows[T]):
     """A photograph.
 
     Attributes:
@@ -69,17 +85,6 @@ class Photo(Generic[T]):
     shown: T | None
     file: bytes | None
     time: datetime.datetime | None = None
-
-    @property
-    def truth(self) -> T:
-        """What a perfect measurement of the picture would find.
-
-        Raises:
-            ValueError: the cloth is alone in the picture.
-        """
-        if self.shown is None:
-            raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
-        return self.shown
 
     def jpeg(self) -> bytes:
         """The JPEG file, time stamp included; `rgb` is what it decodes to.
@@ -116,7 +121,7 @@ _EXACT_POISSON_BELOW = 4.0  # electrons; above, a normal deviate with Poisson's 
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearPhoto(Generic[T]):
+class LinearPhoto(_Shows[T]):
     """The light that falls on the sensor, before noise.
 
     Attributes:
@@ -125,16 +130,9 @@ class LinearPhoto(Generic[T]):
         shown: see `Photo`.
     """
 
-    scene: Scene | RulerScene
+    scene: Setting
     light: NDArray[np.floating]
     shown: T | None
-
-    @property
-    def truth(self) -> T:
-        """What a perfect measurement of the picture would find; see `Photo.truth`."""
-        if self.shown is None:
-            raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
-        return self.shown
 
 
 def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -> Photo[T]:

@@ -1,6 +1,5 @@
 """A stroke: photographs at a camera's times, and the record of the test machine beside them."""
 
-import csv
 import dataclasses
 import datetime
 from collections.abc import Callable, Iterator
@@ -41,20 +40,15 @@ class StrokeLog:
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write time_s, displacement_in, force_lbf, pressure_psi as CSV; returns the path."""
-        path = Path(path)
-        columns = [
-            self.time,
-            self.displacement / factor("in", "length"),
-            self.force / factor("lbf", "force"),
-            self.pressure / factor("psi", "pressure"),
-        ]
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["time_s", "displacement_in", "force_lbf", "pressure_psi"])
-            writer.writerows(
-                [f"{value:.7g}" for value in row] for row in zip(*columns, strict=True)
-            )
-        return path
+        columns = {
+            "time_s": self.time,
+            "displacement_in": self.displacement / factor("in", "length"),
+            "force_lbf": self.force / factor("lbf", "force"),
+            "pressure_psi": self.pressure / factor("psi", "pressure"),
+        }
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(path, table, "%.7g", delimiter=",", header=",".join(columns), comments="")
+        return Path(path)
 
 
 def triangle_stroke(peak: float, period_s: float) -> Contraction:
