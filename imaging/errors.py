@@ -76,7 +76,7 @@ class Overexposed(ImagingError):
 
 
 class AmbiguousHue(ImagingError):
-    """The tape's colour cannot be told from the braid's."""
+    """The tape's colour cannot be distinguished from the braid's."""
 
 
 class MissingFitting(ImagingError):

@@ -32,10 +32,10 @@ class Recipe:
         tone: the camera's tone curve.
         method: "limb" is the default; "gradient" and "half-level" take the steepest point and half
             the local step in linear light; "pixel" is the method of the reference work.
-        orientation: of the muscle in the picture; "auto" turns it where needed. A picture that
-            lies is turned a quarter turn clockwise before it is measured.
+        orientation: of the muscle in the picture; "auto" turns it where needed. A horizontal
+            one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
-        tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked by it.
+        tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
         blur_px: of the outline [px]; None estimates it from the picture.
         edge_offset_px: added outward to each side of the outline [px], from a reference cylinder.
         resolution_px: wavelength along the axis that passes at half its height [px]; None takes

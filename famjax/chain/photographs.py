@@ -12,14 +12,9 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
 from fitting.records.machine_log import MachineLog, read_machine_log
 from fitting.records.motion_match import SyncError, Synchronisation, synchronise
-from imaging.campaign.check_pictures import write_check_pictures
-from imaging.campaign.columns import column_name
-from imaging.campaign.picture_files import expand
-from imaging.campaign.run import process
-from imaging.campaign.table import Table
-from imaging.errors import ImagingError
-from imaging.recipe import Recipe
-from imaging.shape.recipe_file import write_recipe
+from imaging import ImagingError, Recipe, Table, process
+from imaging.campaign import column_name, expand, write_check_pictures
+from imaging.shape import write_recipe
 
 _NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")
 """Of the machine's log."""

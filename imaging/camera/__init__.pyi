@@ -1,3 +1,9 @@
+from .amount import amount_of_luma as amount_of_luma
+from .jpeg_damage import (
+    JpegHeader as JpegHeader,
+    find_seam as find_seam,
+    read_header as read_header,
+)
 from .pinhole import (
     Camera as Camera,
     apparent_diameter as apparent_diameter,

@@ -1,7 +1,8 @@
-"""Damage of a JPEG file that its decoder passes over in silence: no end, or a seam in the picture.
+"""Damage of a JPEG file that its decoder does not report: no end, or a seam in the picture.
 
 Each block's mean is coded as its difference from the block before. A spoilt difference moves the
-level, or the colour, of all blocks from there on to the end of the picture.
+level, or the colour, of all blocks from there on to the end of the picture. Pillow, on the same
+libjpeg, does not report it either.
 """
 
 import dataclasses
@@ -25,7 +26,7 @@ _SCAN, _TABLES, _END = 0xDA, 0xDB, b"\xff\xd9"
 
 @dataclasses.dataclass(frozen=True)
 class JpegHeader:
-    """What a JPEG file says of itself ahead of its picture.
+    """What a JPEG file states ahead of its picture.
 
     Attributes:
         rows: of a coding unit [px], 8, or 16 where two rows of blocks share their colour; 0 where

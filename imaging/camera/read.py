@@ -25,7 +25,7 @@ _stderr_lock = threading.Lock()
 def read_image(path: str | PathLike[str]) -> Image:
     """The picture of a file as the sensor had it: RGB, not turned by its EXIF orientation.
 
-    OpenCV decodes damaged JPEG files in silence but for a line that libjpeg writes to the process'
+    OpenCV decodes damaged JPEG files without an error but for a line that libjpeg writes to the process'
     standard error; that line is caught here, and is a `DamagedImage`. A bit that flips in the
     file's data often earns no such line: where it has moved the level or the colour of all that
     follows, the seam is found in the picture. Where it has spoilt one block of 8 x 8 px, that stays.
@@ -79,7 +79,7 @@ def read_image(path: str | PathLike[str]) -> Image:
 
 
 def readable_part(path: str | PathLike[str]) -> Image | None:
-    """What of a picture can be decoded, for people to look at; None where nothing can."""
+    """The part of a picture that can be decoded, for display; None where nothing can."""
     try:
         data = Path(path).read_bytes()
     except OSError:

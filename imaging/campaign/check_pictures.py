@@ -1,4 +1,4 @@
-"""The pictures that a campaign leaves for people to check."""
+"""The pictures of a campaign for a check by eye."""
 
 import io
 from pathlib import Path
@@ -54,7 +54,7 @@ def write_check_pictures(
 
 
 def choose(table: Table, number: int) -> NDArray[np.intp]:
-    """Which pictures to look at: up to a third of them failed ones, the others over the stroke."""
+    """The pictures to inspect: up to a third of them failed ones, the others spread over the stroke."""
     failed = np.flatnonzero(~table.ok)
     good = np.flatnonzero(table.ok)
     n_failed = min(len(failed), max(number // 3, number - len(good)))

@@ -103,7 +103,7 @@ def error_text(error: BaseException) -> str:
     """`ClassName: message`, on one line."""
     message = str(error)
     if isinstance(error, ImagingError):
-        message = message.removeprefix(f"{error.path}: ")  # which stands in its own column
+        message = message.removeprefix(f"{error.path}: ")  # which has its own column
     return f"{type(error).__name__}: {' '.join(message.split())}"
 
 

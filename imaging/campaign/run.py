@@ -35,13 +35,13 @@ def process(
     reader: Callable[..., Any] | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Table:
-    """The shape in every picture, each measured on its own; a picture that fails is a row that says so.
+    """The shape in every picture, each measured on its own; a picture that fails is a row with the reason.
 
     Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
     extended goes on with the pictures that are not there yet.
 
-    Up to four pictures are measured in this process where there is an `output`. If it dies of one, the
-    next run finds that in `output` and measures in a process of its own, as it does with more.
+    Up to four pictures are measured in this process where there is an `output`. If one of them kills it,
+    the next run finds that in `output` and measures in separate processes, as it does with more.
 
     Args:
         paths: of the pictures, all of one size; one named twice is measured once.
@@ -56,7 +56,7 @@ def process(
             for few pictures.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
         reader: see `measure`; must be picklable.
-        provenance: more that the table shall say of its origin.
+        provenance: further entries of the table's provenance.
 
     Returns:
         The table, its rows in the order of the paths.
@@ -134,9 +134,9 @@ def _unique(paths: Iterable[str | Path]) -> list[str]:
 
 
 def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
-    """Width and height of the pictures by the headers of their files [px]; None if none tells.
+    """Width and height of the pictures by the headers of their files [px]; None if no header has it.
 
-    A file whose header cannot be read is left to the measurement, which says what is wrong with it.
+    A file whose header cannot be read is left to the measurement, which reports what is wrong with it.
 
     Raises:
         MixedSizes: names the pictures that differ from the most common size.

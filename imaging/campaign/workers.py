@@ -19,14 +19,14 @@ from concurrent.futures import (
 from ..errors import ImagingError
 from .row import Row, error_text, file_facts
 
-_AHEAD = 2  # pictures handed over for each process, so that none waits for the next
+_AHEAD = 2  # pictures submitted for each process, so that none is idle
 
 Work = Callable[[Sequence[str]], list[Row]]
 """From the paths of some pictures to their rows; picklable."""
 
 
 class WorkerDied(ImagingError):  # noqa: N818 - as all names in `imaging.errors`
-    """The process that measured a picture ended without a word, for lack of memory for example."""
+    """The process that measured a picture ended abnormally, for lack of memory for example."""
 
 
 def in_executor(
@@ -59,7 +59,7 @@ def in_processes(
         workers: number of processes.
         paths: of the pictures.
         work: measures them.
-        ahead: pictures handed over for each process.
+        ahead: pictures submitted at a time for each process.
     """
     waiting = deque(paths)
     while waiting:
@@ -73,7 +73,7 @@ def in_processes(
         if ahead * workers > 1:
             yield from in_processes(1, suspects, work, ahead=1)
         else:
-            why = "the process that measured it ended without a word, twice"
+            why = "the process that measured it ended abnormally, twice"
             yield from ([_dead(path, why)] for path in suspects)
 
 
@@ -92,13 +92,13 @@ def _completed(
         executor: where the chunks are measured.
         chunks: of paths, asked for when they are needed.
         work: from paths to rows.
-        ahead: most chunks that are handed over at a time.
+        ahead: most chunks that are submitted at a time.
     """
     running: dict[Future[list[Row]], Sequence[str]] = {}
     remaining = iter(chunks)
     try:
         while True:
-            # An executor that works in this thread hands over one chunk at a time.
+            # An executor that works in this thread is given one chunk at a time.
             while len(running) < ahead and not any(future.done() for future in running):
                 chunk = next(remaining, None)
                 if chunk is None:
@@ -158,12 +158,12 @@ def _prepare() -> None:
     import cv2  # noqa: PLC0415
 
     cv2.setNumThreads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when to stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
     threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 
 def _exit_with_parent() -> None:
-    """Exit when the parent is killed; a worker would wait for it for ever."""
+    """Exit when the parent is killed; a worker would wait for it indefinitely."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -31,7 +31,7 @@ def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
 
     Across an edge the disk of radius r weighs the light with a semicircle, whose variance is
     r^2 / 4 and whose mean over Phi((t - r x) / g) is taken by Gauss and Chebyshev's six nodes. A
-    pixel's box, flat as well, is told from a Gaussian by it too.
+    pixel's box, flat as well, is distinguished from a Gaussian by it too.
 
     Args:
         t: distance inward from the edge [px].

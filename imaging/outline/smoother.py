@@ -135,7 +135,7 @@ def penalty(n: int) -> Array:
 
 
 def correlated_points(off: Array) -> float:
-    """Points over which residuals stick together, 1 + 2 sum of their autocorrelations while > 0."""
+    """Points over which residuals are correlated, 1 + 2 sum of their autocorrelations while > 0."""
     power = float(off @ off)
     if power == 0:
         return 1.0

@@ -47,8 +47,8 @@ def calibrate_ruler(
         centre: where the optical axis meets the picture (u, v) [px]; None takes its middle.
         k1: radial distortion, as in `Camera`.
         tone: the camera's tone curve; sRGB by default. It hardly matters here.
-        expected_px_per_m: the scale to within a quarter [px/m]; tells a ruler's finer and coarser
-            marks, or its two edges, from each other.
+        expected_px_per_m: the scale to within a quarter [px/m]; distinguishes a ruler's
+            finer and coarser marks, or its two edges.
         placement_stderr: standard error of the ruler's place in depth [m]; enters the scale's.
         reader: from path to picture.
 

@@ -36,7 +36,7 @@ def otsu_split(counts: ArrayLike) -> Split:
         counts: of the bins 0, 1, 2 ..., shape (n,).
 
     Returns:
-        The cut; eta is zero where all counts stand in one bin.
+        The cut; eta is zero where all counts are in one bin.
 
     References:
         Otsu 1979, IEEE Trans. Syst. Man Cybern. 9, equations 14 to 16.

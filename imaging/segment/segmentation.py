@@ -80,9 +80,9 @@ class _Look:
 def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
     """The coarse outline of an upright muscle and its two tapes.
 
-    The brightest of the three colours, or the strength of the colour, tells the muscle from the
-    cloth (Otsu on each); what is common to the tapes' colour tells them from the braid (Otsu on
-    the chromaticity along the line between the two classes, which knows no seam at hue 0). Large
+    The brightest of the three colours, or the strength of the colour, separates the muscle from
+    the cloth (Otsu on each); the chromaticity along the line between the two classes separates the
+    tapes from the braid (Otsu again), without a seam at hue 0. Large
     pictures are looked at twice, coarse for the place and then at every fourth pixel.
 
     Args:
@@ -91,7 +91,7 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
 
     Raises:
         NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting, Clipped,
-            WrongOrientation: what they say.
+            WrongOrientation: see these classes.
     """
     step = _first_step(rgb)
     look = _look(rgb, step, tape_hue)

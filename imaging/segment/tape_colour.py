@@ -22,7 +22,7 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
     Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
     along its first principal axis gives two classes, and a second one along the line between
     their means the answer. White braids, whose hue is noise, and red tapes, whose hue lies across
-    the seam, need no case of their own.
+    the seam, need no special case.
 
     Args:
         rgb: picture, shape (h, w, 3).

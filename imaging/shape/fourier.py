@@ -35,7 +35,7 @@ class FourierFit:
         sse: sum of their squares [m^2].
         r_squared, adjusted_r_squared: part of the variance that is explained, and that corrected
             for the number of coefficients.
-        correlation: points over which residuals stick together, 1 for white ones.
+        correlation: points over which residuals are correlated, 1 for white ones.
         symmetric: b_n = a_n tan(n w / 2) was imposed.
     """
 

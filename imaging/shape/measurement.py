@@ -1,4 +1,4 @@
-"""What one photograph says about a muscle's shape, each figure with its standard error."""
+"""A muscle's shape in one photograph, each figure with its standard error."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from .fourier import FourierFit, fit_fourier
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """Where the edges were found in the picture [px], for people to check.
+    """Where the edges were found in the picture [px], for a check by eye.
 
     Attributes:
         rows: v, shape (n,).
@@ -86,7 +86,7 @@ class Measurement:
         roll: of the axis, clockwise positive [rad].
         x0: distance of the axis from the optical axis [m].
         errors: the parts of the standard errors.
-        quality: the figures that say whether to trust it.
+        quality: the figures by which to judge it.
         trace: the edges in the picture.
     """
 

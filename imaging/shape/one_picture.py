@@ -37,8 +37,8 @@ def measure(
     """The shape of the muscle in one photograph, with standard errors and quality figures.
 
     Coarse segmentation, outline by the limb model, exact inversion of the silhouette, the tapes'
-    edges as rings of the radius found, D(z) between them. How the standard errors are made up is
-    said at `Errors`, the class of `Measurement.errors`.
+    edges as rings of the radius found, D(z) between them. `Errors`, the class of
+    `Measurement.errors`, describes how the standard errors are composed.
 
     Args:
         image: path of a picture, or the picture itself: RGB, dtype uint8, shape (h, w, 3).

@@ -1,4 +1,4 @@
-"""What was found in a picture, drawn on it for people to check."""
+"""What was found in a picture, drawn on it for a check by eye."""
 
 import numpy as np
 

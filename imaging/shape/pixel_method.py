@@ -28,10 +28,10 @@ def measure_pixels(photo: Photograph, recipe: Recipe) -> Measurement:
     Otsu's threshold on V, the boundary of the largest object, Otsu's threshold on H inside it, the
     boundaries of the two fittings, the braid's two edges between them; one scale for all of the
     picture, no correction for perspective, roll or lens. The hue circle is cut at its emptiest arc
-    first: the literal method measures red tape wrongly in silence.
+    first: the literal method measures red tape wrongly without a warning.
 
     Raises:
-        NoMuscle, AmbiguousHue, MissingFitting, ExtraFitting, Clipped: what they say.
+        NoMuscle, AmbiguousHue, MissingFitting, ExtraFitting, Clipped: see these classes.
 
     References:
         Chambers 2021, sections 4.1 and 4.2, and equations 4.1 to 4.5 for hue, saturation and value,

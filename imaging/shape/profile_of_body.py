@@ -30,7 +30,7 @@ def measurement_of_body(
     recipe: Recipe,
     quality: Quality,
 ) -> Measurement:
-    """The measurement; how the standard errors are made up is said at `Errors`."""
+    """The measurement; `Errors` describes how the standard errors are composed."""
     px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
     px = 1 / px_per_m
     length = lower.y - upper.y

@@ -95,7 +95,7 @@ class Photo(_Shows[T]):
         return data if self.time is None else stamped(data, self.time)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the file: JPEG by a name that ends in .jpg or .jpeg, any other form that OpenCV knows.
+        """Write the file: JPEG by a name that ends in .jpg or .jpeg, else any format that OpenCV knows.
 
         A time stamp goes into a JPEG only.
 
@@ -208,7 +208,7 @@ def damaged(
     Args:
         data: the file.
         kind: "truncated" lacks its last part; "scrambled" has noise and "blanked" has zeros in a
-            stretch somewhere in the middle half, where most decoders carry on in silence; "flipped"
+            stretch somewhere in the middle half, where most decoders carry on unwarned; "flipped"
             has one wrong bit there.
         seed: of the place and the noise.
     """

@@ -24,9 +24,9 @@ def behind(blur: float) -> Array:
 def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v: Array) -> Flags:
     """The places along a tape's edge that have the tape's colour behind it.
 
-    Chromaticity c = (R, G, B) / (R + G + B) in linear light knows no shading. What is further from
+    Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. What is further from
     the tape's than 0.4 of the way to the braid's is another thing, or gloss. A tape that has the
-    braid's colour, lighter or darker, cannot be told from what covers it.
+    braid's colour, lighter or darker, cannot be distinguished from what covers it.
 
     Args:
         rgb: picture, shape (h, w, 3).

@@ -17,11 +17,11 @@ _FEWEST_ROWS = 12
 def check_tape_diameter(
     rgb: Image, coarse: Segmentation, body: Silhouette, camera: Camera, recipe: Recipe, known: float
 ) -> None:
-    """Nothing, or the error that the scale and the tapes' known diameter exclude each other.
+    """Refuse a scale that contradicts the tapes' known diameter.
 
     Raises:
         ScaleContradiction: the tapes' mean diameter differs from the known one by more than
-            `QualityLimits.scale_contradiction`, or a tape shows too few rows to tell.
+            `QualityLimits.scale_contradiction`, or a tape shows too few rows for that.
     """
     seen = [
         tape_diameter(rgb, coarse, tape, body, camera, recipe)

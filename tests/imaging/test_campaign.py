@@ -310,7 +310,7 @@ def small_recipe():
 
 DYING = """
 import os
-from imaging.camera.read import read_image
+from imaging import read_image
 def reader(path):
     if path.endswith("img1.jpg"):
         os._exit(1)
@@ -325,7 +325,7 @@ def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
     monkeypatch.syspath_prepend(tmp_path)
     import dying_reader
 
-    from imaging.shape.one_picture import measure
+    from imaging.shape import measure
 
     table = process(rendered.paths, small_recipe(), workers=2, reader=dying_reader.reader)
     assert [bool(ok) for ok in table.ok] == [True, False, True, True, False]

@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from imaging.camera import Camera, Silhouette, Tone
-from imaging.camera.amount import amount_of_luma
-from imaging.outline.both_sides import find_outline
-from imaging.outline.edge_fit import best_shift
-from imaging.outline.limb import LARGEST_DISK, defocused_step, ramp, step
-from imaging.outline.smoother import density_left_over, smooth, smooth_robustly, variance_of_smooth
+from imaging.camera import Camera, Silhouette, Tone, amount_of_luma
+from imaging.outline import (
+    LARGEST_DISK,
+    best_shift,
+    defocused_step,
+    density_left_over,
+    find_outline,
+    ramp,
+    smooth,
+    smooth_robustly,
+    step,
+    variance_of_smooth,
+)
 from imaging.tape.ring import _seen
 
 LIMB = 2e-4  # interpolation in a table of 4001 values

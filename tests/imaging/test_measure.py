@@ -10,7 +10,7 @@ import pytest
 import imaging
 from imaging import Recipe, Scale, measure
 from imaging.camera import Camera, Tone
-from imaging.shape.one_picture import measure as measure_directly
+from imaging.shape import measure as measure_directly
 from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene, render
 
 HALF = (1325, 550)

@@ -5,11 +5,17 @@ import numpy as np
 import pytest
 
 from imaging import Recipe, Scale, Table
-from imaging.campaign import Tile, contact_sheet, plot_table
-from imaging.campaign.check_pictures import choose, write_check_pictures
-from imaging.campaign.row import POSITION, Row, measured_rows
-from imaging.shape import draw_overlay
-from imaging.shape.measurement import Trace
+from imaging.campaign import (
+    POSITION,
+    Row,
+    Tile,
+    choose,
+    contact_sheet,
+    measured_rows,
+    plot_table,
+    write_check_pictures,
+)
+from imaging.shape import Trace, draw_overlay
 from imaging.synthetic import damaged, published_scene, render
 
 RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)

@@ -10,9 +10,7 @@ from skimage.filters import threshold_otsu
 from imaging import Recipe, Scale, measure
 from imaging.errors import AmbiguousHue
 from imaging.quality import QualityLimits
-from imaging.segment.otsu import counts_of, otsu_split
-from imaging.segment.segmentation import segment
-from imaging.segment.tape_colour import hue_of
+from imaging.segment import counts_of, hue_of, otsu_split, segment
 from imaging.synthetic import INCH, Tape, published_scene, render
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
