@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 from .errors import (
     AmbiguousHue,
@@ -104,7 +105,8 @@ class Quality:
         for name, error, text in _CHECKS:
             value, limit = float(values[name]), float(allowed[name])
             if value < limit if name in _LEAST else value > limit:
-                raise error(text, **{name: value, "limit": limit})
+                figures: dict[str, Any] = {name: value, "limit": limit}
+                raise error(text, **figures)
 
 
 _LEAST = {"eta_value", "eta_hue"}

@@ -109,11 +109,11 @@ def _straightened(
     line, marks = strip.line, strip.marks
     if k1 == 0:
         return marks
-    camera = Camera(strip.pitch / pitch, distance, centre, k1)
+    camera = Camera(strip.marks.pitch / pitch, distance, centre, k1)
     u, v = (line.origin[i] + marks.place * line.along[i] for i in (0, 1))
     a, b = camera.rays(u, v)
     shown = np.stack([centre[0] + a * camera.focal_px, centre[1] + b * camera.focal_px], axis=1)
-    again = numbered((shown - line.origin) @ line.along, strip.pitch)
+    again = numbered((shown - line.origin) @ line.along, strip.marks.pitch)
     return marks if again is None else again
 
 

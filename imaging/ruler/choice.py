@@ -34,11 +34,6 @@ class Strip:
     line: Line
     marks: Numbered
 
-    @property
-    def pitch(self) -> float:
-        """From mark to mark, the mean [px]."""
-        return float(np.ptp(self.marks.place) / np.ptp(self.marks.number))
-
 
 def choose_strip(luma: Image, light: Single, pitch: float, expected: float | None) -> Strip:
     """The strip with the most marks of those that have the scale to expect.
@@ -58,7 +53,7 @@ def choose_strip(luma: Image, light: Single, pitch: float, expected: float | Non
     good = [strip for strip in strips if is_ruler(strip.marks)]
     if expected is not None:
         near = expected * pitch
-        good = [strip for strip in good if abs(strip.pitch / near - 1) < _EXPECTED]
+        good = [strip for strip in good if abs(strip.marks.pitch / near - 1) < _EXPECTED]
     if not good:
         figures: dict[str, Any] = {
             "marks": max((strip.marks.number.size for strip in strips), default=0),
@@ -86,11 +81,10 @@ def read_strip(light: Single, line: Line) -> Strip | None:
 
 def is_ruler(marks: Numbered) -> bool:
     """Whether marks are many, even and sharp enough."""
-    pitch = float(np.ptp(marks.place) / np.ptp(marks.number))
     return (
         marks.number.size >= FEWEST
         and marks.number.size >= _ON_MODEL * marks.expected
-        and marks.residual <= _SHARP * abs(pitch)
+        and marks.residual <= _SHARP * marks.pitch
     )
 
 
@@ -101,11 +95,11 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
         for strip in strips
         if abs(strip.line.along @ best.line.along) > 0.99
         and strip.marks.number.size >= max(FEWEST, _AT_ALL * strip.marks.expected)
-        and strip.marks.residual <= _SHARP * strip.pitch
+        and strip.marks.residual <= _SHARP * strip.marks.pitch
     ]
-    alike = [strip for strip in others if abs(strip.pitch / best.pitch - 1) < _SAME]
+    alike = [strip for strip in others if abs(strip.marks.pitch / best.marks.pitch - 1) < _SAME]
     for other in others:
-        ratio = max(other.pitch, best.pitch) / min(other.pitch, best.pitch)
+        ratio = max(other.marks.pitch, best.marks.pitch) / min(other.marks.pitch, best.marks.pitch)
         whole = abs(ratio / round(ratio) - 1) < _SAME
         if whole and (
             round(ratio) == 1
@@ -117,10 +111,10 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
             "the picture must show one scale; two edges of the ruler differ, and the pitch that was "
             "given can be that of either: say which scale to expect (expected_px_per_m, "
             "--expected-px-per-in), or cover one edge",
-            pitch_px=best.pitch,
-            other_pitch_px=other.pitch,
-            px_per_in=best.pitch / pitch * _INCH,
-            other_px_per_in=other.pitch / pitch * _INCH,
+            pitch_px=best.marks.pitch,
+            other_pitch_px=other.marks.pitch,
+            px_per_in=best.marks.pitch / pitch * _INCH,
+            other_px_per_in=other.marks.pitch / pitch * _INCH,
         )
 
 
@@ -141,6 +135,6 @@ def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
         if seen.size == 0:
             return False
         off = np.abs(coarse.marks.place[:, None] - seen).min(axis=1)
-        if np.mean(off < _ON_MARK * coarse.pitch) < 0.5:
+        if np.mean(off < _ON_MARK * coarse.marks.pitch) < 0.5:
             return False
     return True

@@ -37,6 +37,11 @@ class Numbered:
     residual: float
 
     @property
+    def pitch(self) -> float:
+        """From mark to mark, the mean [px]."""
+        return float(np.ptp(self.place) / np.ptp(self.number))
+
+    @property
     def expected(self) -> int:
         """Marks between the first and the last, both included."""
         return int(self.number[-1] - self.number[0]) + 1

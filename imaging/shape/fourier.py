@@ -113,7 +113,7 @@ def _functions(x: Array, w: float, n_terms: int, symmetric: bool) -> Array:
 
 def _solved(functions: Array, y: Array) -> tuple[Array, Array]:
     """Coefficients of the functions by least squares, and what they leave over."""
-    coefficients = np.linalg.lstsq(functions, y, rcond=_SPAN)[0]
+    coefficients = np.asarray(np.linalg.lstsq(functions, y, rcond=_SPAN)[0], np.float64)
     return coefficients, y - functions @ coefficients
 
 

@@ -160,7 +160,7 @@ class Shoulder:
 
 _POINTS = 4097  # of the profile along the braid
 _ROD_BEYOND = 1.0  # [m] that a rod reaches beyond the tape: out of every picture
-_ROD_ALBEDO = 0.012
+_ROD = np.full(3, 0.012)  # reflectance
 _GLOSS = {"tape": (0.05, 25.0), "rod": (0.10, 60.0)}  # strength and exponent of the glare
 _FIBRE_GLOSS = 0.10
 
@@ -240,25 +240,25 @@ class World:
         outer = self.edge_radius(tape, 0 if sign < 0 else -1)
         beyond = end + sign * (0.5 * braid if tape is None else tape.width)
         if tape is not None:
-            self._add_tape(tape, *sorted((end, beyond)), 2 * outer)
+            self._add_tape(tape, end, beyond, 2 * outer)
         else:
-            self._add_rod(*sorted((end, beyond)), 2 * outer)
+            self._add("rod", end, beyond, 2 * outer, _ROD)
         if outer > braid:
-            ring = Shoulder(self.axis, end, braid, outer)
-            self.bodies.append(("shade", ring, np.full(3, _ROD_ALBEDO)))
-        far = beyond + sign * _ROD_BEYOND
-        self._add_rod(*sorted((beyond, far)), self.muscle.rod_diameter)
+            self.bodies.append(("shade", Shoulder(self.axis, end, braid, outer), _ROD))
+        self._add("rod", beyond, beyond + sign * _ROD_BEYOND, self.muscle.rod_diameter, _ROD)
 
-    def _add_rod(self, first: float, last: float, diameter: float) -> None:
-        rod = Body.cylinder(self.axis, first, last, diameter)
-        self.bodies.append(("rod", rod, np.full(3, _ROD_ALBEDO)))
-
-    def _add_tape(self, tape: Tape, first: float, last: float, diameter: float) -> None:
+    def _add_tape(self, tape: Tape, one_end: float, other_end: float, diameter: float) -> None:
         colour = colorsys.hsv_to_rgb(tape.hue % 360 / 360, tape.saturation, tape.value)
         albedo = np.array(
             [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
         )
-        self.bodies.append(("tape", Body.cylinder(self.axis, first, last, diameter), albedo))
+        self._add("tape", one_end, other_end, diameter, albedo)
+
+    def _add(
+        self, kind: str, one_end: float, other_end: float, diameter: float, albedo: Array
+    ) -> None:
+        first, last = min(one_end, other_end), max(one_end, other_end)
+        self.bodies.append((kind, Body.cylinder(self.axis, first, last, diameter), albedo))
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:
         """Columns [px] within which bodies can be seen in these rows."""
