@@ -1,8 +1,8 @@
 """The finished rows of a campaign on the disk, from which a stopped campaign goes on.
 
-One line for each picture, added as soon as it is measured and never changed again. What the file
-holds is known by the paths in it, so that pictures may be added, left out and divided otherwise
-later.
+One line for the settings and one for each picture, added as soon as it is measured and never
+changed again. What the file holds is known by the paths in it, so that pictures may be added, left
+out and divided otherwise later.
 """
 
 import contextlib
@@ -44,19 +44,19 @@ class Finished:
         self._rows: dict[str, Row] = {}
         if folder is None:
             return
-        self._file, head = folder / "rows.jsonl", folder / "campaign.json"
+        self._file = folder / "rows.jsonl"
         self._begun = folder / "begun"  # the path of the picture that this process is measuring
         settings = {"format": _FORMAT, **settings}
-        try:
+        with self._on_disk("used"):
             folder.mkdir(parents=True, exist_ok=True)
-            if not resume:
+            head, *rows = (_read(self._file) if resume else []) or [settings]
+            if not rows:
                 self._file.unlink(missing_ok=True)
-            if self._file.exists():
-                _refuse_other(json.loads(head.read_text(encoding="utf-8")), settings, folder)
-                self._rows = {_key(row.path): row for row in _read(self._file)}
-            head.write_text(json.dumps(settings, indent=1), encoding="utf-8")
-        except (OSError, json.JSONDecodeError) as error:
-            raise _unusable(error, folder) from None
+        if rows:
+            _refuse_other(head, settings, folder)
+            self._rows = {_key(row["path"]): Row(**row) for row in rows}
+        else:
+            self._add([settings])
 
     def rows_of(self, paths: Iterable[str]) -> dict[str, Row]:
         """The rows of those pictures that need not be measured again, by path as given here.
@@ -87,18 +87,14 @@ class Finished:
         """Whether this process may measure these: none has killed one, and the next would know."""
         if self.folder is None:
             return False
-        try:
-            deadly = os.fsdecode(self._begun.read_bytes())
-        except FileNotFoundError:
-            return True
-        except OSError as error:
-            raise _unusable(error, self.folder) from None
+        with self._on_disk("used"):
+            deadly = os.fsdecode(self._begun.read_bytes()) if self._begun.exists() else None
         return deadly not in map(_key, paths)
 
     @contextlib.contextmanager
     def begun(self, path: str) -> Iterator[None]:
         """While a picture is measured in this process: what stays on the disk if that kills it."""
-        with self._writing():
+        with self._on_disk("written"):
             self._begun.write_bytes(os.fsencode(_key(path)))
         try:
             yield
@@ -109,24 +105,22 @@ class Finished:
         """Keep finished rows; they are on the disk when this returns."""
         if self.folder is None or not rows:
             return
-        texts = [json.dumps(vars(row) | {"path": _key(row.path)}) for row in rows]
-        with self._writing(), self._file.open("ab") as file:
-            file.write(b"".join(_line(text.encode()) for text in texts))
+        self._add([vars(row) | {"path": _key(row.path)} for row in rows])
+
+    def _add(self, entries: list[dict[str, Any]]) -> None:
+        with self._on_disk("written"), self._file.open("ab") as file:
+            file.write(b"".join(_line(json.dumps(entry).encode()) for entry in entries))
             file.flush()
             os.fsync(file.fileno())
 
     @contextlib.contextmanager
-    def _writing(self) -> Iterator[None]:
+    def _on_disk(self, what: str) -> Iterator[None]:
         try:
             yield
         except OSError as error:
             raise ImagingError(
-                f"a finished part of the campaign cannot be written: {error}", path=self.folder
+                f"the finished part of the campaign cannot be {what}: {error}", path=self.folder
             ) from None
-
-
-def _unusable(error: Exception, folder: Path) -> ImagingError:
-    return ImagingError(f"the finished part of the campaign cannot be used: {error}", path=folder)
 
 
 def _refuse_other(head: dict[str, Any], settings: dict[str, Any], folder: Path) -> None:
@@ -180,18 +174,22 @@ def _line(text: bytes) -> bytes:
     return b"%08x %s\n" % (zlib.crc32(text), text)
 
 
-def _read(file: Path) -> Iterator[Row]:
-    """The rows of a file, of which a line that was cut off while it was written is removed."""
-    content = file.read_bytes()
+def _read(file: Path) -> list[dict[str, Any]]:
+    """The settings and the rows in a file, of which a line that was cut off is removed."""
+    content = file.read_bytes() if file.exists() else b""
     whole = content.rfind(b"\n") + 1
-    if whole < len(content):
+    if whole < len(content):  # the campaign was killed, or the power failed, while it was written
         os.truncate(file, whole)
+    entries = []
     for number, line in enumerate(content[:whole].splitlines(keepends=True), 1):
         text = line[9:-1]
         if line != _line(text):
+            remedy = "remove the line, its picture is then measured again"
+            if number == 1:
+                remedy = "measure all again without resuming (--no-resume)"
             raise ImagingError(
-                f"the finished rows of the campaign are damaged in line {number}; remove the line, "
-                "its picture is then measured again",
+                f"the finished rows of the campaign are damaged in line {number}; {remedy}",
                 path=file,
             )
-        yield Row(**json.loads(text))
+        entries.append(json.loads(text))
+    return entries

@@ -155,7 +155,7 @@ def test_kill_minus_9_loses_no_picture_and_repeats_none_that_was_kept(photos, wh
         env=os.environ | {"PYTHONPATH": path},
     )
     assert run.returncode == -signal.SIGKILL, run.stderr.decode()
-    assert (photos.output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == kept
+    assert (photos.output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 1 + kept
     table = process(names, RECIPE, photos.output, Serial())
     assert photos.seen == names[kept:]
     assert list(table.path) == names
@@ -218,11 +218,11 @@ def test_a_damaged_row_is_refused_with_its_place_and_is_measured_again_without_i
     sound = rows.read_bytes()
     digit = sound.index(b"0.227")  # a length, which is a number after it as well
     rows.write_bytes(sound[:digit] + b"7" + sound[digit + 1 :])
-    with pytest.raises(ImagingError, match="damaged in line 4") as caught:
+    with pytest.raises(ImagingError, match="damaged in line 5") as caught:
         process(photos.paths, RECIPE, photos.output, Serial())
     assert caught.value.path == str(rows)
     lines = sound.splitlines(keepends=True)
-    rows.write_bytes(b"".join(lines[:3] + lines[4:]))
+    rows.write_bytes(b"".join(lines[:4] + lines[5:]))
     photos.seen.clear()
     process(photos.paths, RECIPE, photos.output, Serial())
     assert photos.seen == [str(photos.paths[3])]
@@ -282,8 +282,8 @@ def test_rows_survive_the_disk_to_the_last_bit(photos, tmp_path):
     for name in fresh.columns:
         np.testing.assert_array_equal(fresh[name], back[name])
     np.testing.assert_array_equal(fresh.diameter_stderr, back.diameter_stderr)
-    head = json.loads((photos.output / "parts" / "campaign.json").read_text())
-    assert head["recipe"]["distance_m"] == 1.524
+    head = (photos.output / "parts" / "rows.jsonl").read_text().splitlines()[0]
+    assert json.loads(head[9:])["recipe"]["distance_m"] == 1.524
 
 
 # Real pictures and real processes
@@ -366,7 +366,7 @@ def test_few_pictures_start_no_process_until_one_of_them_kills_this_one(
 
     first = run()
     assert first.returncode == 1, first.stderr
-    assert (output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 1
+    assert (output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 1 + 1
     again = run()
     assert again.returncode == 0, again.stderr
     errors = again.stdout.strip().split(";")
@@ -392,7 +392,7 @@ def test_an_interrupt_here_keeps_what_was_done_and_trusts_the_picture(photos, mo
     monkeypatch.setattr(imaging.shape.one_picture, "measure", measure)
     with pytest.raises(KeyboardInterrupt):
         process(photos.paths[:4], RECIPE, photos.output)
-    assert (photos.output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 2
+    assert (photos.output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 1 + 2
     assert not (photos.output / "parts" / "begun").exists()
 
 
@@ -430,4 +430,4 @@ def test_a_row_is_flushed_before_it_counts_as_done(photos, monkeypatch):
         photos.paths[:3], RECIPE, photos.output, Serial(),
         progress=lambda done, _: order.append(done),
     )  # fmt: skip
-    assert order == [0, "sync", 1, "sync", 2, "sync", 3]
+    assert order == ["sync", 0, "sync", 1, "sync", 2, "sync", 3]
