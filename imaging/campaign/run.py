@@ -1,10 +1,11 @@
 """Thousands of pictures through any executor, stopped and resumed at will, into one table."""
 
+import contextlib
 import functools
 import importlib.metadata
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from ..shape.recipe_file import recipe_as_dict, recipe_text
 from .finished import Finished, some_of
 from .row import Row, measured_rows
 from .table import Table
-from .workers import Work, in_executor, in_processes
+from .workers import Rows, Work, dead_row, in_executor, in_processes
 
 _TASKS = 32  # chunks are smaller than asked for where there would be fewer than this of them
 _FEW = 4  # pictures, which take less time than the start of a process
@@ -78,23 +79,38 @@ def process(
     rows = finished.rows_of(names)
     missing = [name for name in names if name not in rows]
     work = functools.partial(measured_rows, recipe=recipe, reader=reader)
+    lost: list[str] = []
     if executor is not None:
         each = max(1, min(chunk, math.ceil(len(missing) / _TASKS)))
         chunks = [missing[k : k + each] for k in range(0, len(missing), each)]
-        measured = in_executor(executor, chunks, work)
+        measured = in_executor(executor, chunks, work, len(chunks), lost)
     elif workers is None and len(missing) <= _FEW and finished.trusts(missing):
         measured = _in_this_process(missing, work, finished)
     else:
         count = max(1, min(workers or os.cpu_count() or 1, len(missing)))
-        measured = ((done, True) for done in in_processes(count, missing, work))
-    if progress is not None:
-        progress(len(rows), len(names))
-    for done, final in measured:
-        if final:
-            finished.append(done)
-        rows |= {row.path: row for row in done}
+        measured = in_processes(count, missing, work)
+
+    def record(done: list[Row]) -> None:
+        rows.update((row.path, row) for row in done)
         if progress is not None:
             progress(len(rows), len(names))
+
+    record([])
+    try:
+        for done in measured:
+            finished.append(done)
+            record(done)
+    except KeyboardInterrupt:
+        # Wherever it was raised, the pictures under way come back.
+        with contextlib.suppress(KeyboardInterrupt):
+            done = measured.throw(KeyboardInterrupt)
+            while True:
+                finished.append(done)
+                record(done)
+                done = next(measured)
+        raise
+    if lost:
+        record([dead_row(path, "its executor broke; run again to measure it") for path in lost])
     return Table.from_rows(
         [rows[name] for name in names],
         scale_relative_stderr=recipe.scale.relative_stderr,
@@ -107,10 +123,8 @@ def process(
     )
 
 
-def _in_this_process(
-    paths: Sequence[str], work: Work, finished: Finished
-) -> Iterator[tuple[list[Row], bool]]:
-    """(rows, True) of every picture, measured here by one thread."""
+def _in_this_process(paths: Sequence[str], work: Work, finished: Finished) -> Rows:
+    """The rows of every picture, measured here by one thread."""
     import cv2  # noqa: PLC0415
 
     threads = cv2.getNumThreads()
@@ -119,7 +133,7 @@ def _in_this_process(
         for path in paths:
             with finished.begun(path):
                 rows = work([path])
-            yield rows, True
+            yield rows
     finally:
         cv2.setNumThreads(threads)
 

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -24,36 +24,74 @@ _AHEAD = 2  # pictures submitted for each process, so that none is idle
 Work = Callable[[Sequence[str]], list[Row]]
 """From the paths of some pictures to their rows; picklable."""
 
+Rows = Generator[list[Row], None, None]
+"""Rows of some pictures at a time."""
+
 
 class WorkerDied(ImagingError):  # noqa: N818 - as all names in `imaging.errors`
     """The process that measured a picture ended abnormally, for lack of memory for example."""
 
 
 def in_executor(
-    executor: Executor, chunks: Sequence[Sequence[str]], work: Work
-) -> Iterator[tuple[list[Row], bool]]:
-    """(rows, whether they are final) of every chunk, in the order in which they are done.
+    executor: Executor,
+    chunks: Iterable[Sequence[str]],
+    work: Work,
+    ahead: int,
+    lost: list[str],
+) -> Rows:
+    """The rows of every chunk, in the order in which they are done.
 
-    Where the executor breaks, the rows say so and are not final: another run may measure them.
+    When the caller is interrupted, or throws `KeyboardInterrupt` in here, the chunks under way still
+    come back.
+
+    Args:
+        executor: where the chunks are measured.
+        chunks: of paths, asked for when they are needed.
+        work: from paths to rows.
+        ahead: most chunks that are submitted at a time.
+        lost: takes the paths of the chunks with which the executor broke.
     """
-    for chunk, rows in _completed(executor, chunks, work, len(chunks)):
-        if rows is None:
-            yield (
-                [_dead(path, "its executor broke; run again to measure it") for path in chunk],
-                False,
-            )
-        else:
-            yield rows, True
+    running: dict[Future[list[Row]], Sequence[str]] = {}
+    remaining = iter(chunks)
+
+    def result(future: Future[list[Row]]) -> list[Row]:
+        chunk = running.pop(future)
+        try:
+            return future.result()
+        except BrokenExecutor:
+            lost.extend(chunk)
+            return []
+
+    try:
+        while True:
+            # An executor that works in this thread is given one chunk at a time.
+            while len(running) < ahead and not any(future.done() for future in running):
+                chunk = next(remaining, None)
+                if chunk is None:
+                    break
+                try:
+                    running[executor.submit(work, chunk)] = chunk
+                except BrokenExecutor:
+                    lost.extend(chunk)
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield result(future)
+    except KeyboardInterrupt:
+        for future in [future for future in running if not future.cancel()]:
+            yield result(future)
+        raise
+    finally:
+        for future in running:
+            future.cancel()
 
 
-def in_processes(
-    workers: int, paths: Sequence[str], work: Work, *, ahead: int = _AHEAD
-) -> Iterator[list[Row]]:
+def in_processes(workers: int, paths: Sequence[str], work: Work, *, ahead: int = _AHEAD) -> Rows:
     """The rows of every picture from spawned processes of our own, as they are done.
 
     When a worker dies, the pictures under way in its neighbours are lost with it; all of these are
     then measured one by one, so that the picture at fault is known, and the rest goes on in new
-    workers. When the caller is interrupted, the pictures under way still come back.
+    workers. An interrupt does as in `in_executor`.
 
     Args:
         workers: number of processes.
@@ -65,16 +103,13 @@ def in_processes(
     while waiting:
         suspects: list[str] = []
         with _pool(workers) as pool:
-            for (path,), rows in _completed(pool, _next(waiting, suspects), work, ahead * workers):
-                if rows is None:
-                    suspects.append(path)
-                else:
-                    yield rows
+            chunks = _next(waiting, suspects)
+            yield from in_executor(pool, chunks, work, ahead * workers, suspects)
         if ahead * workers > 1:
             yield from in_processes(1, suspects, work, ahead=1)
         else:
             why = "the process that measured it ended abnormally, twice"
-            yield from ([_dead(path, why)] for path in suspects)
+            yield [dead_row(path, why) for path in suspects]
 
 
 def _next(waiting: deque[str], suspects: Sequence[str]) -> Iterator[list[str]]:
@@ -83,51 +118,8 @@ def _next(waiting: deque[str], suspects: Sequence[str]) -> Iterator[list[str]]:
         yield [waiting.popleft()]
 
 
-def _completed(
-    executor: Executor, chunks: Iterable[Sequence[str]], work: Work, ahead: int
-) -> Iterator[tuple[Sequence[str], list[Row] | None]]:
-    """Every chunk with its rows, or None where the executor broke, as they are done.
-
-    Args:
-        executor: where the chunks are measured.
-        chunks: of paths, asked for when they are needed.
-        work: from paths to rows.
-        ahead: most chunks that are submitted at a time.
-    """
-    running: dict[Future[list[Row]], Sequence[str]] = {}
-    remaining = iter(chunks)
-    try:
-        while True:
-            # An executor that works in this thread is given one chunk at a time.
-            while len(running) < ahead and not any(future.done() for future in running):
-                chunk = next(remaining, None)
-                if chunk is None:
-                    break
-                try:
-                    running[executor.submit(work, chunk)] = chunk
-                except BrokenExecutor:
-                    yield chunk, None
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), _result(future)
-    except KeyboardInterrupt:
-        for future in [future for future in running if not future.cancel()]:
-            yield running.pop(future), _result(future)
-        raise
-    finally:
-        for future in running:
-            future.cancel()
-
-
-def _result(future: Future[list[Row]]) -> list[Row] | None:
-    try:
-        return future.result()
-    except BrokenExecutor:
-        return None
-
-
-def _dead(path: str, why: str) -> Row:
+def dead_row(path: str, why: str) -> Row:
+    """The row of a picture whose worker died."""
     return Row(path, error=error_text(WorkerDied(why, path=path)), **file_facts(path))
 
 
