@@ -1,4 +1,3 @@
-from .amount import amount_of_luma as amount_of_luma
 from .jpeg_damage import (
     JpegHeader as JpegHeader,
     find_seam as find_seam,
@@ -16,4 +15,4 @@ from .silhouette import (
     silhouette_from_profile as silhouette_from_profile,
 )
 from .timestamps import Timestamp as Timestamp, read_timestamp as read_timestamp
-from .tone import Tone as Tone
+from .tone import Tone as Tone, amount_of_luma as amount_of_luma

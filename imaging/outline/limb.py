@@ -60,9 +60,8 @@ def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
     """
     blur = np.asarray(blur, float)
     x = np.divide(t, blur)
-    first, second = _blurred_roots()
-    grid = first[0]
-    half, three = np.interp(x, grid, first[1]), np.interp(x, grid, second)
+    grid, *roots = _blurred_roots()
+    half, three = (np.interp(x, grid, root) for root in roots)
     if x.max() > _REACH:  # where blur is small against t, to second order
         far = np.maximum(x, _REACH)
         half = np.where(x > _REACH, np.sqrt(far) * (1 - 1 / (8 * far**2)), half)
@@ -71,7 +70,7 @@ def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
 
 
 @functools.cache
-def _blurred_roots() -> tuple[Array, Array]:
+def _blurred_roots() -> tuple[Array, Array, Array]:
     """E[(x + z)_+^p] for z normal: grid and values for p = 1/2, values for p = 3/2.
 
     The substitution x + z = w^2 removes the root's corner; Simpson's rule on w then is exact to
@@ -91,4 +90,4 @@ def _blurred_roots() -> tuple[Array, Array]:
         density *= rule * ((high - low) / (3 * _SIMPSON))
         integrals.append([(density * w).sum(axis=1), (density * w**3).sum(axis=1)])
     half, three = np.concatenate(integrals, axis=1)
-    return np.vstack([x, half]), three
+    return x, half, three

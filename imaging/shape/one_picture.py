@@ -6,10 +6,10 @@ from os import PathLike, fspath
 import numpy as np
 
 from ..arrays import Image
-from ..camera.amount import amount_of_luma
 from ..camera.pinhole import Camera, ring_position
 from ..camera.read import Reader, read_image
 from ..camera.silhouette import Silhouette, profile_from_silhouette
+from ..camera.tone import amount_of_luma
 from ..errors import ImagingError, NoMuscle, WrongOrientation
 from ..outline.both_sides import Outline, find_outline
 from ..outline.midline import axis_deviation, axis_kink

@@ -7,10 +7,9 @@ import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
 from ..arrays import Array, Flags, Image
-from ..camera.amount import LUMA
 from ..camera.pinhole import Camera, turned
 from ..camera.silhouette import Silhouette
-from ..camera.tone import Tone
+from ..camera.tone import LUMA, Tone
 from ..errors import MissingFitting
 from ..outline.edge_fit import best_shift, height_and_rest, least_squares
 from ..outline.limb import step
