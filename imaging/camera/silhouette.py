@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicSpline
 
 from ..arrays import Array
 from .pinhole import Camera, turned
@@ -36,7 +36,8 @@ class Silhouette:
         y = np.asarray(y, float)
         radius = self._inside(y)
         for parabola, beyond in zip(self._ends, (y < self.y[0], y > self.y[-1]), strict=True):
-            radius = np.where(beyond, parabola(y), radius)
+            if beyond.any():
+                radius = np.where(beyond, parabola(y), radius)
         return radius
 
     @functools.cached_property
@@ -233,5 +234,15 @@ def _on_common_positions(left: _Side, right: _Side) -> tuple[Array, Array, Array
     y = (left.y + right.y) / 2
     first, last = max(left.y[0], right.y[0]), min(left.y[-1], right.y[-1])
     y = y[(y >= first) & (y <= last)]
-    R_left, R_right = (CubicHermiteSpline(side.y, side.R, side.slope)(y) for side in (left, right))
-    return y, R_left, R_right
+    return y, _between(left, y), _between(right, y)
+
+
+def _between(side: _Side, y: Array) -> Array:
+    """R at y, by the cubics that have the side's radii and slopes."""
+    # SciPy's CubicHermiteSpline gives the same; with it all of a measurement takes an eighth longer.
+    k = np.clip(np.searchsorted(side.y, y, side="right") - 1, 0, side.y.size - 2)
+    h = side.y[k + 1] - side.y[k]
+    t = (y - side.y[k]) / h
+    R0, R1, s0, s1 = side.R[k], side.R[k + 1], h * side.slope[k], h * side.slope[k + 1]
+    rise = R1 - R0
+    return R0 + t * (s0 + t * (3 * rise - 2 * s0 - s1 + t * (s0 + s1 - 2 * rise)))

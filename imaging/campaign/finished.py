@@ -88,8 +88,8 @@ class Finished:
         if self.folder is None:
             return False
         with self._on_disk("used"):
-            deadly = os.fsdecode(self._begun.read_bytes()) if self._begun.exists() else None
-        return deadly not in map(_key, paths)
+            deadly = self._begun.read_bytes() if self._begun.exists() else b""
+        return os.fsdecode(deadly) not in map(_key, paths)
 
     @contextlib.contextmanager
     def begun(self, path: str) -> Iterator[None]:
