@@ -5,11 +5,12 @@ import pickle
 import pytest
 
 from imaging import ImagingError, errors
+from imaging.campaign import CampaignChanged, WorkerDied
 from imaging.errors import Defocused
 
 KINDS = [
     kind
-    for _, kind in sorted(vars(errors).items())
+    for kind in [*vars(errors).values(), CampaignChanged, WorkerDied]
     if isinstance(kind, type) and issubclass(kind, ImagingError)
 ]
 
