@@ -34,7 +34,8 @@ class ImagingError(InputError):
 
     def __str__(self) -> str:
         place = "" if self.path is None else f"{self.path}: "
-        return f"{place}{self.message}{_listed(self.figures)}"
+        figures = ", ".join(f"{name} = {_figure(value)}" for name, value in self.figures.items())
+        return place + self.message + (f" [{figures}]" if figures else "")
 
     def __reduce__(self) -> tuple[Any, ...]:
         rebuild = functools.partial(type(self), self.message, path=self.path, **self.figures)
@@ -43,12 +44,6 @@ class ImagingError(InputError):
     def at(self, path: str | PathLike[str]) -> Self:
         """The same error with the file it concerns; a path already known is kept."""
         return type(self)(self.message, path=self.path or path, **self.figures)
-
-
-def _listed(figures: dict[str, Any]) -> str:
-    if not figures:
-        return ""
-    return " [" + ", ".join(f"{name} = {_figure(value)}" for name, value in figures.items()) + "]"
 
 
 def _figure(value: object) -> str:
@@ -76,7 +71,7 @@ class Overexposed(ImagingError):
 
 
 class AmbiguousHue(ImagingError):
-    """The tape's colour cannot be told from the braid's."""
+    """The tape's colour cannot be distinguished from the braid's."""
 
 
 class MissingFitting(ImagingError):

@@ -1,6 +1,7 @@
 """The figures that say whether a measurement can be trusted, and what they may be."""
 
 import dataclasses
+import math
 from typing import Any
 
 from .errors import (
@@ -16,7 +17,7 @@ from .errors import (
 
 
 @dataclasses.dataclass(frozen=True)
-class Limits:
+class QualityLimits:
     """The worst quality that still is a measurement.
 
     Attributes:
@@ -56,7 +57,7 @@ class Limits:
     scale_contradiction: float = 0.005
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Quality:
     """Quality figures of one measurement; nan where the method has none.
 
@@ -79,62 +80,64 @@ class Quality:
 
     eta_value: float
     eta_hue: float
-    blur_px: float
-    kappa: float
-    axis_deviation: float
-    axis_kink: float
-    misfit: float
-    outlier_fraction: float
-    residual_rms: float
-    tape_sd_px: float
-    tape_blur_px: float
+    blur_px: float = math.nan
+    kappa: float = math.nan
+    axis_deviation: float = math.nan
+    axis_kink: float = math.nan
+    misfit: float = math.nan
+    outlier_fraction: float = math.nan
+    residual_rms: float = math.nan
+    tape_sd_px: float = math.nan
+    tape_blur_px: float = math.nan
     saturated: float
     tape_hue_deg: float
     tape_hue_error_deg: float = 0.0
 
-    def failures(self, limits: Limits) -> tuple[ImagingError, ...]:
-        """The errors that the limits call for; empty for a good measurement."""
-        blurred = self.tape_blur_px / max(self.blur_px, 1.0)
-        checks = (
-            (self.saturated > limits.saturated, Overexposed, "saturated", limits.saturated,
-             "expose shorter: where the light is cut off there is no edge to find"),
-            (self.eta_value < limits.eta_value, NoMuscle, "eta_value", limits.eta_value,
-             "muscle and cloth must differ in brightness: give more light, or darker cloth"),
-            (self.eta_hue < limits.eta_hue, AmbiguousHue, "eta_hue", limits.eta_hue,
-             "tape and braid must differ in colour: use another tape, or give its hue"),
-            (self.tape_hue_error_deg > limits.tape_hue_deg, AmbiguousHue, "tape_hue_error_deg",
-             limits.tape_hue_deg, "the tapes found have another hue than the recipe's tape"),
-            (self.blur_px > limits.blur_px, Defocused, "blur_px", limits.blur_px,
-             "focus on the muscle's limb, and take the picture again"),
-            (blurred > limits.blur_ratio, MotionBlurred, "blur_ratio", limits.blur_ratio,
-             "the tapes' edges are smeared along the axis: expose shorter, or move slower"),
-            (self.outlier_fraction > limits.outlier_fraction, DamagedImage, "outlier_fraction",
-             limits.outlier_fraction, "too many rows have no edge near the others: is the picture "
-             "damaged, or something in front of the muscle?"),
-            (self.residual_rms > limits.residual_rms, DamagedImage, "residual_rms",
-             limits.residual_rms, "the outline must be smooth: is the picture damaged, or the "
-             "muscle's edge covered?"),
-            (self.kappa > limits.kappa, Underexposed, "kappa", limits.kappa,
-             "a limb is as dark as the cloth: light the muscle from both sides"),
-            (self.axis_deviation > limits.axis_deviation, NoMuscle, "axis_deviation",
-             limits.axis_deviation, "the two sides must mirror each other: is one in the shade, or "
-             "covered?"),
-            (self.axis_kink > limits.axis_kink, DamagedImage, "axis_kink", limits.axis_kink,
-             "the two sides must mirror each other all along: is something in front of one, or "
-             "beside it?"),
-            (self.misfit > limits.misfit, DamagedImage, "misfit", limits.misfit,
-             "the mean edge must look like that of a lit body behind a lens: is another edge behind "
-             "it, or does the camera sharpen?"),
-            (self.tape_sd_px > limits.tape_sd_px, AmbiguousHue, "tape_sd_px", limits.tape_sd_px,
-             "the tapes' edges must be straight rings: is a tape torn, or covered?"),
-        )  # fmt: skip
-        values = {**dataclasses.asdict(self), "blur_ratio": blurred}
-        return tuple(
-            error(text, **_figures(name, values[name], limit))
-            for failed, error, name, limit, text in checks
-            if failed
-        )
+    def check(self, limits: QualityLimits) -> None:
+        """Refuse what is worse than the limits.
+
+        Raises:
+            ImagingError: of the class that the first figure beyond its limit calls for.
+        """
+        ratio = self.tape_blur_px / max(self.blur_px, 1.0)
+        values = vars(self) | {"blur_ratio": ratio}
+        allowed = vars(limits) | {"tape_hue_error_deg": limits.tape_hue_deg}
+        for name, error, text in _CHECKS:
+            value, limit = float(values[name]), float(allowed[name])
+            if value < limit if name in _LEAST else value > limit:
+                figures: dict[str, Any] = {name: value, "limit": limit}
+                raise error(text, **figures)
 
 
-def _figures(name: str, value: float, limit: float) -> dict[str, Any]:
-    return {name: float(value), "limit": float(limit)}
+_LEAST = {"eta_value", "eta_hue"}
+"""Figures that a limit bounds from below; the others are bounded from above."""
+
+_CHECKS: tuple[tuple[str, type[ImagingError], str], ...] = (
+    ("saturated", Overexposed,
+     "expose shorter: where the light is cut off there is no edge to find"),
+    ("eta_value", NoMuscle,
+     "muscle and cloth must differ in brightness: give more light, or darker cloth"),
+    ("eta_hue", AmbiguousHue,
+     "tape and braid must differ in colour: use another tape, or give its hue"),
+    ("tape_hue_error_deg", AmbiguousHue,
+     "the tapes found have another hue than the recipe's tape"),
+    ("blur_px", Defocused, "focus on the muscle's limb, and take the picture again"),
+    ("blur_ratio", MotionBlurred,
+     "the tapes' edges are smeared along the axis: expose shorter, or move slower"),
+    ("outlier_fraction", DamagedImage,
+     "too many rows have no edge near the others: is the picture damaged, or something in front "
+     "of the muscle?"),
+    ("residual_rms", DamagedImage,
+     "the outline must be smooth: is the picture damaged, or the muscle's edge covered?"),
+    ("kappa", Underexposed,
+     "a limb is as dark as the cloth: light the muscle from both sides"),
+    ("axis_deviation", NoMuscle,
+     "the two sides must mirror each other: is one in the shade, or covered?"),
+    ("axis_kink", DamagedImage,
+     "the two sides must mirror each other all along: is something in front of one, or beside it?"),
+    ("misfit", DamagedImage,
+     "the mean edge must look like that of a lit body behind a lens: is another edge behind it, or "
+     "does the camera sharpen?"),
+    ("tape_sd_px", AmbiguousHue,
+     "the tapes' edges must be straight rings: is a tape torn, or covered?"),
+)  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 
 from .camera.pinhole import Camera
 from .camera.tone import Tone
-from .quality import Limits
+from .quality import QualityLimits
 from .ruler.scale import RulerReading, Scale
 
 METHODS = ("limb", "gradient", "half-level", "pixel")
@@ -32,10 +32,10 @@ class Recipe:
         tone: the camera's tone curve.
         method: "limb" is the default; "gradient" and "half-level" take the steepest point and half
             the local step in linear light; "pixel" is the method of the reference work.
-        orientation: of the muscle in the picture; "auto" turns it where needed. A picture that
-            lies is turned a quarter turn clockwise before it is measured.
+        orientation: of the muscle in the picture; "auto" turns it where needed. A horizontal
+            one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
-        tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked by it.
+        tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
         blur_px: of the outline [px]; None estimates it from the picture.
         edge_offset_px: added outward to each side of the outline [px], from a reference cylinder.
         resolution_px: wavelength along the axis that passes at half its height [px]; None takes
@@ -61,7 +61,7 @@ class Recipe:
     blur_px: float | None = None
     edge_offset_px: float = 0.0
     resolution_px: float | None = None
-    limits: Limits = dataclasses.field(default_factory=Limits)
+    limits: QualityLimits = dataclasses.field(default_factory=QualityLimits)
     ruler: RulerReading = dataclasses.field(default_factory=RulerReading)
 
     def __post_init__(self) -> None:

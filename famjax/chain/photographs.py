@@ -11,9 +11,8 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
 from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
-from imaging.campaign import Table, column_name, expand, process, write_check_pictures
-from imaging.errors import ImagingError
-from imaging.recipe import Recipe
+from imaging import ImagingError, Recipe, Table, process
+from imaging.campaign import column_name, expand, write_check_pictures
 from imaging.shape import write_recipe
 
 _NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")

@@ -1,5 +1,6 @@
 """`famjax measure`."""
 
+import dataclasses
 import json
 import os
 import sys
@@ -12,50 +13,15 @@ from .matplotlib_import import load_matplotlib
 from .terminal import print_rows, progress_bar
 
 
-def measure(
-    *photos: str,
-    ruler: Path | None = None,
-    log: Path | None = None,
-    log_offset: str | None = None,
-    distance: str | None = None,
-    pitch: str | None = None,
-    expected_px_per_in: float | None = None,
-    ruler_placement: str | None = None,
-    crop_offset: str | None = None,
-    frame_size: str | None = None,
-    scale: str | None = None,
-    tape_diameter: str | None = None,
-    tape_hue: str | None = None,
-    recipe: Path | None = None,
-    method: Literal["limb", "pixel"] | None = None,
-    orientation: Literal["vertical", "horizontal", "auto"] | None = None,
-    rest_length: str | None = None,
-    workers: int | None = None,
-    units: Literal["si", "metric", "us"] = "us",
-    output: Path = Path("famjax-measure"),
-    resume: bool = True,
-    overlays: int = 12,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
-) -> int:
-    """Measure the shape of a muscle in photographs, each picture with its errors.
-
-    Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
-    `recipe.toml` (all choices), `contact_sheet.png`, `profiles.png` and `overlays/`. A stopped
-    campaign goes on when it is run again. Exit code 3 when some pictures could not be measured, or
-    not be matched to the log: they are in the table with the reason.
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RecipeOptions:
+    """What the options say of the recipe; None where they say nothing.
 
     Parameters
     ----------
-    photos
-        Files, folders and patterns such as `'stroke/*.jpg'`, all pictures of one size.
     ruler
         Photograph of a ruler in the plane of the muscle's axis, from the same camera.
-    log
-        Of the test machine, CSV with columns such as `time_s,displacement_in,force_lbf,
-        pressure_psi`: each picture gets force and pressure; the clocks are matched by the motion.
-    log_offset
-        What the machine's clock is ahead of the first picture, `12s`, within 10 s; needed where the
-        motion repeats itself.
     distance
         Camera to muscle with its unit; 60in unless given.
     pitch
@@ -82,6 +48,58 @@ def measure(
         limb: sub-pixel edges in linear light; pixel: the reference work's method.
     orientation
         Of the muscle in the pictures.
+    """
+
+    ruler: Path | None = None
+    distance: str | None = None
+    pitch: str | None = None
+    expected_px_per_in: float | None = None
+    ruler_placement: str | None = None
+    crop_offset: str | None = None
+    frame_size: str | None = None
+    scale: str | None = None
+    tape_diameter: str | None = None
+    tape_hue: str | None = None
+    recipe: Path | None = None
+    method: Literal["limb", "pixel"] | None = None
+    orientation: Literal["vertical", "horizontal", "auto"] | None = None
+
+
+_UNSAID = RecipeOptions()
+
+
+def measure(
+    *photos: str,
+    how: RecipeOptions = _UNSAID,
+    log: Path | None = None,
+    log_offset: str | None = None,
+    rest_length: str | None = None,
+    workers: int | None = None,
+    units: Literal["si", "metric", "us"] = "us",
+    output: Path = Path("famjax-measure"),
+    resume: bool = True,
+    overlays: int = 12,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Measure the shape of a muscle in photographs, each picture with its errors.
+
+    Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
+    `recipe.toml` (all choices), `contact_sheet.png`, `profiles.png` and `overlays/`. A stopped
+    campaign goes on when it is run again. Exit code 3 when some pictures could not be measured, or
+    not be matched to the log: they are in the table with the reason.
+
+    Parameters
+    ----------
+    photos
+        Files, folders and patterns such as `'stroke/*.jpg'`, all pictures of one size.
+    how
+        How to measure.
+    log
+        Of the test machine, CSV with columns such as `time_s,displacement_in,force_lbf,
+        pressure_psi`: each picture gets force and pressure; the clocks are matched by the motion.
+    log_offset
+        What the machine's clock is ahead of the first picture, `12s`, within 10 s; needed where the
+        motion repeats itself.
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given.
     workers
@@ -93,7 +111,7 @@ def measure(
     resume
         Go on with what is in the folder, or measure all again.
     overlays
-        Number of pictures drawn with what was found in them, to check by eye.
+        Number of pictures drawn with what was found in them, for a check by eye.
     json_
         Print one JSON object to standard output and nothing else there.
     """
@@ -119,24 +137,10 @@ def measure(
                 words = f"measuring {done} of {total}{rate}"
                 progress.update(task, completed=done, total=total, description=words)
 
-            how, provenance = command_recipe(
-                recipe=recipe,
-                ruler=ruler,
-                scale=scale,
-                pitch=pitch,
-                expected_px_per_in=expected_px_per_in,
-                ruler_placement=ruler_placement,
-                distance=distance,
-                crop_offset=crop_offset,
-                frame_size=frame_size,
-                tape_diameter=tape_diameter,
-                tape_hue=tape_hue,
-                method=method,
-                orientation=orientation,
-            )
+            recipe, provenance = command_recipe(how)
             outcome = measure_pictures(
                 photos,
-                recipe=how,
+                recipe=recipe,
                 provenance=provenance,
                 log=log,
                 log_offset=log_offset,

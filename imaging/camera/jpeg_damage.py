@@ -1,7 +1,8 @@
-"""Damage of a JPEG file that its decoder passes over in silence: no end, or a seam in the picture.
+"""Damage of a JPEG file that its decoder does not report: no end, or a seam in the picture.
 
 Each block's mean is coded as its difference from the block before. A spoilt difference moves the
-level, or the colour, of all blocks from there on to the end of the picture.
+level, or the colour, of all blocks from there on to the end of the picture. Pillow, on the same
+libjpeg, does not report it either.
 """
 
 import dataclasses
@@ -9,6 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..arrays import Image, Single
 
 _LEAST_JUMP = 4.0  # levels; a seam of 4 moves the diameter by half of its standard error
 _STEPS = 2.5  # of the coding of the means, by which a sound picture may jump along a row of blocks
@@ -23,7 +26,7 @@ _SCAN, _TABLES, _END = 0xDA, 0xDB, b"\xff\xd9"
 
 @dataclasses.dataclass(frozen=True)
 class JpegHeader:
-    """What a JPEG file says of itself ahead of its picture.
+    """What a JPEG file states ahead of its picture.
 
     Attributes:
         rows: of a coding unit [px], 8, or 16 where two rows of blocks share their colour; 0 where
@@ -67,7 +70,7 @@ def _coarsest_step(tables: bytes) -> float:
     return coarsest / 8 * 1.772
 
 
-def find_seam(rgb: NDArray[np.uint8], header: JpegHeader) -> tuple[int, float] | None:
+def find_seam(rgb: Image, header: JpegHeader) -> tuple[int, float] | None:
     """First row and height [levels] of a jump along a row of coding units, or None.
 
     The unit with the spoilt difference lies somewhere in its row: from it to the right the jump is
@@ -100,8 +103,8 @@ def _some_columns(width: int) -> list[slice]:
 
 
 def _step(
-    rgb: NDArray[np.uint8], borders: NDArray[np.intp], columns: Sequence[slice] = (slice(None),)
-) -> NDArray[np.float32]:
+    rgb: Image, borders: NDArray[np.intp], columns: Sequence[slice] = (slice(None),)
+) -> Single:
     """From the row above each border to that below it, shape (borders, 3, columns).
 
     Of brightness, red and blue: where the decoder smooths the colour, brightness stays sharp.
@@ -112,7 +115,7 @@ def _step(
     return np.asarray(_LUMA_RED_BLUE @ np.concatenate(change, axis=1).swapaxes(1, 2), np.float32)
 
 
-def _seam(rgb: NDArray[np.uint8], borders: NDArray[np.intp], least: float) -> float | None:
+def _seam(rgb: Image, borders: NDArray[np.intp], least: float) -> float | None:
     """Height of the seam along one row of units, if it is one."""
     steps = np.stack([_step(rgb, borders + k).sum(axis=0) for k in (-1, 0, 1)])
     jump = steps[1] - (steps[0] + steps[2]) / 2  # zero for any slope

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image
 from ..errors import DamagedImage, UnreadableImage
 from .jpeg_damage import find_seam, read_header
 
-Reader = Callable[[str], NDArray[np.uint8]]
+Reader = Callable[[str], Image]
 """From a path to a picture, RGB, dtype uint8, shape (h, w, 3); it may raise `ImagingError`."""
 
 _JPEG_START = b"\xff\xd8"
@@ -22,10 +22,10 @@ _COMPLAINTS = ("corrupt", "premature", "extraneous", "invalid", "bogus", "unsupp
 _stderr_lock = threading.Lock()
 
 
-def read_image(path: str | PathLike[str]) -> NDArray[np.uint8]:
+def read_image(path: str | PathLike[str]) -> Image:
     """The picture of a file as the sensor had it: RGB, not turned by its EXIF orientation.
 
-    OpenCV decodes damaged JPEG files in silence but for a line that libjpeg writes to the process'
+    OpenCV decodes damaged JPEG files without an error but for a line that libjpeg writes to the process'
     standard error; that line is caught here, and is a `DamagedImage`. A bit that flips in the
     file's data often earns no such line: where it has moved the level or the colour of all that
     follows, the seam is found in the picture. Where it has spoilt one block of 8 x 8 px, that stays.
@@ -78,8 +78,8 @@ def read_image(path: str | PathLike[str]) -> NDArray[np.uint8]:
     return image
 
 
-def readable_part(path: str | PathLike[str]) -> NDArray[np.uint8] | None:
-    """What of a picture can be decoded, for people to look at; None where nothing can."""
+def readable_part(path: str | PathLike[str]) -> Image | None:
+    """The part of a picture that can be decoded, for display; None where nothing can."""
     try:
         data = Path(path).read_bytes()
     except OSError:
@@ -87,7 +87,7 @@ def readable_part(path: str | PathLike[str]) -> NDArray[np.uint8] | None:
     return _decoded(data)[0] if data else None
 
 
-def _decoded(data: bytes) -> tuple[NDArray[np.uint8] | None, str]:
+def _decoded(data: bytes) -> tuple[Image | None, str]:
     """The picture, and what the decoder wrote to the standard error about it."""
     flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
     buffer = np.frombuffer(data, np.uint8)

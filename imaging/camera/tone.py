@@ -1,13 +1,18 @@
-"""The tone curve of a camera: from the values of a picture back to light."""
+"""The tone curve of a camera: from the values of a picture back to light, and to what sends it."""
 
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from ..arrays import Array, Image, Single
 
 _FEWEST_EXPOSURES = 3
 _UNKNOWN_BELOW, _UNKNOWN_ABOVE = 4, 242  # Debevec's weights vanish towards 0 and 255
+LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, JPEG's own
+_BRIGHTEST = 1.6  # amounts above belong to threads that glare; they would pull an edge inward
+_DARKEST = -0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,7 +30,7 @@ class Tone:
         ValueError: another shape, values that are not finite, a curve that falls or is flat.
     """
 
-    table: NDArray[np.float64]
+    table: Array
 
     def __post_init__(self) -> None:
         table = np.array(self.table, np.float64)
@@ -60,9 +65,7 @@ class Tone:
         return cls(np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4))
 
     @classmethod
-    def from_exposures(
-        cls, images: Sequence[NDArray[np.uint8]], times_s: Sequence[float]
-    ) -> "Tone":
+    def from_exposures(cls, images: Sequence[Image], times_s: Sequence[float]) -> "Tone":
         """The tone curve from pictures of one still scene at several exposure times.
 
         Debevec's least squares on each colour, averaged in the logarithm, made monotone by the
@@ -106,7 +109,7 @@ class Tone:
         table[beyond] = np.maximum.accumulate(np.maximum(top(values[beyond]), rising[-1]))
         return cls(table)
 
-    def linear(self, image: ArrayLike) -> NDArray[np.float64]:
+    def linear(self, image: ArrayLike) -> Array:
         """Linear light of an 8-bit picture, 1 at value 255, of its shape.
 
         Raises:
@@ -116,3 +119,27 @@ class Tone:
         if image.dtype != np.uint8:
             raise ValueError(f"a tone curve is that of 8-bit values, got dtype {image.dtype}")
         return self.table[image]
+
+
+def amount_of_luma(tone: Tone, cloth: Array, braid: Array) -> Single:
+    """The amount q of braid for each value of luma, 0 on cloth and 1 at the braid's median colour.
+
+    A pixel that shows q of braid and 1 - q of cloth has in each colour the light
+    b + q (a - b), and its luma is the weighted sum of the three encoded values: a rising function
+    of q, inverted here. Luma is used because JPEG keeps it at full resolution.
+
+    Args:
+        tone: the camera's tone curve.
+        cloth: its colour b, encoded values 0 to 255, shape (3,).
+        braid: its colour a, the same.
+
+    Returns:
+        q for the values 0 to 255, held at 1.6 above, shape (256,).
+    """
+    values = np.arange(256.0)
+    dark, bright = (np.interp(colour, values, tone.table) for colour in (cloth, braid))
+    q = np.linspace(_DARKEST, _BRIGHTEST, 1024)
+    light = np.clip(dark + q[:, None] * (bright - dark), 0, 1)
+    luma = np.interp(light, tone.table, values) @ LUMA
+    rising = np.flatnonzero(np.diff(np.maximum.accumulate(luma), prepend=-1.0) > 0)
+    return np.interp(values, luma[rising], q[rising]).astype(np.float32)

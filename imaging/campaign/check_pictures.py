@@ -1,4 +1,4 @@
-"""The pictures that a campaign leaves for people to check."""
+"""The pictures of a campaign for a check by eye."""
 
 import io
 from pathlib import Path
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from famjax.boundary.units import factor, unit_system
 
+from ..arrays import Image
 from ..camera.read import readable_part
 from ..recipe import Recipe
 from ..shape.one_picture import measure
@@ -53,7 +54,7 @@ def write_check_pictures(
 
 
 def choose(table: Table, number: int) -> NDArray[np.intp]:
-    """Which pictures to look at: up to a third of them failed ones, the others over the stroke."""
+    """The pictures to inspect: up to a third of them failed ones, the others spread over the stroke."""
     failed = np.flatnonzero(~table.ok)
     good = np.flatnonzero(table.ok)
     n_failed = min(len(failed), max(number // 3, number - len(good)))
@@ -69,7 +70,7 @@ def _evenly(which: NDArray[np.intp], number: int) -> NDArray[np.intp]:
     return which[np.round(at).astype(int)]
 
 
-def _thick(image: NDArray[np.uint8]) -> int:
+def _thick(image: Image) -> int:
     """Lines that can still be seen when the picture has been made small."""
     return max(1, round(max(image.shape) / 500))
 
@@ -82,7 +83,7 @@ def _text(table: Table, k: int, system: str) -> str:
     return f"L {length:.4f} {unit}, contraction {table['contraction'][k]:.4f}"
 
 
-def _save(path: Path, image: NDArray[np.uint8]) -> Path:
+def _save(path: Path, image: Image) -> Path:
     import cv2  # noqa: PLC0415
 
     coded = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]

@@ -16,7 +16,7 @@ def netcdf_content(
     """A file with 64-bit offsets, the same to the last bit as xarray writes of a `Dataset`.
 
     A text becomes characters along a dimension of its own, of its longest value in UTF-8. A number
-    that is missing is nan, and `_FillValue` says so. A variable along the dimensions of a coordinate
+    that is missing is nan, as `_FillValue` states. A variable along the dimensions of a coordinate
     that is not one of these dimensions names it in its attribute `coordinates`.
 
     Args:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from famjax.boundary.units import factor, unit_system
 
-from ..quality import Limits
+from ..quality import QualityLimits
 from .table import Table
 
 _PROFILES = 40  # drawn at most, evenly over the contraction
@@ -23,7 +23,7 @@ _QUALITY = (
 """Quality figures drawn: those that have a largest value."""
 
 
-def plot_table(table: Table, system: str = "us", limits: Limits | None = None) -> Figure:
+def plot_table(table: Table, system: str = "us", limits: QualityLimits | None = None) -> Figure:
     """Profiles coloured by contraction, length and mean diameter over time, and quality.
 
     Of one picture there is the profile and the quality.
@@ -51,7 +51,7 @@ def plot_table(table: Table, system: str = "us", limits: Limits | None = None) -
         _draw_over_time(diameter, table, "mean_diameter", unit, per_unit)
     FigureCanvasAgg(figure)
     _draw_profiles(figure, profiles, table, unit, per_unit)
-    _draw_quality(quality, table, limits or Limits())
+    _draw_quality(quality, table, limits or QualityLimits())
     for axes in figure.axes:
         axes.spines[["top", "right"]].set_visible(False)
     return figure
@@ -87,7 +87,7 @@ def _draw_over_time(axes: Axes, table: Table, name: str, unit: str, per_unit: fl
     axes.errorbar(at, table[name] / per_unit, spread, fmt=".", ms=3, lw=0.6, color="C0")
 
 
-def _draw_quality(axes: Axes, table: Table, limits: Limits) -> None:
+def _draw_quality(axes: Axes, table: Table, limits: QualityLimits) -> None:
     axes.set(title="quality, each figure over its limit", xlabel="picture", ylim=(0, 1))
     for name in _QUALITY:
         if name in table.columns and np.isfinite(table[name]).any():

@@ -3,23 +3,27 @@
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..camera.timestamps import read_timestamp
 from ..errors import ImagingError
+from ..recipe import Recipe
 
 POSITION = np.linspace(0, 1, 201)
 """Where the profiles of all pictures are given: z/L, from the upper tape edge to the lower one."""
 
+_NONE = (math.nan,) * POSITION.size
+
 
 @dataclass(frozen=True)
 class Row:
-    """What a campaign keeps of one picture.
+    """What a campaign keeps of one picture; all of it has a place in JSON.
 
     Args:
         path: as it was given.
@@ -37,8 +41,8 @@ class Row:
     path: str
     error: str = ""
     numbers: dict[str, float] = field(default_factory=dict)
-    diameter: np.ndarray = field(default_factory=lambda: np.full(POSITION.shape, np.nan))
-    diameter_stderr: np.ndarray = field(default_factory=lambda: np.full(POSITION.shape, np.nan))
+    diameter: ArrayLike = _NONE
+    diameter_stderr: ArrayLike = _NONE
     seconds: float = math.nan
     resolution: float = math.nan
     sha256: str = ""
@@ -51,70 +55,69 @@ class Row:
         return not self.error
 
 
-def measured_row(path: str, recipe: Any, reader: Callable[..., Any] | None = None) -> Row:
-    """The row of one picture; an error of the picture is a row too.
+def measured_rows(
+    paths: Sequence[str], recipe: Recipe, reader: Callable[..., Any] | None = None
+) -> list[Row]:
+    """The rows of some pictures; an error of a picture is a row too.
 
     Args:
-        path: of the picture.
-        recipe: a `Recipe`.
-        reader: see `measure`.
+        paths: of the pictures.
+        recipe: how to measure.
+        reader: see `measure`; None for the usual one.
     """
     import cv2  # noqa: PLC0415 -- 0.1 s, and only workers need it
 
     from ..shape.one_picture import measure  # noqa: PLC0415
 
-    facts = file_facts(path)
-    stamp = read_timestamp(path)
-    if stamp is not None:
-        facts |= {"seconds": stamp.seconds, "resolution": stamp.resolution}
-    try:
-        found = measure(path, recipe) if reader is None else measure(path, recipe, reader=reader)
-    except (ValueError, OSError, ArithmeticError, cv2.error) as error:
-        return Row(path, error=error_text(error), **facts)
-    z = found.z / found.length
-    return Row(
-        path,
-        numbers=_numbers(found),
-        diameter=np.interp(POSITION, z, found.diameter),
-        diameter_stderr=np.interp(POSITION, z, found.diameter_stderr),
-        **facts,
-    )
+    options: dict[str, Any] = {} if reader is None else {"reader": reader}
+    rows = []
+    for path in paths:
+        facts = file_facts(path)
+        try:
+            found = measure(path, recipe, **options)
+        except (ValueError, OSError, ArithmeticError, cv2.error) as error:
+            rows.append(Row(path, error=error_text(error), **facts))
+            continue
+        z = found.z / found.length
+        profiles = {
+            name: np.interp(POSITION, z, getattr(found, name)).tolist()
+            for name in ("diameter", "diameter_stderr")
+        }
+        rows.append(Row(path, numbers=_numbers(found), **profiles, **facts))
+    return rows
 
 
 def _numbers(found: Any) -> dict[str, float]:
     """The columns of a measurement in SI, its quality figures after them."""
-    return {
-        "length": found.length,
-        "length_stderr": found.length_stderr,
-        "mean_diameter": found.mean_diameter,
-        "mean_diameter_stderr": found.mean_diameter_stderr,
-        "max_diameter": found.maximum_diameter,
-        "volume": found.volume,
-        "volume_stderr": found.volume_stderr,
-        "px_per_m": found.px_per_m,
-        "roll_deg": math.degrees(found.roll),
-        "x0": found.x0,
-    } | {
-        name: float(value)
-        for name, value in dataclasses.asdict(found.quality).items()
-        if isinstance(value, (int, float, np.number))
-    }
+    names = (
+        "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "maximum_diameter",
+        "volume", "volume_stderr", "px_per_m", "roll", "x0",
+    )  # fmt: skip
+    numbers = {name: getattr(found, name) for name in names} | dataclasses.asdict(found.quality)
+    columns = {"maximum_diameter": "max_diameter", "roll": "roll_deg"}
+    numbers["roll"] = math.degrees(numbers["roll"])
+    return {columns.get(name, name): float(value) for name, value in numbers.items()}
 
 
 def error_text(error: BaseException) -> str:
     """`ClassName: message`, on one line."""
     message = str(error)
     if isinstance(error, ImagingError):
-        message = message.removeprefix(f"{error.path}: ")  # which stands in its own column
+        message = message.removeprefix(f"{error.path}: ")  # which has its own column
     return f"{type(error).__name__}: {' '.join(message.split())}"
 
 
-def file_facts(path: str | Path) -> dict[str, Any]:
-    """Size, time of change and content hash of a file, as fields of a `Row`; none if unreadable."""
+def file_facts(path: str) -> dict[str, Any]:
+    """Size, time of change, content hash and time stamp of a file, as fields of a `Row`.
+
+    There are none if it cannot be read.
+    """
     try:
         status = Path(path).stat()
         with Path(path).open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return {}
-    return {"size": status.st_size, "modified": status.st_mtime_ns, "sha256": digest}
+    stamp = read_timestamp(path)
+    taken = {} if stamp is None else dataclasses.asdict(stamp)
+    return {"size": status.st_size, "modified": status.st_mtime_ns, "sha256": digest, **taken}

@@ -7,12 +7,12 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..camera.timestamps import Timestamp
 from ..errors import ImagingError
 from .columns import cf_unit, column_name, column_unit, describe
 from .netcdf import Variable, netcdf_content
@@ -106,7 +106,7 @@ class Table:
         resolution = max((row.resolution for row in rows if row.ok and row.resolution > 0),
                          default=math.nan)  # fmt: skip
         columns["time"] = np.round(seconds - origin, 6)  # what float64 keeps of a date
-        rest, told = _contract(columns, scale_relative_stderr, rest_length, rows)
+        rest, note = _contract(columns, scale_relative_stderr, rest_length, rows)
         first = [name for name in _FIRST if name in columns]
         return cls(
             path=tuple(row.path for row in rows),
@@ -118,7 +118,7 @@ class Table:
             rest_length=rest,
             time_origin=origin,
             stamp_resolution=resolution,
-            notes=(told, *_stamp_notes(rows, resolution)),
+            notes=(note, *_stamp_notes(rows, resolution)),
             provenance=dict(provenance or {}),
         )
 
@@ -146,10 +146,7 @@ class Table:
 
     def _taken(self, k: int) -> str:
         seconds = self.time_origin + self.columns["time"][k]
-        if math.isnan(seconds):
-            return ""
-        moment = datetime.fromtimestamp(round(seconds, 3), UTC).replace(tzinfo=None)
-        return moment.isoformat(timespec="milliseconds")
+        return "" if math.isnan(seconds) else Timestamp(seconds, 1e-3).text
 
     def to_xarray(self) -> "xarray.Dataset":
         """The table with profiles, units and provenance, in SI; needs the extra `tables`.
@@ -216,20 +213,20 @@ def _contract(
     """Add contraction and its error; the rest length and where it is from."""
     length, stderr = columns["length"], columns["length_stderr"]
     if rest_length is not None:
-        rest, told = rest_length, "as given, taken as exact"
+        rest, source = rest_length, "as given, taken as exact"
         relative = stderr / length
     elif np.all(np.isnan(length)):
         columns["contraction"] = columns["contraction_stderr"] = length
         return math.nan, "No picture was measured: there is no rest length and no contraction."
     else:
         k = int(np.nanargmax(length))
-        rest, told = float(length[k]), f"that of the longest measured picture, {rows[k].path}"
+        rest, source = float(length[k]), f"that of the longest measured picture, {rows[k].path}"
         noise = np.sqrt(np.maximum((stderr / length) ** 2 - scale_relative_stderr**2, 0))
         relative = np.hypot(noise, noise[k])
         relative[k] = 0.0
     columns["contraction"] = 1 - length / rest
     columns["contraction_stderr"] = length / rest * relative
-    return rest, f"Contraction is against the rest length {rest * 1e3:.6g} mm, {told}."
+    return rest, f"Contraction is against the rest length {rest * 1e3:.6g} mm, {source}."
 
 
 def _stamp_notes(rows: Sequence[Row], resolution: float) -> list[str]:

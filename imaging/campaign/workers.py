@@ -1,230 +1,161 @@
-"""Chunks of pictures through an executor: a worker that dies costs one picture, a stop costs none."""
+"""Pictures through an executor: a worker that dies costs one picture, a stop costs none."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
     Executor,
     Future,
     ProcessPoolExecutor,
-    as_completed,
     wait,
 )
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Any
 
 from ..errors import ImagingError
-from .row import Row, error_text, file_facts, measured_row
+from .row import Row, error_text, file_facts
 
-_AHEAD = 2  # chunks handed over for each process, so that none waits for the next
-_stop: Any = None  # of this process, if it is a worker: an event that ends its chunk early
+_AHEAD = 2  # pictures submitted for each process, so that none is idle
 
+Work = Callable[[Sequence[str]], list[Row]]
+"""From the paths of some pictures to their rows; picklable."""
 
-class WorkerDied(ImagingError):  # noqa: N818 - as all names in `_errors`
-    """The process that measured a picture ended without a word, for lack of memory for example."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """Measure a chunk of pictures; travels to the workers.
-
-    Args:
-        recipe: a `Recipe`.
-        reader: see `measure`; None for the usual one.
-    """
-
-    recipe: Any
-    reader: Callable[..., Any] | None = None
-
-    def __call__(self, paths: Sequence[str]) -> list[Row]:
-        """The rows of these pictures, or of the first of them when told to stop."""
-        rows = []
-        for path in paths:
-            if _stop is not None and _stop.is_set():
-                break
-            rows.append(measured_row(path, self.recipe, self.reader))
-        return rows
+Rows = Generator[list[Row], None, None]
+"""Rows of some pictures at a time."""
 
 
-def in_this_process(
-    paths: Sequence[str],
-    job: Callable[[Sequence[str]], list[Row]],
-    begun: Callable[[str], AbstractContextManager[None]],
-) -> Iterator[tuple[list[Row], bool]]:
-    """(rows, whether they are final) of every picture, measured here by one thread.
-
-    Args:
-        paths: of the pictures.
-        job: see `Job`.
-        begun: entered while a picture is measured, for the case that this process dies of it.
-    """
-    import cv2  # noqa: PLC0415
-
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        for path in paths:
-            with begun(path):
-                rows = job([path])
-            yield rows, True
-    finally:
-        cv2.setNumThreads(threads)
+class WorkerDied(ImagingError):  # noqa: N818 - as all names in `imaging.errors`
+    """The process that measured a picture ended abnormally, for lack of memory for example."""
 
 
 def in_executor(
-    executor: Executor, chunks: Sequence[Sequence[str]], job: Callable[[Sequence[str]], list[Row]]
-) -> Iterator[tuple[list[Row], bool]]:
-    """(rows, whether they are final) of every chunk, in the order in which they are done.
+    executor: Executor,
+    chunks: Iterable[Sequence[str]],
+    work: Work,
+    ahead: int,
+    lost: list[str],
+) -> Rows:
+    """The rows of every chunk, in the order in which they are done.
 
-    Where the executor breaks, the rows say so and are not final: another run may measure them.
+    When the caller is interrupted, or throws `KeyboardInterrupt` in here, the chunks under way still
+    come back.
+
+    Args:
+        executor: where the chunks are measured.
+        chunks: of paths, asked for when they are needed.
+        work: from paths to rows.
+        ahead: most chunks that are submitted at a time.
+        lost: takes the paths of the chunks with which the executor broke.
     """
     running: dict[Future[list[Row]], Sequence[str]] = {}
-    lost: list[Sequence[str]] = []
+    remaining = iter(chunks)
 
-    def result(future: Future[list[Row]], chunk: Sequence[str]) -> list[Row]:
+    def result(future: Future[list[Row]]) -> list[Row]:
+        chunk = running.pop(future)
         try:
             return future.result()
         except BrokenExecutor:
-            lost.append(chunk)
+            lost.extend(chunk)
             return []
 
     try:
-        for chunk in chunks:
-            try:
-                future = executor.submit(job, chunk)
-            except BrokenExecutor:
-                lost.append(chunk)
-                continue
-            if future.done():  # at once, where the executor works in this thread
-                yield result(future, chunk), True
-            else:
-                running[future] = chunk
-        for future in as_completed(list(running)):
-            yield result(future, running.pop(future)), True
+        while True:
+            # An executor that works in this thread is given one chunk at a time.
+            while len(running) < ahead and not any(future.done() for future in running):
+                chunk = next(remaining, None)
+                if chunk is None:
+                    break
+                try:
+                    running[executor.submit(work, chunk)] = chunk
+                except BrokenExecutor:
+                    lost.extend(chunk)
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield result(future)
+    except KeyboardInterrupt:
+        for future in [future for future in running if not future.cancel()]:
+            yield result(future)
+        raise
     finally:
         for future in running:
             future.cancel()
-    for chunk in lost:
-        yield [_dead(path, "its executor broke; run again to measure it") for path in chunk], False
 
 
-def in_processes(
-    workers: int, chunks: Sequence[Sequence[str]], job: Callable[[Sequence[str]], list[Row]]
-) -> Iterator[tuple[list[Row], bool]]:
-    """The same in spawned processes of our own.
+def in_processes(workers: int, paths: Sequence[str], work: Work, *, ahead: int = _AHEAD) -> Rows:
+    """The rows of every picture from spawned processes of our own, as they are done.
 
-    When a worker dies, its neighbours' chunks are lost with it; their pictures are then measured one
-    by one, so that the picture at fault is known, and the rest goes on in new workers. When the
-    caller is interrupted, what the workers have done so far still comes back.
+    When a worker dies, the pictures under way in its neighbours are lost with it; all of these are
+    then measured one by one, so that the picture at fault is known, and the rest goes on in new
+    workers. An interrupt does as in `in_executor`.
+
+    Args:
+        workers: number of processes.
+        paths: of the pictures.
+        work: measures them.
+        ahead: pictures submitted at a time for each process.
     """
-    waiting = deque(chunks)
-    while waiting:
-        suspects: list[Sequence[str]] = []
-        yield from _until_death(workers, waiting, suspects, job)
-        if suspects:
-            yield from _one_by_one([path for chunk in suspects for path in chunk], job)
-
-
-def _until_death(
-    workers: int,
-    waiting: deque[Sequence[str]],
-    suspects: list[Sequence[str]],
-    job: Callable[[Sequence[str]], list[Row]],
-) -> Iterator[tuple[list[Row], bool]]:
-    """Work off the chunks that wait; if a worker dies, those it may have died of become suspects."""
-    running: dict[Future[list[Row]], Sequence[str]] = {}
-    pool, stop = _pool(workers)
-    try:
-        while (waiting and not suspects) or running:
-            while waiting and not suspects and len(running) < _AHEAD * workers:
-                chunk = waiting.popleft()
-                try:
-                    running[pool.submit(job, chunk)] = chunk
-                except BrokenExecutor:
-                    suspects.append(chunk)
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                chunk = running.pop(future)
-                try:
-                    rows = future.result()
-                except BrokenExecutor:
-                    suspects.append(chunk)
-                else:
-                    yield rows, True
-    except KeyboardInterrupt:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
-        for future in running:
-            if not future.cancelled() and future.exception() is None:
-                yield future.result(), True
-        raise
-    finally:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
-
-
-def _one_by_one(
-    paths: Sequence[str], job: Callable[[Sequence[str]], list[Row]]
-) -> Iterator[tuple[list[Row], bool]]:
     waiting = deque(paths)
     while waiting:
-        pool, _ = _pool(1)
-        try:
-            while waiting:
-                path = waiting.popleft()
-                try:
-                    yield pool.submit(job, [path]).result(), True
-                except BrokenExecutor:
-                    why = "the process that measured it ended without a word, twice"
-                    yield [_dead(path, why)], True
-                    break
-        finally:
-            pool.shutdown(cancel_futures=True)
+        suspects: list[str] = []
+        with _pool(workers) as pool:
+            chunks = _next(waiting, suspects)
+            yield from in_executor(pool, chunks, work, ahead * workers, suspects)
+        if ahead * workers > 1:
+            yield from in_processes(1, suspects, work, ahead=1)
+        else:
+            why = "the process that measured it ended abnormally, twice"
+            yield [dead_row(path, why) for path in suspects]
 
 
-def _dead(path: str, why: str) -> Row:
+def _next(waiting: deque[str], suspects: Sequence[str]) -> Iterator[list[str]]:
+    """The pictures that wait, one at a time, until there are suspects."""
+    while waiting and not suspects:
+        yield [waiting.popleft()]
+
+
+def dead_row(path: str, why: str) -> Row:
+    """The row of a picture whose worker died."""
     return Row(path, error=error_text(WorkerDied(why, path=path)), **file_facts(path))
 
 
-def _pool(workers: int) -> tuple[ProcessPoolExecutor, Any]:
-    """Spawned processes (a fork after OpenCV has run can hang), and the event that stops them.
+@contextlib.contextmanager
+def _pool(workers: int) -> Iterator[Executor]:
+    """Spawned processes: a fork after OpenCV has run can hang.
 
     Raises:
         RuntimeError: the first of them cannot even start.
     """
     context = multiprocessing.get_context("spawn")
-    stop = context.Event()
-    pool = ProcessPoolExecutor(workers, context, initializer=_prepare, initargs=(stop,))
+    pool = ProcessPoolExecutor(workers, context, initializer=_prepare)
     try:
         pool.submit(os.getpid).result()
+        yield pool
     except BrokenExecutor:
-        pool.shutdown()
         raise RuntimeError(
             "worker processes cannot start. A script that measures with processes needs its calls "
             'under `if __name__ == "__main__":`, because each worker imports it; else give '
             "executor=concurrent.futures.ThreadPoolExecutor()"
         ) from None
-    return pool, stop
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
-def _prepare(stop: Any) -> None:
-    """Make this process a worker: one thread, deaf to Ctrl-C, gone when its parent is."""
+def _prepare() -> None:
+    """Make this process a worker: it has one thread, ignores SIGINT and exits with its parent."""
     import cv2  # noqa: PLC0415
 
-    global _stop  # noqa: PLW0603 -- an event can reach a worker only when it starts
-    _stop = stop
     cv2.setNumThreads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when to stop
-    threading.Thread(target=_follow_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _follow_parent() -> None:
-    """End with a parent that was killed; a worker would wait for it for ever."""
+def _exit_with_parent() -> None:
+    """Exit when the parent is killed; a worker would wait for it indefinitely."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,14 +1,15 @@
 """The outline of the muscle to a fraction of a pixel: limb model, blur from the picture itself."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from ..arrays import Array, Image, Indices, Single
 from .edge_fit import best_shift, parabola_peak
 from .edge_profile import BROAD, EdgeProfile, edge_profile, limb, near_edge
 from .edge_windows import Samples, aligned_windows, first_curve
@@ -36,19 +37,13 @@ class Side:
         residual: root mean square of the single fits about the curve [px].
         outliers: part of the rows that were thrown out.
         kappa: strength of the limb's root against its step [px^-0.5].
-        profile: mean of all rows along the normal, linear light, at `Outline.inward`.
     """
 
-    column: NDArray[np.float64]
-    stderr: NDArray[np.float64]
+    column: Array
+    stderr: Array
     residual: float
     outliers: float
     kappa: float
-    profile: NDArray[np.float64]
-
-    def moved(self, columns: int) -> "Side":
-        """The same so many columns further right."""
-        return dataclasses.replace(self, column=self.column + columns)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,26 +56,24 @@ class Outline:
         blur: s of the edge, a standard deviation, pixel and weave included [px].
         disk: part of its variance that a disk makes, see `EdgeProfile`.
         misfit: root mean square between the mean profiles and the model, over the step.
-        inward: distance from the edge of the samples of a profile [px].
         resolution: wavelength that passed the smoothing at half its height [px].
     """
 
-    rows: NDArray[np.int64]
+    rows: Indices
     left: Side
     right: Side
     blur: float
     disk: float
     misfit: float
-    inward: NDArray[np.float64]
     resolution: float
 
 
 def find_outline(
-    image: NDArray[np.uint8],
-    amount: NDArray[np.float32],
-    rows: NDArray[np.int64],
-    left: NDArray[np.float64],
-    right: NDArray[np.float64],
+    image: Image,
+    amount: Single,
+    rows: Indices,
+    left: Array,
+    right: Array,
     *,
     resolution: float,
     method: Method = "limb",
@@ -116,30 +109,28 @@ def find_outline(
     ]
     light = np.asarray(cv2.LUT(luma, amount), np.float32)
     first, curves = _first_look(light, curves, radius, blur)
-    options = (radius, resolution, method, first.kappas)
-    outline = _improved(
-        light, rows, curves, first.blur, first.disk, *options,
-        estimate=blur is None, spacing=_ALIGNED,
+    improved = functools.partial(
+        _improved, light, rows, radius=radius, resolution=resolution, method=method,
+        first_kappas=first.kappas, estimate=blur is None,
     )  # fmt: skip
+    outline = improved(curves, first.blur, first.disk, spacing=_ALIGNED)
     curves = [_in_every_row(side.column, rows.size) for side in (outline.left, outline.right)]
     for _ in range(_PASSES):
         before = outline.blur
-        shape = before, outline.disk
-        outline = _improved(light, rows, curves, *shape, *options, estimate=blur is None)
+        outline = improved(curves, before, outline.disk)
         found = [outline.left.column, outline.right.column]
         moved = max(np.abs(new - old).max() for new, old in zip(found, curves, strict=True))
         if moved < _SETTLED[0] and abs(outline.blur / before - 1) < _SETTLED[1]:
             break
         curves = found
-    return dataclasses.replace(outline, left=outline.left.moved(u0), right=outline.right.moved(u0))
+    sides = (outline.left, outline.right)
+    left_side, right_side = (dataclasses.replace(side, column=side.column + u0) for side in sides)
+    return dataclasses.replace(outline, left=left_side, right=right_side)
 
 
 def _first_look(
-    light: NDArray[np.float32],
-    curves: list[NDArray[np.float64]],
-    radius: float,
-    blur: float | None,
-) -> tuple[EdgeProfile, list[NDArray[np.float64]]]:
+    light: Single, curves: list[Array], radius: float, blur: float | None
+) -> tuple[EdgeProfile, list[Array]]:
     """Blur and light to within a tenth or so, and the curves less their mean error."""
     start = _WIDEST_START if blur is None else blur
     t = _window(start, radius)
@@ -153,16 +144,16 @@ def _first_look(
 
 
 def _improved(
-    light: NDArray[np.float32],
-    rows: NDArray[np.int64],
-    curves: list[NDArray[np.float64]],
+    light: Single,
+    rows: Indices,
+    curves: list[Array],
     blur: float,
     disk: float,
+    *,
     radius: float,
     resolution: float,
     method: Method,
     first_kappas: tuple[float, float],
-    *,
     estimate: bool,
     spacing: int = 1,
 ) -> Outline:
@@ -172,41 +163,44 @@ def _improved(
     """
     t = _window(blur, radius)
     light, rows, curves = light[::spacing], rows[::spacing], [curve[::spacing] for curve in curves]
-    sides = [
+    windows = [
         aligned_windows(light, curve, inward, t, radius, spacing)
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
-    profiles = [side.profile for side in sides]
     fit = edge_profile(
-        profiles, t, blur, radius, disk=disk, estimate=estimate, first_kappas=first_kappas
-    )
-    made = []
-    for side, kappa, shift in zip(sides, fit.kappas, fit.shifts, strict=True):
-        estimator = _estimator(method, t, fit, kappa, radius)
-        column, stderr, residual, outliers = _refined(
-            side, estimator, resolution / spacing, shift if method == "limb" else None
+        [side.profile for side in windows], t, blur, radius,
+        disk=disk, estimate=estimate, first_kappas=first_kappas,
+    )  # fmt: skip
+    left, right = (
+        _refined(
+            side,
+            _estimator(method, t, fit, kappa, radius),
+            resolution / spacing,
+            shift if method == "limb" else None,
+            kappa,
         )
-        made.append(Side(column, stderr, residual, outliers, kappa, side.profile))
-    return Outline(rows, made[0], made[1], fit.blur, fit.disk, fit.misfit, t, resolution)
+        for side, kappa, shift in zip(windows, fit.kappas, fit.shifts, strict=True)
+    )
+    return Outline(rows, left, right, fit.blur, fit.disk, fit.misfit, resolution)
 
 
-def _in_every_row(column: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+def _in_every_row(column: Array, n: int) -> Array:
     """A curve of which every `_ALIGNED`-th of n rows is known."""
     longer = np.append(column, 2 * column[-1] - column[-2])
     return np.interp(np.arange(n), _ALIGNED * np.arange(longer.size), longer)
 
 
-def _window(blur: float, radius: float) -> NDArray[np.float64]:
+def _window(blur: float, radius: float) -> Array:
     outside = round(max(8.0, 5 * blur))
     inside = round(min(BROAD[1] * max(1.0, blur), _LARGEST_PART * radius))
     return np.arange(-outside, inside + 1.0)
 
 
-Estimator = Callable[[NDArray[np.float32]], NDArray[np.float64]]
+Estimator = Callable[[Single], Array]
 
 
 def _estimator(
-    method: Method, t: NDArray[np.float64], fit: EdgeProfile, kappa: float, radius: float
+    method: Method, t: Array, fit: EdgeProfile, kappa: float, radius: float
 ) -> Estimator:
     """Shift inward [px] of averaged windows, by the method."""
     s = fit.blur
@@ -225,15 +219,13 @@ def _estimator(
     return lambda windows: _half_level(windows[:, near], t[near], s)
 
 
-def _steepest(windows: NDArray[np.float32], t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steepest(windows: Single, t: Array) -> Array:
     slope = gaussian_filter1d(windows.astype(float), 1.0, axis=1, order=1)
     inner = np.flatnonzero(np.abs(t) <= 0.6 * t[-1])
     return t[inner[0]] + parabola_peak(slope[:, inner])
 
 
-def _half_level(
-    windows: NDArray[np.float32], t: NDArray[np.float64], s: float
-) -> NDArray[np.float64]:
+def _half_level(windows: Single, t: Array, s: float) -> Array:
     outside = windows[:, t < -3 * s].mean(axis=1)
     inside = windows[:, (t > 2 * s) & (t < 5 * s)].mean(axis=1)
     above = windows > ((outside + inside) / 2)[:, None]
@@ -245,9 +237,9 @@ def _half_level(
 
 
 def _refined(
-    side: Samples, estimator: Estimator, resolution: float, mean_shift: float | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-    """Smooth columns, their standard error, residual and part of stray rows."""
+    side: Samples, estimator: Estimator, resolution: float, mean_shift: float | None, kappa: float
+) -> Side:
+    """The smooth edge through the shifts of all windows."""
     shift = estimator(side.mean)
     if mean_shift is not None:
         # The mean profile has no noise to bias its fit: it says where the edges are on average.
@@ -255,7 +247,11 @@ def _refined(
     position = side.curve + side.inward * side.stretch * shift
     curve, keep = smooth_robustly(position, resolution, side.weight.astype(float))
     off = np.where(keep, position - curve, 0.0)
-    residual = float(np.sqrt(np.mean(off[keep] ** 2)))
     density = density_left_over(off, resolution)
-    stderr = np.sqrt(density * variance_of_smooth(curve.size, resolution))
-    return curve, stderr, residual, 1 - float(keep.mean())
+    return Side(
+        column=curve,
+        stderr=np.sqrt(density * variance_of_smooth(curve.size, resolution)),
+        residual=float(np.sqrt(np.mean(off[keep] ** 2))),
+        outliers=1 - float(keep.mean()),
+        kappa=kappa,
+    )

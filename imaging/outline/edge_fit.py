@@ -6,19 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
+from ..arrays import Array
+
 _DIFFERENCE = 1e-7  # of an unknown of order 1, for derivatives: root of the precision, and more
 
-Edge = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Edge = Callable[[Array], Array]
 """Brightness of an edge against the distance inward t [px], elementwise, in any unit."""
 
 
 def best_shift(
-    windows: NDArray[np.floating],
-    t: NDArray[np.float64],
-    edge: Edge,
-    reach: float,
-    spacing: float,
-) -> NDArray[np.float64]:
+    windows: NDArray[np.floating], t: Array, edge: Edge, reach: float, spacing: float
+) -> Array:
     """The shift of the edge in each window, by least squares with free level and height.
 
     For every candidate shift, what the model a + b edge(t - shift) explains of the samples'
@@ -44,7 +42,7 @@ def best_shift(
     return parabola_peak(energy * np.abs(energy)) * spacing - count * spacing
 
 
-def parabola_peak(energy: NDArray[np.floating]) -> NDArray[np.float64]:
+def parabola_peak(energy: NDArray[np.floating]) -> Array:
     """Index of each row's maximum, with a fraction from the parabola through its neighbours.
 
     Args:
@@ -63,9 +61,7 @@ def parabola_peak(energy: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.where(inner == best, inner + np.clip(offset, -1, 1), best)
 
 
-def height_and_rest(
-    samples: NDArray[np.float64], model: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def height_and_rest(samples: Array, model: Array) -> tuple[Array, Array]:
     """The height b of a + b model fitted to samples by least squares, and what it leaves over.
 
     Args:
@@ -83,11 +79,7 @@ def height_and_rest(
     return height, rest - height * centred
 
 
-def least_squares(
-    left_over: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    start: NDArray[np.float64],
-    tolerance: float,
-) -> NDArray[np.float64]:
+def least_squares(left_over: Callable[[Array], Array], start: Array, tolerance: float) -> Array:
     """The unknowns of least squared residuals, by Levenberg and Marquardt.
 
     Args:
@@ -101,7 +93,7 @@ def least_squares(
     """
     steps = _DIFFERENCE * np.eye(start.size + 1, start.size, -1)
 
-    def slopes(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slopes(unknown: Array) -> Array:
         values = left_over(unknown + steps)
         return (values[1:] - values[0]) / _DIFFERENCE
 

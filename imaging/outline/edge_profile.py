@@ -3,8 +3,8 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Flags
 from .edge_fit import height_and_rest, least_squares
 from .limb import LARGEST_DISK, defocused_step, ramp, step
 
@@ -38,8 +38,8 @@ class EdgeProfile:
 
 
 def edge_profile(
-    profiles: list[NDArray[np.float64]],
-    t: NDArray[np.float64],
+    profiles: list[Array],
+    t: Array,
     blur: float,
     radius: float,
     *,
@@ -69,13 +69,13 @@ def edge_profile(
     near = near_edge(t, blur)
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 
-    def blur_and_disk(unknown: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def blur_and_disk(unknown: Array) -> tuple[Array, ...]:
         if not estimate:
             return np.array([blur]), np.zeros(1)
         s = np.minimum(np.maximum(np.exp(unknown[..., 2:3]), _BLURS[0]), _BLURS[1])
         return s, LARGEST_DISK * np.sin(unknown[..., 3:]) ** 2
 
-    def left_over(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+    def left_over(unknown: Array) -> Array:
         s, part = blur_and_disk(unknown)
         at = t[near] - unknown[..., :2, None]
         model = limb(at, s[..., None], kappas[:, None], radius, part[..., None])
@@ -92,29 +92,23 @@ def edge_profile(
 
 
 def limb(
-    t: NDArray[np.float64],
-    s: float | NDArray[np.float64],
-    kappa: float | NDArray[np.float64],
-    radius: float,
-    disk: float | NDArray[np.float64] = 0.0,
-) -> NDArray[np.float64]:
+    t: Array, s: float | Array, kappa: float | Array, radius: float, disk: float | Array = 0.0
+) -> Array:
     """Brightness across a limb, the step under blur plus kappa (root under blur), elementwise.
 
-    Of the blur's shape the root, which is smooth, takes no notice.
+    The root is smooth: the shape of the blur does not matter to it.
     """
     edge = defocused_step(t, s, disk) if np.any(disk) else step(t, s)
     return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge
 
 
-def near_edge(t: NDArray[np.float64], s: float) -> NDArray[np.bool_]:
+def near_edge(t: Array, s: float) -> Flags:
     """The samples of the edge's outer flank and of little more."""
     size = max(1.0, s)
     return (t >= _NEAR[0] * size) & (t <= _NEAR[1] * size)
 
 
-def _limb_strength(
-    profile: NDArray[np.float64], t: NDArray[np.float64], s: float, radius: float
-) -> float:
+def _limb_strength(profile: Array, t: Array, s: float, radius: float) -> float:
     """The kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur."""
     inside = t >= BROAD[0] * max(1.0, s)
     x = t[inside]

@@ -4,9 +4,9 @@ import dataclasses
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import grey_opening, median_filter, percentile_filter
 
+from ..arrays import Array, Image, Single
 from ..errors import NoMuscle
 from .edge_fit import best_shift
 from .limb import step
@@ -36,20 +36,14 @@ class Samples:
     """
 
     inward: int
-    curve: NDArray[np.float64]
-    stretch: NDArray[np.float64]
-    mean: NDArray[np.float32]
-    weight: NDArray[np.float32]
-    profile: NDArray[np.float64]
+    curve: Array
+    stretch: Array
+    mean: Single
+    weight: Single
+    profile: Array
 
 
-def first_curve(
-    luma: NDArray[np.uint8],
-    coarse: NDArray[np.float64],
-    inward: int,
-    resolution: float,
-    radius: float,
-) -> NDArray[np.float64]:
+def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radius: float) -> Array:
     """The outline to half a pixel: a step in the encoded values, in which a dark limb still shows."""
     start = np.round(_without_dents(coarse, inward, radius)).astype(np.int64)
     reach = min(_FIRST_REACH, round(0.3 * radius))
@@ -65,7 +59,7 @@ def first_curve(
     return curve
 
 
-def _without_dents(coarse: NDArray[np.float64], inward: int, radius: float) -> NDArray[np.float64]:
+def _without_dents(coarse: Array, inward: int, radius: float) -> Array:
     """The coarse outline without the dents that dark threads make, and without single specks."""
     size = max(5, round(_DENT * radius))
     smooth = median_filter(coarse, _COARSE_MEDIAN, mode="nearest")
@@ -76,12 +70,7 @@ def _without_dents(coarse: NDArray[np.float64], inward: int, radius: float) -> N
 
 
 def aligned_windows(
-    light: NDArray[np.float32],
-    curve: NDArray[np.float64],
-    inward: int,
-    t: NDArray[np.float64],
-    radius: float,
-    spacing: int = 1,
+    light: Single, curve: Array, inward: int, t: Array, radius: float, spacing: int = 1
 ) -> Samples:
     """Windows along the normal by Catmull-Rom interpolation in each row of the picture `light`.
 
@@ -113,13 +102,13 @@ def aligned_windows(
     return Samples(inward, curve, stretch, windows, weight, profile.astype(np.float64))
 
 
-def _along_edge(windows: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
+def _along_edge(windows: Single, rows: int) -> Single:
     """Means of so many neighbouring rows; shape (n, k)."""
     means = cv2.blur(windows, (1, rows), borderType=cv2.BORDER_REFLECT_101)
     return np.asarray(means, np.float32).reshape(windows.shape)
 
 
-def _seen(height: NDArray[np.float32], radius: float) -> NDArray[np.float32]:
+def _seen(height: Single, radius: float) -> Single:
     """1 in rows whose limb is lit, 0 where a black thread hides it; shape (n,)."""
     every = 8
     around = max(3, round(_AROUND * radius / every))

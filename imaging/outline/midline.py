@@ -1,12 +1,13 @@
 """How far the middle between both edges is from that of a body of revolution."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..arrays import Array
 
 _CUBIC = 4  # coefficients of the axis: a muscle may be bowed, or hang in an S
 
 
-def axis_deviation(left: NDArray[np.float64], right: NDArray[np.float64]) -> float:
+def axis_deviation(left: Array, right: Array) -> float:
     """Root mean square of the mid-line about a straight one, over the mean radius.
 
     Args:
@@ -19,12 +20,25 @@ def axis_deviation(left: NDArray[np.float64], right: NDArray[np.float64]) -> flo
     return float(np.sqrt(np.mean(off**2)) / np.mean((right - left) / 2))
 
 
-def axis_kink(left: NDArray[np.float64], right: NDArray[np.float64]) -> float:
+def axis_kink(left: Array, right: Array) -> float:
     """Largest deviation of the mid-line from a smooth one, over the mean radius.
 
+    Rendered muscles stay below 0.025; something that covers a sixth of the radius on one side makes
+    0.07 or more.
+
+    Args:
+        left: column of the left edge in each row [px], shape (n,).
+        right: of the right one.
+    """
+    off = off_smooth_midline(left, right)
+    return float(np.abs(off).max() / np.mean((right - left) / 2))
+
+
+def off_smooth_midline(left: Array, right: Array) -> Array:
+    """Deviation of the mid-line from a smooth one [px], shape (n,).
+
     An axis bends as a cubic at most, and pairs of one row lie askew on a rolled muscle, which
-    moves their middle by roll R R'. Rendered muscles stay below 0.025; something that covers a
-    sixth of the radius on one side makes 0.07 or more.
+    moves their middle by roll R R'.
 
     Args:
         left: column of the left edge in each row [px], shape (n,).
@@ -33,5 +47,4 @@ def axis_kink(left: NDArray[np.float64], right: NDArray[np.float64]) -> float:
     middle, half = (left + right) / 2, (right - left) / 2
     x = np.linspace(-1, 1, middle.size)
     smooth = np.column_stack([np.vander(x, _CUBIC), half * np.gradient(half)])
-    off = middle - smooth @ np.linalg.lstsq(smooth, middle, rcond=None)[0]
-    return float(np.abs(off).max() / half.mean())
+    return middle - smooth @ np.linalg.lstsq(smooth, middle, rcond=None)[0]

@@ -3,8 +3,9 @@
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+
+from ..arrays import Array, Flags
 
 _THIRD = np.array([-1.0, 3.0, -3.0, 1.0])
 _REJECT = 4.0  # robust standard deviations at which a row counts as stray
@@ -13,11 +14,7 @@ _ABOUT = 0.5  # octaves on either side
 _POWER = 5 * np.pi / 18  # integral of 1 / (1 + x^6)^2 over x > 0
 
 
-def smooth(
-    position: NDArray[np.float64],
-    resolution: float,
-    weight: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+def smooth(position: Array, resolution: float, weight: Array | None = None) -> Array:
     """The curve that minimises sum w (p - q)^2 + lambda sum (third difference of q)^2.
 
     A wave of length `resolution` passes at half its height, a parabola unchanged; the ends are
@@ -34,6 +31,7 @@ def smooth(
     References:
         Whittaker 1923; Eilers 2003, Anal. Chem. 75, equation 6.
     """
+    # SciPy's smoothing splines penalise the second derivative: a parabola would not pass unchanged.
     w = np.ones_like(position) if weight is None else weight
     band = penalty(position.size) * _strength(resolution)  # a new array
     band[-1] += w
@@ -43,10 +41,8 @@ def smooth(
 
 
 def smooth_robustly(
-    position: NDArray[np.float64],
-    resolution: float,
-    weight: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    position: Array, resolution: float, weight: Array | None = None
+) -> tuple[Array, Flags]:
     """`smooth` without the rows that stand off by more than four robust standard deviations.
 
     Returns:
@@ -69,13 +65,13 @@ def smooth_robustly(
     return curve, keep
 
 
-def _median(values: NDArray[np.float64]) -> float:
+def _median(values: Array) -> float:
     """The upper median, thrice as fast as numpy's."""
     half = values.size // 2
     return float(np.partition(values, half)[half])
 
 
-def variance_of_smooth(n: int, resolution: float) -> NDArray[np.float64]:
+def variance_of_smooth(n: int, resolution: float) -> Array:
     """Variance of `smooth` at each of n rows for independent errors of unit variance.
 
     5 pi / 18 * 2 / resolution inside; near the ends, which are free, several times as much. The
@@ -90,7 +86,7 @@ def variance_of_smooth(n: int, resolution: float) -> NDArray[np.float64]:
     return out
 
 
-def density_left_over(off: NDArray[np.float64], resolution: float) -> float:
+def density_left_over(off: Array, resolution: float) -> float:
     """Variance times rows of the scatter before `smooth`, from what it left over of one picture.
 
     The mean of the periodogram about the wavelength that passes at half its height, each value
@@ -110,7 +106,7 @@ def density_left_over(off: NDArray[np.float64], resolution: float) -> float:
 
 
 @functools.lru_cache(maxsize=16)
-def _end_variance(thousandths: int) -> NDArray[np.float64]:
+def _end_variance(thousandths: int) -> Array:
     resolution = thousandths / 1000
     n, k = int(4 * resolution) + 8, int(resolution)
     every = max(1, k // 32)
@@ -128,7 +124,7 @@ def _strength(resolution: float) -> float:
 
 
 @functools.lru_cache(maxsize=16)
-def penalty(n: int) -> NDArray[np.float64]:
+def penalty(n: int) -> Array:
     """The matrix D'D of third differences as the upper band that LAPACK takes, shape (4, n)."""
     band = np.zeros((4, n), order="F")
     for i, a in enumerate(_THIRD):
@@ -138,8 +134,8 @@ def penalty(n: int) -> NDArray[np.float64]:
     return band
 
 
-def correlated_points(off: NDArray[np.float64]) -> float:
-    """Points over which residuals stick together, 1 + 2 sum of their autocorrelations while > 0."""
+def correlated_points(off: Array) -> float:
+    """Points over which residuals are correlated, 1 + 2 sum of their autocorrelations while > 0."""
     power = float(off @ off)
     if power == 0:
         return 1.0

@@ -5,8 +5,8 @@ from os import PathLike, fspath
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Image, Single
 from ..camera.pinhole import Camera
 from ..camera.read import Reader, read_image
 from ..camera.tone import Tone
@@ -21,7 +21,7 @@ _LEAST_EXACT = 1e-3  # standard error of the scale, relative
 
 
 def calibrate_ruler(
-    image: str | PathLike[str] | NDArray[np.uint8],
+    image: str | PathLike[str] | Image,
     *,
     pitch: float = 0.003175,
     distance: float = 1.524,
@@ -47,8 +47,8 @@ def calibrate_ruler(
         centre: where the optical axis meets the picture (u, v) [px]; None takes its middle.
         k1: radial distortion, as in `Camera`.
         tone: the camera's tone curve; sRGB by default. It hardly matters here.
-        expected_px_per_m: the scale to within a quarter [px/m]; tells a ruler's finer and coarser
-            marks, or its two edges, from each other.
+        expected_px_per_m: the scale to within a quarter [px/m]; distinguishes a ruler's
+            finer and coarser marks, or its two edges.
         placement_stderr: standard error of the ruler's place in depth [m]; enters the scale's.
         reader: from path to picture.
 
@@ -84,7 +84,7 @@ def calibrate_ruler(
         raise
 
 
-def _aligned(light: NDArray[np.float32], strip: Strip) -> Strip:
+def _aligned(light: Single, strip: Strip) -> Strip:
     """The strip turned until both of its halves show the marks at the same places."""
     line = strip.line
     for _ in range(_TURNS):
@@ -109,11 +109,11 @@ def _straightened(
     line, marks = strip.line, strip.marks
     if k1 == 0:
         return marks
-    camera = Camera(strip.pitch / pitch, distance, centre, k1)
+    camera = Camera(strip.marks.pitch / pitch, distance, centre, k1)
     u, v = (line.origin[i] + marks.place * line.along[i] for i in (0, 1))
     a, b = camera.rays(u, v)
     shown = np.stack([centre[0] + a * camera.focal_px, centre[1] + b * camera.focal_px], axis=1)
-    again = numbered((shown - line.origin) @ line.along, strip.pitch)
+    again = numbered((shown - line.origin) @ line.along, strip.marks.pitch)
     return marks if again is None else again
 
 
@@ -127,7 +127,7 @@ def _scale(
 ) -> Scale:
     foot = float((np.asarray(centre) - line.origin) @ line.along)
 
-    def scale_and_tilt(fit: NDArray[np.float64]) -> tuple[float, float]:
+    def scale_and_tilt(fit: Array) -> tuple[float, float]:
         a, b, c = fit
         n = (foot - a) / (b - c * foot)
         below = 1 + c * n

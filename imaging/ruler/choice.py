@@ -4,8 +4,8 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image, Single
 from ..errors import AmbiguousRuler, RulerNotFound
 from .marks import Numbered, marks_of, numbered
 from .strip import Line, regular_strips
@@ -34,15 +34,8 @@ class Strip:
     line: Line
     marks: Numbered
 
-    @property
-    def pitch(self) -> float:
-        """From mark to mark, the mean [px]."""
-        return float(np.ptp(self.marks.place) / np.ptp(self.marks.number))
 
-
-def choose_strip(
-    luma: NDArray[np.uint8], light: NDArray[np.float32], pitch: float, expected: float | None
-) -> Strip:
+def choose_strip(luma: Image, light: Single, pitch: float, expected: float | None) -> Strip:
     """The strip with the most marks of those that have the scale to expect.
 
     Args:
@@ -60,7 +53,7 @@ def choose_strip(
     good = [strip for strip in strips if is_ruler(strip.marks)]
     if expected is not None:
         near = expected * pitch
-        good = [strip for strip in good if abs(strip.pitch / near - 1) < _EXPECTED]
+        good = [strip for strip in good if abs(strip.marks.pitch / near - 1) < _EXPECTED]
     if not good:
         figures: dict[str, Any] = {
             "marks": max((strip.marks.number.size for strip in strips), default=0),
@@ -80,7 +73,7 @@ def choose_strip(
     return best
 
 
-def read_strip(light: NDArray[np.float32], line: Line) -> Strip | None:
+def read_strip(light: Single, line: Line) -> Strip | None:
     """A strip's marks, None where they cannot be numbered."""
     marks = numbered(marks_of(line.profile(light), line.pitch), line.pitch)
     return None if marks is None else Strip(line, marks)
@@ -88,28 +81,25 @@ def read_strip(light: NDArray[np.float32], line: Line) -> Strip | None:
 
 def is_ruler(marks: Numbered) -> bool:
     """Whether marks are many, even and sharp enough."""
-    pitch = float(np.ptp(marks.place) / np.ptp(marks.number))
     return (
         marks.number.size >= FEWEST
         and marks.number.size >= _ON_MODEL * marks.expected
-        and marks.residual <= _SHARP * abs(pitch)
+        and marks.residual <= _SHARP * marks.pitch
     )
 
 
-def _check_unique(
-    light: NDArray[np.float32], best: Strip, strips: list[Strip], pitch: float
-) -> None:
+def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
     """Every other strip must show the same marks, or the longer ones of them."""
     others = [
         strip
         for strip in strips
         if abs(strip.line.along @ best.line.along) > 0.99
         and strip.marks.number.size >= max(FEWEST, _AT_ALL * strip.marks.expected)
-        and strip.marks.residual <= _SHARP * strip.pitch
+        and strip.marks.residual <= _SHARP * strip.marks.pitch
     ]
-    alike = [strip for strip in others if abs(strip.pitch / best.pitch - 1) < _SAME]
+    alike = [strip for strip in others if abs(strip.marks.pitch / best.marks.pitch - 1) < _SAME]
     for other in others:
-        ratio = max(other.pitch, best.pitch) / min(other.pitch, best.pitch)
+        ratio = max(other.marks.pitch, best.marks.pitch) / min(other.marks.pitch, best.marks.pitch)
         whole = abs(ratio / round(ratio) - 1) < _SAME
         if whole and (
             round(ratio) == 1
@@ -121,10 +111,10 @@ def _check_unique(
             "the picture must show one scale; two edges of the ruler differ, and the pitch that was "
             "given can be that of either: say which scale to expect (expected_px_per_m, "
             "--expected-px-per-in), or cover one edge",
-            pitch_px=best.pitch,
-            other_pitch_px=other.pitch,
-            px_per_in=best.pitch / pitch * _INCH,
-            other_px_per_in=other.pitch / pitch * _INCH,
+            pitch_px=best.marks.pitch,
+            other_pitch_px=other.marks.pitch,
+            px_per_in=best.marks.pitch / pitch * _INCH,
+            other_px_per_in=other.marks.pitch / pitch * _INCH,
         )
 
 
@@ -134,7 +124,7 @@ def _as_exact(strip: Strip, best: Strip) -> bool:
     return strip.marks.residual <= times * best.marks.residual + more
 
 
-def _run_together(light: NDArray[np.float32], fine: Strip, coarse: Strip) -> bool:
+def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
     """Whether the marks of a strip go on to that of the finer ones: they are its longer marks."""
     across = coarse.line.across
     way = float((fine.line.origin - coarse.line.origin) @ across)
@@ -145,6 +135,6 @@ def _run_together(light: NDArray[np.float32], fine: Strip, coarse: Strip) -> boo
         if seen.size == 0:
             return False
         off = np.abs(coarse.marks.place[:, None] - seen).min(axis=1)
-        if np.mean(off < _ON_MARK * coarse.pitch) < 0.5:
+        if np.mean(off < _ON_MARK * coarse.marks.pitch) < 0.5:
             return False
     return True

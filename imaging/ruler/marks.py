@@ -3,10 +3,11 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import leastsq
+
+from ..arrays import Array, Flags, Indices
 
 _EDGE_SMOOTHING = (1.0, 1 / 16, 2.0)  # px; pitches; px: least, wanted, most
 _FINER = 4  # samples per px: a parabola through the slope's extremum is good to 0.04 of their step
@@ -27,15 +28,18 @@ class Numbered:
         coefficients: a, b, c of px(n) = (a + b n) / (1 + c n).
         covariance: of them, shape (3, 3).
         residual: root mean square about the fit [px].
-        found: marks seen, numbered or not.
     """
 
-    number: NDArray[np.int64]
-    place: NDArray[np.float64]
-    coefficients: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    number: Indices
+    place: Array
+    coefficients: Array
+    covariance: Array
     residual: float
-    found: int
+
+    @property
+    def pitch(self) -> float:
+        """From mark to mark, the mean [px]."""
+        return float(np.ptp(self.place) / np.ptp(self.number))
 
     @property
     def expected(self) -> int:
@@ -43,7 +47,7 @@ class Numbered:
         return int(self.number[-1] - self.number[0]) + 1
 
 
-def marks_of(profile: NDArray[np.float64], pitch: float) -> NDArray[np.float64]:
+def marks_of(profile: Array, pitch: float) -> Array:
     """Middles of the marks along a profile [px], dark on light or light on dark.
 
     Each mark has two gradient extrema, one of each sign; their midpoint does not depend on blur,
@@ -62,14 +66,11 @@ def marks_of(profile: NDArray[np.float64], pitch: float) -> NDArray[np.float64]:
     fine = np.arange(0, profile.size - 1 + 1 / (2 * _FINER), 1 / _FINER)
     slope = CubicSpline(np.arange(profile.size), smooth)(fine, 1)
     pitch *= _FINER
-    return (
-        1
-        / _FINER
-        * min((_pairs(sign * slope, pitch) for sign in (1, -1)), key=lambda pair: pair[1])[0]
-    )
+    places, _ = min((_pairs(sign * slope, pitch) for sign in (1, -1)), key=lambda pair: pair[1])
+    return places / _FINER
 
 
-def _pairs(slope: NDArray[np.float64], pitch: float) -> tuple[NDArray[np.float64], float]:
+def _pairs(slope: Array, pitch: float) -> tuple[Array, float]:
     """Midpoints of each maximum and the minimum that follows it, and their median distance."""
     rise, fall = _extrema(slope), _extrema(-slope)
     if rise.size == 0 or fall.size == 0:
@@ -83,7 +84,7 @@ def _pairs(slope: NDArray[np.float64], pitch: float) -> tuple[NDArray[np.float64
     return (rise + width / 2)[good], float(np.median(width[good]))
 
 
-def _extrema(slope: NDArray[np.float64]) -> NDArray[np.float64]:
+def _extrema(slope: Array) -> Array:
     """Places of the strong maxima, by a parabola through three samples."""
     inner = slope[1:-1]
     peak = np.flatnonzero((inner >= slope[:-2]) & (inner > slope[2:]) & (inner > 0)) + 1
@@ -96,7 +97,7 @@ def _extrema(slope: NDArray[np.float64]) -> NDArray[np.float64]:
     return peak + 0.5 * (before - after) / (before - 2 * at + after)
 
 
-def numbered(places: NDArray[np.float64], pitch: float) -> Numbered | None:
+def numbered(places: Array, pitch: float) -> Numbered | None:
     """The largest set of marks that one projective scale explains, or None for fewer than four.
 
     A plane ruler at any tilt has px(n) = (a + b n) / (1 + c n). Numbers are counted on from mark
@@ -134,18 +135,16 @@ def numbered(places: NDArray[np.float64], pitch: float) -> Numbered | None:
     variance = float(off @ off) / max(number.size - 3, 1)
     covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian) * variance, np.float64)
     residual = float(np.sqrt(np.mean(off**2)))
-    return Numbered(number, kept, fit, covariance, residual, places.size)
+    return Numbered(number, kept, fit, covariance, residual)
 
 
-def _typical_pitch(places: NDArray[np.float64], pitch: float) -> float:
+def _typical_pitch(places: Array, pitch: float) -> float:
     steps = np.diff(places)
     near = steps[np.abs(steps / pitch - 1) < 0.15]
     return float(np.median(near)) if near.size >= 3 else pitch
 
 
-def _counted(
-    places: NDArray[np.float64], pitch: float
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _counted(places: Array, pitch: float) -> tuple[Indices, Flags]:
     """Numbers from mark to mark within the longest run without a step that fits no number."""
     steps = np.diff(places) / pitch
     whole = np.rint(steps)
@@ -156,29 +155,25 @@ def _counted(
     return number, run == longest
 
 
-def _one_each(
-    number: NDArray[np.int64], off: NDArray[np.float64], among: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _one_each(number: Indices, off: Array, among: Flags) -> Flags:
     """The mark nearest to the model for each number."""
     order = np.lexsort((off, ~among, number))
-    first = np.ones(order.size, bool)
-    first[1:] = np.diff(number[order]) != 0
-    out = np.zeros(order.size, bool)
-    out[order[first]] = True
-    return out
+    nearest = np.zeros(order.size, bool)
+    nearest[order[np.unique(number[order], return_index=True)[1]]] = True
+    return nearest
 
 
-def _place(fit: NDArray[np.float64], number: NDArray[np.int64]) -> NDArray[np.float64]:
+def _place(fit: Array, number: Indices) -> Array:
     a, b, c = fit
     return (a + b * number) / (1 + c * number)
 
 
-def _jacobian(fit: NDArray[np.float64], number: NDArray[np.int64]) -> NDArray[np.float64]:
+def _jacobian(fit: Array, number: Indices) -> Array:
     below = 1 + fit[2] * number
     return np.stack([1 / below, number / below, -_place(fit, number) * number / below], axis=1)
 
 
-def _projective(number: NDArray[np.int64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+def _projective(number: Indices, place: Array) -> Array:
     slope, start = np.polyfit(number, place, 1)
     size = np.array([1.0, 1.0 / np.ptp(number), 1.0 / (np.ptp(number) * np.ptp(place))])
     best, *_ = leastsq(

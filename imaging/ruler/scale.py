@@ -3,8 +3,9 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..camera.pinhole import apparent_diameter
 
 
@@ -108,7 +109,7 @@ class Scale:
         """Standard error over the scale."""
         return self.stderr / self.px_per_m
 
-    def at(self, position: ArrayLike) -> NDArray[np.float64]:
+    def at(self, position: ArrayLike) -> Array:
         """Local scale of the ruler [px/m] at positions along it [px]; a constant without a ruler.
 
         d px / d n of the projective fit, (b - a c) / (1 + c n)^2 at n = (px - a) / (b - c px).

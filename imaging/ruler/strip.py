@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.ndimage import map_coordinates, uniform_filter1d
 
+from ..arrays import Array, Flags, Image, Indices, Single
+
 _PITCHES = (5.0, 220.0)  # px between marks
 _STRIP = 6  # columns that are averaged in the search
-_HIGHPASS = 4.0  # pitches over which the background of the marks is taken
 _REGULAR = 0.35  # least autocorrelation one pitch on
 _HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
 _MOST = 12  # strips tried
@@ -29,18 +30,18 @@ class Line:
         pitch: from mark to mark, about [px].
     """
 
-    origin: NDArray[np.float64]
-    along: NDArray[np.float64]
+    origin: Array
+    along: Array
     samples: int
     width: float
     pitch: float
 
     @property
-    def across(self) -> NDArray[np.float64]:
+    def across(self) -> Array:
         """Unit vector across the line, shape (2,)."""
         return np.array([-self.along[1], self.along[0]])
 
-    def profile(self, light: NDArray[np.float32], *, part: float = 0.0) -> NDArray[np.float64]:
+    def profile(self, light: Single, *, part: float = 0.0) -> Array:
         """Mean across the strip at each sample, shape (samples,).
 
         Args:
@@ -67,7 +68,7 @@ class Line:
         )
 
 
-def regular_strips(luma: NDArray[np.uint8]) -> list[Line]:
+def regular_strips(luma: Image) -> list[Line]:
     """Strips whose brightness repeats itself along the ruler, the most regular first.
 
     Marks and sides of a ruler are square to each other: the gradients' mean direction modulo a
@@ -89,7 +90,7 @@ def regular_strips(luma: NDArray[np.uint8]) -> list[Line]:
     return [line for _, line in found[:_MOST]]
 
 
-def square_direction(luma: NDArray[np.uint8]) -> float:
+def square_direction(luma: Image) -> float:
     """Direction [rad] of the gradients modulo a quarter turn, in [-pi/4, pi/4]."""
     soft = cv2.GaussianBlur(luma, (0, 0), 1.5)
     gx, gy = (
@@ -105,13 +106,11 @@ def square_direction(luma: NDArray[np.uint8]) -> float:
     return float(np.angle(np.sum(np.concatenate(fourth))) / 4)
 
 
-def _power(gx: NDArray[np.number], gy: NDArray[np.number]) -> NDArray[np.float64]:
+def _power(gx: NDArray[np.number], gy: NDArray[np.number]) -> Array:
     return gx.astype(float) ** 2 + gy.astype(float) ** 2
 
 
-def _upright(
-    luma: NDArray[np.uint8], turn: float
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+def _upright(luma: Image, turn: float) -> tuple[Single, Array]:
     """The picture turned so that the ruler stands, and the matrix from its pixels back (2, 3)."""
     h, w = luma.shape
     c, s = np.cos(turn), np.sin(turn)
@@ -124,7 +123,7 @@ def _upright(
     return upright.astype(np.float32), back
 
 
-def _periodic(upright: NDArray[np.float32]) -> list[tuple[float, float, float, float]]:
+def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
     """Score, middle column, width and pitch of the runs of columns that repeat along the rows."""
     strips = uniform_filter1d(upright, _STRIP, axis=1)[:, _STRIP // 2 :: _STRIP // 2].T
     slope = np.diff(strips, axis=1)
@@ -141,7 +140,7 @@ def _periodic(upright: NDArray[np.float32]) -> list[tuple[float, float, float, f
     return _runs(regular, lags[first], top * np.sqrt(power))
 
 
-def _autocorrelation(rows: NDArray[np.float32], lags: int) -> NDArray[np.float32]:
+def _autocorrelation(rows: Single, lags: int) -> Single:
     """Of each row with itself at lags 0, 1, ... below `lags`, shape (m, lags)."""
     size = next_fast_len(rows.shape[1] + lags, real=True)
     likeness = np.empty((rows.shape[0], lags), np.float32)
@@ -152,29 +151,27 @@ def _autocorrelation(rows: NDArray[np.float32], lags: int) -> NDArray[np.float32
     return likeness
 
 
-def _runs(
-    regular: NDArray[np.bool_], lag: NDArray[np.int64], score: NDArray[np.float64]
-) -> list[tuple[float, float, float, float]]:
+def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float, float, float]]:
     """Neighbouring strips of one pitch, joined."""
-    runs, start = [], None
-    for i in range(regular.size + 1):
-        ends = start is not None and (
-            i == regular.size or not regular[i] or abs(lag[i] - lag[start]) > 1 + 0.03 * lag[start]
+    runs: list[list[int]] = []
+    for i in np.flatnonzero(regular).tolist():
+        start = runs[-1][0] if runs and runs[-1][-1] == i - 1 else None
+        if start is not None and abs(lag[i] - lag[start]) <= 1 + 0.03 * lag[start]:
+            runs[-1].append(i)
+        else:
+            runs.append([i])
+    half = _STRIP // 2
+    return [
+        (
+            float(score[run].sum()),
+            ((run[0] + run[-1]) / 2 + 1) * half,
+            max(len(run) * half - 2.0, _STRIP / 2),
+            float(np.median(lag[run])),
         )
-        if ends and start is not None:
-            members = slice(start, i)
-            middle = ((start + i - 1) / 2 + 1) * (_STRIP // 2)
-            width = max((i - start) * (_STRIP // 2) - 2.0, _STRIP / 2)
-            pitch = float(np.median(lag[members]))
-            runs.append((float(score[members].sum()), middle, width, pitch))
-            start = None
-        if i < regular.size and regular[i] and start is None:
-            start = i
-    return runs
+        for run in runs
+    ]
 
 
-def _line(
-    back: NDArray[np.float64], samples: int, column: float, width: float, pitch: float
-) -> Line:
+def _line(back: Array, samples: int, column: float, width: float, pitch: float) -> Line:
     origin = back @ np.array([column, 0.0, 1.0])
     return Line(origin, back[:, 1].copy(), samples, width, pitch)

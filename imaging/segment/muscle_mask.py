@@ -5,22 +5,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image
 from ..errors import NoMuscle, Underexposed
-from .masks import (
-    Mask,
-    above,
-    areas,
-    both,
-    chosen,
-    closed,
-    dilated,
-    either,
-    opened,
-    outside,
-    parts,
-)
+from .masks import Mask, above, areas, chosen, parts, shaped
 from .otsu import Split, counts_of, otsu_split
 
 LEAST_CONTRAST = 30  # levels between cloth and muscle
@@ -45,7 +33,7 @@ class MuscleMask:
     eta: float
 
 
-def muscle_mask(rgb: NDArray[np.uint8]) -> MuscleMask:
+def muscle_mask(rgb: Image) -> MuscleMask:
     """The largest thing that is brighter, or stronger in colour, than the cloth.
 
     Otsu's level on the brightest of the three colours, and on the strength of the colour, max -
@@ -62,12 +50,12 @@ def muscle_mask(rgb: NDArray[np.uint8]) -> MuscleMask:
     by_value, by_strength = otsu_split(counts_of(value)), otsu_split(counts_of(strength))
     lit = above(value, by_value.level)
     if by_strength.eta > TWO_CLASSES and by_strength.high - by_strength.low > LEAST_CONTRAST:
-        lit = either(lit, above(strength, by_strength.level))
-    lit = opened(lit, 3)
-    labels = parts(closed(lit, 5))
+        lit = lit | above(strength, by_strength.level)
+    lit = shaped(lit, cv2.MORPH_OPEN, 3)
+    labels = parts(shaped(lit, cv2.MORPH_CLOSE, 5))
     area = areas(labels)
     _check(by_value, float(area.max() / value.size))
-    lit = both(lit, chosen(labels, int(np.argmax(area))))
+    lit = lit & chosen(labels, int(np.argmax(area)))
     return MuscleMask(lit, _with_shaded_side(lit, value, by_value), by_value.eta)
 
 
@@ -92,13 +80,13 @@ def _check(split: Split, area: float) -> None:
         )
 
 
-def _with_shaded_side(lit: Mask, value: NDArray[np.uint8], split: Split) -> Mask:
+def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
     """The muscle's lit part and what is darker beside it, but not as dark as the cloth."""
-    cloth = np.cumsum(counts_of(value, outside(dilated(lit, 9))))
+    cloth = np.cumsum(counts_of(value, ~shaped(lit, cv2.MORPH_DILATE, 9)))
     if cloth[-1] == 0:
         return lit
     low, high = np.searchsorted(cloth, np.array([0.5, 0.98]) * cloth[-1])
     level = max(low + _SHADE * (split.high - low), high + 4)
-    shade = opened(above(value, min(level, split.level)), 3)
-    labels = parts(either(lit, shade))
+    shade = shaped(above(value, min(level, split.level)), cv2.MORPH_OPEN, 3)
+    labels = parts(lit | shade)
     return chosen(labels, labels[::2, ::2][lit[::2, ::2] > 0])

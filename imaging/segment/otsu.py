@@ -3,7 +3,10 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from skimage.filters.thresholding import threshold_otsu
+
+from ..arrays import Array, Image
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,13 +30,13 @@ class Split:
 def otsu_split(counts: ArrayLike) -> Split:
     """The cut of a histogram that maximises the variance between its two classes.
 
-    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2; the level equals OpenCV's.
+    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2; scikit-image's level, of which only the separability is ours.
 
     Args:
         counts: of the bins 0, 1, 2 ..., shape (n,).
 
     Returns:
-        The cut; eta is zero where all counts stand in one bin.
+        The cut; eta is zero where all counts are in one bin.
 
     References:
         Otsu 1979, IEEE Trans. Syst. Man Cybern. 9, equations 14 to 16.
@@ -45,24 +48,19 @@ def otsu_split(counts: ArrayLike) -> Split:
     p = np.asarray(counts, float).ravel()
     p = p / p.sum()
     bins = np.arange(p.size)
-    weight, first = np.cumsum(p), np.cumsum(p * bins)
-    mean = first[-1]
+    mean = float(p @ bins)
     spread = float(p @ (bins - mean) ** 2)
-    inside = weight * (1 - weight) > 1e-12
-    if spread == 0 or not inside.any():
-        return Split(int(np.argmax(p)), 0.0, float(mean), float(mean), 0.0)
-    between = np.zeros_like(p)
-    w = weight[inside]
-    between[inside] = (mean * w - first[inside]) ** 2 / (w * (1 - w))
-    k = int(np.argmax(between))
-    w0 = weight[k]
-    low, high = first[k] / w0, (mean - first[k]) / (1 - w0)
-    return Split(k, float(between[k] / spread), float(low), float(high), float(1 - w0))
+    if spread == 0:
+        return Split(int(np.argmax(p)), 0.0, mean, mean, 0.0)
+    level = int(threshold_otsu(hist=(p, bins)))
+    below = slice(None, level + 1)
+    share = 1 - float(p[below].sum())
+    low = float(p[below] @ bins[below]) / (1 - share)
+    high = (mean - low * (1 - share)) / share
+    return Split(level, share * (1 - share) * (high - low) ** 2 / spread, low, high, share)
 
 
-def counts_of(
-    values: NDArray[np.uint8], mask: NDArray[np.uint8] | None = None
-) -> NDArray[np.float64]:
+def counts_of(values: Image, mask: Image | None = None) -> Array:
     """Counts of the values 0 to 255 of an 8-bit array, or of those in a mask, shape (256,)."""
     import cv2  # noqa: PLC0415 - ten times as fast as numpy
 

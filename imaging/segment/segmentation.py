@@ -4,10 +4,10 @@ import dataclasses
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Image, Indices
 from ..errors import Clipped, MissingFitting, NoMuscle, WrongOrientation
-from .masks import Mask, both, dilated, eroded, outside, sampled
+from .masks import Mask, sampled, shaped
 from .muscle_mask import MuscleMask, muscle_mask
 from .tape_colour import split_by_colour
 from .tapes import Patch, two_tapes
@@ -21,7 +21,7 @@ _MARGIN = 40  # pixels around the muscle that are kept as cloth
 
 
 @dataclasses.dataclass(frozen=True)
-class Tape:
+class TapeBand:
     """One tape ring as it lies in the picture [px].
 
     Attributes:
@@ -34,7 +34,7 @@ class Tape:
     bottom: float
     left: float
     right: float
-    inner: NDArray[np.float64]
+    inner: Array
     inner_limbs: tuple[float, float]
 
 
@@ -51,14 +51,14 @@ class Segmentation:
         saturated: part of the muscle with a colour at 254 or more.
     """
 
-    rows: NDArray[np.int64]
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-    upper: Tape
-    lower: Tape
-    cloth: NDArray[np.float64]
-    braid: NDArray[np.float64]
-    tape: NDArray[np.float64]
+    rows: Indices
+    left: Array
+    right: Array
+    upper: TapeBand
+    lower: TapeBand
+    cloth: Array
+    braid: Array
+    tape: Array
     eta_value: float
     eta_hue: float
     saturated: float
@@ -69,7 +69,7 @@ class _Look:
     """Muscle and tapes in a picture of which every `step`-th pixel is looked at."""
 
     step: int
-    small: NDArray[np.uint8]
+    small: Image
     muscle: MuscleMask
     tape: Mask
     upper: Patch
@@ -77,12 +77,12 @@ class _Look:
     eta_hue: float
 
 
-def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentation:
+def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
     """The coarse outline of an upright muscle and its two tapes.
 
-    The brightest of the three colours, or the strength of the colour, tells the muscle from the
-    cloth (Otsu on each); what is common to the tapes' colour tells them from the braid (Otsu on
-    the chromaticity along the line between the two classes, which knows no seam at hue 0). Large
+    The brightest of the three colours, or the strength of the colour, separates the muscle from
+    the cloth (Otsu on each); the chromaticity along the line between the two classes separates the
+    tapes from the braid (Otsu again), without a seam at hue 0. Large
     pictures are looked at twice, coarse for the place and then at every fourth pixel.
 
     Args:
@@ -91,7 +91,7 @@ def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentati
 
     Raises:
         NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting, Clipped,
-            WrongOrientation: what they say.
+            WrongOrientation: see these classes.
     """
     step = _first_step(rgb)
     look = _look(rgb, step, tape_hue)
@@ -111,21 +111,21 @@ def segment(rgb: NDArray[np.uint8], tape_hue: float | None = None) -> Segmentati
     return _measured(look, v0, u0)
 
 
-def _first_step(rgb: NDArray[np.uint8]) -> int:
+def _first_step(rgb: Image) -> int:
     step = max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
     # A picture that would be looked at a little more finely than a large one needs no second look.
     return _FINE_STEP if step == _FINE_STEP - 1 else step
 
 
-def _look(rgb: NDArray[np.uint8], step: int, tape_hue: float | None) -> _Look:
+def _look(rgb: Image, step: int, tape_hue: float | None) -> _Look:
     h, w = rgb.shape[0] // step, rgb.shape[1] // step
     even = rgb[: h * step, : w * step]
     small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
     soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
     muscle = muscle_mask(soft)
-    colour = split_by_colour(soft, muscle.lit, tape_hue)
-    upper, lower = two_tapes(colour.mask, muscle.lit, colour.eta, step)
-    return _Look(step, small, muscle, colour.mask, upper, lower, colour.eta)
+    tape, eta_hue = split_by_colour(soft, muscle.lit, tape_hue)
+    upper, lower = two_tapes(tape, muscle.lit, eta_hue, step)
+    return _Look(step, small, muscle, tape, upper, lower, eta_hue)
 
 
 def _around(look: _Look, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
@@ -163,11 +163,11 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
             right_px=int(right.max() * step),
         )
     at = np.arange(first, last + 1) * step
-    body = eroded(look.muscle.lit, 5)
+    body = shaped(look.muscle.lit, cv2.MORPH_ERODE, 5)
     inside = np.zeros_like(body)
     inside[first : last + 1] = body[first : last + 1]
-    cloth = outside(dilated(look.muscle.whole, 9))
-    tape = both(look.tape, body)
+    cloth = ~shaped(look.muscle.whole, cv2.MORPH_DILATE, 9)
+    tape = look.tape & body
     braid = _pixels(look.small, inside)
     return Segmentation(
         rows=rows + v0,
@@ -184,7 +184,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     )
 
 
-def _pixels(small: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
+def _pixels(small: Image, mask: Mask) -> Image:
     """Pixels of a mask, evenly thinned out, shape (n, 3)."""
     pixels = sampled(small, mask, _SAMPLE)
     if pixels.size == 0:
@@ -192,7 +192,7 @@ def _pixels(small: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
     return pixels
 
 
-def _tape(found: Patch, *, lower: bool) -> Tape:
+def _tape(found: Patch, *, lower: bool) -> TapeBand:
     x, y, patch = found.x, found.y, found.mask
     h, w = patch.shape
     edge = y + (np.argmax(patch, axis=0) if lower else h - 1 - np.argmax(patch[::-1], axis=0))
@@ -200,10 +200,10 @@ def _tape(found: Patch, *, lower: bool) -> Tape:
     middle = slice(w // 8, w - w // 8)
     inner = _robust_parabola(columns[middle].astype(float), edge[middle].astype(float))
     limbs = np.polyval(inner, np.array([x, x + w - 1.0]))
-    return Tape(y, y + h, x, x + w, inner, (float(limbs[0]), float(limbs[1])))
+    return TapeBand(y, y + h, x, x + w, inner, (float(limbs[0]), float(limbs[1])))
 
 
-def _robust_parabola(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _robust_parabola(x: Array, y: Array) -> Array:
     keep = np.abs(y - np.median(y)) <= max(4.0, 0.15 * np.ptp(x))
     fit = np.polyfit(x[keep], y[keep], 2)
     off = np.abs(y - np.polyval(fit, x))
@@ -211,13 +211,13 @@ def _robust_parabola(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[
     return np.polyfit(x[keep], y[keep], 2)
 
 
-def _moved(tape: Tape, step: int, v0: int, u0: int) -> Tape:
+def _moved(tape: TapeBand, step: int, v0: int, u0: int) -> TapeBand:
     """The tape in pixels of the whole picture."""
     a, b, c = tape.inner
     # v = step p((u - u0) / step) + v0
     inner = np.array([a / step, b - 2 * a * u0 / step, a * u0**2 / step - b * u0 + c * step + v0])
     upper, lower = tape.inner_limbs
-    return Tape(
+    return TapeBand(
         tape.top * step + v0,
         tape.bottom * step + v0,
         tape.left * step + u0,

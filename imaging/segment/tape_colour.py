@@ -1,13 +1,13 @@
 """Tape from braid by colour: Otsu on the chromaticity along the line that separates the two."""
 
 import colorsys
-import dataclasses
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .masks import sampled
+from ..arrays import Image
+from .masks import Mask, sampled
 from .otsu import otsu_split
 
 _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
@@ -16,53 +16,43 @@ _LEAST_CHROMA = 0.01  # of chromaticity; rendered grey has 0.006 at most, tan on
 _SAMPLE = 4000  # pixels that the classes are found on
 
 
-@dataclasses.dataclass(frozen=True)
-class ColourSplit:
-    """The muscle's pixels that have the tape's colour.
-
-    Attributes:
-        mask: 255 on the tape, shape (h, w).
-        eta: separability of the two colours, 0 to 1.
-    """
-
-    mask: NDArray[np.uint8]
-    eta: float
-
-
-def split_by_colour(
-    rgb: NDArray[np.uint8], muscle: NDArray[np.uint8], tape_hue: float | None
-) -> ColourSplit:
+def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[Mask, float]:
     """The pixels of the tape among those of the muscle.
 
     Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
     along its first principal axis gives two classes, and a second one along the line between
     their means the answer. White braids, whose hue is noise, and red tapes, whose hue lies across
-    the seam, need no case of their own.
+    the seam, need no special case.
 
     Args:
         rgb: picture, shape (h, w, 3).
         muscle: > 0 on the muscle, shape (h, w).
         tape_hue: of the tape [deg]; None takes the class with fewer pixels, as does a hue that
             neither class has.
+
+    Returns:
+        mask: 255 on the tape, shape (h, w).
+        eta: separability of the two colours, 0 to 1.
     """
+    nothing = np.zeros_like(muscle), 0.0
     sample = sampled(rgb, muscle, _SAMPLE).astype(np.float32)
     colour = sample / (sample @ np.ones((3, 1), np.float32) + 1)
     along = np.linalg.eigh(np.cov(colour.T))[1][:, -1]
     level, eta = _cut(colour @ along)
     upper = colour @ along > level
     if upper.all() or not upper.any():
-        return ColourSplit(np.zeros_like(muscle), 0.0)
+        return nothing
     along = colour[upper].mean(axis=0) - colour[~upper].mean(axis=0)
     if np.linalg.norm(along - along.mean()) < _LEAST_CHROMA:
-        return ColourSplit(np.zeros_like(muscle), 0.0)
+        return nothing
     level, eta = _cut(colour @ along)
     upper = colour @ along > level
     if upper.all() or not upper.any():
-        return ColourSplit(np.zeros_like(muscle), 0.0)
+        return nothing
     take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
     if tape_hue is not None:
         sides = (sample[upper], sample[~upper])
-        away = [_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
+        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
         nearest = bool(away[0] <= away[1])
         if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
             take_upper = nearest
@@ -73,7 +63,7 @@ def split_by_colour(
     above = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
     mask = np.zeros_like(muscle)
     mask[box] = np.where((above == take_upper) & (muscle[box] > 0), 255, 0)
-    return ColourSplit(mask, eta)
+    return mask, eta
 
 
 def hue_of(rgb: NDArray[np.floating]) -> float:
@@ -82,7 +72,8 @@ def hue_of(rgb: NDArray[np.floating]) -> float:
     return 360 * colorsys.rgb_to_hsv(red, green, blue)[0]
 
 
-def _apart(a: float, b: float) -> float:
+def hues_apart(a: float, b: float) -> float:
+    """Distance of two hues around the circle [deg], 0 to 180."""
     return abs((a - b + 180) % 360 - 180)
 
 

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags
 from ..errors import AmbiguousHue, Clipped, ExtraFitting, MissingFitting
-from .masks import Mask, areas, closed, opened, parts
+from .masks import Mask, areas, parts, shaped
 from .muscle_mask import TWO_CLASSES
 
 _GAP = 0.4  # of the root of half the coloured area: how far apart parts of one tape may be
@@ -25,7 +26,7 @@ class Patch:
 
     x: int
     y: int
-    mask: NDArray[np.bool_]
+    mask: Flags
 
     @property
     def centre(self) -> tuple[float, float]:
@@ -49,9 +50,9 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
     Raises:
         AmbiguousHue, MissingFitting, ExtraFitting, Clipped: there are not two, or not all of them.
     """
-    coloured = opened(coloured, 3)
+    coloured = shaped(coloured, cv2.MORPH_OPEN, 3)
     half = np.count_nonzero(coloured) / 2
-    labels = parts(closed(coloured, int(max(5, _GAP * np.sqrt(half))) | 1))
+    labels = parts(shaped(coloured, cv2.MORPH_CLOSE, int(max(5, _GAP * np.sqrt(half))) | 1))
     labels[coloured == 0] = 0
     area = areas(labels)
     numbers = np.flatnonzero((area > 0) & (area >= _LEAST_TAPE * area.max()))

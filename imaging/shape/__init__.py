@@ -1,7 +1,7 @@
 """One picture to the shape D(z) with its errors.
 
 `measure` does it by a `Recipe`; a `Measurement` holds length, diameter, volume and their standard
-errors, `Quality` what speaks against them.
+errors, `Quality` the figures by which to judge them.
 """
 
 import lazy_loader

@@ -1,12 +1,12 @@
 """A diameter profile as a truncated Fourier series with a free wave number."""
 
 import dataclasses
-import functools
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from ..arrays import Array
 from ..outline.smoother import correlated_points
 
 _WAVES = (0.5, 4 * np.pi)
@@ -35,15 +35,15 @@ class FourierFit:
         sse: sum of their squares [m^2].
         r_squared, adjusted_r_squared: part of the variance that is explained, and that corrected
             for the number of coefficients.
-        correlation: points over which residuals stick together, 1 for white ones.
+        correlation: points over which residuals are correlated, 1 for white ones.
         symmetric: b_n = a_n tan(n w / 2) was imposed.
     """
 
     mean: float
-    cosines: NDArray[np.float64]
-    sines: NDArray[np.float64]
+    cosines: Array
+    sines: Array
     frequency: float
-    covariance: NDArray[np.float64]
+    covariance: Array
     rmse: float
     max_error: float
     sse: float
@@ -53,11 +53,11 @@ class FourierFit:
     symmetric: bool
 
     @property
-    def stderr(self) -> NDArray[np.float64]:
+    def stderr(self) -> Array:
         """Standard errors of (a0, a_1, ..., b_1, ..., w), shape (2 n_terms + 2,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    def diameter(self, x: ArrayLike) -> NDArray[np.float64]:
+    def diameter(self, x: ArrayLike) -> Array:
         """D [m] at x [-], of its shape."""
         x = np.asarray(x, float)
         angle = np.arange(1, self.cosines.size + 1) * self.frequency * x[..., None]
@@ -104,76 +104,72 @@ def fit_fourier(
     return _described(x, diameter, n_terms, symmetric, w)
 
 
-def _functions(
-    x: NDArray[np.float64], w: float, n_terms: int, symmetric: bool
-) -> NDArray[np.float64]:
+def _functions(x: Array, w: float, n_terms: int, symmetric: bool) -> Array:
     """Columns 1, then cos(n w (x - 1/2)), then, unless symmetric, the sines of the same."""
     angle = np.arange(1, n_terms + 1) * w * (x[:, None] - 0.5)
     parts = [np.ones((x.size, 1)), np.cos(angle)]
     return np.hstack(parts if symmetric else [*parts, np.sin(angle)])
 
 
-def _solved(functions: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.lstsq(functions, y, rcond=_SPAN)[0], np.float64)
+def _solved(functions: Array, y: Array) -> tuple[Array, Array]:
+    """Coefficients of the functions by least squares, and what they leave over."""
+    coefficients = np.asarray(np.linalg.lstsq(functions, y, rcond=_SPAN)[0], np.float64)
+    return coefficients, y - functions @ coefficients
 
 
-def _residual(
-    w: NDArray[np.float64],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    n_terms: int,
-    symmetric: bool,
-) -> NDArray[np.float64]:
-    functions = _functions(x, float(w[0]), n_terms, symmetric)
-    return y - functions @ _solved(functions, y)
-
-
-def _best_wave(
-    x: NDArray[np.float64], y: NDArray[np.float64], n_terms: int, symmetric: bool
-) -> float:
+def _best_wave(x: Array, y: Array, n_terms: int, symmetric: bool) -> float:
     thin = slice(None, None, max(1, x.size // _SCAN_POINTS))
-    left_over = functools.partial(
-        _residual, x=x[thin], y=y[thin] / np.ptp(y) if np.ptp(y) > 0 else y[thin],
-        n_terms=n_terms, symmetric=symmetric,
-    )  # fmt: skip
+    x, y = x[thin], y[thin] / (np.ptp(y) or 1.0)
+
+    def left_over(w: Array) -> Array:
+        return _solved(_functions(x, w[0], n_terms, symmetric), y)[1]
+
     waves = np.geomspace(*_WAVES, _SCAN)
     depth = np.array([np.sum(left_over(np.array([w])) ** 2) for w in waves])
     inner = np.flatnonzero((depth[1:-1] <= depth[:-2]) & (depth[1:-1] <= depth[2:])) + 1
     starts = sorted({*inner.tolist(), int(np.argmin(depth))}, key=lambda i: depth[i])[:_STARTS]
     fits = [
         least_squares(left_over, waves[[i]], bounds=_WAVES, xtol=1e-12, ftol=1e-12)
-        if _WAVES[0] < waves[i] < _WAVES[1]
-        else None
         for i in starts
+        if _WAVES[0] < waves[i] < _WAVES[1]
     ]
-    found = [(fit.cost, float(fit.x[0])) for fit in fits if fit is not None]
-    found += [(0.5 * depth[i], float(waves[i])) for i in (0, _SCAN - 1)]
-    return min(found)[1]
+    found = [(fit.cost, float(fit.x[0])) for fit in fits]
+    return min(found + [(0.5 * depth[i], float(waves[i])) for i in (0, _SCAN - 1)])[1]
 
 
-def _described(
-    x: NDArray[np.float64], y: NDArray[np.float64], n_terms: int, symmetric: bool, w: float
-) -> FourierFit:
+def _described(x: Array, y: Array, n_terms: int, symmetric: bool, w: float) -> FourierFit:
+    """The fit with this wave number: its coefficients about the end, and how good it is."""
     functions = _functions(x, w, n_terms, symmetric)
-    solved = _solved(functions, y)
+    solved, off = _solved(functions, y)
     cosine = solved[1 : n_terms + 1]
     sine = np.zeros(n_terms) if symmetric else solved[n_terms + 1 :]
     n = np.arange(1, n_terms + 1)
     c, s = np.cos(n * w / 2), np.sin(n * w / 2)
-    off = y - functions @ solved
+    cosines, sines = cosine * c - sine * s, cosine * s + sine * c
+    reach = n * (x[:, None] - 0.5)
+    by_w = (reach * np.cos(w * reach)) @ sine - (reach * np.sin(w * reach)) @ cosine
+    jacobian = np.column_stack([functions, by_w]) if n_terms else functions
+    # From (a0, A, B, w) about the middle to (a0, a, b, w) about the end.
+    turn = np.zeros((2 * n_terms + 2, jacobian.shape[1]))
+    turn[0, 0] = 1
+    a, b = slice(1, n_terms + 1), slice(n_terms + 1, 2 * n_terms + 1)
+    turn[a, a], turn[b, a] = np.diag(c), np.diag(s)
+    if not symmetric:
+        turn[a, b], turn[b, b] = np.diag(-s), np.diag(c)
+    if n_terms:
+        turn[:, -1] = np.concatenate([[0], -(n / 2) * sines, (n / 2) * cosines, [1]])
     sse = float(off @ off)
     variance = float(np.sum((y - y.mean()) ** 2))
-    unknowns = solved.size + (1 if n_terms else 0)
+    freedom = x.size - jacobian.shape[1]
     r_squared = 1 - sse / variance if variance > 0 else 0.0
     correlation = correlated_points(off)
-    freedom = x.size - unknowns
-    covariance = _covariance(x, solved, n_terms, symmetric, w)
+    inner = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)
     return FourierFit(
         mean=float(solved[0]),
-        cosines=cosine * c - sine * s,
-        sines=cosine * s + sine * c,
+        cosines=cosines,
+        sines=sines,
         frequency=w,
-        covariance=covariance * sse / freedom * correlation,
+        covariance=turn @ inner @ turn.T * (sse / freedom * correlation),
         rmse=float(np.sqrt(sse / x.size)),
         max_error=float(np.abs(off).max()),
         sse=sse,
@@ -182,36 +178,3 @@ def _described(
         correlation=correlation,
         symmetric=symmetric,
     )
-
-
-def _covariance(
-    x: NDArray[np.float64],
-    solved: NDArray[np.float64],
-    n_terms: int,
-    symmetric: bool,
-    w: float,
-) -> NDArray[np.float64]:
-    """Covariance of (a0, a, b, w) for residuals of unit variance, by the centred coefficients."""
-    functions = _functions(x, w, n_terms, symmetric)
-    n = np.arange(1, n_terms + 1)
-    angle = n * w * (x[:, None] - 0.5)
-    reach = n * (x[:, None] - 0.5)
-    cosine = solved[1 : n_terms + 1]
-    sine = np.zeros(n_terms) if symmetric else solved[n_terms + 1 :]
-    by_w = (-np.sin(angle) * reach) @ cosine + (np.cos(angle) * reach) @ sine
-    jacobian = np.column_stack([functions, by_w]) if n_terms else functions
-    inner = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)
-    # From (a0, A, B, w) about the middle to (a0, a, b, w) about the end.
-    c, s = np.cos(n * w / 2), np.sin(n * w / 2)
-    size = 2 * n_terms + 2
-    turn = np.zeros((size, jacobian.shape[1]))
-    turn[0, 0] = 1
-    a, b = slice(1, n_terms + 1), slice(n_terms + 1, 2 * n_terms + 1)
-    turn[a, a], turn[b, a] = np.diag(c), np.diag(s)
-    if not symmetric:
-        turn[a, b], turn[b, b] = np.diag(-s), np.diag(c)
-    if n_terms:
-        turn[a, -1] = -(n / 2) * (cosine * s + sine * c)
-        turn[b, -1] = (n / 2) * (cosine * c - sine * s)
-        turn[-1, -1] = 1
-    return turn @ inner @ turn.T

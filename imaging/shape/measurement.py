@@ -1,18 +1,18 @@
-"""What one photograph says about a muscle's shape, each figure with its standard error."""
+"""A muscle's shape in one photograph, each figure with its standard error."""
 
 import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..quality import Quality
 from .fourier import FourierFit, fit_fourier
 
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """Where the edges were found in the picture [px], for people to check.
+    """Where the edges were found in the picture [px], for a check by eye.
 
     Attributes:
         rows: v, shape (n,).
@@ -22,11 +22,11 @@ class Trace:
             the turned one.
     """
 
-    rows: NDArray[np.float64]
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    lower: NDArray[np.float64]
+    rows: Array
+    left: Array
+    right: Array
+    upper: Array
+    lower: Array
     turned: bool = False
 
 
@@ -86,16 +86,16 @@ class Measurement:
         roll: of the axis, clockwise positive [rad].
         x0: distance of the axis from the optical axis [m].
         errors: the parts of the standard errors.
-        quality: the figures that say whether to trust it.
+        quality: the figures by which to judge it.
         trace: the edges in the picture.
     """
 
     path: str
     time: float
     method: str
-    z: NDArray[np.float64]
-    diameter: NDArray[np.float64]
-    diameter_stderr: NDArray[np.float64]
+    z: Array
+    diameter: Array
+    diameter_stderr: Array
     length: float
     px_per_m: float
     roll: float
@@ -107,7 +107,7 @@ class Measurement:
     @property
     def length_stderr(self) -> float:
         """Standard error of the length [m]."""
-        return float(np.hypot(self.errors.ends, self.length * self.errors.scale))
+        return math.hypot(self.errors.ends, self.length * self.errors.scale)
 
     @property
     def mean_diameter(self) -> float:
@@ -119,13 +119,8 @@ class Measurement:
         """Standard error of the mean diameter [m]."""
         mean = self.mean_diameter
         at_ends = float(self.diameter[[0, -1]].mean() - mean) / self.length * self.errors.ends
-        parts = (
-            self.errors.edge,
-            math.sqrt(self.errors.density / self.length),
-            at_ends,
-            mean * self.errors.scale,
-        )
-        return float(np.sqrt(np.sum(np.square(parts))))
+        random = math.sqrt(self.errors.density / self.length)
+        return math.hypot(self.errors.edge, random, at_ends, mean * self.errors.scale)
 
     @property
     def maximum_diameter(self) -> float:
@@ -143,13 +138,8 @@ class Measurement:
         by_edge = np.pi / 2 * float(np.trapezoid(self.diameter, self.z)) * self.errors.edge
         squared = float(np.trapezoid((np.pi / 2 * self.diameter) ** 2, self.z))
         at_ends = np.pi / 4 * float(np.mean(self.diameter[[0, -1]] ** 2)) * self.errors.ends
-        parts = (
-            by_edge,
-            math.sqrt(self.errors.density * squared),
-            at_ends,
-            3 * self.volume * self.errors.scale,
-        )
-        return float(np.sqrt(np.sum(np.square(parts))))
+        random = math.sqrt(self.errors.density * squared)
+        return math.hypot(by_edge, random, at_ends, 3 * self.volume * self.errors.scale)
 
     def contraction(self, rest: "float | Measurement") -> tuple[float, float]:
         """Contraction (L0 - L) / L0 and its standard error.
@@ -168,8 +158,7 @@ class Measurement:
         if not length > 0:
             raise ValueError(f"the rest length must be > 0, got {length} m")
         ratio = self.length / length
-        parts = (ends / length, ratio * at_rest / length, ratio * scale)
-        return 1 - ratio, float(np.sqrt(np.sum(np.square(parts))))
+        return 1 - ratio, math.hypot(ends / length, ratio * at_rest / length, ratio * scale)
 
     def arc_length(self) -> float:
         """Length of the outline from tape to tape [m], integral of sqrt(1 + R'^2)."""

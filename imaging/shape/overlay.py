@@ -1,8 +1,8 @@
-"""What was found in a picture, drawn on it for people to check."""
+"""What was found in a picture, drawn on it for a check by eye."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Image
 from .measurement import Trace
 
 _OUTLINE, _TAPES, _MIDLINE = (255, 40, 40), (255, 220, 0), (0, 230, 230)  # RGB
@@ -10,9 +10,7 @@ _BITS = 4  # of the fraction of a pixel in which OpenCV draws
 _MARGIN = 0.6  # of the muscle's width, kept beside it
 
 
-def draw_overlay(
-    image: NDArray[np.uint8], trace: Trace, *, crop: bool = True, thickness: int = 1
-) -> NDArray[np.uint8]:
+def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: int = 1) -> Image:
     """The picture with outline (red), tape edges (yellow) and mid-line (cyan).
 
     Lines are drawn to a sixteenth of a pixel where the edges were found, before perspective and
@@ -43,7 +41,7 @@ def draw_overlay(
     return _cropped(drawn, trace) if crop else drawn
 
 
-def _cropped(image: NDArray[np.uint8], trace: Trace) -> NDArray[np.uint8]:
+def _cropped(image: Image, trace: Trace) -> Image:
     width = float(np.median(trace.right - trace.left))
     margin = _MARGIN * width
     v = np.concatenate([trace.rows, trace.upper[1], trace.lower[1]])

@@ -4,11 +4,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Image, Indices
 from ..errors import AmbiguousHue, Clipped, ExtraFitting, MissingFitting, NoMuscle
 from ..quality import Quality
 from ..recipe import Recipe
 from ..segment.otsu import counts_of, otsu_split
+from ..segment.tape_colour import hues_apart
 from .measurement import Errors, Measurement, Trace
+from .photograph import Photograph
 
 _LEAST_CONTRAST = 30
 _LEAST_AREA = 0.002
@@ -19,50 +22,22 @@ _HUES = 256
 _PIXEL_STDERR = 12**-0.5  # px, of a boundary that is known to a whole pixel
 
 
-def hue_saturation_value(rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Hue, saturation and value of a colour picture, each in [0, 1]; hue 0 for grey.
-
-    With V = max, delta = max - min: S = delta / V, and H = (G - B) / delta for a red maximum,
-    2 + (B - R) / delta for a green, 4 + (R - G) / delta for a blue one, in sixths of a turn.
-
-    Args:
-        rgb: dtype uint8, shape (..., 3).
-
-    Returns:
-        Shape (..., 3).
-
-    References:
-        Chambers 2021, equations 4.1 to 4.5; Smith 1978.
-    """
-    red, green, blue = np.moveaxis(np.asarray(rgb, float) / 255, -1, 0)
-    value = np.maximum(np.maximum(red, green), blue)
-    delta = value - np.minimum(np.minimum(red, green), blue)
-    safe = np.where(delta > 0, delta, 1.0)
-    hue = np.select(
-        [delta == 0, value == red, value == green],
-        [0.0, (green - blue) / safe, 2 + (blue - red) / safe],
-        4 + (red - green) / safe,
-    )
-    saturation = np.where(value > 0, delta / np.where(value > 0, value, 1.0), 0.0)
-    return np.stack([hue / 6 % 1, saturation, value], axis=-1)
-
-
-def measure_pixels(
-    rgb: NDArray[np.uint8], recipe: Recipe, *, path: str, time: float, turned: bool
-) -> Measurement:
+def measure_pixels(photo: Photograph, recipe: Recipe) -> Measurement:
     """The muscle's shape by the reference work's steps, to a whole pixel.
 
     Otsu's threshold on V, the boundary of the largest object, Otsu's threshold on H inside it, the
     boundaries of the two fittings, the braid's two edges between them; one scale for all of the
     picture, no correction for perspective, roll or lens. The hue circle is cut at its emptiest arc
-    first: the literal method measures red tape wrongly in silence.
+    first: the literal method measures red tape wrongly without a warning.
 
     Raises:
-        NoMuscle, AmbiguousHue, MissingFitting, ExtraFitting, Clipped: what they say.
+        NoMuscle, AmbiguousHue, MissingFitting, ExtraFitting, Clipped: see these classes.
 
     References:
-        Chambers 2021, sections 4.1 and 4.2.
+        Chambers 2021, sections 4.1 and 4.2, and equations 4.1 to 4.5 for hue, saturation and value,
+        which OpenCV's are but for the rounding to 8 bits.
     """
+    rgb = photo.rgb
     hsv = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV_FULL), np.uint8)
     boundary, eta_value = _boundary(np.ascontiguousarray(hsv[..., 2]))
     inside = np.zeros(rgb.shape[:2], np.uint8)
@@ -74,7 +49,7 @@ def measure_pixels(
     if last - first < 2:
         raise MissingFitting("braid must show between the fittings", braid_rows=last - first)
     rows, left, right = _edges(boundary, first, last)
-    width, height = rgb.shape[1], rgb.shape[0]
+    height, width = rgb.shape[:2]
     if left.min() == 0 or right.max() == width - 1 or first == 0 or last == height - 1:
         raise Clipped("the muscle must lie inside the picture; its boundary touches the border")
     px = 1 / recipe.scale.px_per_m
@@ -88,43 +63,38 @@ def measure_pixels(
         eta_hue=eta_hue,
         saturated=float(np.mean(hsv[..., 2][inside > 0] >= 254)),
         tape_hue_deg=hue,
-        **dict.fromkeys(
-            ("blur_px", "kappa", "axis_deviation", "axis_kink", "misfit", "outlier_fraction",
-             "residual_rms", "tape_sd_px", "tape_blur_px"), float("nan"),
-        ),
-    )  # fmt: skip
-    for failure in quality.failures(recipe.limits):
-        raise failure
+    )
+    quality.check(recipe.limits)
+    middle = (left + right) / 2
     return Measurement(
-        path=path,
-        time=time,
+        path=photo.path,
+        time=photo.time,
         method="pixel",
         z=z,
         diameter=diameter,
         diameter_stderr=np.hypot(pixel, diameter * relative),
         length=length,
         px_per_m=recipe.scale.px_per_m,
-        roll=_tilt(rows, (left + right) / 2),
-        x0=float(np.mean(left + right) / 2 - recipe.camera(width, height).centre[0]) * px,
+        roll=-float(np.arctan(np.polyfit(rows, middle, 1)[0])),
+        x0=float(np.mean(middle) - recipe.camera(width, height).centre[0]) * px,
         errors=Errors(edge=pixel, density=0.0, ends=pixel, scale=relative),
         quality=quality,
         trace=Trace(
-            rows.astype(float), left, right, upper.T.astype(float), lower.T.astype(float), turned
+            rows.astype(float),
+            left,
+            right,
+            upper.T.astype(float),
+            lower.T.astype(float),
+            photo.turned,
         ),
     )
 
 
-def _tilt(rows: NDArray[np.int64], middle: NDArray[np.float64]) -> float:
-    """Roll of the mid-line, clockwise positive [rad]."""
-    return -float(np.arctan(np.polyfit(rows, middle, 1)[0]))
-
-
-def _boundary(value: NDArray[np.uint8]) -> tuple[NDArray[np.int32], float]:
+def _boundary(value: Image) -> tuple[NDArray[np.int32], float]:
     """Boundary of the largest object brighter than Otsu's level, and its separability."""
     split = otsu_split(counts_of(value))
-    _, mask = cv2.threshold(value, 0, 255, cv2.THRESH_OTSU)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    largest = max(contours, key=cv2.contourArea, default=np.zeros((1, 1, 2), np.int32))
+    contours = _boundaries(value > split.level)
+    largest = max(contours, key=cv2.contourArea, default=np.zeros((1, 2), np.int32))
     area = cv2.contourArea(largest)
     if split.high - split.low < _LEAST_CONTRAST or area < _LEAST_AREA * value.size:
         raise NoMuscle(
@@ -134,11 +104,11 @@ def _boundary(value: NDArray[np.uint8]) -> tuple[NDArray[np.int32], float]:
             muscle_level=split.high,
             area_px=area,
         )
-    return np.asarray(largest.reshape(-1, 2), np.int32), split.eta
+    return largest, split.eta
 
 
 def _fittings(
-    hsv: NDArray[np.uint8], inside: NDArray[np.uint8], tape_hue: float | None
+    hsv: Image, inside: Image, tape_hue: float | None
 ) -> tuple[tuple[NDArray[np.int32], NDArray[np.int32]], float, float]:
     """Boundaries of the upper and lower fitting, separability and hue [deg]."""
     coloured = (inside > 0) & (hsv[..., 1] > _LEAST_STRENGTH)
@@ -150,12 +120,11 @@ def _fittings(
         )
     start = _emptiest(counts)
     split = otsu_split(np.roll(counts, -start))
-    upper_share = split.share
     means = [(mean + start) % _HUES * 360 / _HUES for mean in (split.low, split.high)]
     if tape_hue is None:
-        take_upper = upper_share <= 0.5
+        take_upper = split.share <= 0.5
     else:
-        away = [abs((mean - tape_hue + 180) % 360 - 180) for mean in means]
+        away = [hues_apart(mean, tape_hue) for mean in means]
         take_upper = away[1] <= away[0]
     if split.eta < _TWO_CLASSES:
         raise AmbiguousHue(
@@ -163,10 +132,8 @@ def _fittings(
         )
     turned = (hsv[..., 0].astype(np.int16) - start) % _HUES
     tape = coloured & ((turned > split.level) == take_upper)
-    opened = cv2.morphologyEx(
-        np.where(tape, 255, 0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)
-    )
-    contours, _ = cv2.findContours(opened, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    square = np.ones((5, 5), np.uint8)
+    contours = _boundaries(cv2.morphologyEx(tape.view(np.uint8), cv2.MORPH_OPEN, square))
     area = np.array([cv2.contourArea(contour) for contour in contours])
     large = [i for i in np.argsort(-area) if area[i] >= _LEAST_FITTING * area.max()]
     if len(large) != 2:
@@ -174,12 +141,18 @@ def _fittings(
         raise error(
             f"two fittings must be seen, and {len(large)} are", tapes=len(large), eta_hue=split.eta
         )
-    found = [np.asarray(contours[i].reshape(-1, 2), np.int32) for i in large]
-    pair = sorted(found, key=lambda contour: contour[:, 1].mean())
-    return (pair[0], pair[1]), split.eta, means[1 if take_upper else 0]
+    upper, lower = sorted((contours[i] for i in large), key=lambda contour: contour[:, 1].mean())
+    return (upper, lower), split.eta, means[1 if take_upper else 0]
 
 
-def _emptiest(counts: NDArray[np.float64]) -> int:
+def _boundaries(mask: NDArray[np.generic]) -> list[NDArray[np.int32]]:
+    """Outermost pixels u, v of each object, shape (n, 2)."""
+    objects = np.ascontiguousarray(mask).view(np.uint8)
+    contours, _ = cv2.findContours(objects, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return [np.asarray(contour.reshape(-1, 2), np.int32) for contour in contours]
+
+
+def _emptiest(counts: Array) -> int:
     """The middle of the longest run of hues that nearly no pixel has."""
     empty = counts <= 0.001 * counts.max()
     if not empty.any():
@@ -192,9 +165,7 @@ def _emptiest(counts: NDArray[np.float64]) -> int:
     return (end - int(run[end]) // 2) % counts.size
 
 
-def _edges(
-    boundary: NDArray[np.int32], first: int, last: int
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _edges(boundary: NDArray[np.int32], first: int, last: int) -> tuple[Indices, Array, Array]:
     """Leftmost and rightmost boundary pixel of each row between the fittings."""
     u, v = boundary.T
     between = (v >= first) & (v <= last)

@@ -40,6 +40,7 @@ from .scene import (
     Reflectance as Reflectance,
     Scene as Scene,
     Sensor as Sensor,
+    Setting as Setting,
     published_scene as published_scene,
 )
 from .sequence import (

@@ -10,12 +10,12 @@ from typing import Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .ruler import RulerScene
-from .scene import Jpeg, Scene, Sensor
+from ..arrays import Image
+from .scene import Jpeg, Sensor, Setting
 from .truth import RulerTruth, Truth
 
 
-def encode_jpeg(rgb: NDArray[np.uint8], jpeg: Jpeg) -> bytes:
+def encode_jpeg(rgb: Image, jpeg: Jpeg) -> bytes:
     """A JPEG file of this picture."""
     import cv2  # noqa: PLC0415 - heavy, and needed here only
 
@@ -27,7 +27,7 @@ def encode_jpeg(rgb: NDArray[np.uint8], jpeg: Jpeg) -> bytes:
     return data.tobytes()
 
 
-def decode_jpeg(data: bytes) -> NDArray[np.uint8]:
+def decode_jpeg(data: bytes) -> Image:
     """The picture of a JPEG file, RGB."""
     import cv2  # noqa: PLC0415 - heavy, and needed here only
 
@@ -53,21 +53,10 @@ def stamped(data: bytes, time: datetime.datetime) -> bytes:
 T = TypeVar("T", Truth, RulerTruth)
 
 
-@dataclasses.dataclass(frozen=True)
-class Photo(Generic[T]):
-    """A photograph.
+class _Shows(Generic[T]):
+    """A picture of something that is known."""
 
-    Attributes:
-        rgb: what a program reads from the file, uint8, shape (h, w, 3).
-        shown: what it shows, None where the cloth is alone; `truth` is the same and never None.
-        file: the JPEG file's bytes; None where the scene has no compression.
-        time: when it was taken, local time.
-    """
-
-    rgb: NDArray[np.uint8]
     shown: T | None
-    file: bytes | None
-    time: datetime.datetime | None = None
 
     @property
     def truth(self) -> T:
@@ -80,6 +69,23 @@ class Photo(Generic[T]):
             raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
         return self.shown
 
+
+@dataclasses.dataclass(frozen=True)
+class Photo(_Shows[T]):
+    """A photograph.
+
+    Attributes:
+        rgb: what a program reads from the file, uint8, shape (h, w, 3).
+        shown: what it shows, None where the cloth is alone; `truth` is the same and never None.
+        file: the JPEG file's bytes; None where the scene has no compression.
+        time: when it was taken, local time.
+    """
+
+    rgb: Image
+    shown: T | None
+    file: bytes | None
+    time: datetime.datetime | None = None
+
     def jpeg(self) -> bytes:
         """The JPEG file, time stamp included; `rgb` is what it decodes to.
 
@@ -89,7 +95,7 @@ class Photo(Generic[T]):
         return data if self.time is None else stamped(data, self.time)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the file: JPEG by a name that ends in .jpg or .jpeg, any other form that OpenCV knows.
+        """Write the file: JPEG by a name that ends in .jpg or .jpeg, else any format that OpenCV knows.
 
         A time stamp goes into a JPEG only.
 
@@ -115,7 +121,7 @@ _EXACT_POISSON_BELOW = 4.0  # electrons; above, a normal deviate with Poisson's 
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearPhoto(Generic[T]):
+class LinearPhoto(_Shows[T]):
     """The light that falls on the sensor, before noise.
 
     Attributes:
@@ -124,16 +130,9 @@ class LinearPhoto(Generic[T]):
         shown: see `Photo`.
     """
 
-    scene: Scene | RulerScene
+    scene: Setting
     light: NDArray[np.floating]
     shown: T | None
-
-    @property
-    def truth(self) -> T:
-        """What a perfect measurement of the picture would find; see `Photo.truth`."""
-        if self.shown is None:
-            raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
-        return self.shown
 
 
 def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -> Photo[T]:
@@ -209,7 +208,7 @@ def damaged(
     Args:
         data: the file.
         kind: "truncated" lacks its last part; "scrambled" has noise and "blanked" has zeros in a
-            stretch somewhere in the middle half, where most decoders carry on in silence; "flipped"
+            stretch somewhere in the middle half, where most decoders carry on unwarned; "flipped"
             has one wrong bit there.
         seed: of the place and the noise.
     """

@@ -4,15 +4,17 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from famjax.boundary.units import factor
+
+from ..arrays import Array, Flags, Indices
 
 INCH = factor("in", "length")
 TAN = (0.72, 0.58, 0.33)  # aramid thread, linear RGB
 BLUE_HUE = 222.0  # [deg]
 
-Profile = Callable[[NDArray[np.float64]], ArrayLike]
+Profile = Callable[[Array], ArrayLike]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +105,7 @@ class MuscleScene:
                 f"length = {self.length} m, strands = {self.strands}"
             )
 
-    def diameter(self, x: ArrayLike) -> NDArray[np.float64]:
+    def diameter(self, x: ArrayLike) -> Array:
         """Diameter D [m] at x = z/L [-], that of the nearer end outside of [0, 1].
 
         Raises:
@@ -149,7 +151,7 @@ class FourierShape:
     cosines: tuple[float, ...]
     frequency: float
 
-    def __call__(self, x: ArrayLike) -> NDArray[np.float64]:
+    def __call__(self, x: ArrayLike) -> Array:
         """D [m] at x [-]."""
         n = np.arange(1, len(self.cosines) + 1)
         angle = self.frequency * (np.asarray(x, float)[..., None] - 0.5)
@@ -182,7 +184,7 @@ def published_shape(contraction: float) -> FourierShape:
 
 def stroke_shape(
     contraction: float, end_diameter: float = 0.875 * INCH
-) -> Callable[[ArrayLike], NDArray[np.float64]]:
+) -> Callable[[ArrayLike], Array]:
     """A profile at any contraction of the stroke, its ends held by fittings of one diameter.
 
     Between the published profiles by a monotone cubic in the contraction at every x; what the
@@ -200,7 +202,7 @@ def stroke_shape(
             f"the stroke is known from 0 to {PUBLISHED_CONTRACTIONS[-1]}, got {contraction}"
         )
 
-    def between(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def between(x: Array) -> Array:
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415 - keeps the import cheap
 
         published = np.stack([published_shape(each)(x) for each in PUBLISHED_CONTRACTIONS])
@@ -208,14 +210,13 @@ def stroke_shape(
 
     excess = float(between(np.zeros(1))[0]) - end_diameter
 
-    def shape(x: ArrayLike) -> NDArray[np.float64]:
+    def shape(x: ArrayLike) -> Array:
         x = np.asarray(x, float)
         return between(x) - excess * (1 - 4 * x * (1 - x)) ** 4
 
     return shape
 
 
-Array = NDArray[np.float64]
 _YARN_TILT = 0.9  # slope of a round yarn's flank
 _VALLEY = 0.45  # light left in the valley between two yarns
 _LIMB_WINDOW = 0.2  # [rad] around the tangent point in which a crest can be the outline
@@ -234,9 +235,9 @@ class Crossings:
         along: place along its float over two others, 0 to 1, shape (n,).
     """
 
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
-    on_top: NDArray[np.bool_]
+    first: Indices
+    second: Indices
+    on_top: Flags
     across: Array
     along: Array
 

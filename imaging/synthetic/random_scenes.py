@@ -1,4 +1,4 @@
-"""Scenes that nobody chose: for the errors' own estimates, and against tuning to one set-up."""
+"""Scenes drawn at random: for the errors' own estimates, and against tuning to one set-up."""
 
 import dataclasses
 

@@ -1,13 +1,11 @@
 """From a scene to the light on the sensor, and to the photograph."""
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .exposure import LinearPhoto, Photo, expose
 from .ruler import Ruler, RulerScene
-from .scene import Lens, Scene
+from .scene import Lens, Scene, Setting
 from .truth import RulerTruth, Truth, true_figures
 from .world import World
 
@@ -46,7 +44,6 @@ def _disk(radius: float) -> NDArray[np.floating]:
     return (part / part.sum()).astype(np.float32)
 
 
-Array = NDArray[np.float64]
 _BLOCK_ROWS = 64
 _SAMPLES, _SHIFT = 55, 34  # neighbours in Fibonacci's sequence: an even lattice in a pixel
 _CHUNK = 512  # pixels sampled at once: what is computed of them stays in the cache
@@ -54,19 +51,11 @@ _CLOTH_COLOUR = (0.95, 1.0, 1.08)
 _STAIN = 0.15  # relative standard deviation of the cloth's folds
 
 
-class Sight(Protocol):
-    """Something that rays can meet."""
-
-    def span(self, v_first: float, v_last: float) -> tuple[float, float]:
-        """Columns [px] within which it can be seen in these rows."""
-        ...
-
-    def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
-        """Which part of it is seen at u, v, -1 where none is, and the light that this sends."""
-        ...
+Sight = World | Ruler
+"""What rays can meet: both know their `span` in some rows, and what is `seen` at some places."""
 
 
-def draw(sight: Sight, scene: Scene | RulerScene) -> NDArray[np.floating]:
+def draw(sight: Sight, scene: Setting) -> NDArray[np.floating]:
     """The light on the sensor of something in front of the scene's cloth, behind its lens."""
     background = cloth(scene)
     light = background.copy()
@@ -75,7 +64,7 @@ def draw(sight: Sight, scene: Scene | RulerScene) -> NDArray[np.floating]:
     return through_lens(light, scene.lens)
 
 
-def cloth(scene: Scene | RulerScene) -> NDArray[np.floating]:
+def cloth(scene: Setting) -> NDArray[np.floating]:
     """The black cloth: gradient, folds and an out-of-focus reflection."""
     import cv2  # noqa: PLC0415 - heavy, and needed here only
 

@@ -1,23 +1,15 @@
 """Photographs of a ruler: engraved marks on a strip that may be tilted, turned or misplaced."""
 
 import dataclasses
-import datetime
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Flags
 from ..camera.pinhole import Camera
 from .muscle import INCH
-from .scene import (
-    PUBLISHED_CROP,
-    PUBLISHED_DISTANCE,
-    PUBLISHED_PX_PER_IN,
-    Jpeg,
-    Lens,
-    Light,
-    Sensor,
-)
+from .scene import PUBLISHED_CROP, PUBLISHED_DISTANCE, PUBLISHED_PX_PER_IN, Setting
 from .truth import RulerTruth
 
 STEEL = (0.62, 0.62, 0.60)
@@ -26,12 +18,10 @@ INK = (0.03, 0.03, 0.03)
 
 
 @dataclasses.dataclass(frozen=True)
-class RulerScene:
+class RulerScene(Setting):
     """A ruler in the muscle's place, upright, its marks along one or both edges.
 
     Attributes:
-        camera: the camera.
-        size: rows and columns of the picture.
         pitch: from mark to mark [m].
         marks: their number.
         margin: from the first and the last mark to the strip's ends [m].
@@ -49,11 +39,9 @@ class RulerScene:
         worn: part of the marks that cannot be seen any more [-], drawn by `print_seed`.
         numbers: every 8th mark has a number printed beside it.
         face, ink: reflectance of the strip and of its marks, linear RGB.
-        light, lens, sensor, jpeg, time, lying: as in `Scene`.
+        camera, size, light, lens, sensor, jpeg, time, lying: as in `Setting`.
     """
 
-    camera: Camera
-    size: tuple[int, int]
     pitch: float = 0.125 * INCH
     marks: int = 89
     margin: float = 0.25 * INCH
@@ -75,12 +63,6 @@ class RulerScene:
     numbers: bool = True
     face: tuple[float, float, float] = STEEL
     ink: tuple[float, float, float] = INK
-    light: Light = dataclasses.field(default_factory=Light.side)
-    lens: Lens = dataclasses.field(default_factory=Lens)
-    sensor: Sensor = dataclasses.field(default_factory=Sensor)
-    jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)
-    time: datetime.datetime | None = None
-    lying: bool = False
 
     def __post_init__(self) -> None:
         if not (self.pitch > 0 and self.marks >= 2 and self.edge in {"left", "right", "both"}):
@@ -98,7 +80,6 @@ def published_ruler(*, size: tuple[int, int] = PUBLISHED_CROP) -> RulerScene:
     return RulerScene(Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre), size)
 
 
-Array = NDArray[np.float64]
 _NUMBERS_PER_M = 12000  # px of the raster that holds the printed numbers
 _GRAIN = 0.05
 
@@ -113,7 +94,7 @@ class _Row:
     lengths: Array
     visible: Array
 
-    def covers(self, s: Array, inward: Array, width: float) -> NDArray[np.bool_]:
+    def covers(self, s: Array, inward: Array, width: float) -> Flags:
         """Whether a mark of this width lies at s along the strip, `inward` of the edge [m]."""
         nearest = np.rint((s - self.places[0]) / self.pitch).astype(np.intp)
         k = np.clip(nearest, 0, self.places.size - 1)

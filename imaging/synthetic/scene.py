@@ -2,11 +2,13 @@
 
 import dataclasses
 import datetime
+import functools
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..camera.pinhole import Camera
 from ..camera.tone import Tone
 from .muscle import (
@@ -42,10 +44,14 @@ class Lamp:
         if not (self.softness > 0 and self.strength >= 0 and np.linalg.norm(self.direction) > 0):
             raise ValueError(f"a lamp has a direction, strength >= 0 and softness > 0; got {self}")
 
-    def irradiance(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    @functools.cached_property
+    def towards(self) -> Array:
+        """Unit vector to the lamp, shape (3,)."""
+        return np.array(self.direction) / np.linalg.norm(self.direction)
+
+    def irradiance(self, normal: Array) -> Array:
         """Light on surfaces with these normals, shape (n, 3) -> (n,)."""
-        direction = np.array(self.direction) / np.linalg.norm(self.direction)
-        x, w = normal @ direction, self.softness
+        x, w = normal @ self.towards, self.softness
         return self.strength * np.where(x > w, x, np.clip(x + w, 0, None) ** 2 / (4 * w))
 
 
@@ -87,9 +93,7 @@ class Light:
         """One hard lamp at the camera: the limb at 8 percent, where thresholds fail."""
         return cls((Lamp((0.0, -0.05, -1.0), 1.0, 0.02),), ambient=0.08)
 
-    def on_threads(
-        self, normal: NDArray[np.float64], sight: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def on_threads(self, normal: Array, sight: Array) -> Array:
         """Light that white threads send to the camera.
 
         Args:
@@ -108,16 +112,13 @@ class Light:
             if self.reflectance == "sqrt":
                 lit = np.sqrt(lit * lamp.strength)
             elif self.reflectance == "oren-nayar":
-                lit = lit * _oren_nayar(normal, np.array(lamp.direction), sight)
+                lit = lit * _oren_nayar(normal, lamp.towards, sight)
             total += lit
         return total
 
 
-def _oren_nayar(
-    normal: NDArray[np.float64], lamp: NDArray[np.float64], sight: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _oren_nayar(normal: Array, lamp: Array, sight: Array) -> Array:
     """The factor by which a rough surface scatters more than Lambert's, shape (n,)."""
-    lamp = lamp / np.linalg.norm(lamp)
     cos_i = np.clip(normal @ lamp, 0.05, 1)
     cos_r = np.clip(np.einsum("ij,ij->i", normal, sight), 0.05, 1)
     along = np.clip(sight @ lamp - cos_i * cos_r, 0, None)  # sin sin cos(delta phi)
@@ -191,7 +192,7 @@ class Sensor:
                 f"sharpening >= 0, and a curve that never falls, s_curve in [-2, 1]; got {self}"
             )
 
-    def encoded(self, light: NDArray[np.floating]) -> NDArray[np.float64]:
+    def encoded(self, light: NDArray[np.floating]) -> Array:
         """Encoded value in [0, 1] of linear light; light above 1 and below 0 is cut off."""
         light = np.clip(np.asarray(light, float), 0, 1)
         e = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
@@ -220,13 +221,12 @@ class Jpeg:
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
-    """Everything that a photograph depends on, but for the noise's seed.
+class Setting:
+    """Everything that a photograph depends on, but for what it shows and the noise's seed.
 
     Attributes:
         camera: the camera, its centre in this picture's px.
         size: rows and columns of the picture.
-        muscle: the muscle; None leaves the cloth alone.
         light, lens, sensor: see their classes.
         jpeg: the file's compression; None keeps the picture as it left the sensor.
         time: when it was taken, local; None leaves the file without a time stamp.
@@ -236,13 +236,25 @@ class Scene:
 
     camera: Camera
     size: tuple[int, int]
-    muscle: MuscleScene | None
+    _: dataclasses.KW_ONLY
     light: Light = dataclasses.field(default_factory=Light.side)
     lens: Lens = dataclasses.field(default_factory=Lens)
     sensor: Sensor = dataclasses.field(default_factory=Sensor)
     jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)
     time: datetime.datetime | None = None
     lying: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene(Setting):
+    """A muscle, or the cloth alone, before it is photographed.
+
+    Attributes:
+        muscle: the muscle; None leaves the cloth alone.
+        camera, size, light, lens, sensor, jpeg, time, lying: as in `Setting`.
+    """
+
+    muscle: MuscleScene | None
 
 
 def published_scene(

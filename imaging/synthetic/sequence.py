@@ -1,6 +1,5 @@
 """A stroke: photographs at a camera's times, and the record of the test machine beside them."""
 
-import csv
 import dataclasses
 import datetime
 from collections.abc import Callable, Iterator
@@ -8,17 +7,17 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from famjax.boundary.units import factor
 
+from ..arrays import Array
 from .exposure import Photo
 from .muscle import stroke_shape
 from .renderer import render
 from .scene import Scene
 from .truth import Truth
 
-Array = NDArray[np.float64]
 Contraction = Callable[[Array], ArrayLike]
 START = datetime.datetime(2021, 3, 1, 10, 0, 0)
 
@@ -41,20 +40,15 @@ class StrokeLog:
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write time_s, displacement_in, force_lbf, pressure_psi as CSV; returns the path."""
-        path = Path(path)
-        columns = [
-            self.time,
-            self.displacement / factor("in", "length"),
-            self.force / factor("lbf", "force"),
-            self.pressure / factor("psi", "pressure"),
-        ]
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["time_s", "displacement_in", "force_lbf", "pressure_psi"])
-            writer.writerows(
-                [f"{value:.7g}" for value in row] for row in zip(*columns, strict=True)
-            )
-        return path
+        columns = {
+            "time_s": self.time,
+            "displacement_in": self.displacement / factor("in", "length"),
+            "force_lbf": self.force / factor("lbf", "force"),
+            "pressure_psi": self.pressure / factor("psi", "pressure"),
+        }
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(path, table, "%.7g", delimiter=",", header=",".join(columns), comments="")
+        return Path(path)
 
 
 def triangle_stroke(peak: float, period_s: float) -> Contraction:

@@ -3,11 +3,9 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .world import World
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +62,7 @@ class RulerTruth:
         px_per_m: scale in the mid-plane, where the muscle's axis lies [px/m]: what a measurement of
             the muscle needs.
         line: scale along the ruler from its first mark to its last, seen from the camera [px/m]:
-            what the picture alone can tell of a ruler that is neither tilted nor misplaced.
+            what the picture alone shows of a ruler that is neither tilted nor misplaced.
         marks: middles (u, v) of the marks at half their length [px], shape (n, 2).
         tilt_deg: turn of the ruler in depth [deg], its lower end away from the camera.
     """

@@ -6,11 +6,11 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Flags
 from ..camera.pinhole import Camera, turned
 from .muscle import MuscleScene, Tape, Weave
 from .scene import Light
 
-Array = NDArray[np.float64]
 _STEPS = 3
 
 
@@ -47,13 +47,11 @@ class Hits:
     """Where rays meet a surface, all of shape (n,) but the normal's (n, 3).
 
     Attributes:
-        depth: Z [m]; inf for a ray that misses.
         y: position along the axis [m].
         azimuth: about the axis [rad], 0 to the right, pi/2 towards the camera.
         normal: outward, unit.
     """
 
-    depth: Array
     y: Array
     azimuth: Array
     normal: Array
@@ -105,7 +103,7 @@ class Body:
             for column, constant in zip(self.columns, self.constant, strict=True)
         ]
 
-    def _relief(self, offset: Array, right: NDArray[np.bool_], y: Array) -> Array:
+    def _relief(self, offset: Array, right: Flags, y: Array) -> Array:
         """What the yarns add to R^2 on the side of the body where the ray passes."""
         i, part = self._place(y)
         side = right.astype(np.intp)
@@ -134,8 +132,7 @@ class Body:
         _, dq, xc, dx, zc, dz = self._at(y)
         X, Z = a * depth - xc, depth - zc
         normal = np.stack([X, -(dq / 2 + X * dx + Z * dz), Z], axis=1)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        return Hits(depth, y, np.arctan2(-Z, X), normal)
+        return Hits(y, np.arctan2(-Z, X), _unit(normal))
 
 
 class Shoulder:
@@ -161,15 +158,9 @@ class Shoulder:
         return np.where((depth > 0) & (r >= self.inner) & (r <= self.outer), depth, np.inf)
 
 
-def braid_axis(muscle: MuscleScene, distance: float) -> Axis:
-    """The axis of a muscle whose middle plane is `distance` [m] from the camera."""
-    first = muscle.y0 - muscle.length / 2
-    return Axis(muscle.x0, distance, first, muscle.length, muscle.bow, muscle.bow_depth)
-
-
 _POINTS = 4097  # of the profile along the braid
 _ROD_BEYOND = 1.0  # [m] that a rod reaches beyond the tape: out of every picture
-_ROD_ALBEDO = 0.012
+_ROD = np.full(3, 0.012)  # reflectance
 _GLOSS = {"tape": (0.05, 25.0), "rod": (0.10, 60.0)}  # strength and exponent of the glare
 _FIBRE_GLOSS = 0.10
 
@@ -185,8 +176,10 @@ class World:
 
     def __init__(self, muscle: MuscleScene, light: Light, camera: Camera) -> None:
         self.muscle, self.light, self.camera = muscle, light, camera
-        self.axis = braid_axis(muscle, camera.distance)
-        first, last = self.axis.first, self.axis.first + muscle.length
+        first = muscle.y0 - muscle.length / 2
+        last = first + muscle.length
+        bow = muscle.bow, muscle.bow_depth
+        self.axis = Axis(muscle.x0, camera.distance, first, muscle.length, *bow)
         self.y = np.linspace(first, last, _POINTS)
         self.R = muscle.diameter((self.y - first) / muscle.length) / 2
         self.slope = np.gradient(self.R, self.y)
@@ -245,26 +238,27 @@ class World:
         """A tape beyond this end of the braid and the rod beyond the tape."""
         braid = float(self.R[0 if sign < 0 else -1])
         outer = self.edge_radius(tape, 0 if sign < 0 else -1)
-        width = 0.5 * braid if tape is None else tape.width
-        beyond = end + sign * width
+        beyond = end + sign * (0.5 * braid if tape is None else tape.width)
         if tape is not None:
-            self._add_tape(tape, min(end, beyond), max(end, beyond), 2 * outer)
+            self._add_tape(tape, end, beyond, 2 * outer)
         else:
-            fitting = Body.cylinder(self.axis, min(end, beyond), max(end, beyond), 2 * outer)
-            self.bodies.append(("rod", fitting, np.full(3, _ROD_ALBEDO)))
+            self._add("rod", end, beyond, 2 * outer, _ROD)
         if outer > braid:
-            ring = Shoulder(self.axis, end, braid, outer)
-            self.bodies.append(("shade", ring, np.full(3, _ROD_ALBEDO)))
-        far = beyond + sign * _ROD_BEYOND
-        rod = Body.cylinder(self.axis, min(beyond, far), max(beyond, far), self.muscle.rod_diameter)
-        self.bodies.append(("rod", rod, np.full(3, _ROD_ALBEDO)))
+            self.bodies.append(("shade", Shoulder(self.axis, end, braid, outer), _ROD))
+        self._add("rod", beyond, beyond + sign * _ROD_BEYOND, self.muscle.rod_diameter, _ROD)
 
-    def _add_tape(self, tape: Tape, first: float, last: float, diameter: float) -> None:
+    def _add_tape(self, tape: Tape, one_end: float, other_end: float, diameter: float) -> None:
         colour = colorsys.hsv_to_rgb(tape.hue % 360 / 360, tape.saturation, tape.value)
         albedo = np.array(
             [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
         )
-        self.bodies.append(("tape", Body.cylinder(self.axis, first, last, diameter), albedo))
+        self._add("tape", one_end, other_end, diameter, albedo)
+
+    def _add(
+        self, kind: str, one_end: float, other_end: float, diameter: float, albedo: Array
+    ) -> None:
+        first, last = min(one_end, other_end), max(one_end, other_end)
+        self.bodies.append((kind, Body.cylinder(self.axis, first, last, diameter), albedo))
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:
         """Columns [px] within which bodies can be seen in these rows."""
@@ -306,8 +300,7 @@ class World:
                 light[at] = self.light.ambient * albedo
                 continue
             hits = body.hits(a[at], b[at], nearest[at])
-            sight = -np.stack([a[at], b[at], np.ones(at.size)], axis=1)
-            sight /= np.linalg.norm(sight, axis=1)[:, None]
+            sight = _unit(-np.stack([a[at], b[at], np.ones(at.size)], axis=1))
             light[at] = self._on_braid(hits, sight) if kind == "braid" else self._glossy(
                 hits, sight, albedo, *_GLOSS[kind])  # fmt: skip
         return which, light
@@ -320,13 +313,9 @@ class World:
         """Light of the woven surface, (n, 3)."""
         at = self.weave.crossings(hits.azimuth, hits.y)
         lean, fibre = self.weave.directions(at, hits.azimuth, hits.y)
-        normal = hits.normal + lean
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        lit = self.light.on_threads(normal, sight)
+        lit = self.light.on_threads(_unit(hits.normal + lean), sight)
         for lamp in self.light.lamps:
-            half = sight + np.array(lamp.direction) / np.linalg.norm(lamp.direction)
-            half /= np.linalg.norm(half, axis=1)[:, None]
-            skew = np.einsum("ij,ij->i", fibre, half)
+            skew = np.einsum("ij,ij->i", fibre, _unit(sight + lamp.towards))
             lit += _FIBRE_GLOSS * lamp.irradiance(hits.normal) * np.clip(1 - skew**2, 0, 1) ** 12
         facing = np.clip(np.einsum("ij,ij->i", hits.normal, sight), 0, 1)
         lit += self.muscle.sheen * (1 - facing) ** 3
@@ -339,10 +328,13 @@ class World:
         diffuse = np.full(hits.y.shape, self.light.ambient)
         glare = np.zeros(hits.y.shape)
         for lamp in self.light.lamps:
-            direction = np.array(lamp.direction) / np.linalg.norm(lamp.direction)
-            half = sight + direction
-            half /= np.linalg.norm(half, axis=1)[:, None]
             diffuse += lamp.irradiance(hits.normal)
+            half = _unit(sight + lamp.towards)
             shine = np.clip(np.einsum("ij,ij->i", hits.normal, half), 0, 1)
             glare += lamp.strength * gloss * shine**exponent
         return diffuse[:, None] * albedo + glare[:, None]
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors of length 1, shape (n, 3)."""
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]

@@ -1,8 +1,8 @@
 """Where along its edge a tape can be seen, and where something else lies on it or shines on it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Flags, Image
 from ..camera.tone import Tone
 from ..errors import MissingFitting
 
@@ -16,23 +16,17 @@ _NOISE = 0.04  # of chromaticity, which a grey tape on a white braid differs by 
 _SMOOTHED = 1 / 32  # of the tape's width
 
 
-def behind(blur: float) -> NDArray[np.float64]:
+def behind(blur: float) -> Array:
     """Distances behind an edge at which its tape has its own colour [px], negative, shape (6,)."""
     return -np.arange(_ROWS, dtype=float) - max(_BEYOND[0], _BEYOND[1] * blur)
 
 
-def tape_shows(
-    rgb: NDArray[np.uint8],
-    tone: Tone,
-    colours: tuple[NDArray[np.float64], NDArray[np.float64]],
-    u: NDArray[np.float64],
-    v: NDArray[np.float64],
-) -> NDArray[np.bool_]:
+def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v: Array) -> Flags:
     """The places along a tape's edge that have the tape's colour behind it.
 
-    Chromaticity c = (R, G, B) / (R + G + B) in linear light knows no shading. What is further from
+    Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. What is further from
     the tape's than 0.4 of the way to the braid's is another thing, or gloss. A tape that has the
-    braid's colour, lighter or darker, cannot be told from what covers it.
+    braid's colour, lighter or darker, cannot be distinguished from what covers it.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -70,5 +64,5 @@ def check_cover(seen: float) -> None:
         )
 
 
-def _chromaticity(light: NDArray[np.float64]) -> NDArray[np.float64]:
+def _chromaticity(light: Array) -> Array:
     return light / np.maximum(light.sum(axis=-1, keepdims=True), 1e-9)

@@ -1,31 +1,27 @@
 """The tapes' diameter in the picture against the one that a caliper gives."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..camera.pinhole import Camera, Silhouette, turned
+from ..arrays import Image
+from ..camera.pinhole import Camera, turned
+from ..camera.silhouette import Silhouette
 from ..errors import ScaleContradiction
 from ..outline.both_sides import find_outline
 from ..recipe import Recipe
-from ..segment.segmentation import Segmentation, Tape
+from ..segment.segmentation import Segmentation, TapeBand
 
 _GUARD = 5  # px at a tape's ends that are left out
 _FEWEST_ROWS = 12
 
 
 def check_tape_diameter(
-    rgb: NDArray[np.uint8],
-    coarse: Segmentation,
-    body: Silhouette,
-    camera: Camera,
-    recipe: Recipe,
-    known: float,
+    rgb: Image, coarse: Segmentation, body: Silhouette, camera: Camera, recipe: Recipe, known: float
 ) -> None:
-    """Nothing, or the error that the scale and the tapes' known diameter exclude each other.
+    """Refuse a scale that contradicts the tapes' known diameter.
 
     Raises:
         ScaleContradiction: the tapes' mean diameter differs from the known one by more than
-            `Limits.scale_contradiction`, or a tape shows too few rows to tell.
+            `QualityLimits.scale_contradiction`, or a tape shows too few rows for that.
     """
     seen = [
         tape_diameter(rgb, coarse, tape, body, camera, recipe)
@@ -45,9 +41,9 @@ def check_tape_diameter(
 
 
 def tape_diameter(
-    rgb: NDArray[np.uint8],
+    rgb: Image,
     coarse: Segmentation,
-    tape: Tape,
+    tape: TapeBand,
     body: Silhouette,
     camera: Camera,
     recipe: Recipe,

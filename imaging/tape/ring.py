@@ -1,16 +1,15 @@
 """Where a tape's inner edge lies along the muscle's axis: the edge of a ring, seen as an arc."""
 
 import dataclasses
-from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
-from ..camera.amount import LUMA
+from ..arrays import Array, Flags, Image
 from ..camera.pinhole import Camera, turned
-from ..camera.tone import Tone
+from ..camera.silhouette import Silhouette
+from ..camera.tone import LUMA, Tone
 from ..errors import MissingFitting
 from ..outline.edge_fit import best_shift, height_and_rest, least_squares
 from ..outline.limb import step
@@ -34,7 +33,6 @@ class Ring:
     Attributes:
         y: position along the axis, as in `Silhouette` [m].
         stderr: its random standard error [m].
-        tilt: angle against the axis' normal plane, as the camera sees it [rad].
         spread: standard deviation of the edge along the tape [px].
         blur: Gaussian blur of the edge along the axis [px].
         arc: points u, v of the edge in the picture [px], shape (2, n).
@@ -42,22 +40,19 @@ class Ring:
 
     y: float
     stderr: float
-    tilt: float
     spread: float
     blur: float
-    arc: NDArray[np.float64]
+    arc: Array
 
 
 def find_ring(
-    rgb: NDArray[np.uint8],
+    rgb: Image,
     tone: Tone,
     camera: Camera,
-    colours: tuple[NDArray[np.float64], NDArray[np.float64]],
+    colours: tuple[Array, Array],
+    body: Silhouette,
     *,
     y: float,
-    radius_at: Callable[[float], float],
-    x0: float,
-    roll: float,
     lower: bool,
     blur: float,
 ) -> Ring:
@@ -73,11 +68,9 @@ def find_ring(
         tone: the camera's tone curve.
         camera: the camera.
         colours: of tape and braid, encoded values 0 to 255, each of shape (3,).
+        body: whose radius the ring has; where the muscle swells right behind the tape, it matters
+            where on the slope the ring lies.
         y: position to within some pixels [m].
-        radius_at: R [m] at positions near the edge [m]; where the muscle swells right behind the
-            tape, it matters where on the slope the ring lies.
-        x0: of the axis, as in `Silhouette` [m].
-        roll: of the axis, as in `Silhouette` [rad].
         lower: the tape is at the lower end.
         blur: of the outline [px], where the search for the edge's own blur starts.
 
@@ -86,23 +79,18 @@ def find_ring(
     """
     px = 1 / camera.px_per_m
     inward = -1 if lower else 1
-    n = max(4 * _GROUPS, int(2 * _WIDTH * radius_at(y) / px))
+    n = max(4 * _GROUPS, int(2 * _WIDTH * float(body.radius_at(y)) / px))
+    amounts = _amounts(rgb, tone, camera, colours, body, y, 2 * len(_window(blur)))
 
-    amounts = _amounts(
-        rgb, tone, camera, colours, y, radius_at(y), x0, roll, 2 * len(_window(blur))
-    )
-
-    def around(y: float, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        radius = radius_at(y)
+    def around(y: float, t: Array) -> tuple[Array, Array, Array]:
+        radius = float(body.radius_at(y))
         lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
-        return lateral, *_seen(camera, y + inward * t * px, lateral, radius, x0, roll)
+        return lateral, *_seen(camera, body, y + inward * t * px, lateral, radius)
 
-    def uncovered(y: float, s: float) -> NDArray[np.bool_]:
+    def uncovered(y: float, s: float) -> Flags:
         return tape_shows(rgb, tone, colours, *around(y, behind(s))[1:])
 
-    def unrolled(
-        y: float, t: NDArray[np.float64], shows: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    def unrolled(y: float, t: Array, shows: Flags) -> tuple[Array, Array, float]:
         lateral, u, v = around(y, t)
         grid = amounts.at(u, v)
         lit = _lit(grid, t)
@@ -131,48 +119,40 @@ def find_ring(
     left_over = delta[keep] - slope * where[keep] / px - offset
     spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
     y += inward * float(offset) * px
-    u, v = _seen(camera, np.array([y]), lateral, radius_at(y), x0, roll)
+    u, v = _seen(camera, body, np.array([y]), lateral, float(body.radius_at(y)))
     return Ring(
         y=y,
         # Groups in the width of one thread are moved together.
         stderr=spread * np.sqrt(correlated_points(left_over) / keep.sum()) * px,
-        tilt=float(np.arctan(inward * slope)),
         spread=spread,
         blur=s,
         arc=np.stack([u[:, 0], v[:, 0]]),
     )
 
 
-def _window(blur: float) -> NDArray[np.float64]:
+def _window(blur: float) -> Array:
     half = round(max(12.0, 5 * blur))
     return np.arange(-half, half + 1.0)
 
 
 def _seen(
-    camera: Camera,
-    y: NDArray[np.float64],
-    lateral: NDArray[np.float64],
-    radius: float,
-    x0: float,
-    roll: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Picture positions of the points of the cylinder at each lateral position and y."""
-    depth = camera.distance - np.sqrt(
-        np.maximum(radius**2 - lateral**2, 0.0)
-    )  # the rim itself rounds below
-    X, Y = turned((x0 + lateral)[:, None], y[None, :], roll)
-    return camera.pixels(X, Y, depth[:, None])
+    camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float
+) -> tuple[Array, Array]:
+    """Picture positions of a cylinder about the body's axis, at each lateral position and y."""
+    rim = np.maximum(radius**2 - lateral**2, 0.0)  # the rim itself rounds below
+    X, Y = turned((body.x0 + lateral)[:, None], y[None, :], body.roll)
+    return camera.pixels(X, Y, camera.distance - np.sqrt(rim)[:, None])
 
 
 @dataclasses.dataclass(frozen=True)
 class _Amounts:
     """The amount of braid against tape in a part of the picture, as a cubic spline's coefficients."""
 
-    spline: NDArray[np.float64]
+    spline: Array
     u0: int
     v0: int
 
-    def at(self, u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, u: Array, v: Array) -> Array:
         """The amount at picture positions, of their shape; beyond the part that of its border."""
         where = [v - self.v0, u - self.u0]
         return np.asarray(
@@ -181,19 +161,18 @@ class _Amounts:
 
 
 def _amounts(
-    rgb: NDArray[np.uint8],
+    rgb: Image,
     tone: Tone,
     camera: Camera,
-    colours: tuple[NDArray[np.float64], NDArray[np.float64]],
+    colours: tuple[Array, Array],
+    body: Silhouette,
     y: float,
-    radius: float,
-    x0: float,
-    roll: float,
     reach: int,
 ) -> _Amounts:
     """The part of the picture around a ring, to `reach` px above and below."""
+    radius = float(body.radius_at(y))
     around = y + np.array([-reach, reach]) / camera.px_per_m
-    u, v = _seen(camera, around, np.array([-1.0, 0.0, 1.0]) * radius, radius, x0, roll)
+    u, v = _seen(camera, body, around, np.array([-1.0, 0.0, 1.0]) * radius, radius)
     v0, u0 = (max(int(np.floor(x.min())) - 3, 0) for x in (v, u))
     v1, u1 = int(np.ceil(v.max())) + 4, int(np.ceil(u.max())) + 4
     tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
@@ -206,21 +185,19 @@ def _amounts(
     return _Amounts(np.asarray(spline_filter(patch, 3, mode="mirror")), u0, v0)
 
 
-def _lit(grid: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _lit(grid: Array, t: Array) -> Flags:
     """Lateral positions where the braid behind the edge is lit; a black thread shows no edge."""
     height = grid[:, (t > 1) & (t < 6)].mean(axis=1)
     return height > _DARK_THREAD * np.sort(height)[int(0.7 * height.size)]
 
 
-def _blurred_step(
-    profile: NDArray[np.float64], t: NDArray[np.float64], start: float
-) -> tuple[float, float]:
+def _blurred_step(profile: Array, t: Array, start: float) -> tuple[float, float]:
     """Shift and blur of the step in the mean profile."""
 
-    def blur_of(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+    def blur_of(unknown: Array) -> Array:
         return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
 
-    def fitted(unknown: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def fitted(unknown: Array) -> tuple[Array, Array]:
         return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
 
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
@@ -235,9 +212,7 @@ def _blurred_step(
     return float(best[0]), float(blur_of(best)[0])
 
 
-def _group_shifts(
-    groups: NDArray[np.float64], t: NDArray[np.float64], s: float
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _group_shifts(groups: Array, t: Array, s: float) -> tuple[Array, Flags]:
     near = np.abs(t) <= max(8.0, 3 * s)
     delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
     centre = np.median(delta)

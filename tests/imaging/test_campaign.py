@@ -15,11 +15,9 @@ import numpy as np
 import pytest
 
 import imaging.shape.one_picture
-from imaging import ImagingError
-from imaging.campaign import CampaignChanged, process, shards as _shards, workers as _workers
+from imaging import ImagingError, Recipe, Scale, process
+from imaging.campaign import CampaignChanged, workers
 from imaging.errors import MixedSizes, NoMuscle
-from imaging.recipe import Recipe
-from imaging.ruler import Scale
 from imaging.synthetic import published_scene, render
 
 RECIPE = Recipe(Scale.manual(8922.0, 0.1))
@@ -124,21 +122,21 @@ def test_a_stopped_campaign_goes_on_where_it_was(photos):
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, {tests!r})
-import test_campaign as t, imaging.shape.one_picture, imaging.campaign.shards
-from imaging.campaign.run import process
+import test_campaign as t, imaging.shape.one_picture, imaging.campaign.finished
+from imaging import process
 left = [{after}]
 def measure(path, recipe):
     left[0] -= 1
     if left[0] < 0 and {where!r} == "measure":
         os.kill(os.getpid(), signal.SIGKILL)
     return t.fake_measurement(float(open(path).read()))
-def replace(draft, path, real=os.replace):
+def fsync(file, real=os.fsync):
     if left[0] <= 0 and {where!r} == "write":
-        os.truncate(draft, 100)
+        os.truncate(file, os.fstat(file).st_size - 100)
         os.kill(os.getpid(), signal.SIGKILL)
-    real(draft, path)
+    real(file)
 imaging.shape.one_picture.measure = measure
-imaging.campaign.shards.os.replace = replace
+imaging.campaign.finished.os.fsync = fsync
 process(sys.argv[2:], t.RECIPE, sys.argv[1], t.Serial(), chunk=1)
 """
 
@@ -157,7 +155,7 @@ def test_kill_minus_9_loses_no_picture_and_repeats_none_that_was_kept(photos, wh
         env=os.environ | {"PYTHONPATH": path},
     )
     assert run.returncode == -signal.SIGKILL, run.stderr.decode()
-    assert len(list((photos.output / "parts").glob("part-*.npz"))) == kept
+    assert (photos.output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 1 + kept
     table = process(names, RECIPE, photos.output, Serial())
     assert photos.seen == names[kept:]
     assert list(table.path) == names
@@ -214,15 +212,20 @@ def test_a_failed_picture_whose_file_was_replaced_is_measured_again(photos):
     assert photos.seen == []
 
 
-def test_a_damaged_part_is_refused_with_its_path(photos):
+def test_a_damaged_row_is_refused_with_its_place_and_is_measured_again_without_it(photos):
     process(photos.paths, RECIPE, photos.output, Serial())
-    part = sorted((photos.output / "parts").glob("part-*.npz"))[3]
-    content = bytearray(part.read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    part.write_bytes(content)
-    with pytest.raises(ImagingError, match="damaged") as caught:
+    rows = photos.output / "parts" / "rows.jsonl"
+    sound = rows.read_bytes()
+    digit = sound.index(b"0.227")  # a length, which is a number after it as well
+    rows.write_bytes(sound[:digit] + b"7" + sound[digit + 1 :])
+    with pytest.raises(ImagingError, match="damaged in line 5") as caught:
         process(photos.paths, RECIPE, photos.output, Serial())
-    assert caught.value.path == str(part)
+    assert caught.value.path == str(rows)
+    lines = sound.splitlines(keepends=True)
+    rows.write_bytes(b"".join(lines[:4] + lines[5:]))
+    photos.seen.clear()
+    process(photos.paths, RECIPE, photos.output, Serial())
+    assert photos.seen == [str(photos.paths[3])]
 
 
 def test_an_executor_that_breaks_reports_the_pictures_and_leaves_them_to_the_next_run(photos):
@@ -279,8 +282,8 @@ def test_rows_survive_the_disk_to_the_last_bit(photos, tmp_path):
     for name in fresh.columns:
         np.testing.assert_array_equal(fresh[name], back[name])
     np.testing.assert_array_equal(fresh.diameter_stderr, back.diameter_stderr)
-    head = json.loads((photos.output / "parts" / "campaign.json").read_text())
-    assert head["recipe"]["distance_m"] == 1.524
+    head = (photos.output / "parts" / "rows.jsonl").read_text().splitlines()[0]
+    assert json.loads(head[9:])["recipe"]["distance_m"] == 1.524
 
 
 # Real pictures and real processes
@@ -307,7 +310,7 @@ def small_recipe():
 
 DYING = """
 import os
-from imaging.camera.read import read_image
+from imaging import read_image
 def reader(path):
     if path.endswith("img1.jpg"):
         os._exit(1)
@@ -340,7 +343,7 @@ def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
 FEW = """
 import sys
 import dying_reader, test_campaign as t
-from imaging.campaign.run import process
+from imaging import process
 if __name__ == "__main__":
     table = process(sys.argv[2:], t.small_recipe(), sys.argv[1], reader=dying_reader.reader)
     print(*table.error, sep=";")
@@ -363,7 +366,7 @@ def test_few_pictures_start_no_process_until_one_of_them_kills_this_one(
 
     first = run()
     assert first.returncode == 1, first.stderr
-    assert len(list((output / "parts").glob("part-*.npz"))) == 1
+    assert (output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 1 + 1
     again = run()
     assert again.returncode == 0, again.stderr
     errors = again.stdout.strip().split(";")
@@ -371,7 +374,7 @@ def test_few_pictures_start_no_process_until_one_of_them_kills_this_one(
     assert errors[1].startswith("WorkerDied: the process that measured it ended")
 
     # Where all goes well none is started, and the numbers are those of a process.
-    monkeypatch.setattr(_workers, "_pool", None)
+    monkeypatch.setattr(workers, "_pool", None)
     here = process([rendered.paths[0]], small_recipe(), tmp_path / "here")
     monkeypatch.undo()
     there = process([rendered.paths[0]], small_recipe(), workers=1)
@@ -389,11 +392,11 @@ def test_an_interrupt_here_keeps_what_was_done_and_trusts_the_picture(photos, mo
     monkeypatch.setattr(imaging.shape.one_picture, "measure", measure)
     with pytest.raises(KeyboardInterrupt):
         process(photos.paths[:4], RECIPE, photos.output)
-    assert len(list((photos.output / "parts").glob("part-*.npz"))) == 2
+    assert (photos.output / "parts" / "rows.jsonl").read_bytes().count(b"\n") == 1 + 2
     assert not (photos.output / "parts" / "begun").exists()
 
 
-def test_an_interrupt_keeps_what_the_workers_have_done(rendered, monkeypatch):
+def test_an_interrupt_keeps_what_the_workers_have_done(rendered, tmp_path, monkeypatch):
     calls = []
 
     def wait_once(running, **options):
@@ -402,29 +405,29 @@ def test_an_interrupt_keeps_what_the_workers_have_done(rendered, monkeypatch):
             raise KeyboardInterrupt
         return real(running, **options)
 
-    real = _workers.wait
-    monkeypatch.setattr(_workers, "wait", wait_once)
-    job = _workers.Job(small_recipe())
-    chunks = [[str(path)] for path in rendered.paths[:4]]
-    rows = []
-
-    def measure_all():
-        for done, _ in _workers.in_processes(1, chunks, job):
-            rows.extend(done)
-
+    real = workers.wait
+    monkeypatch.setattr(workers, "wait", wait_once)
+    done = []
     with pytest.raises(KeyboardInterrupt):
-        measure_all()
-    assert rows
-    assert all(row.ok for row in rows)
-    assert len({row.path for row in rows}) == len(rows)
-
-
-def test_the_parts_are_flushed_before_they_appear(tmp_path, monkeypatch):
-    order = []
-    real_sync, real_replace = os.fsync, os.replace
-    monkeypatch.setattr(_shards.os, "fsync", lambda f: (order.append("sync"), real_sync(f)))
-    monkeypatch.setattr(
-        _shards.os, "replace", lambda a, b: (order.append("replace"), real_replace(a, b))
+        process(
+            rendered.paths[:4], small_recipe(), tmp_path, workers=1,
+            progress=lambda *counts: done.append(counts),
+        )  # fmt: skip
+    assert done[0] == (0, 4)
+    assert done[-1][0] >= 2  # the one that was waited for and the one that followed it
+    monkeypatch.undo()
+    table = process(
+        rendered.paths[:4], small_recipe(), tmp_path, progress=lambda *c: done.append(c)
     )
-    _shards._write(tmp_path / "part-0.npz", b"content")
-    assert order[:2] == ["sync", "replace"]
+    assert (done[-1][0], table.ok.sum()) == (4, 4)
+
+
+def test_a_row_is_flushed_before_it_counts_as_done(photos, monkeypatch):
+    order = []
+    real = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda file: (order.append("sync"), real(file)))
+    process(
+        photos.paths[:3], RECIPE, photos.output, Serial(),
+        progress=lambda done, _: order.append(done),
+    )  # fmt: skip
+    assert order == ["sync", 0, "sync", 1, "sync", 2, "sync", 3]

@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from imaging.camera import Camera, Tone
-from imaging.camera.amount import amount_of_luma
-from imaging.outline.both_sides import find_outline
-from imaging.outline.edge_fit import best_shift
-from imaging.outline.limb import LARGEST_DISK, defocused_step, ramp, step
-from imaging.outline.smoother import density_left_over, smooth, smooth_robustly, variance_of_smooth
+from imaging.camera import Camera, Silhouette, Tone, amount_of_luma
+from imaging.outline import (
+    LARGEST_DISK,
+    best_shift,
+    defocused_step,
+    density_left_over,
+    find_outline,
+    ramp,
+    smooth,
+    smooth_robustly,
+    step,
+    variance_of_smooth,
+)
 from imaging.tape.ring import _seen
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
@@ -216,7 +223,8 @@ def test_amounts_are_linear_in_light():
 def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to() -> None:
     """One radius in three thousand has a square below that of its own array."""
     camera = Camera(9000.0, 1.5, (550.0, 1300.0))
+    body = Silhouette(np.zeros(0), np.zeros(0), x0=0.0, roll=0.0)
     for radius in np.random.default_rng(0).uniform(0.01, 0.03, 4000):
-        u, v = _seen(camera, np.zeros(1), np.array([-radius, radius]), float(radius), 0.0, 0.0)
+        u, v = _seen(camera, body, np.zeros(1), np.array([-radius, radius]), float(radius))
         assert np.all(np.isfinite(u))
         assert np.all(np.isfinite(v))

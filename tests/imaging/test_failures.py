@@ -24,7 +24,7 @@ from imaging.errors import (
     UnreadableImage,
     WrongOrientation,
 )
-from imaging.quality import Limits
+from imaging.quality import QualityLimits
 from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene, render
 
 SIZE = (1060, 440)
@@ -111,7 +111,7 @@ def test_a_scale_that_contradicts_the_tapes(factor):
 def test_limits_are_the_users():
     rgb = render(base(), 1).rgb
     with pytest.raises(Defocused, match="blur_px"):
-        measure(rgb, recipe(limits=Limits(blur_px=0.5)))
+        measure(rgb, recipe(limits=QualityLimits(blur_px=0.5)))
 
 
 def test_missing_empty_and_foreign_files(tmp_path):

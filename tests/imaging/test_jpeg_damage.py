@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from imaging import ImagingError, read_image
-from imaging.camera.jpeg_damage import JpegHeader, find_seam, read_header
+from imaging.camera import JpegHeader, find_seam, read_header
 from imaging.errors import UnreadableImage
 from imaging.synthetic import (
     Jpeg,

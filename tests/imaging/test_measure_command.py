@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from famjax.commands.options.photographs import command_recipe, expand, parse_scale
+from famjax.commands.measure import RecipeOptions
+from famjax.commands.options.photographs import command_recipe, parse_scale
 from imaging import ImagingError, read_recipe
+from imaging.campaign import expand
 from imaging.errors import AmbiguousRuler
 from imaging.synthetic import (
     published_ruler,
@@ -111,7 +113,7 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
         (["PHOTOS"], "the scale is needed"),
         (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with its error and unit"),
         (["PHOTOS", "--scale", "56 px/in", "--ruler", "RULER"], "given twice"),
-        (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "distance is a number|a length is"),
+        (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "has no unit"),
         (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "1459"], "two numbers"),
         (
             ["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5", "--frame-size", "20,20"],
@@ -151,7 +153,7 @@ def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(imaging.campaign.run, "in_this_process", stopped)
+    monkeypatch.setattr(imaging.campaign.run, "_in_this_process", stopped)
     code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
     assert code == 130
     assert "Run the same command again to go on" in capsys.readouterr().err
@@ -190,7 +192,7 @@ def test_options_override_the_recipe_file(tmp_path):
     from imaging.shape import write_recipe
 
     path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
-    found, provenance = command_recipe(recipe=path, distance="60in", method="pixel")
+    found, provenance = command_recipe(RecipeOptions(recipe=path, distance="60in", method="pixel"))
     assert (found.distance, found.method, found.scale.px_per_m) == (1.524, "pixel", 9000.0)
     assert provenance == {"recipe_file": str(path)}
 
@@ -204,27 +206,29 @@ def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
     shot = render_ruler(scene, 5)
     ruler = shot.save(tmp_path / "ruler.jpg")
     with pytest.raises(AmbiguousRuler, match="--expected-px-per-in") as caught:
-        command_recipe(ruler=ruler)
+        command_recipe(RecipeOptions(ruler=ruler))
     assert caught.value.path == str(ruler)
-    found, _ = command_recipe(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
+    found, _ = command_recipe(
+        RecipeOptions(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
+    )
     assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
     assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
     assert found.ruler == RulerReading(0.003175, 120.0 / IN, 0.06 * IN)
     path = write_recipe(found, tmp_path / "recipe.toml")
-    again, _ = command_recipe(recipe=path, ruler=ruler)
+    again, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler))
     assert again == found
-    finer, _ = command_recipe(recipe=path, ruler=ruler, pitch="0.0625in")
+    finer, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler, pitch="0.0625in"))
     assert finer.ruler.placement_stderr == found.ruler.placement_stderr
     assert finer.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
 
 
 def test_a_crop_without_its_frame_is_of_the_reference_camera_and_says_so() -> None:
-    recipe, provenance = command_recipe(scale="226.63 px/in", crop_offset="2234,531")
+    recipe, provenance = command_recipe(RecipeOptions(scale="226.63 px/in", crop_offset="2234,531"))
     assert recipe.frame_size == (5568, 3712)
     assert "assumed" in provenance["frame_size"]
     assert recipe.camera(1100, 2650).centre == pytest.approx((549.5, 1324.5), abs=1)
     own, provenance = command_recipe(
-        scale="226.63 px/in", crop_offset="0,0", frame_size="1200,2700"
+        RecipeOptions(scale="226.63 px/in", crop_offset="0,0", frame_size="1200,2700")
     )
     assert own.frame_size == (1200, 2700)
     assert "frame_size" not in provenance

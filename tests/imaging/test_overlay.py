@@ -5,11 +5,17 @@ import numpy as np
 import pytest
 
 from imaging import Recipe, Scale, Table
-from imaging.campaign import Tile, contact_sheet, plot_table, write_check_pictures
-from imaging.campaign.check_pictures import choose
-from imaging.campaign.row import POSITION, Row, measured_row
-from imaging.shape import draw_overlay
-from imaging.shape.measurement import Trace
+from imaging.campaign import (
+    POSITION,
+    Row,
+    Tile,
+    choose,
+    contact_sheet,
+    measured_rows,
+    plot_table,
+    write_check_pictures,
+)
+from imaging.shape import Trace, draw_overlay
 from imaging.synthetic import damaged, published_scene, render
 
 RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)
@@ -84,7 +90,7 @@ def test_a_damaged_picture_is_shown_and_a_vanished_one_is_not(tmp_path):
     shot = render(scene, 1)
     (tmp_path / "bad.jpg").write_bytes(damaged(shot.jpeg(), "scrambled", 3))
     good = shot.save(tmp_path / "good.jpg")
-    row = measured_row(str(good), Recipe(Scale.manual(scene.camera.px_per_m)))
+    (row,) = measured_rows([str(good)], Recipe(Scale.manual(scene.camera.px_per_m)))
     assert row.ok
     bad = Row(str(tmp_path / "bad.jpg"), error="DamagedImage: the decoder must not complain")
     files = write_check_pictures(

@@ -8,7 +8,7 @@ import pytest
 
 from imaging import ImagingError, Recipe, Scale, read_recipe
 from imaging.camera import Tone
-from imaging.quality import Limits
+from imaging.quality import QualityLimits
 from imaging.ruler import RulerReading
 from imaging.shape import write_recipe
 from imaging.shape.recipe_file import recipe_as_dict, recipe_text
@@ -30,7 +30,7 @@ FULL = Recipe(
     blur_px=1.1,
     edge_offset_px=0.05,
     resolution_px=100.0,
-    limits=dataclasses.replace(Limits(), blur_px=4.0, saturated=0.1),
+    limits=dataclasses.replace(QualityLimits(), blur_px=4.0, saturated=0.1),
     ruler=RulerReading(0.001, 8900.0, 0.00025),
 )
 
@@ -49,7 +49,7 @@ def test_every_choice_is_in_the_file():
             assert value != getattr(PLAIN, field.name), f"FULL must differ in {field.name}"
     entries = tomllib.loads(recipe_text(FULL))
     assert len(entries) == 1 + len(dataclasses.fields(Recipe))  # and the format
-    assert set(entries["limits"]) == {field.name for field in dataclasses.fields(Limits)}
+    assert set(entries["limits"]) == {field.name for field in dataclasses.fields(QualityLimits)}
     assert len(entries["scale"]) == len(dataclasses.fields(Scale))
     assert entries["ruler"] == {
         "pitch_m": 0.001, "expected_px_per_m": 8900.0, "placement_stderr_m": 0.00025

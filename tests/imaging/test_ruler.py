@@ -8,7 +8,7 @@ import pytest
 from imaging import Scale, calibrate_ruler
 from imaging.camera import apparent_diameter
 from imaging.errors import AmbiguousRuler, RulerNotFound, UnreadableImage
-from imaging.ruler.marks import marks_of, numbered
+from imaging.ruler import marks_of, numbered
 from imaging.synthetic import INCH, published_ruler, render_ruler
 
 SCALE = 5e-5  # relative; the aim is 1e-5 at full resolution, and these pictures have half of it

@@ -9,10 +9,8 @@ from skimage.filters import threshold_otsu
 
 from imaging import Recipe, Scale, measure
 from imaging.errors import AmbiguousHue
-from imaging.quality import Limits
-from imaging.segment.otsu import counts_of, otsu_split
-from imaging.segment.segmentation import segment
-from imaging.segment.tape_colour import hue_of
+from imaging.quality import QualityLimits
+from imaging.segment import counts_of, hue_of, otsu_split, segment
 from imaging.synthetic import INCH, Tape, published_scene, render
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
@@ -91,7 +89,7 @@ def test_a_tape_of_any_hue_on_cloth_of_any_colour(hue, background):
     rgb = on_cloth(shot.rgb, BACKGROUNDS[background])
 
     def how(hue):
-        no_lens = Limits(misfit=1.0)  # drew the border to this cloth
+        no_lens = QualityLimits(misfit=1.0)  # drew the border to this cloth
         return Recipe(Scale.manual(shot.truth.px_per_m), tape_hue=hue, limits=no_lens)
 
     for given in (None, (hue - 9) % 360, hue, (hue + 9) % 360):

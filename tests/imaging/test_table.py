@@ -12,7 +12,7 @@ from famjax.boundary.errors import InputError
 from famjax.chain import with_log
 from fitting.records import MachineLog, synchronise
 from imaging import ImagingError, Table
-from imaging.campaign.row import POSITION, Row
+from imaging.campaign import POSITION, Row
 from imaging.synthetic import stroke_log, triangle_stroke
 
 IN = 0.0254

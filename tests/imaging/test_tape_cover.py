@@ -10,9 +10,9 @@ import pytest
 from imaging import ImagingError, Recipe, Scale, measure
 from imaging.camera import Tone
 from imaging.errors import DamagedImage, MissingFitting, MotionBlurred
-from imaging.outline.midline import axis_deviation, axis_kink
+from imaging.outline import axis_deviation, axis_kink
 from imaging.synthetic import INCH, Lens, Tape, published_scene, random_scene, render
-from imaging.tape.cover import behind, check_cover, tape_shows
+from imaging.tape import behind, check_cover, tape_shows
 
 SIZE = (1325, 550)
 SIGMAS = 3.0  # standard errors by which a length that is given may be off

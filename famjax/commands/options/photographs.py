@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from famjax.boundary.units import factor, parse_quantity
-from imaging.camera import read_image
-from imaging.errors import ImagingError
-from imaging.recipe import Recipe
-from imaging.ruler import Scale, calibrate_ruler
-from imaging.shape import read_recipe
+from imaging import ImagingError, Recipe, Scale, calibrate_ruler, read_image, read_recipe
+
+from ..measure import RecipeOptions
 
 REFERENCE_FRAME = (5568, 3712)
 """Width and height [px] of the frames of the reference work's camera."""
@@ -21,44 +19,32 @@ REFERENCE_FRAME = (5568, 3712)
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
-def command_recipe(
-    *,
-    recipe: Path | None = None,
-    ruler: Path | None = None,
-    scale: str | None = None,
-    pitch: str | None = None,
-    expected_px_per_in: float | None = None,
-    ruler_placement: str | None = None,
-    **given: str | None,
-) -> tuple[Recipe, dict[str, str]]:
+def command_recipe(options: RecipeOptions) -> tuple[Recipe, dict[str, str]]:
     """The recipe of the options, and what the table shall say of its origin.
 
     Args:
-        recipe: a file with all choices, which the options override.
-        ruler: photograph of a ruler at the mid-plane, from the same camera.
-        scale: `226.63 px/in` or `226.63+-0.02 px/in`.
-        pitch: of the ruler's marks, with its unit.
-        expected_px_per_in: the scale to within a quarter; tells two edges of a ruler apart.
-        ruler_placement: standard error of the ruler's place in depth, with its unit.
-        given: distance, tape_diameter (with unit), crop_offset, frame_size (two numbers), tape_hue
-            (degrees), method and orientation; None where not given.
+        options: which override those of a recipe's file. A `scale` is `226.63 px/in` or
+            `226.63+-0.02 px/in`; lengths have their unit.
 
     Raises:
         ImagingError: no scale or two, or an option that cannot be read.
     """
+    recipe, ruler, scale = options.recipe, options.ruler, options.scale
     reading: dict[str, Any] = {}
-    if pitch is not None:
-        reading["pitch"] = _length(pitch, "pitch")
-    if expected_px_per_in is not None:
-        reading["expected_px_per_m"] = expected_px_per_in * factor("px/in", "scale")
-    if ruler_placement is not None:
-        reading["placement_stderr"] = parse_quantity(ruler_placement, "length")
+    if options.pitch is not None:
+        reading["pitch"] = _length(options.pitch, "pitch")
+    if options.expected_px_per_in is not None:
+        reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
+    if options.ruler_placement is not None:
+        reading["placement_stderr"] = parse_quantity(options.ruler_placement, "length")
     if reading and ruler is None:
         raise ImagingError(
             "pitch, expected scale and ruler placement say how a ruler is read; there is no ruler"
         )
     choices: dict[str, Any] = {
-        name: _READ[name](text, name) for name, text in given.items() if text is not None
+        name: read(text, name)
+        for name, read in _READ.items()
+        if (text := getattr(options, name)) is not None
     }
     base = None if recipe is None else read_recipe(recipe)
     provenance = {} if recipe is None else {"recipe_file": str(recipe)}

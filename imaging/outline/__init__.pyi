@@ -1,0 +1,15 @@
+from .both_sides import Outline as Outline, Side as Side, find_outline as find_outline
+from .edge_fit import best_shift as best_shift
+from .limb import (
+    LARGEST_DISK as LARGEST_DISK,
+    defocused_step as defocused_step,
+    ramp as ramp,
+    step as step,
+)
+from .midline import axis_deviation as axis_deviation, axis_kink as axis_kink
+from .smoother import (
+    density_left_over as density_left_over,
+    smooth as smooth,
+    smooth_robustly as smooth_robustly,
+    variance_of_smooth as variance_of_smooth,
+)
