@@ -1,6 +1,6 @@
 from .both_sides import Outline as Outline, Side as Side, find_outline as find_outline
 from .edge_fit import best_shift as best_shift
-from .limb import (
+from .edge_model import (
     LARGEST_DISK as LARGEST_DISK,
     defocused_step as defocused_step,
     ramp as ramp,

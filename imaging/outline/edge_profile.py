@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Array, Flags
 from .edge_fit import height_and_rest, least_squares
-from .limb import LARGEST_DISK, defocused_step, ramp, step
+from .edge_model import LARGEST_DISK, defocused_step, ramp, step
 
 BROAD = (3.0, 15.0)  # px per px of blur: samples that say how the light falls towards the limb
 _NEAR = (-7.0, 1.75)  # the same: samples that say where the edge is

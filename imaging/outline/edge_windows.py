@@ -9,7 +9,7 @@ from scipy.ndimage import grey_opening, median_filter, percentile_filter
 from ..arrays import Array, Image, Single
 from ..errors import NoMuscle
 from .edge_fit import best_shift
-from .limb import step
+from .edge_model import step
 from .smoother import smooth_robustly
 
 _AVERAGED_ROWS = 21  # along the edge, before an edge is fitted

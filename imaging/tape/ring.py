@@ -12,7 +12,7 @@ from ..camera.silhouette import Silhouette
 from ..camera.tone import LUMA, Tone
 from ..errors import MissingFitting
 from ..outline.edge_fit import best_shift, height_and_rest, least_squares
-from ..outline.limb import step
+from ..outline.edge_model import step
 from ..outline.smoother import correlated_points
 from .cover import LEAST_SEEN, behind, check_cover, tape_shows
 

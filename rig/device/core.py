@@ -3,7 +3,7 @@
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import crc16, frame
 from ..protocol.messages import DRIVEN, PROTOCOL, STATES
-from .decide import (
+from .guards import (
     COUNTER,
     NUMBER,
     OK,

@@ -254,7 +254,7 @@ print((bench.sim.device.state, bench.sim.device.output) == (SAFE, 0))
 def test_a_file_that_may_not_grow_keeps_all_that_it_took(size: int, tmp_path: Path) -> None:
     """A true short write in the middle of a line, then a refusal, in a process of its own."""
     path = tmp_path / "run.fam"
-    script = LIMITED.format(folder=str(Path(__file__).parent), size=size, path=str(path))
+    script = LIMITED.format(folder=str(Path(__file__).parents[1]), size=size, path=str(path))
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
     )
