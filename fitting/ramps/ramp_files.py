@@ -137,6 +137,7 @@ def ramps_command(
     Raises:
         InputError: what is wrong with entries, records or options.
     """
+    unit_system(system)
     fields = {"wall_thickness": DEFAULT_WALL_THICKNESS, "name": "ramps", **(specimen or {})}
     if "rest_length" not in fields:
         raise InputError(

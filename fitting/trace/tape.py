@@ -104,6 +104,8 @@ class _Recorder:
 
     def constant(self, value: Any, dtype: Any) -> int:
         array = np.asarray(value, dtype)
+        if array.dtype.kind == "V":  # float0: the derivative of what has none, which nothing reads
+            array = np.zeros(array.shape, bool)
         key = "constant", array.dtype.str, array.shape, array.tobytes()
         if key not in self._seen:
             self._seen[key] = (self.slot(array.shape),)

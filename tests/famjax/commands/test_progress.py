@@ -2,15 +2,15 @@
 
 import pytest
 
-from famjax.commands import progress
+from famjax.commands import terminal
 
 
 def test_a_log_gets_a_line_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = iter([0.0, 1.0, 16.0, 16.0, 20.0])
-    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
-    with progress.progress_bar() as shown:
+    monkeypatch.setattr(terminal, "monotonic", lambda: next(clock))
+    with terminal.progress_bar() as shown:
         task = shown.add_task("fitting", total=None)
         for done in (1, 2, 3):
             shown.update(task, completed=done, total=9, description=f"model {done}")
@@ -20,7 +20,7 @@ def test_a_log_gets_a_line_now_and_then(
 
 
 def test_a_log_gets_a_line_for_every_step_where_asked(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.progress_bar(every=0.0) as shown:
+    with terminal.progress_bar(every=0.0) as shown:
         task = shown.add_task("fitting", total=None)
         for done in (0, 1):
             shown.update(task, completed=done, total=2, description=f"table {done + 1}")

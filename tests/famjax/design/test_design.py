@@ -415,5 +415,5 @@ def test_geometry_rows_hold_the_triangle_relation():
 
 
 def test_an_unknown_system_of_units_is_refused():
-    with pytest.raises(ValueError, match="system must be one of si, metric, us; got 'imperial'"):
+    with pytest.raises(ValueError, match="units must be one of si, metric, us; got 'imperial'"):
         geometry_rows(load_catalogue(), 0.2, system="imperial")
