@@ -232,7 +232,7 @@ def test_a_disk_that_is_truly_full_vents() -> None:
 LIMITED = """
 import resource, sys
 from pathlib import Path
-sys.path.insert(0, {folder!r})
+sys.path[:0] = {folders!r}
 from test_faults import Bench, RigFault, SAFE
 resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
 with Bench(Path({path!r})) as bench:
@@ -254,7 +254,8 @@ print((bench.sim.device.state, bench.sim.device.output) == (SAFE, 0))
 def test_a_file_that_may_not_grow_keeps_all_that_it_took(size: int, tmp_path: Path) -> None:
     """A true short write in the middle of a line, then a refusal, in a process of its own."""
     path = tmp_path / "run.fam"
-    script = LIMITED.format(folder=str(Path(__file__).parents[1]), size=size, path=str(path))
+    folders = [str(folder) for folder in Path(__file__).parents[:2]]
+    script = LIMITED.format(folders=folders, size=size, path=str(path))
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
     )
