@@ -54,6 +54,7 @@ MUSCLE_OF_TERMS: Fields = {
 """A muscle with other terms."""
 
 _UNTYPED = {braids.AbstractBraid: braids.Braid, geometries.Bladder: geometries.Bladder}
+_ROOMS = (braids, geometries, materials, muscle, profiles, terms)
 _PLAIN = (bool, int, float, tuple[float, ...])
 
 
@@ -102,7 +103,7 @@ def type_written(cls: type) -> str:
     Raises:
         InputError: a class that cannot be found by its path.
     """
-    if _own_classes().get(cls.__name__) is cls:
+    if _own_class(cls.__name__) is cls:
         return cls.__name__
     if "<locals>" in cls.__qualname__:
         raise InputError(
@@ -120,7 +121,7 @@ def type_read(name: Any, base: type, where: str) -> type:
     """
     if isinstance(name, str) and ":" in name:
         return class_named(name, base, f"type of {where} of the muscle card")
-    found = _own_classes().get(name) if isinstance(name, str) else None
+    found = _own_class(name) if isinstance(name, str) else None
     if found is None or not issubclass(found, base):
         raise InputError(
             f"{where} of the muscle card is of the unknown type {name!r}; known are "
@@ -131,16 +132,13 @@ def type_read(name: Any, base: type, where: str) -> type:
 
 def known_types(base: type) -> list[str]:
     """Names of famjax's own classes that may stand for a base."""
-    return sorted(name for name, cls in _own_classes().items() if issubclass(cls, base))
+    classes = {name: _own_class(name) for room in _ROOMS for name in room.__all__}
+    return sorted(name for name, cls in classes.items() if cls and issubclass(cls, base))
 
 
-@functools.cache
-def _own_classes() -> dict[str, type]:
-    """The concrete classes of the rooms that a muscle is made of, by name."""
-    rooms = (braids, geometries, materials, muscle, profiles, terms)
-    public = {name: getattr(room, name) for room in rooms for name in room.__all__}
-    return {
-        name: one
-        for name, one in public.items()
-        if isinstance(one, type) and not name.startswith("Abstract")
-    }
+def _own_class(name: str) -> type | None:
+    """The concrete class of that name in a room that a muscle is made of; no other is imported."""
+    if name.startswith("Abstract"):
+        return None
+    found = next((getattr(room, name) for room in _ROOMS if name in room.__all__), None)
+    return found if isinstance(found, type) else None
