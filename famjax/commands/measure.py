@@ -1,6 +1,5 @@
 """`famjax measure`."""
 
-import dataclasses
 import json
 import os
 import sys
@@ -10,60 +9,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .matplotlib_import import load_matplotlib
+from .options.recipe import RecipeOptions
 from .terminal import print_rows, progress_bar
-
-
-@Parameter(name="*")
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RecipeOptions:
-    """What the options say of the recipe; None where they say nothing.
-
-    Parameters
-    ----------
-    ruler
-        Photograph of a ruler in the plane of the muscle's axis, from the same camera.
-    distance
-        Camera to muscle with its unit; 60in unless given.
-    pitch
-        Of the ruler's marks; 0.125in unless given.
-    expected_px_per_in
-        The scale to within a quarter, for a ruler with different marks on its two edges.
-    ruler_placement
-        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`; no
-        picture shows it, and it enters the errors of all figures.
-    crop_offset
-        Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
-    frame_size
-        Width and height of the camera's frame, which a crop offset is counted in; `5568,3712`, the
-        reference work's camera, unless given.
-    scale
-        Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
-    tape_diameter
-        Known diameter of the tapes on the fittings, against which the scale is checked.
-    tape_hue
-        Colour of the tapes, `355deg`; the colour that covers less unless given.
-    recipe
-        A `recipe.toml`, which the options override.
-    method
-        limb: sub-pixel edges in linear light; pixel: the reference work's method.
-    orientation
-        Of the muscle in the pictures.
-    """
-
-    ruler: Path | None = None
-    distance: str | None = None
-    pitch: str | None = None
-    expected_px_per_in: float | None = None
-    ruler_placement: str | None = None
-    crop_offset: str | None = None
-    frame_size: str | None = None
-    scale: str | None = None
-    tape_diameter: str | None = None
-    tape_hue: str | None = None
-    recipe: Path | None = None
-    method: Literal["limb", "pixel"] | None = None
-    orientation: Literal["vertical", "horizontal", "auto"] | None = None
-
 
 _UNSAID = RecipeOptions()
 

@@ -15,7 +15,7 @@ from famjax.boundary.errors import InputError
 from ..data.force_data import ForceData
 from ..engine.descent import descend_many
 from ..engine.problem import Part, Point, Problem
-from ..engine.program import MapInputs
+from ..engine.response import MapInputs
 from ..search.multi_start import latin_hypercube
 from .cross_validation import CrossValidation, check_groups, group_labels, held_out_errors
 from .peer_family import FamilyOfPeer, Model, PeerFamily

@@ -17,7 +17,7 @@ from ..convex.qp import Optimum, solve_qp
 from .box import minimise_in_box
 from .family import AbstractFamily
 from .problem import Problem
-from .program import Constraint, MapInputs, force_and_constraint, response
+from .response import Constraint, MapInputs, force_and_constraint, response
 
 _REACHES = 6  # linear models of a compliant rig: quadratic convergence
 _EXACT = 2  # Newton steps of a compliant rig at its solution: exact to second derivatives

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .problem import Part, Point, Problem
-from .program import Constraint
+from .response import Constraint
 from .weakest import weakest
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..convex.host_qp import Optima
-from .program import Aside
+from .response import Aside
 
 
 @dataclasses.dataclass(frozen=True)

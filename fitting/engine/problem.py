@@ -17,7 +17,8 @@ from jaxtyping import Float, Int
 
 from ..convex.arrays import member
 from .point import Point
-from .program import Constraint, MapInputs, Program
+from .program import Program
+from .response import Constraint, MapInputs
 from .stack import REACHED, REACHES, Stack, partial
 
 

@@ -9,7 +9,7 @@ import famjax
 
 from ..data.force_data import ForceData
 from ..engine.problem import Part, Prior, Problem
-from ..engine.program import STATIONS, Constraint, MapInputs
+from ..engine.response import STATIONS, Constraint, MapInputs
 from ..families.geometry_source import AbstractGeometrySource
 from ..families.laws import Law
 from ..families.muscle_family import MuscleFamily

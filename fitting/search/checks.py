@@ -11,7 +11,7 @@ from famjax.boundary.errors import InputError
 from ..convex.status import Status
 from ..data.force_data import ForceData
 from ..engine.problem import Problem
-from ..engine.program import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
+from ..engine.response import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
 from ..families.geometry_source import AbstractGeometrySource
 from ..families.laws import Law
 from ..families.parameters import Entry

@@ -12,7 +12,7 @@ import famjax
 from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.problem import Part, Point, Problem
-from ..engine.program import Constraint, PressureDependence
+from ..engine.response import Constraint, PressureDependence
 from ..families.laws import Law
 
 

@@ -14,7 +14,7 @@ from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.margin import Margin, constraint_margin
 from ..engine.problem import Problem
-from ..engine.program import Constraint, PressureDependence, unflat
+from ..engine.response import Constraint, PressureDependence, unflat
 from ..families.laws import Law
 from ..families.parameters import Entry
 from .doubts import warnings

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from famjax.boundary.errors import InputError
 
-from ..engine.program import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
+from ..engine.response import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
 HUBER = 1.345

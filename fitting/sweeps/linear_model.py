@@ -16,7 +16,8 @@ import famjax
 
 from ..convex.paths import SAMPLES, PathFunctions
 from ..engine.family import AbstractFamily, Values
-from ..engine.program import MapInputs, Program
+from ..engine.program import Program
+from ..engine.response import MapInputs
 
 _POINTS = 1024  # readings that one call takes
 

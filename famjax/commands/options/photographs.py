@@ -11,7 +11,7 @@ from typing import Any
 from famjax.boundary.units import factor, parse_quantity
 from imaging import ImagingError, Recipe, Scale, calibrate_ruler, read_image, read_recipe
 
-from ..measure import RecipeOptions
+from .recipe import RecipeOptions
 
 REFERENCE_FRAME = (5568, 3712)
 """Width and height [px] of the frames of the reference work's camera."""

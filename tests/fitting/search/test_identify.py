@@ -10,7 +10,7 @@ import pytest
 
 import famjax
 from fitting import ForceData, Identification, InputError, Specimen, identify
-from fitting.engine.program import CONSTRAINTS
+from fitting.engine.response import CONSTRAINTS
 from fitting.families import EstimatedSource
 from fitting.families.laws import law_named
 from fitting.families.parameters import complete_table

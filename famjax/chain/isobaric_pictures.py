@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from famjax.boundary.units import factor, unit_system
 
-from .isobaric_test import Analysis
+from .isobaric_analysis import Analysis
 
 _MOST_POINTS = 20_000  # drawn of a pressure record
 

@@ -20,7 +20,7 @@ from rig.simulation import (
     mckibben,
 )
 
-from .isobaric_test import Analysis, analyse
+from .isobaric_analysis import Analysis, analyse
 
 LOG, DATASET = "machine.csv", "dataset.csv"
 """Names of the files of a test beside its journal."""

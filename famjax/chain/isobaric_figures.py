@@ -5,7 +5,7 @@ import math
 from famjax.boundary.units import factor, unit_system
 from fitting.records import Characterisation
 
-from .isobaric_test import Analysis
+from .isobaric_analysis import Analysis
 
 
 def table_rows(found: Characterisation, system: str) -> list[dict[str, float | str]]:
