@@ -9,8 +9,9 @@ from chambers_reference import PRESSURES, Row, Table, elastic_braid, printed
 from jaxtyping import Array, Float
 
 from famjax import units
-from famjax.braids import BraidStretch
+from famjax.braids import BraidState, BraidStretch
 from famjax.compile_options import quick_jit
+from famjax.design import thread_strength_margin
 from fitting.rubber import InSitu, thread_in_situ
 
 FROM_PRINT = {"B": 0.001, "theta": 0.03}
@@ -28,6 +29,9 @@ LINEAR = 0.025
 
 SOFT = 10.0
 """Stiffness of Kevlar over that of the soft braid."""
+
+_BRAIDS = (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT))
+"""Table, label and softness of the braids that are listed with and without stretch."""
 
 SWEPT = np.linspace(0, 100, 51)
 """Gauge pressures [psi] of the sweep; those of tables 5.1 and 5.2 are among them."""
@@ -106,13 +110,17 @@ def _moduli() -> list[Row]:
 @functools.cache
 def stretch(softness: float = 1.0) -> BraidStretch:
     """The braid at the resting length at `SWEPT`, with and without stretch; NumPy arrays."""
-    return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness)))
+    rest = np.asarray(printed()["specimen"]["active_length_in"])
+    return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness), rest, SWEPT))
 
 
 @quick_jit
-def _stretched(softness: Float[Array, ""]) -> BraidStretch:
-    rest = printed()["specimen"]["active_length_in"]
-    return elastic_braid(softness).stretch(rest, SWEPT)
+def _stretched(
+    softness: Float[Array, ""],
+    length: Float[Array | np.ndarray, "..."],
+    pressure: Float[Array | np.ndarray, " n"],
+) -> BraidStretch:
+    return elastic_braid(softness).stretch(length, pressure)
 
 
 def _model() -> list[Row]:
@@ -134,22 +142,76 @@ def _model() -> list[Row]:
 def _stretch() -> list[Row]:
     """Table 5.2, and the same for the soft braid."""
     found = []
-    for table, label, softness in (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT)):
+    for table, label, softness in _BRAIDS:
         both = stretch(softness)
         for name, state in (("with stretch", both.elastic), ("without stretch", both.inelastic)):
-            columns = (
-                ("B", "in", state.thread_length),
-                ("D", "in", state.diameter),
-                ("theta", "deg", np.rad2deg(state.braid_angle)),
-                ("Gaylord's force", "lbf", state.gaylord_force),
-                ("thread tension", "lbf", state.tension),
-            )
             found += [
                 Row(table, f"{label}{quantity} {name}, {P:g} psi", float(values[_at(P)]), unit)
                 for P in (0.0, *PRESSURES)
-                for quantity, unit, values in columns
+                for quantity, (unit, values) in _columns(state).items()
             ]
     return found
+
+
+def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
+    """Unit and values of what is listed of a braid."""
+    return {
+        "B": ("in", np.asarray(state.thread_length)),
+        "D": ("in", np.asarray(state.diameter)),
+        "theta": ("deg", np.rad2deg(np.asarray(state.braid_angle))),
+        "Gaylord's force": ("lbf", np.asarray(state.gaylord_force)),
+        "thread tension": ("lbf", np.asarray(state.tension)),
+    }
+
+
+def _changes() -> list[Row]:
+    """What the stretch of the threads changes at rest and at the tested free contraction."""
+    tested, rest = printed()["tested"], printed()["specimen"]["active_length_in"]
+    free = rest * (1 - np.array(tested["free_contraction"]))
+    lengths = np.stack([np.full_like(free, rest), free])
+    found = []
+    for table, label, softness in _BRAIDS:
+        both = _stretched(jnp.asarray(softness), lengths, np.array(tested["pressure_psi"], float))
+        before, after = _columns(both.inelastic), _columns(both.elastic)
+        for place, state in enumerate(("at rest", "at the tested free contraction")):
+            for k, P in enumerate(tested["pressure_psi"]):
+                for quantity, (unit, values) in after.items():
+                    was = float(before[quantity][1][place, k])
+                    change = float(values[place, k]) - was
+                    entry = f"{label}change of {quantity} by the elastic braid {state}, {P} psi"
+                    found += [
+                        Row(table, entry, change, unit),
+                        Row(table, f"{entry}, over the inelastic", change / was, "1"),
+                    ]
+    return found
+
+
+def _strength() -> list[Row]:
+    """How far the threads are from breaking: their test's load and strain over those in use."""
+    of, table = printed()["specimen"], printed()["elastic_braid"]
+    burst = printed()["tested_fams"]
+    state = in_situ()
+    widest = {"n_threads": of["threads"], "breaking_load": of["thread_break_lbf"]}
+    radius, angle = table["D_in"][0] / 2, float(state.braid_angle[0])
+    used = {
+        "at the blocked force of 100 psi": (printed()["tested"]["blocked_force_lbf"][-1], 100.0),
+        "at the printed burst, the braid as at 100 psi": (
+            burst["burst_force_lbf"], burst["burst_pressure_psi"]
+        ),
+        "at the printed tensile failure, the braid as at rest": (
+            burst["tensile_failure_lbf"], 0.0
+        ),
+    }  # fmt: skip
+    found = []
+    for where, (force, pressure) in used.items():
+        at_rest = pressure == 0
+        R = table["D_in"][-1] / 2 if at_rest else radius
+        theta = float(state.braid_angle[-1]) if at_rest else angle
+        margin = float(thread_strength_margin(force, pressure, R, theta, **widest))
+        found.append(Row("5, thread", f"strength margin of the threads {where}", margin, "1"))
+    strain = of["thread_elongation_at_break"] / float(state.strain.max())
+    entry = "elongation at break over the largest strain of table 5.1"
+    return [*found, Row("5, thread", entry, strain, "1")]
 
 
 def _at(pressure: float) -> int:
@@ -163,5 +225,7 @@ TABLES: tuple[Table, ...] = (
     ("section 5: moduli in situ", _moduli),
     ("table 5.1: the elastic braid", _model),
     ("table 5.2: with and without stretch", _stretch),
+    ("table 5.2: changes by the elastic braid", _changes),
+    ("section 5: strength of the threads", _strength),
 )
 """In the order of the page's sections."""

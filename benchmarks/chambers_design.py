@@ -1,15 +1,20 @@
 """Chapter 2: angles of braids on bladders, and the inner fitting."""
 
+import fractions
 import itertools
 import math
 
+import jax.numpy as jnp
 import numpy as np
 from chambers_reference import Row, Table, printed
 from jaxtyping import Array, Float
 
 from famjax import units
+from famjax.braids import NEUTRAL_ANGLE, gaylord_force
 from famjax.compile_options import quick_jit
 from famjax.design import (
+    CatalogueBraid,
+    Combination,
     Feasibility,
     compression_sensitivity,
     fam_angle,
@@ -70,6 +75,19 @@ def _braid_angles() -> list[Row]:
     return found
 
 
+def combination(diameter: float, braid: CatalogueBraid) -> Combination:
+    """A bladder of that outer diameter [in] and the specimen's wall under a braid, in inch."""
+    numbers = (
+        diameter,
+        printed()["specimen"]["bladder_thickness_in"],
+        *(
+            size / units.INCH
+            for size in (braid.nominal_diameter, braid.thickness, *braid.diameter_range)
+        ),
+    )
+    return Combination(*map(jnp.asarray, numbers), rest_length=jnp.ones(()))
+
+
 @quick_jit
 def _fittings() -> tuple[Float[Array, ""], ...]:
     """Diameters [in] under braid and bladder, and the change of compression [-]."""
@@ -109,18 +127,42 @@ def _end_fitting() -> list[Row]:
     ]
 
 
+def _swaged() -> list[Row]:
+    """Table 2.1: what the ideal braid alone would do, and how far the built muscles are from it."""
+    found = []
+    for of in printed()["swaged_fam"]:
+        name, pressure, theta = of["name"], of["pressure_psi"], math.radians(of["braid_angle_deg"])
+        diameter = float(fractions.Fraction(name.split()[0]))
+        force = float(gaylord_force(pressure, diameter / 2, theta))
+        contraction = 1 - math.sin(NEUTRAL_ANGLE) / math.sin(theta)
+        for what, computed, tested, unit in (
+            ("blocked force", force, of["max_force_lbf"], "lbf"),
+            ("free contraction", contraction, of["contraction"], "1"),
+        ):
+            entry = f"{name}, {what} of the braid alone"
+            shown = f"{tested} lbf" if unit == "lbf" else f"{tested}"
+            found += [
+                Row("2.1", entry, computed, unit),
+                Row("2.1", f"{entry} minus the tested {shown}", computed - tested, unit),
+            ]
+    return found
+
+
 def _safety() -> list[Row]:
     of = printed()["tested_fams"]
     force = max(of["blocked_force_100psi_lbf"])
     burst = float(safety_factor(of["burst_pressure_psi"], 100.0))
     pull = float(safety_factor(of["tensile_failure_lbf"], force))
+    torn = float(safety_factor(of["burst_force_lbf"], force))
     return [
+        Row("2.5", "burst force over the largest blocked force at 100 psi", torn, "1"),
         Row("2.5", "burst pressure over 100 psi", burst, "1"),
         Row("2.5", "tensile failure over the largest blocked force at 100 psi", pull, "1"),
     ]
 
 
 TABLES: tuple[Table, ...] = (
+    ("table 2.1: muscles and their braids alone", _swaged),
     ("table 2.2: angles at which braids jam", _jamming_angles),
     ("table 2.3: angles of braids on bladders", _braid_angles),
     ("table 2.4: inner fittings", _end_fitting),

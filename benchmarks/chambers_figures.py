@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import chambers_braid
+import chambers_design
 import chambers_virtual_work
 import matplotlib as mpl
 import numpy as np
@@ -14,7 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from famjax import units
 from famjax.braids import BraidState
+from famjax.design import Feasibility, feasibility, load_catalogue
+
+COMBINED_PSI = 100.0
+"""Gauge pressure at which braids on bladders are compared."""
 
 _STYLES: dict[str, dict[str, Any]] = {
     "estimated inelastic": {"color": "C0", "ls": "--"},
@@ -37,6 +43,26 @@ def _axes(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, n
 def _legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False)
+
+
+def combinations() -> Figure:
+    """Force and outer diameter over contraction of every braid on every bladder that it fits."""
+    figure, (axes,) = _axes(1, 2, (11, 4.4))
+    offered = {round(one.nominal_diameter / units.INCH, 6): one for one in load_catalogue().braids}
+    table = printed()["braid_angle_table"]
+    for (nominal, braid), line in zip(offered.items(), ("-", "--", ":"), strict=True):
+        for D, shade in zip(table["fam_diameter_in"], _SHADES, strict=False):
+            if feasibility(D * units.INCH, braid) is Feasibility.INFEASIBLE:
+                continue
+            pair = chambers_design.combination(D, braid)
+            at = np.linspace(0, float(pair.usable_contraction(COMBINED_PSI)), 61)
+            style = {"color": shade, "ls": line, "label": f"{D} in, {nominal} in braid"}
+            axes[0].plot(at, pair.force(at, COMBINED_PSI), **style)
+            axes[1].plot(at, pair.outer_diameter(at), **style)
+    axes[0].set(xlabel="contraction", ylabel="force of the braid, lbf", ylim=(0, None))
+    axes[1].set(xlabel="contraction", ylabel="outer diameter, in")
+    _legend(figure, axes[0], 4)
+    return figure
 
 
 def profiles() -> Figure:
@@ -191,6 +217,9 @@ def work() -> Figure:
 
 
 FIGURES: dict[str, Callable[[], Figure]] = {
+    "Figures 2.4 and 2.5, by subject, as their curves were not given to us: force at 100 psi and "
+    "outer diameter over contraction of the braids of table 2.2 on the bladders of table 2.3, "
+    "to the neutral angle or to jamming; bladders neglected.": combinations,
     "Profiles at 100 psi, table 4.3 corrected and made symmetric; thin: corrected only.": profiles,
     "SYNTHETIC profiles behind our table 4.2: elliptic ends, a cylinder.": synthetic,
     "Braid at the resting length over pressure: Kevlar, and a braid of one tenth its "

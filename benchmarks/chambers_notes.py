@@ -5,6 +5,11 @@ PAGE = "reproduce.html"
 
 NOTES: tuple[tuple[str, str], ...] = (
     (
+        "2.1",
+        "The ideal braid of the printed diameter and angle: no bladder, no end-fittings. The "
+        "diameter in a muscle's name is taken for its braid's.",
+    ),
+    (
         "2.4",
         "Equations 2.6 and 2.7 were not at hand; the rule is derived from the printed inputs, see "
         "famjax's end-fitting module.",
@@ -13,7 +18,8 @@ NOTES: tuple[tuple[str, str], ...] = (
         "4, angle",
         "Out of tolerance: the two printed angles imply slopes of 11.2 and 10.4 lbf/psi, which "
         "contradict one another, and the tested blocked forces rise by 11.0 lbf/psi. The forces "
-        "that chapter 4 used are not printed.",
+        "that chapter 4 used are not printed. The two slopes are those of the tested forces at the "
+        "low and at the high end of the pressures, which stand in rows of their own.",
     ),
     (
         "4.2",
@@ -40,7 +46,12 @@ NOTES: tuple[tuple[str, str], ...] = (
         "'From the printed D' uses the triangle alone. 'Of the model' starts from B0 = 9.89 in, "
         "while the photographs give 9.894 in at rest: an offset of 0.0034 in in D at 0 psi.",
     ),
-    ("5.2", "Read as the braid over pressure at rest, with and without stretch."),
+    (
+        "5.2",
+        "Read as the braid over pressure at rest, with and without stretch. Changes: elastic minus "
+        "inelastic, under Gaylord's own force, at the resting length and at the tested free "
+        "contraction of each pressure; no figures of them were given to us.",
+    ),
     (
         "6.1",
         "Tolerance: 1.5 %, and half a unit of the last printed digit: 0.353^4 = 0.0155 is printed as "
@@ -61,8 +72,19 @@ NOTES: tuple[tuple[str, str], ...] = (
         "force at rest throughout.",
     ),
     *(
-        (table, "The print is not at hand: tables 6.4 to 6.9 are assigned by subject.")
-        for table in ("6.4", "6.5", "6.6", "6.7", "6.8", "6.9")
+        (
+            table,
+            f"{subject}. The numbers of this table were not given to us. Mean absolute differences "
+            "are over contraction, from the measured geometry.",
+        )
+        for table, subject in (
+            ("6.4", "Axial stress of the bladder"),
+            ("6.5", "Axial force of the bladder"),
+            ("6.6", "Hoop stress of the bladder"),
+            ("6.7", "Hoop force of the bladder"),
+            ("6.8", "Force of the bladder, axial and hoop"),
+            ("6.9", "Actuation force"),
+        )
     ),
     (
         "6, summary",
@@ -91,7 +113,11 @@ NOTES: tuple[tuple[str, str], ...] = (
 """(table, remark) for readers."""
 
 NOT_COMPUTED: tuple[tuple[str, str], ...] = (
-    ("2.1", "forces, contractions and weights of built muscles: measured, no law gives them"),
+    (
+        "2.1, tested",
+        "forces, contractions and weights of built muscles: measured; what the braid alone would "
+        "do stands in the table",
+    ),
     ("2.4, buckling", "the swage tube's free length without support and its modulus: not printed"),
     ("2.5", "lengths, weights, blocked forces, bursts of three muscles: measured"),
     ("3.2 to 3.5", "pressure control and fluid comparison: need the recorded pressures and forces"),
@@ -100,7 +126,11 @@ NOT_COMPUTED: tuple[tuple[str, str], ...] = (
     ("4, free contraction", "of the 9-9/32, 12 and 20 in muscles: measured"),
     ("5, tensile test", "thread modulus 16.9e6 psi and break: need the thread's test record"),
     ("6, latex law", "E_n with their errors: need the latex's stress-strain record"),
-    ("6.10", "contents not known to us; errors along the isobars need the tested force curves"),
+    (
+        "6.10",
+        "curves without printed numbers; errors along them need the tested force curves. The "
+        "geometries' own curves are drawn in the figure of the total force",
+    ),
     ("6.11, tested", "blocked force of the muscle itself: measured, an input here"),
     ("6.12, tested", "free contraction of the muscle itself: measured, an input here"),
     (

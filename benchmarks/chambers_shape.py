@@ -10,7 +10,7 @@ import numpy as np
 from chambers_reference import Row, Table, inelastic_braid, printed, profile, transcribed_profile
 from jaxtyping import Array, Float
 
-from famjax.braids import diameter_from_length
+from famjax.braids import braid_angle_from_blocked_force, diameter_from_length
 from famjax.compile_options import quick_jit
 from famjax.geometries import Meridian, tube_volume
 from famjax.profiles import EllipticToroidEnds, FourierProfile
@@ -43,16 +43,38 @@ def _volumes() -> list[Row]:
     ]
 
 
+def _camera() -> list[Row]:
+    """What follows from scale and distance, to a unit of the last digit: 60 in is a nominal one."""
+    of = printed()["photogrammetry"]
+    length, distance = printed()["specimen"]["active_length_in"], of["camera_distance_in"]
+    view = math.degrees(2 * math.atan(length / (2 * distance)))
+    return [
+        Row("4, camera", "size of a pixel", 1 / of["scale_px_per_in"], "in",
+            of["resolution_in_per_px"], 0.001),
+        Row("4, camera", "angle of view of the active length", view, "deg",
+            of["angle_of_view_deg"], 0.01),
+        Row("4, camera", "change of scale per inch of depth", 1 / distance, "1",
+            of["scale_change_per_inch_of_depth"], 0.01),
+    ]  # fmt: skip
+
+
 def _angle_from_slope() -> list[Row]:
-    """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does."""
+    """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does.
+
+    The printed angles are also held to the slopes at the two ends of the tested pressures.
+    """
     tested, table = printed()["tested"], printed()["photogrammetry"]["estimated_theta0_deg"]
-    slope = np.polyfit(tested["pressure_psi"], tested["blocked_force_lbf"], 1)[0]
+    P, F = (np.array(tested[key], float) for key in ("pressure_psi", "blocked_force_lbf"))
     found = []
-    for diameter, key in ((0.875, "from_D0_0p875"), (1.025, "from_D0_1p025")):
-        magnification = slope / (math.pi * diameter**2 / 4)
-        angle = math.degrees(math.atan(math.sqrt((magnification + 1) / 2)))
+    for diameter, key, ends, part in (
+        (0.875, "from_D0_0p875", "20 to 40 psi", slice(2)),
+        (1.025, "from_D0_1p025", "80 to 100 psi", slice(-2, None)),
+    ):
         entry = f"initial angle from the slope of blocked force, D0 = {diameter} in"
-        found.append(Row("4, angle", entry, angle, "deg", table[key], ANGLE))
+        for which, readings in ((entry, slice(None)), (f"{entry}, {ends} alone", part)):
+            angle = braid_angle_from_blocked_force(P[readings], F[readings], diameter)
+            degrees = math.degrees(float(angle))
+            found.append(Row("4, angle", which, degrees, "deg", table[key], ANGLE))
     return found
 
 
@@ -182,6 +204,7 @@ def _fourier_terms() -> list[Row]:
 
 TABLES: tuple[Table, ...] = (
     ("section 4: volumes", _volumes),
+    ("section 4: camera", _camera),
     ("section 4: angle from the slope of blocked force", _angle_from_slope),
     ("table 4.3: profiles", _profiles),
     ("table 4.2: Fourier terms of a profile", _fourier_terms),

@@ -20,8 +20,8 @@ from chambers_notes import NOT_COMPUTED, NOTES, PAGE as PAGE
 from chambers_reference import Row, Table
 
 Progress = Callable[[int, int, str], None]
-"""Called before each table and figure, with the number of those done, of all, and its name; within
-the fits of chapter 7 again, and once at the end."""
+"""Called before each table and figure, with the number of those done, of all, and its name, and once
+at the end."""
 
 CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
     ("chapter 2", chambers_design.TABLES),
@@ -57,7 +57,7 @@ def reproduce(
     else:
         from chambers_page import FIGURES, write  # noqa: PLC0415 -- matplotlib, only for a page
 
-        fits = chambers_identification.tables(steps.part) if synthetic else ()
+        fits = chambers_identification.tables() if synthetic else ()
         steps.total += len(fits) + len(FIGURES)
         found = steps.rows(tables)
         write(output, found, steps.rows(fits), steps.begin)
@@ -127,10 +127,6 @@ class _Steps:
         """The step before is done, and this one begins."""
         self._begun.append(name)
         self._tell(len(self._begun) - 1, name)
-
-    def part(self, done: int, parts: int) -> None:
-        """So many parts of the step are done."""
-        self._tell(len(self._begun) - 1, f"{self._begun[-1]}, part {done} of {parts} done")
 
     def end(self) -> None:
         """All is done."""

@@ -1,21 +1,13 @@
-"""The command `famjax`; its commands are in `_commands`."""
+"""The command `famjax`; its commands are in `commands`."""
 
 import gc
 import os
 import sys
 
+from .commands.stopping import STOPPED, end_at_interrupts, farewell
+
 # jaxlib on few cores can hang when two threads run batched LAPACK at once; this must be set first.
 os.environ.setdefault("PJRT_NPROC", "16")
-
-try:
-    from cyclopts import CycloptsError
-
-    from .commands.app import command_line
-except ImportError as missing:
-    sys.exit(
-        f"the famjax command needs its extra 'app' ({missing}); install it with\n"
-        '    python -m pip install "famjax[app]"'
-    )
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -24,6 +16,7 @@ def main(arguments: list[str] | None = None) -> None:
     Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped.
     """
     if arguments is None:
+        end_at_interrupts(sys.argv[1:])
         # What imports and traces make stays to the end: it is searched for garbage less often.
         gc.set_threshold(100_000, 20, 50)
     code = _run(sys.argv[1:] if arguments is None else arguments)
@@ -34,8 +27,21 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
+    try:
+        from cyclopts import CycloptsError
+
+        from .commands.app import command_line
+    except ImportError as missing:
+        sys.exit(
+            f"the famjax command needs its extra 'app' ({missing}); install it with\n"
+            '    python -m pip install "famjax[app]"'
+        )
+    from ._require import clashes
     from .boundary.errors import InputError
 
+    if arguments and arguments[0] != "doctor" and (found := clashes()):
+        print(*(f"famjax: {one}" for one in found), sep="\n", file=sys.stderr)
+        return 2
     try:
         code = command_line(arguments)(
             arguments, exit_on_error=False, print_error=False, result_action="return_value"
@@ -47,12 +53,8 @@ def _run(arguments: list[str]) -> int:
         print(f"famjax: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(
-            "famjax: stopped; nothing was written but the finished parts of a sweep, which goes on "
-            "when it is run again",
-            file=sys.stderr,
-        )
-        return 130
+        print(farewell(arguments), file=sys.stderr)
+        return STOPPED
     return code or 0
 
 

@@ -1,10 +1,12 @@
 from . import (
+    choice as choice,
     comparison as comparison,
     convex as convex,
     data as data,
     engine as engine,
     evidence as evidence,
     families as families,
+    hysteresis as hysteresis,
     ramps as ramps,
     records as records,
     rubber as rubber,
@@ -12,7 +14,9 @@ from . import (
     search as search,
     sweeps as sweeps,
     trace as trace,
+    verdict as verdict,
 )
+from .choice.choose import Choice as Choice, choose as choose
 from .comparison.league_table import compare as compare
 from .data.csv_writer import write_csv as write_csv
 from .data.force_csv import (

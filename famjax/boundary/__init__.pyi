@@ -1,10 +1,12 @@
-from .errors import InputError as InputError
+from .errors import InputError as InputError, check_seed as check_seed
 from .files import (
     as_png as as_png,
     check_output as check_output,
+    csv_lines as csv_lines,
     make_output as make_output,
     write_all as write_all,
 )
+from .origin import Origin as Origin
 from .units import (
     SYSTEMS as SYSTEMS,
     UNITS as UNITS,
@@ -13,6 +15,7 @@ from .units import (
     from_si as from_si,
     parse_quantities as parse_quantities,
     parse_quantity as parse_quantity,
+    quantity_unit as quantity_unit,
     si_unit as si_unit,
     to_si as to_si,
     unit_system as unit_system,

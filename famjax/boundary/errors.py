@@ -3,3 +3,14 @@
 
 class InputError(ValueError):
     """What must hold, what was got, and what to do; the command line prints it and exits with 2."""
+
+
+def check_seed(seed: int) -> int:
+    """The seed of random numbers, if it can be one.
+
+    Raises:
+        InputError: it is negative.
+    """
+    if seed < 0:
+        raise InputError(f"a seed must be >= 0, got {seed}")
+    return seed

@@ -167,6 +167,16 @@ def parse_quantity(text: str, kind: str) -> float:
     return to_si(float(number), unit, kind)
 
 
+def quantity_unit(text: str) -> str:
+    """The unit of a number as one types it, of the first of a list; "" where there is none.
+
+    >>> quantity_unit("270mm,10in"), quantity_unit("5")
+    ('mm', '')
+    """
+    match = _QUANTITY.fullmatch(text.strip(", ").partition(",")[0])
+    return "" if match is None else match[2]
+
+
 def parse_quantities(texts: Iterable[str], kind: str) -> list[float]:
     """All numbers of comma-separated lists."""
     return [parse_quantity(one, kind) for text in texts for one in text.split(",") if one.strip()]

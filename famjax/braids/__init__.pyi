@@ -5,6 +5,7 @@ from .elastic import (
     ElasticBraid as ElasticBraid,
 )
 from .gaylord import (
+    braid_angle_from_blocked_force as braid_angle_from_blocked_force,
     force_magnification as force_magnification,
     gaylord_force as gaylord_force,
 )

@@ -23,7 +23,7 @@ COMMANDS = {
     "measure:measure": (
         "Measure the shape of a muscle in photographs, each picture with its errors."
     ),
-    "identify:predict": (
+    "predict:predict": (
         "Predict the force of a fitted muscle, and the pressure at which it begins to pull."
     ),
     "ramps:ramps": (
@@ -49,7 +49,8 @@ def command_line(arguments: Sequence[str]) -> App:
     and are not imported.
     """
     command, of_rig = [*arguments, "", ""][:2]
-    app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown")
+    app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
+              suppress_keyboard_interrupt=False)  # fmt: skip
     _register(app, __name__.rpartition(".")[0], COMMANDS, command)
     rig_app = App(name="rig", help=rig.HELP, help_format="markdown")
     _register(rig_app, rig.__name__, rig.COMMANDS, of_rig)

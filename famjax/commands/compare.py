@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from .loading import load_fitting, load_map
 from .matplotlib_import import load_matplotlib
+from .options.whole_numbers import Seed, Starts
 from .terminal import print_rows, progress_bar
 
 
@@ -18,8 +19,8 @@ def compare(
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     pressure_tolerance: str | None = None,
     length_tolerance: str | None = None,
-    starts: int = 32,
-    seed: int = 0,
+    starts: Starts = 32,
+    seed: Seed = 0,
     output: Path = Path("famjax-compare"),
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
@@ -53,6 +54,7 @@ def compare(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.files import as_png, check_output, make_output, write_all
+    from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import parse_specimen
     from fitting.comparison import plot_comparison
 
@@ -71,7 +73,12 @@ def compare(
         table = fitting.compare(
             measured, models or None, starts=starts, seed=seed, resume=rows_file, progress=show
         )
-    document = table.as_dict()
+    document = {
+        **table.as_dict(),
+        "origin": Origin.of_this_command().as_dict(),
+        "starts": starts,
+        "seed": seed,
+    }
     content = json.dumps(document, indent=1, allow_nan=False).encode()
     paths = write_all(
         output, {"compare.json": content, "compare.png": as_png(plot_comparison(table))}

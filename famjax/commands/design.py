@@ -50,6 +50,7 @@ def design(
     """
     load_fitting()
     from famjax.boundary.files import check_output, write_all
+    from famjax.boundary.origin import Origin
 
     from ..design.document import design_document, design_picture
     from .options.designs import parse_requirement, parse_tube
@@ -63,6 +64,7 @@ def design(
         system=units,
         tube=parse_tube(tube),
     )
+    document["origin"] = Origin.of_this_command().as_dict()
     content = json.dumps(document, indent=1, allow_nan=False).encode()
     paths = write_all(
         output, {"design.json": content, "design.png": design_picture(document, units)}

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from .. import __version__
-from .._require import SIBLINGS, require
+from .._require import SIBLINGS, clashes, require
 from .compilation_cache import VARIABLE, cache_root, contents, is_loaded, switch_on
 
 _REPORTED = (
@@ -38,8 +38,8 @@ def versions() -> dict[str, str]:
 
 def problems() -> list[str]:
     """One sentence for each clash between famjax and what else is installed; starts no backend."""
-    found = []
-    for name in SIBLINGS:
+    found = clashes()
+    for name in () if found else SIBLINGS:
         try:
             require(name)
         except ImportError as error:

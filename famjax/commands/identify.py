@@ -1,4 +1,4 @@
-"""`famjax fit` and `famjax predict`."""
+"""`famjax fit`."""
 
 import json
 import sys
@@ -7,22 +7,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 
+from .hysteresis import load_ramps, one_map, with_hysteresis
 from .loading import load_fitting, load_map
 from .matplotlib_import import load_matplotlib
-from .terminal import print_rows
+from .options.whole_numbers import Order, Replicates, Seed, Starts
+from .terminal import print_table, progress_bar
 
 if TYPE_CHECKING:
-    from fitting import Identification
     from fitting.evidence import Evidence
+
+    from .fit_steps import Steps
 
 
 def fit(
-    data: str = "DMSP-20-300",
+    data: tuple[str, ...] = ("DMSP-20-300",),
     *,
-    law: str = "polynomial",
-    order: int | None = None,
+    law: str | None = None,
+    order: Order = None,
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
     dependence: Literal["fixed", "linear", "free"] = "fixed",
     box: Literal["physical", "open"] = "physical",
@@ -35,15 +37,22 @@ def fit(
     length_tolerance: str | None = None,
     validate: Annotated[bool, Parameter(negative=())] = False,
     profile: Annotated[bool, Parameter(negative=())] = False,
-    bootstrap: int = 0,
+    bootstrap: Replicates = 0,
+    hysteresis: Annotated[bool, Parameter(negative=())] = False,
+    atmosphere: str | None = None,
+    columns: str | None = None,
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    starts: int = 16,
-    seed: int = 0,
+    starts: Starts = 16,
+    seed: Seed = 0,
     output: Path = Path("famjax-fit"),
     units: Literal["si", "metric", "us"] = "metric",
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Identify a muscle from a measured force map.
+
+    Without --law, --order or --dependence the model is chosen: families are fitted, and judged by
+    what they predict of pressures and lengths that are left out. Ends with 1, the reason first and
+    the files written, where nothing was identified.
 
     Writes `fit.json` (everything, SI), `fit.png` and `report.html` into the output folder.
 
@@ -52,12 +61,14 @@ def fit(
     data
         CSV file with columns such as `pressure_psi,length_in,force_lbf`, or the name of a bundled
         map (DMSP-20-300, DMSP-10-250). Lines `# specimen: rest_length_mm = 296` describe the muscle.
+        With --hysteresis raw ramps with their lengths, `test8.csv=73.25mm`, as `famjax ramps` takes.
     law
-        Of the bladder: polynomial in strain, ogden (one term), mooney-rivlin, saturating, monotone
-        (tangent modulus >= 0 at knots), neo-hookean or yeoh; or module:Class for a law of your own,
-        in a file of the folder that you start from: `--law my_rubber:Gent`.
+        Of the bladder, chosen unless given: polynomial in strain, ogden (one term), mooney-rivlin,
+        saturating, monotone (tangent modulus >= 0 at knots), neo-hookean or yeoh; or module:Class
+        for a law of your own, in a file of the folder that you start from: `--law my_rubber:Gent`.
     order
-        Order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; 3 unless given.
+        Order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; 3 of --law polynomial
+        unless given.
     constraint
         none; positive: E_n >= 0; slope: stress rises on the strain range; drucker: stable along
         the actuation path.
@@ -86,11 +97,19 @@ def fit(
     length_tolerance
         The same of lengths: `--length-tolerance 0.2mm`.
     validate
-        Also leave out each pressure and each length, and predict it.
+        Also leave out each pressure and each length, and predict it; a model that is chosen is
+        chosen anew without it.
     profile
         Also hold each parameter beside its optimum: which are identified, and how far.
     bootstrap
         Number of bootstrap replicates for standard errors and prediction bands.
+    hysteresis
+        Also fit both branches of raw ramps, about their static map, and predict those left out.
+    atmosphere
+        Of raw ramps: what the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each
+        record in which the muscle is vented, `0s:0.5s`.
+    columns
+        Of raw ramps: names of the columns, with units, where there is no header that names them.
     specimen
         Describe the muscle, key_unit=value, repeatable: `--specimen rest_length_mm=296`. Keys:
         rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness (with a
@@ -109,6 +128,7 @@ def fit(
     fitting = load_fitting()
     load_matplotlib()
     from famjax.boundary.files import check_output
+    from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import (
         parameter_kinds,
         parse_bounds,
@@ -116,138 +136,60 @@ def fit(
         parse_priors,
         parse_specimen,
     )
-    from fitting.evidence import gather
     from fitting.saved import write_fit
 
-    from .terminal import progress_bar
+    from .fit_steps import Steps
 
     check_output(output)
-    if ":" in law:
+    if law is not None and ":" in law:
         sys.path.insert(0, str(Path.cwd()))  # where a law of the user's own lies
     kinds = parameter_kinds(law) if bounds or free or prior else {}
-    measured = load_map(
-        data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
+    tolerances = {"pressure": pressure_tolerance, "length": length_tolerance}
+    known = parse_specimen(specimen)
+    measured, pairs = (
+        load_ramps(data, known, atmosphere=atmosphere, columns=columns, **tolerances)
+        if hysteresis
+        else (load_map(one_map(data), known, **tolerances), None)
     )
+    options = {
+        "constraint": constraint,
+        "box": box,
+        "bounds": parse_bounds(bounds, kinds),
+        "parameters": parse_free(free, kinds) | parse_priors(prior, kinds),
+        "noise": noise_N,
+        "objective": objective,
+        "starts": starts,
+        "seed": seed,
+    }
     with progress_bar() as progress:
-        task = progress.add_task(f"identifying {measured.specimen.name}", total=starts)
-        result = fitting.identify(
-            measured,
-            law=law,
-            order=order,
-            constraint=constraint,
-            dependence=dependence,
-            box=box,
-            bounds=parse_bounds(bounds, kinds),
-            parameters=parse_free(free, kinds) | parse_priors(prior, kinds),
-            noise=noise_N,
-            objective=objective,
-            starts=starts,
-            seed=seed,
-            progress=lambda done, total: progress.update(task, completed=done, total=total),
-        )
-
-        def show(what: str, done: int, total: int) -> None:
-            progress.update(task, description=what, completed=done, total=total)
-
-        evidence = gather(
-            result,
-            validation=validate,
-            profiles=profile,
-            replicates=bootstrap,
-            seed=seed,
-            progress=show,
-        )
-        paths = write_fit(result, output, units, evidence)
+        steps = Steps(measured, options, progress)
+        if law is None and order is None and dependence == "fixed":
+            steps.choose()
+        else:
+            steps.identify(law=law or "polynomial", order=order, dependence=dependence)
+        steps.gather(validation=validate, profiles=profile, replicates=bootstrap)
+        steps.judge()
+        evidence = steps.evidence if pairs is None else with_hysteresis(steps.evidence, pairs)
+        told = {"choice": steps.choice, "judgement": steps.judgement}
+        paths = write_fit(steps.result, output, units, evidence, Origin.of_this_command(), **told)
     if json_:
-        print(json.dumps(fitting.saved.summary_as_dict(result, units, evidence), allow_nan=False))
+        summary = fitting.saved.summary_as_dict(steps.result, units, evidence, **told)
+        print(json.dumps(summary, allow_nan=False))
     else:
-        _print_fit(result, units, evidence)
+        _print_fit(steps, units, evidence)
         print("written:", ", ".join(str(path) for path in paths))
-    return 0 if result.converged else 1
+    return 0 if steps.judgement.passed else 1
 
 
-def _print_fit(result: "Identification", units: str, evidence: "Evidence") -> None:
+def _print_fit(steps: "Steps", units: str, evidence: "Evidence") -> None:
     from fitting.saved import notes, tables, verdict
 
+    result = steps.result
+    print(f"{result.data.specimen.name}  ({result.data.source})")
+    for title, header, rows in tables(result, units, evidence, steps.choice):
+        print_table(title, header, rows)
     console = Console(highlight=False)
-    console.print(f"[bold]{result.data.specimen.name}[/bold]  ({result.data.source})")
-    for title, header, rows in tables(result, units, evidence):
-        table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-        for column, name in enumerate(header):
-            table.add_column(name, justify="left" if column == 0 else "right", overflow="fold")
-        for row in rows:
-            table.add_row(*row)
-        console.print()
-        console.print(table)
     console.print()
-    for warning in notes(result, evidence):
+    for warning in notes(result, evidence, steps.choice, steps.judgement):
         console.print(f"note: {warning}", markup=False)
-    console.print(verdict(result), style="bold", markup=False)
-
-
-def predict(
-    fit_json: Path,
-    *,
-    length: tuple[str, ...],
-    pressure: tuple[str, ...] = (),
-    onset: Annotated[bool, Parameter(negative=())] = False,
-    rest_length: str | None = None,
-    length_std: str | None = None,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
-) -> int:
-    """Predict the force of a fitted muscle, and the pressure at which it begins to pull.
-
-    Parameters
-    ----------
-    fit_json
-        A `fit.json` that `famjax fit` has written.
-    length
-        Active lengths with their unit, repeatable or separated by commas: `--length 270mm,250mm`.
-    pressure
-        Gauge pressures with their unit: `--pressure 500kPa`.
-    onset
-        Also the pressure at which the force leaves zero at each length.
-    rest_length
-        Of another muscle of the same series, its braid, bladder and end-fittings the same:
-        `--rest-length 200mm`. From a fit of `famjax series` with an error band that knows how
-        specimens differ.
-    length_std
-        Standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
-    json_
-        Print one JSON list to standard output and nothing else there.
-    """
-    fitting = load_fitting()
-    import numpy as np
-
-    from famjax.boundary.units import parse_quantities
-
-    sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
-    saved = fitting.load_fit(fit_json)
-    other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
-    spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]
-    rows = fitting.predict(
-        saved,
-        np.array(parse_quantities(length, "length")),
-        np.array(parse_quantities(pressure, "pressure")),
-        onset=onset,
-        rest_length=other,
-        length_std=spread,
-    )
-    if json_:
-        print(json.dumps(rows, allow_nan=False))
-        return 0
-    for title, key in (("Force", "force_N"), ("Onset", "onset_pressure_Pa")):
-        chosen = [row for row in rows if key in row]
-        if chosen:
-            print_rows(title, chosen)
-    if not all(row["inside"] for row in rows):
-        print("note: rows that are not inside lie beyond the fitted lengths or pressures")
-    if saved.document.get("series_compliance_m_per_N"):
-        print("note: force_N is what the rig of the fit measures, which gives way; muscle_force_N "
-              "that of the muscle alone")  # fmt: skip
-    if other is not None and "series" not in saved.document:
-        print("note: another length is predicted from one specimen; the band does not know how "
-              "specimens differ (famjax series does)")  # fmt: skip
-    if pressure and all(row.get("band") is None for row in rows):
-        print("note: no error band, as the fit has no standard errors")
-    return 0
+    console.print(verdict(result, steps.judgement), style="bold", markup=False)

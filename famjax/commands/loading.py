@@ -28,14 +28,20 @@ def load_map(
     data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
 ) -> "ForceData":
     """A force map: a bundled one by its name, or a CSV file; tolerances with their unit."""
-    from famjax.boundary.units import parse_quantity
     from fitting import bundled_names, load_bundled, read_csv
 
     bundled = data.upper() in bundled_names() and not Path(data).exists()
     found = load_bundled(data.upper(), specimen) if bundled else read_csv(data, specimen)
+    return with_tolerances(found, pressure=pressure, length=length)
+
+
+def with_tolerances(data: "ForceData", *, pressure: str | None, length: str | None) -> "ForceData":
+    """The map with readings nearer than these, with their unit, at one pressure or length."""
+    from famjax.boundary.units import parse_quantity
+
     given = {
         f"{kind}_tolerance": parse_quantity(text, kind)
         for kind, text in (("pressure", pressure), ("length", length))
         if text is not None
     }
-    return dataclasses.replace(found, **given)
+    return dataclasses.replace(data, **given)

@@ -68,6 +68,7 @@ def measure(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     load_matplotlib()
     from famjax.chain import as_document, measure_pictures
+    from imaging.campaign import expand
 
     from ..boundary.errors import InputError
     from .options.photographs import command_recipe
@@ -84,6 +85,7 @@ def measure(
                 words = f"measuring {done} of {total}{rate}"
                 progress.update(task, completed=done, total=total, description=words)
 
+            expand(photos)  # a picture that is not there is said before what its recipe lacks
             recipe, provenance = command_recipe(how)
             outcome = measure_pictures(
                 photos,

@@ -59,6 +59,7 @@ def ramps(
     """
     load_fitting()
     from famjax.boundary.files import check_output, write_all
+    from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import parse_specimen
     from fitting.ramps import parse_atmosphere, ramps_command
 
@@ -75,6 +76,10 @@ def ramps(
         length_std=None if length_std_mm is None else length_std_mm / 1e3,
         system=units,
     )
+    origin = Origin.of_this_command()
+    summary["origin"] = origin.as_dict()
+    files["map.csv"] = "\n".join(origin.comments()).encode() + b"\n" + files["map.csv"]
+    files["ramps.json"] = json.dumps(summary, indent=1, allow_nan=False).encode()
     paths = write_all(output, files)
     if json_:
         print(json.dumps(summary, allow_nan=False))

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting, load_map
+from .options.whole_numbers import Seed, Starts
 from .terminal import print_rows, progress_bar
 
 
@@ -20,8 +21,8 @@ def series(
     bounds: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
     box: Literal["physical", "open"] = "physical",
-    starts: int = 8,
-    seed: int = 0,
+    starts: Starts = 8,
+    seed: Seed = 0,
     output: Path = Path("famjax-series"),
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
@@ -59,6 +60,7 @@ def series(
     """
     fitting = load_fitting()
     from famjax.boundary.files import check_output, write_all
+    from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import as_parameters, parse_bounds, parse_free
     from fitting.evidence import DEFAULT_LAWS
 
@@ -80,7 +82,7 @@ def series(
             seed=seed,
             progress=show,
         )
-    document = fitting.saved.series_as_dict(found)
+    document = fitting.saved.series_as_dict(found, Origin.of_this_command())
     content = json.dumps(document, indent=1, allow_nan=False).encode()
     (path,) = write_all(output, {"fit.json": content})
     if json_:

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from .loading import load_fitting, load_map
 from .matplotlib_import import load_matplotlib
+from .options.whole_numbers import Replicates, Seed, SweptOrders
 from .terminal import print_rows, progress_bar
 
 
@@ -17,7 +18,7 @@ def sweep(
     braid_diameter: str | None = None,
     braid_angle: str | None = None,
     deadband: str | None = None,
-    order: Annotated[tuple[int, ...], Parameter(negative=())] = (1, 2, 3, 4),
+    order: SweptOrders = (1, 2, 3, 4),
     dependence: Annotated[
         tuple[Literal["fixed", "linear", "free"], ...], Parameter(negative=())
     ] = ("fixed", "linear", "free"),
@@ -25,8 +26,8 @@ def sweep(
         tuple[Literal["none", "positive", "slope", "drucker"], ...], Parameter(negative=())
     ] = ("none", "positive", "slope", "drucker"),
     objective: Literal["sum_of_squares", "mean_rmse", "huber"] = "sum_of_squares",
-    bootstrap: int = 0,
-    seed: int = 0,
+    bootstrap: Replicates = 0,
+    seed: Seed = 0,
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     output: Path = Path("famjax-sweep"),
     units: Literal["si", "metric", "us"] = "metric",
@@ -70,10 +71,13 @@ def sweep(
     """
     fitting = load_fitting()
     load_matplotlib()
+    from famjax.boundary.files import check_output
     from famjax.boundary.units import parse_quantity
     from famjax.commands.options.fits import parse_specimen
-    from fitting.sweeps import sweep_command
+    from fitting.sweeps import check_options, sweep_command
 
+    check_output(output)
+    check_options(objective, bootstrap, seed)
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
     missing = [name for name, text in given.items() if text is None]

@@ -1,8 +1,9 @@
 """What the commands show on a terminal: tables, and how far a long command is."""
 
 import sys
+from collections.abc import Sequence
 from time import monotonic
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -48,12 +49,24 @@ _WIDEST = 250  # characters of a table
 
 def print_rows(title: str, rows: list[dict]) -> None:
     """A table of rows that share their keys; lists are left to the JSON file."""
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
-    for key in keys:
-        table.add_column(key.replace("_", " "), overflow="fold")
+    header = [key.replace("_", " ") for key in keys]
+    print_table(title, header, [[cell(row[key]) for key in keys] for row in rows], numbers="left")
+
+
+def print_table(
+    title: str,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    numbers: Literal["left", "right"] = "right",
+) -> None:
+    """A table of text; all columns but the first are aligned as numbers are."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for k, name in enumerate(header):
+        table.add_column(name, justify=numbers if k else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(cell(row[key]) for key in keys))
+        table.add_row(*row)
     console = Console(highlight=False)
     # Folded cells are harder to read than long lines.
     wide = console.options.update(max_width=_WIDEST)

@@ -44,6 +44,7 @@ from .safety import (
     SafetyFactor as SafetyFactor,
     safety_factor as safety_factor,
     safety_factors as safety_factors,
+    thread_strength_margin as thread_strength_margin,
 )
 from .swage_tube import (
     TubeBuckling as TubeBuckling,

@@ -7,6 +7,7 @@ from typing import Literal
 import jax.numpy as jnp
 
 from .._types import Real, RealArray
+from ..braids.thread import thread_tension
 from .catalogue import Catalogue, CatalogueTest
 from .catalogue_search import Candidate, Requirement
 
@@ -31,6 +32,41 @@ def safety_factor(failure: Real, working: Real) -> RealArray:
     2.8 2.05
     """
     return jnp.asarray(failure) / working
+
+
+def thread_strength_margin(
+    force: Real,
+    pressure: Real,
+    radius: Real,
+    braid_angle: Real,
+    *,
+    n_threads: Real,
+    breaking_load: Real,
+) -> RealArray:
+    """Strength margin of the threads [-]: the load that breaks one over its tension in use.
+
+    The tension is that of `famjax.braids.thread_tension`; all threads are taken to carry the same.
+
+    Args:
+        force: pull F [N] of the muscle.
+        pressure: gauge pressure P [Pa].
+        radius: braid radius R [m].
+        braid_angle: theta [rad], from the circumference.
+        n_threads: n [-], of both families.
+        breaking_load: of one thread [N].
+
+    Returns:
+        Factor [-], broadcast shape; 1 where a thread breaks.
+
+    References:
+        Chambers 2021, section 5.1: a thread breaks at 59.3 lbf.
+
+    >>> margin = thread_strength_margin(1058, 100, 0.522, 1.2032, n_threads=144, breaking_load=59.3)
+    >>> round(float(margin), 1)  # psi, in, lbf
+    7.0
+    """
+    tension = thread_tension(force, pressure, radius, braid_angle, n_threads)
+    return safety_factor(breaking_load, tension)
 
 
 @dataclasses.dataclass(frozen=True)

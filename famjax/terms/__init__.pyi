@@ -15,7 +15,14 @@ from .friction import (
     smooth_sign as smooth_sign,
     thread_contact_area as thread_contact_area,
 )
+from .maxwell_slip import MaxwellSlip as MaxwellSlip, SlipState as SlipState
 from .pressurised_braid import PressurisedBraid as PressurisedBraid
+from .slip_elements import (
+    SlipElements as SlipElements,
+    slip as slip,
+    slip_coordinates as slip_coordinates,
+    slip_shares as slip_shares,
+)
 from .spring import Spring as Spring
 from .virtual_work import (
     PressureTerms as PressureTerms,

@@ -11,7 +11,7 @@ import numpy as np
 
 import famjax
 from famjax import peers
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.resumable import ResumableFile
 
 from ..data.force_data import ForceData
@@ -38,7 +38,7 @@ and pressure); or (name, options of `identify`), such as `("gent", {"law": Gent}
 peers, see `PeerFamily.of`."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Comparison:
     """The table of a force map, the smallest in-sample RMSE first.
 
@@ -49,6 +49,11 @@ class Comparison:
 
     data: ForceData
     rows: tuple[ComparisonRow, ...]
+
+    def __repr__(self) -> str:
+        best = self.rows[0] if self.rows else None
+        first = "" if best is None else f", {best.label} the best with RMSE {best.rmse:.4g} N"
+        return f"Comparison({self.data.specimen.name}: {len(self.rows)} models{first})"
 
     def as_dict(self) -> dict[str, Any]:
         """The table for JSON, the unit in each key."""
@@ -95,6 +100,9 @@ def compare(
         InputError: an unknown name, a map with one pressure or one length only, or the file of
             another comparison.
     """
+    check_seed(seed)
+    if starts < 1:
+        raise InputError(f"at least one start is needed, got {starts}")
     known = comparable_models(data)
     chosen = list(known if models is None else models)
     unknown = [name for name in chosen if name not in known]

@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import UNITS, si_unit, to_si
+from famjax.boundary.files import csv_lines
+from famjax.boundary.units import to_si
 
-from .force_data import COLUMNS, ForceData, Specimen
+from .force_data import ForceData, Specimen
+from .header import columns_of, quoted
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
 """Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""
@@ -31,7 +33,6 @@ _SPECIMEN_LENGTHS = (
     "bladder_diameter",
     "braid_thickness",
 )
-_REQUIRED = ("force", "pressure", "length")
 
 
 def bundled_names() -> list[str]:
@@ -74,8 +75,9 @@ def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> For
     """A force map from a CSV file.
 
     The columns `force`, `pressure` and `length` must each be there once with their unit, as in
-    `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. Lines that start
-    with `# specimen:` give the specimen, `key_unit = value`.
+    `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. In the place of the
+    length there may be a `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that
+    start with `# specimen:` give the specimen, `key_unit = value`.
 
     Args:
         path: the file, UTF-8, separated by comma, semicolon or tab.
@@ -88,14 +90,9 @@ def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> For
         InputError: what is wrong with the file, with the number of the row.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"no such file: {path}") from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a UTF-8 text file; save it as CSV, UTF-8") from None
+    if not path.exists():
+        raise InputError(f"no such file: {path}")
+    lines = csv_lines(path)
     try:
         return _parse(lines, source=path.name, specimen=specimen or {})
     except InputError as error:
@@ -112,54 +109,23 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
         )
     header = rows[0][1]
     separator = max(",;\t", key=header.count)
-    columns = _columns([name.strip() for name in next(csv.reader([header], delimiter=separator))])
+    columns = columns_of([name.strip() for name in next(csv.reader([header], delimiter=separator))])
     if len(rows) == 1:
         raise InputError("the file has a header but no readings")
-    values: dict[str, list[float]] = {name: [] for name, _ in columns}
+    values: dict[str, list[float]] = {column.quantity: [] for column in columns}
     for number, line in rows[1:]:
         cells = next(csv.reader([line], delimiter=separator))
         if len(cells) != len(columns):
             raise InputError(f"row {number} has {len(cells)} cells, the header has {len(columns)}")
-        for (name, unit), cell in zip(columns, cells, strict=True):
-            values[name].append(to_si(_number(cell, number, name), unit, COLUMNS[name]))
-            _check_sign(name, values[name][-1], cell, number)
+        for column, cell in zip(columns, cells, strict=True):
+            name = column.quantity
+            values[name].append(column.factor * _number(cell, number, name))
+            _check_range(name, values[name][-1], cell, number)
     known.update({key: value for key, value in specimen.items() if value is not None})
     arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
+    _lengths_of_contractions(arrays, known)
     complete, notes = _complete(known, arrays["length"], source)
     return ForceData(**arrays, specimen=complete, source=source, notes=notes)
-
-
-def _columns(header: list[str]) -> list[tuple[str, str]]:
-    """(quantity, unit) of every column."""
-    columns = []
-    for name in header:
-        quantity, _, unit = name.rpartition("_")
-        if quantity not in COLUMNS:
-            bare = name if name in COLUMNS else None
-            known = ", ".join(f"{key}_{si_unit(kind)}" for key, kind in COLUMNS.items())
-            if bare:
-                raise InputError(
-                    f"column {name!r} has no unit; write for example "
-                    + " or ".join(f"{bare}_{unit}" for unit in UNITS[COLUMNS[bare]])
-                )
-            raise InputError(f"unknown column {name!r}; known are, with any unit: {known}")
-        kind = COLUMNS[quantity]
-        if unit not in UNITS[kind]:
-            gauge = ", gauge" if kind == "pressure" else ""
-            raise InputError(
-                f"column {name!r} has the unknown unit {unit!r}; known units of {kind} are: "
-                f"{', '.join(UNITS[kind])}{gauge}"
-            )
-        if quantity in [known for known, _ in columns]:
-            raise InputError(f"the quantity {quantity!r} has two columns; keep one")
-        columns.append((quantity, unit))
-    missing = [name for name in _REQUIRED if name not in [known for known, _ in columns]]
-    if missing:
-        raise InputError(
-            f"no column for {' and '.join(missing)}; the header has {', '.join(header)} and must "
-            "have force, pressure and length, each with its unit, as in pressure_kPa"
-        )
-    return columns
 
 
 def _number(cell: str, row: int, name: str) -> float:
@@ -167,17 +133,38 @@ def _number(cell: str, row: int, name: str) -> float:
         value = float(cell)
     except ValueError:
         hint = " (write a decimal point)" if "," in cell else ""
-        raise InputError(f"row {row}: {name} is {cell.strip()!r}, not a number{hint}") from None
+        shown = quoted(cell.strip())
+        raise InputError(f"row {row}: {name} is {shown}, not a number{hint}") from None
     if not math.isfinite(value):
         raise InputError(f"row {row}: {name} is {cell.strip()}; every value must be finite")
     return value
 
 
-def _check_sign(name: str, value: float, cell: str, row: int) -> None:
+def _check_range(name: str, value: float, cell: str, row: int) -> None:
     if name == "pressure" and value < 0:
         raise InputError(f"row {row}: pressure is {cell.strip()}; gauge pressure must be >= 0")
-    if name not in {"pressure", "force"} and value <= 0:
+    if name == "contraction" and value >= 1:
+        raise InputError(
+            f"row {row}: contraction is {cell.strip()}; (L0 - L)/L0 lies below 1: write percent "
+            "in a column contraction_%, lengths in a column such as length_mm"
+        )
+    if name not in {"pressure", "force", "contraction"} and value <= 0:
         raise InputError(f"row {row}: {name} is {cell.strip()}; it must be > 0")
+
+
+def _lengths_of_contractions(arrays: dict[str, Any], known: Mapping[str, Any]) -> None:
+    """Put lengths in the place of contractions."""
+    if "contraction" not in arrays:
+        return
+    rest = known.get("rest_length")
+    if rest is None:
+        raise InputError(
+            "contractions need the rest length: write '# specimen: rest_length_mm = 296' into the "
+            "file, or give --specimen rest_length_mm=296"
+        )
+    arrays["length"] = rest * (1 - arrays.pop("contraction"))
+    if "contraction_std" in arrays:
+        arrays["length_std"] = rest * arrays.pop("contraction_std")
 
 
 def _specimen_fields(comments: Iterable[str]) -> dict[str, Any]:

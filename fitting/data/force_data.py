@@ -63,7 +63,7 @@ class Specimen:
             )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class ForceData:
     """A static force map in SI, one row per reading.
 
@@ -130,6 +130,14 @@ class ForceData:
                 "pulls with positive force: check the sign of the force column"
             )
         self._check_copies()
+
+    def __repr__(self) -> str:
+        length, pressure = self.length * 1e3, self.pressure / 1e3
+        return (
+            f"ForceData({self.specimen.name}, {self.source}: {self.force.size} readings, "
+            f"{self.loaded.sum()} of them loaded, {length.min():.4g} to {length.max():.4g} mm, "
+            f"{pressure.min():.4g} to {pressure.max():.4g} kPa, up to {self.max_force:.5g} N)"
+        )
 
     def _check_copies(self) -> None:
         """No loaded reading may be there twice: a copy would count twice and understate the error."""

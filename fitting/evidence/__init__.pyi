@@ -1,5 +1,11 @@
-from .gathered import Evidence as Evidence, gather as gather
+from .gathered import (
+    Evidence as Evidence,
+    gather as gather,
+    left_out_kinds as left_out_kinds,
+)
+from .left_out import LeftOut as LeftOut
 from .likelihood import Profile as Profile, profile as profile
+from .model_error import ModelError as ModelError
 from .resampling import Bootstrap as Bootstrap, bootstrap as bootstrap
 from .series import (
     DEFAULT_LAWS as DEFAULT_LAWS,

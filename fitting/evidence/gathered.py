@@ -3,22 +3,56 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from famjax.boundary.units import from_si, si_unit, unit_system
 
+from ..hysteresis.slip_fit import HysteresisFit
+from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hysteresis_warnings
 from ..search.result import Identification
+from .left_out import leave_out
 from .likelihood import LEVELS, Profile, profile
+from .model_error import ModelError, model_error
 from .resampling import Bootstrap, bootstrap
-from .validation import Validation, validate
+from .validation import validate
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 """Title, header and rows of text."""
 
+_PRESSURE_GROUPS = 8
 _DISAGREE = 1.5
 """Factor between two estimates of one error bar beyond which a reader is warned."""
+
+
+class GroupErrors(Protocol):
+    """Errors on groups of readings while each was left out, see `Validation`."""
+
+    @property
+    def groups(self) -> str:
+        """What is left out together."""
+        ...
+
+    @property
+    def values(self) -> np.ndarray:
+        """Levels left out [Pa or m]."""
+        ...
+
+    @property
+    def group_rmse(self) -> np.ndarray:
+        """On each level [N]."""
+        ...
+
+    @property
+    def rmse(self) -> float:
+        """Over all readings [N]."""
+        ...
+
+    @property
+    def interior_rmse(self) -> float:
+        """Without the lowest and the highest level [N]."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,16 +63,21 @@ class Evidence:
         validations: by leave-one-out.
         profiles: of the parameters.
         bootstrap: replicates, or None.
+        hysteresis: of both branches, or None.
+        error: of predictions, as readings left out show it; None of a law that depends on pressure
+            and of specimens identified together.
     """
 
-    validations: tuple[Validation, ...] = ()
+    validations: tuple[GroupErrors, ...] = ()
     profiles: tuple[Profile, ...] = ()
     bootstrap: Bootstrap | None = None
+    hysteresis: HysteresisFit | None = None
+    error: ModelError | None = None
 
     @property
     def empty(self) -> bool:
         """Whether nothing was asked for."""
-        return not (self.validations or self.profiles or self.bootstrap)
+        return not (self.validations or self.profiles or self.bootstrap or self.hysteresis)
 
 
 def gather(
@@ -49,11 +88,22 @@ def gather(
     replicates: int,
     seed: int,
     progress: Callable[[str, int, int], None],
+    error: ModelError | None = None,
 ) -> Evidence:
-    """The evidence that was asked for, with `progress(what, done, total)` as it comes."""
+    """The evidence that was asked for, with `progress(what, done, total)` as it comes.
+
+    Args:
+        result: the fit.
+        validation: leave out each pressure and each length.
+        profiles: profile likelihoods.
+        replicates: of the bootstrap.
+        seed: of the bootstrap.
+        progress: called as it comes.
+        error: of predictions, where it is known; found by leaving out unless given.
+    """
     validations = []
     if validation:
-        for kind in _kinds(result):
+        for kind in left_out_kinds(result):
             validations.append(
                 validate(
                     result,
@@ -71,10 +121,24 @@ def gather(
         drawn = bootstrap(
             result, replicates, seed=seed, progress=lambda d, t: progress("bootstrap", d, t)
         )
-    return Evidence(tuple(validations), tuple(found), drawn)
+    told = _error(result) if error is None else error
+    return Evidence(tuple(validations), tuple(found), drawn, error=told)
 
 
-def _kinds(result: Identification) -> tuple[str, ...]:
+def _error(result: Identification) -> ModelError | None:
+    """The error of predictions, by leaving out each length and groups of neighbouring pressures."""
+    problem = result.problem
+    if result.dependence != "fixed" or len(problem.parts) > 1:
+        return None
+    left_out = {}
+    for kind, groups in (("length", None), ("pressure", _PRESSURE_GROUPS)):
+        one = leave_out(problem, result.end.u, kind, groups=groups)
+        if one is not None and np.isfinite(one.error).all():
+            left_out[kind] = one
+    return model_error(result.data, result.residuals, left_out, result.n_parameters)
+
+
+def left_out_kinds(result: Identification) -> tuple[str, ...]:
     """What can be left out: coefficients free in pressure say nothing of another pressure."""
     data, loaded = result.data, result.data.loaded
     several = {
@@ -92,6 +156,8 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
         return float(value) if math.isfinite(value) else None
 
     document: dict[str, Any] = {}
+    if evidence.error is not None:
+        document["model_error"] = evidence.error.as_dict()
     for one in evidence.validations:
         document[f"leave_one_{one.groups}_out"] = {
             "rmse_N": number(one.rmse),
@@ -123,6 +189,8 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
             "interval_95": {name: drawn.interval(name) for name in drawn.names},
             "band_95_N": drawn.band().tolist(),
         }
+    if evidence.hysteresis is not None:
+        document["hysteresis"] = hysteresis_as_dict(evidence.hysteresis)
     return document
 
 
@@ -145,6 +213,8 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
         tables.append(_profile_table(evidence.profiles, system))
     if evidence.bootstrap is not None:
         tables.append(_bootstrap_table(evidence.bootstrap, result, system))
+    if evidence.hysteresis is not None:
+        tables.append(hysteresis_table(evidence.hysteresis, system))
     return tables
 
 
@@ -206,4 +276,6 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
                 f"With one {one.groups} left out the error is {one.rmse / result.errors.rmse:.2g} "
                 "times that in sample: do not extrapolate in it."
             )
+    if evidence.hysteresis is not None:
+        found += hysteresis_warnings(evidence.hysteresis)
     return tuple(found)

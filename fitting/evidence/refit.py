@@ -36,6 +36,9 @@ def refit(
     problems: Sequence[Problem],
     starts: Sequence[Float[np.ndarray, "k p"]],
     progress: Callable[[int, int], None] | None = None,
+    *,
+    max_steps: int = 200,
+    tolerance: float = 1e-10,
 ) -> Refit:
     """The best ends of descents, one for each problem.
 
@@ -43,6 +46,9 @@ def refit(
         problems: with other readings, weights or bounds.
         starts: of each, points of the unit box of its own free parameters.
         progress: called with (refits done, refits).
+        max_steps: of each descent, see `descend_many`; what is only compared need not be an optimum
+            to the last digit.
+        tolerance: likewise.
 
     Returns:
         The refits.
@@ -57,7 +63,7 @@ def refit(
 
     tried = descend_many(
         [problems[k] for k in which.tolist()], [start for points in starts for start in points],
-        progress=ended,
+        max_steps=max_steps, tolerance=tolerance, progress=ended,
     )  # fmt: skip
     costs = np.array([end.cost for end in tried])
     costs[~np.isfinite(costs)] = np.inf

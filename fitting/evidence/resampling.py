@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, check_seed
 
 from ..search.result import Identification
 from .refit import force_error, refit
@@ -15,7 +15,7 @@ from .validation import check_nothing_own
 RESAMPLES = ("residual", "length", "specimen")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Bootstrap:
     """Replicates of an identification.
 
@@ -30,6 +30,10 @@ class Bootstrap:
     samples: Float[np.ndarray, "replicates parameters"]
     failed: int
     forces: Float[np.ndarray, "replicates points"]
+
+    def __repr__(self) -> str:
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"Bootstrap({len(self.samples)} replicates{failed} of {', '.join(self.names)})"
 
     @property
     def stderr(self) -> dict[str, float]:
@@ -82,7 +86,7 @@ def bootstrap(
         raise InputError(f"a bootstrap needs two replicates or more, got {replicates}")
     if resample == "specimen":
         check_nothing_own(result)
-    problem, rng = result.problem, np.random.default_rng(seed)
+    problem, rng = result.problem, np.random.default_rng(check_seed(seed))
     if resample == "residual":
         forces = _drawn_forces(result, replicates, rng)
         drawn = [problem.with_readings(force=force) for force in forces]

@@ -4,6 +4,11 @@ from .force_map import (
     static_map as static_map,
 )
 from .quasi_static_ramp import QuasiStatic as QuasiStatic, quasi_static as quasi_static
-from .ramp_files import parse_atmosphere as parse_atmosphere, ramps_command as ramps_command
+from .ramp_files import (
+    parse_atmosphere as parse_atmosphere,
+    ramps_command as ramps_command,
+    read_ramps as read_ramps,
+)
+from .ramp_pairs import ramp_pairs as ramp_pairs
 from .ramp_plot import plot_ramps as plot_ramps
 from .record import RampRecord as RampRecord, read_ramp as read_ramp

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.files import csv_lines
 from famjax.boundary.units import UNITS, from_si, parse_quantity, unit_system
 
 from ..data.csv_writer import csv_text
@@ -63,12 +64,7 @@ def read_ramps(entries: Iterable[str], *, columns: str | None = None) -> list[Ra
 
 def _listed(path: Path) -> list[tuple[Path, float]]:
     """Files and lengths [m] of a list."""
-    try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a UTF-8 text file; save it as CSV, UTF-8") from None
+    rows = list(csv.DictReader(csv_lines(path)))
     units = [u for u in UNITS["length"] if rows and rows[0].get(f"length_{u}") is not None]
     if not rows or rows[0].get("file") is None or len(units) != 1:
         raise InputError(

@@ -1,9 +1,11 @@
 from .fit_file import (
+    correlations as correlations,
     fit_as_dict as fit_as_dict,
     series_as_dict as series_as_dict,
     summary_as_dict as summary_as_dict,
 )
 from .fit_plot import plot_fit as plot_fit
+from .history import predict_history as predict_history
 from .prediction import predict as predict
 from .report import (
     html_report as html_report,

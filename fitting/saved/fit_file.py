@@ -6,16 +6,21 @@ import platform
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 import famjax
+from famjax.boundary.origin import Origin
 from famjax.boundary.units import from_si, si_unit, unit_system
 from famjax.cards import muscle_as_dict
 
+from ..choice.choose import Choice
+from ..choice.report import choice_as_dict
 from ..data.force_csv import specimen_as_dict
 from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings
 from ..evidence.series import Series
 from ..evidence.spread import muscle_spread
 from ..search.result import Estimate, Identification
+from ..verdict.judgement import Judgement, judge
 from .saved_fit import SCHEMA, finite_or_none
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
@@ -53,12 +58,22 @@ def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
 
 
 def summary_as_dict(
-    result: Identification, system: str = "si", evidence: Evidence | None = None
+    result: Identification,
+    system: str = "si",
+    evidence: Evidence | None = None,
+    *,
+    choice: Choice | None = None,
+    judgement: Judgement | None = None,
 ) -> dict[str, Any]:
     """The figures of a fit as one flat JSON object; parameters in the unit system, the rest SI."""
+    judged = judge(result) if judgement is None else judgement
     errors, certificate = result.errors, result.certificate
     fixed = result.node_pressures is None
     return {
+        "verdict": judged.level,
+        "reasons": list(judged.reasons),
+        "suspicions": [one.cause for one in judged.suspicions],
+        "choice": None if choice is None else choice_as_dict(choice),
         "rmse_N": finite_or_none(errors.rmse),
         "mae_N": finite_or_none(errors.mae),
         "max_error_N": finite_or_none(errors.max),
@@ -103,8 +118,44 @@ def versions() -> dict[str, str]:
     return {"famjax": famjax.__version__, "python": platform.python_version(), **packages}
 
 
-def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dict[str, Any]:
-    """The whole content of `fit.json`, in SI."""
+def correlations(
+    result: Identification,
+) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
+    """Names and correlations of what the data determine, by linear theory.
+
+    What is held, at a bound or not identifiable has no standard error and is left out.
+    """
+    problem, order = result.problem, result.order
+    several = len(problem.linear) > order
+    names = problem.names + tuple(
+        f"{name}_at_node_{k // order + 1}" if several else name
+        for k, name in enumerate(problem.linear)
+    )
+    variance = np.diag(result.covariance)
+    known = np.flatnonzero(np.isfinite(variance) & (variance > 0))
+    scale = np.sqrt(variance[known])
+    matrix = result.covariance[np.ix_(known, known)] / np.outer(scale, scale)
+    return tuple(names[k] for k in known), matrix
+
+
+def fit_as_dict(
+    result: Identification,
+    evidence: Evidence | None = None,
+    origin: Origin | None = None,
+    *,
+    choice: Choice | None = None,
+    judgement: Judgement | None = None,
+) -> dict[str, Any]:
+    """The whole content of `fit.json`, in SI.
+
+    Args:
+        result: what `identify` returned.
+        evidence: validation and uncertainty, if there are any.
+        origin: date and command, if the file is to say them.
+        choice: of which the result is the chosen family, where it was chosen.
+        judgement: the verdict; found from the fit alone unless given.
+    """
+    names, matrix = correlations(result)
     data = result.data
     readings = {
         f"{name}_{si_unit(name.removesuffix('_std'))}": values.tolist()
@@ -114,6 +165,7 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
     return {
         "schema": SCHEMA,
         "versions": versions(),
+        "origin": None if origin is None else origin.as_dict(),
         "data": {
             "source": data.source,
             "sha256": data.sha256,
@@ -122,7 +174,21 @@ def fit_as_dict(result: Identification, evidence: Evidence | None = None) -> dic
         },
         "seed": result.seed,
         "spread": _spread(result, evidence),
-        **summary_as_dict(result, evidence=evidence),
+        **summary_as_dict(result, evidence=evidence, choice=choice, judgement=judgement),
+        "averaged_with": []
+        if choice is None
+        else [
+            {
+                "name": name,
+                "series_compliance_m_per_N": one.series_compliance,
+                "muscle": muscle_as_dict(one.muscle),
+            }
+            for name, one in zip(choice.names[1:], choice.members[1:], strict=True)
+        ],
+        "correlations": {
+            "parameters": list(names),
+            "matrix": [[finite_or_none(value) for value in row] for row in matrix],
+        },
         "residuals_N": result.residuals.tolist(),
         "weights": result.weights.tolist(),
         "start_objectives": [finite_or_none(cost) for cost in result.starts],
@@ -141,14 +207,14 @@ def _spread(result: Identification, evidence: Evidence | None) -> dict[str, Any]
     return {"band": "linear" if drawn is None else "bootstrap", "directions": directions.tolist()}
 
 
-def series_as_dict(series: Series) -> dict[str, Any]:
+def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:
     """The `fit.json` of a series: that of its first specimen, and what the others say."""
     data = [one.data for one in series.specimens]
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
     pressures = np.concatenate([one.pressure for one in data])
     predicted = series.validation.group_rmse
     return {
-        **fit_as_dict(series.specimens[0]),
+        **fit_as_dict(series.specimens[0], origin=origin),
         "series": {
             "law": series.law,
             "between_N": series.between,

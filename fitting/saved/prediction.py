@@ -1,18 +1,18 @@
 """Predictions of a saved fit: force at lengths and pressures, and where the force begins."""
 
-import dataclasses
 import math
 from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
 
 from ..evidence.pull import Pull, pull
 from .onset import onset_pressure
+from .reach import reach_of
 from .saved_fit import SavedFit, finite_or_none
 
 _NORMAL_95 = 1.96  # standard deviations on either side
@@ -40,15 +40,17 @@ def predict(
         length_std: standard deviation of the lengths [m], for the error band.
 
     Returns:
-        Rows with `length_m, pressure_Pa, force_N, slack, inside`: the force is what the rig of the
-        fit would measure, not clipped; slack says that it is not positive, null where there is no
-        force; inside that contraction and pressure (and rest length, in a series) lie within the
-        fitted data. `force_std_N` is the standard deviation of the model's force, `low_95_N` and
-        `high_95_N` 1.96 of it on either side, null where the parameters have no standard errors;
-        a single reading scatters about it besides. `band` says what they are made of: "linear"
-        theory or "bootstrap", and "specimens" of a series. Where the rig gives way, `muscle_force_N`
-        is the force of the muscle alone, were it of that length itself.
-        With `onset` rows `length_m, onset_pressure_Pa, inside` follow; null where there is none.
+        Rows with `length_m, pressure_Pa, force_N, slack, inside, outside`: the force is what the rig
+        of the fit would measure, not clipped; slack says that it is not positive, null where there
+        is no force; inside that contraction and pressure (and rest length, in a series) lie within
+        the fitted data, and outside why they do not, null where they do. `force_std_N` is the
+        standard deviation of a reading about the force, and `low_95_N` to `high_95_N` holds 95 % of
+        such readings, null where nothing is known of it. `band` says what they are made of: "left
+        out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
+        theory of the parameters alone in fits without it, and "specimens" of a series. Where the rig
+        gives way, `muscle_force_N` is the force of the muscle alone, were it of that length itself.
+        With `onset` rows `length_m, onset_pressure_Pa, inside, outside` follow; null where there
+        is none.
 
     Raises:
         InputError: lengths or pressures that no muscle has.
@@ -56,32 +58,44 @@ def predict(
     _check(length, pressure, onset, length_std)
     if rest_length is not None:
         _check_cut(fit.muscle, rest_length)
-    reach = _reach(fit, rest_length)
+    reach = reach_of(fit, rest_length)
     rows: list[dict[str, Any]] = []
-    known = reach.knows_length(length)
     if pressure.size:
         L, P = (grid.ravel() for grid in np.meshgrid(length, pressure, indexing="ij"))
-        within = (
-            np.repeat(known, pressure.size) & (reach.pressures[0] <= P) & (reach.pressures[1] >= P)
-        )
-        rows += [
-            row | {"inside": bool(inside)}
-            for row, inside in zip(_rows(fit, L, P, rest_length, length_std), within, strict=True)
-        ]
+        rows += static_rows(fit, L, P, rest_length=rest_length, length_std=length_std)
     if onset:
         highest = reach.pressures[1]
-        for at, inside in zip(length, known, strict=True):
+        for at in length:
             gauge = onset_pressure(
                 lambda P, at=at: _pull(fit, np.full(P.shape, at), P, rest_length).muscle_force,
                 _ONSET_REACH * highest,
             )
+            begins = max(gauge, reach.pressures[0])  # below the measured pressures it is known, too
+            why = reach.leaves(float(at), begins, finite_or_none(gauge))
             rows.append(
                 {
                     "length_m": float(at),
                     "onset_pressure_Pa": finite_or_none(gauge),
-                    "inside": bool(inside and math.isfinite(gauge) and gauge <= highest),
+                    "inside": why is None,
+                    "outside": why,
                 }
             )
+    return rows
+
+
+def static_rows(
+    fit: SavedFit,
+    length: Float[np.ndarray, " n"],
+    pressure: Float[np.ndarray, " n"],
+    *,
+    rest_length: float | None = None,
+    length_std: float = 0.0,
+) -> list[dict[str, Any]]:
+    """The rows of `predict` at pairs of lengths and pressures that have been checked."""
+    reach, rows = reach_of(fit, rest_length), []
+    for row in _rows(fit, length, pressure, rest_length, length_std):
+        why = reach.leaves(row["length_m"], row["pressure_Pa"], row["force_N"])
+        rows.append(row | {"inside": why is None, "outside": why})
     return rows
 
 
@@ -98,43 +112,6 @@ def _check(length: np.ndarray, pressure: np.ndarray, onset: bool, length_std: fl
         raise InputError(f"the standard deviation of a length must be >= 0, got {length_std} m")
 
 
-@dataclasses.dataclass(frozen=True)
-class _Reach:
-    """What the fitted data cover.
-
-    Attributes:
-        rest_length: of the muscle that is asked for [m].
-        ratios: lowest and highest length in parts of the rest length.
-        pressures: lowest and highest gauge pressure [Pa].
-        same_series: the rest length lies within those of the fit.
-    """
-
-    rest_length: float
-    ratios: tuple[float, float]
-    pressures: tuple[float, float]
-    same_series: bool
-
-    def knows_length(self, length: np.ndarray) -> Bool[np.ndarray, " lengths"]:
-        """Whether each length is within the data."""
-        ratio, rounding = length / self.rest_length, 1e-12
-        low, high = self.ratios
-        return (low - rounding <= ratio) & (ratio <= high + rounding) & self.same_series
-
-
-def _reach(fit: SavedFit, rest_length: float | None) -> _Reach:
-    readings, fitted = fit.document["data"]["readings"], float(fit.muscle.geometry.rest_length)
-    series = fit.document.get("series")
-    asked = fitted if rest_length is None else rest_length
-    if series is not None:
-        rest = series["rest_lengths_m"]
-        ratios, pressures = series["length_ratios"], series["pressures_Pa"]
-        same = min(rest) <= asked <= max(rest)
-    else:
-        lengths, pressures, same = np.array(readings["length_m"]), readings["pressure_Pa"], True
-        ratios = lengths / fitted
-    return _Reach(asked, (min(ratios), max(ratios)), (min(pressures), max(pressures)), same)
-
-
 def _pull(
     fit: SavedFit,
     length: np.ndarray,
@@ -142,16 +119,26 @@ def _pull(
     rest_length: float | None,
     length_std: float = 0.0,
 ) -> Pull:
-    """Forces in the rig and of the muscle alone, with the standard deviation by linear theory."""
+    """Forces in the rig and of the muscle alone, with the standard deviation by linear theory.
+
+    Of a fit that is the mean of several families they are the means; the standard deviation is that
+    of the first.
+    """
     compliance = fit.document.get("series_compliance_m_per_N") or 0.0
-    directions = (fit.document.get("spread") or {}).get("directions")
-    return pull(
+    directions = None if _by_what_was_left_out(fit) else _spread(fit).get("directions")
+    first = pull(
         famjax.MountedMuscle(fit.muscle, np.asarray(compliance)),
         np.array(directions) if directions else None,
-        length,
-        pressure,
-        rest_length=rest_length,
-        length_std=length_std,
+        length, pressure, rest_length=rest_length, length_std=length_std,
+    )  # fmt: skip
+    others = [pull(one, None, length, pressure, rest_length=rest_length) for one in fit.others]
+    if not others:
+        return first
+    all_of_them = [first, *others]
+    return Pull(
+        force=np.mean([one.force for one in all_of_them], axis=0),
+        muscle_force=np.mean([one.muscle_force for one in all_of_them], axis=0),
+        std=first.std,
     )
 
 
@@ -163,14 +150,10 @@ def _rows(
     length_std: float,
 ) -> list[dict[str, Any]]:
     """The force at every reading, in the rig and of the muscle alone, with its error band."""
-    document = fit.document
-    compliance, spread = document.get("series_compliance_m_per_N"), document.get("spread")
+    compliance = fit.document.get("series_compliance_m_per_N")
     found = _pull(fit, length, pressure, rest_length, length_std)
-    force, std, band = found.force, np.full(length.size, np.nan), None
-    if spread is not None and spread["directions"]:
-        std, band = found.std, spread["band"]
-        if "series" in document:
-            std, band = np.hypot(std, document["series"]["between_N"]), f"{band}, specimens"
+    force = found.force
+    std, factor, band = _band(fit, found, length, pressure, rest_length)
     rows = []
     for k in range(force.size):
         pull, error = float(force[k]), float(std[k])
@@ -179,8 +162,8 @@ def _rows(
             "pressure_Pa": float(pressure[k]),
             "force_N": finite_or_none(pull),
             "force_std_N": finite_or_none(error),
-            "low_95_N": finite_or_none(pull - _NORMAL_95 * error),
-            "high_95_N": finite_or_none(pull + _NORMAL_95 * error),
+            "low_95_N": finite_or_none(pull - factor * error),
+            "high_95_N": finite_or_none(pull + factor * error),
             "band": band if math.isfinite(error) else None,
             "slack": bool(pull <= 0) if math.isfinite(pull) else None,
         }
@@ -188,6 +171,41 @@ def _rows(
             row["muscle_force_N"] = finite_or_none(float(found.muscle_force[k]))
         rows.append(row)
     return rows
+
+
+def _band(
+    fit: SavedFit,
+    found: Pull,
+    length: np.ndarray,
+    pressure: np.ndarray,
+    rest_length: float | None,
+) -> tuple[np.ndarray, float, str | None]:
+    """Standard deviation of a reading, how many of them on either side are 95 %, and what it is of."""
+    known, theory = np.isfinite(found.force), _spread(fit).get("band")
+    std, factor, band = np.full(length.size, np.nan), _NORMAL_95, None
+    if "series" in fit.document:
+        # Leaving a specimen out leaves the error of the parameters in.
+        std = np.maximum(found.std, fit.document["series"]["between_N"])
+        band = f"{theory}, specimens"
+    elif fit.error is not None:
+        cut = 1.0 if rest_length is None else float(fit.muscle.geometry.rest_length) / rest_length
+        model, factor = fit.error.std(length * cut, pressure), fit.error.factor()
+        if _by_what_was_left_out(fit):
+            std, band = np.hypot(model, found.std), "left out"
+        else:
+            std, band = np.maximum(model, found.std), f"left out, {theory}"
+    elif _spread(fit).get("directions"):
+        std, band = found.std, theory
+    return np.where(known, std, np.nan), factor, band
+
+
+def _spread(fit: SavedFit) -> dict[str, Any]:
+    return fit.document.get("spread") or {}
+
+
+def _by_what_was_left_out(fit: SavedFit) -> bool:
+    """Whether the band is made of errors on readings left out, those of the parameters among them."""
+    return fit.error is not None and _spread(fit).get("band") != "bootstrap"
 
 
 def _check_cut(muscle: famjax.Muscle, rest_length: float) -> None:

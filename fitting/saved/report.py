@@ -13,38 +13,52 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from famjax.boundary.files import as_png, write_all
+from famjax.boundary.origin import Origin
 from famjax.boundary.units import from_si, unit_system
 
+from ..choice.choose import Choice
+from ..choice.report import choice_table
 from ..evidence.gathered import Evidence, Table, evidence_tables, evidence_warnings
 from ..search.result import Estimate, Identification
+from ..verdict.judgement import Judgement, judge
 from .fit_file import all_estimates, fit_as_dict, versions
 from .fit_plot import plot_fit
+from .report_tables import correlation_tables, specimen_table
 
 
-def verdict(result: Identification) -> str:
-    """One sentence: what was found, and whether it may be trusted."""
+def verdict(result: Identification, judgement: Judgement | None = None) -> str:
+    """One sentence or two: whether the fit may be trusted, the gravest reason first, and what it is."""
     errors, margin = result.errors, result.certificate.stability_margin
+    judged = judge(result) if judgement is None else judgement
     fit = (
         f"RMSE {errors.rmse:.3g} N, {errors.rmse_percent:.2g} % of the largest force, over "
         f"{errors.n_points} readings."
     )
+    told = judged.level.capitalize()
+    told = f"{told}: {judged.reasons[0]} {fit}" if judged.reasons else f"{told}. {fit}"
     if not result.converged:
-        return f"NOT converged. {fit}"
+        return f"NOT converged. {told}"
+    if not judged.passed:
+        return told
     # A margin at rounding level is that of an active constraint.
     stable = margin >= -1e-9 * float(np.abs(result.coefficients).max())
     law = "Drucker-stable" if stable else "NOT Drucker-stable"
     return (
-        f"Identified. {fit} The law is {law} on the whole actuation path (margin "
+        f"{told} The law is {law} on the whole actuation path (margin "
         f"{margin / 1e6:.3g} MPa), and its coefficients are globally optimal for this geometry "
         f"(KKT residual {result.certificate.kkt_residual:.0e})."
     )
 
 
 def tables(
-    result: Identification, system: str = "metric", evidence: Evidence | None = None
+    result: Identification,
+    system: str = "metric",
+    evidence: Evidence | None = None,
+    choice: Choice | None = None,
 ) -> list[Table]:
     """The tables of a fit, as text in the given unit system."""
     return [
+        *([] if choice is None else [choice_table(choice, system)]),
         _parameter_table(result, system),
         _error_table(result, system),
         *evidence_tables(evidence or Evidence(), result, system),
@@ -52,9 +66,26 @@ def tables(
     ]
 
 
-def notes(result: Identification, evidence: Evidence | None = None) -> tuple[str, ...]:
-    """All warnings: of the fit, and where validation and uncertainty speak against it."""
-    return result.warnings + evidence_warnings(evidence or Evidence(), result)
+def notes(
+    result: Identification,
+    evidence: Evidence | None = None,
+    choice: Choice | None = None,
+    judgement: Judgement | None = None,
+) -> tuple[str, ...]:
+    """All that a reader must know besides the verdict.
+
+    How the model was chosen, further reasons of the verdict, warnings of the fit, and where
+    validation and uncertainty speak against it.
+    """
+    judged = judge(result) if judgement is None else judgement
+    error = (evidence or Evidence()).error
+    return (
+        *(() if choice is None else (choice.clear, *choice.dropped)),
+        *judged.reasons[1:],
+        *result.warnings,
+        *evidence_warnings(evidence or Evidence(), result),
+        *(() if error is None else (f"Bands of predictions, 95 %, are of {error.covers}.",)),
+    )
 
 
 def _parameter_table(result: Identification, system: str) -> Table:
@@ -123,8 +154,13 @@ def html_report(
     system: str = "metric",
     evidence: Evidence | None = None,
     figure: Figure | None = None,
+    origin: Origin | None = None,
+    *,
+    choice: Choice | None = None,
+    judgement: Judgement | None = None,
 ) -> str:
     """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
+    judged = judge(result) if judgement is None else judgement
     buffer = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "famjax"}):
         drawn = plot_fit(result, system) if figure is None else figure
@@ -136,11 +172,18 @@ def html_report(
         .from_string(template)
         .render(
             name=result.data.specimen.name,
-            good=result.converged,
-            verdict=verdict(result),
-            warnings=notes(result, evidence),
+            good=judged.passed,
+            verdict=verdict(result, judged),
+            warnings=notes(result, evidence, choice, judged),
             figure=Markup(svg[svg.index("<svg") :]),
-            tables=tables(result, system, evidence),
+            tables=[
+                specimen_table(result, system),
+                *tables(result, system, evidence, choice),
+                *correlation_tables(result),
+            ],
+            origin=origin,
+            seed=result.seed,
+            starts=result.certificate.n_starts,
             data=f"data: {result.data.source}, sha256 {result.data.sha256}",
             versions=", ".join(f"{name} {version}" for name, version in versions().items()),
         )
@@ -152,6 +195,10 @@ def write_fit(
     folder: Path,
     system: str = "metric",
     evidence: Evidence | None = None,
+    origin: Origin | None = None,
+    *,
+    choice: Choice | None = None,
+    judgement: Judgement | None = None,
 ) -> list[Path]:
     """Write `fit.json`, `fit.png` and `report.html`, all or none.
 
@@ -160,6 +207,9 @@ def write_fit(
         folder: made if it is not there; files of an earlier fit are replaced.
         system: units of picture and report; `fit.json` is in SI.
         evidence: validation and uncertainty, if there are any.
+        origin: date and command, which file and report then say.
+        choice: of which the result is the chosen family, where it was chosen.
+        judgement: the verdict; found from the fit alone unless given.
 
     Returns:
         The paths written.
@@ -167,11 +217,12 @@ def write_fit(
     Raises:
         InputError: the folder cannot be written.
     """
-    content = json.dumps(fit_as_dict(result, evidence), indent=1, allow_nan=False)
+    told = {"choice": choice, "judgement": judge(result) if judgement is None else judgement}
+    content = json.dumps(fit_as_dict(result, evidence, origin, **told), indent=1, allow_nan=False)
     figure = plot_fit(result, system)
     files = {
         "fit.json": content.encode(),
         "fit.png": as_png(figure),
-        "report.html": html_report(result, system, evidence, figure).encode(),
+        "report.html": html_report(result, system, evidence, figure, origin, **told).encode(),
     }
     return write_all(folder, files)

@@ -6,24 +6,42 @@ import math
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+import jax
+import numpy as np
+
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.cards import muscle_from_dict
 
+from ..evidence.model_error import ModelError
+from ..hysteresis.centred_slip import CentredSlip
+from ..hysteresis.slip_report import hysteresis_from_dict
+
 SCHEMA = "famjax-fit/1"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class SavedFit:
     """A fit read back from `fit.json`.
 
     Attributes:
         muscle: the identified muscle, bit for bit.
         document: the whole file as plain data, SI.
+        hysteresis: about the muscle's force, or None where it was not identified.
+        others: further muscles, in their rigs; a prediction is the mean of them and the muscle.
+        error: of predictions, or None where nothing was left out.
     """
 
     muscle: famjax.Muscle
     document: dict[str, Any]
+    hysteresis: CentredSlip | None = None
+    others: tuple[famjax.MountedMuscle, ...] = ()
+    error: ModelError | None = None
+
+    def __repr__(self) -> str:
+        name = self.document.get("data", {}).get("specimen", {}).get("name", "unnamed")
+        return f"SavedFit({name}: law {self.document.get('law')}, RMSE {self.document.get('rmse_N')} N)"
 
 
 def load_fit(path: str | Path) -> SavedFit:
@@ -36,7 +54,8 @@ def load_fit(path: str | Path) -> SavedFit:
         The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
 
     Raises:
-        InputError: no such file, not a fit of this program, or of a schema it does not know.
+        InputError: no such file, not a fit of this program, of a schema it does not know, or one
+            that lacks what predictions are made of.
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -47,7 +66,84 @@ def load_fit(path: str | Path) -> SavedFit:
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
         raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}")
-    return SavedFit(muscle_from_dict(document["muscle"]), document)
+    try:
+        card = _entry(document, "muscle")
+        if not isinstance(card, dict):
+            raise InputError(f"'muscle' must be an object in braces, got {card!r}")
+        muscle = muscle_from_dict(card)
+        _check(document, muscle)
+        loops = document.get("hysteresis")
+        hysteresis = None if loops is None else hysteresis_from_dict(loops)
+        told = document.get("model_error")
+        others = tuple(_mounted(one) for one in document.get("averaged_with") or ())
+    except InputError as error:
+        raise InputError(f"{path} is damaged: {error}") from None
+    error = None if told is None else ModelError.from_dict(told)
+    return SavedFit(muscle, document, hysteresis, others, error)
+
+
+def _mounted(entry: Any) -> famjax.MountedMuscle:
+    """A muscle in its rig, from its entry."""
+    return famjax.MountedMuscle(
+        muscle_from_dict(_entry(entry, "muscle")),
+        np.asarray(_entry(entry, "series_compliance_m_per_N") or 0.0),
+    )
+
+
+def _entry(document: Any, path: str) -> Any:
+    """What stands at dotted keys."""
+    found = document
+    for key in path.split("."):
+        if not isinstance(found, dict) or key not in found:
+            raise InputError(f"it has no entry {path!r}; write it anew with famjax fit")
+        found = found[key]
+    return found
+
+
+def _check(document: dict[str, Any], muscle: famjax.Muscle) -> None:
+    """Raise unless what predictions are made of is there, finite and of its shape."""
+    _numbers(document, "data.readings.length_m", ("n",))
+    _numbers(document, "data.readings.pressure_Pa", ("n",))
+    if document.get("series_compliance_m_per_N") is not None:
+        _numbers(document, "series_compliance_m_per_N", ())
+    if document.get("spread") is not None:
+        # The rig's compliance is one number more than the muscle's own.
+        varied = jax.tree.leaves(eqx.filter(muscle, eqx.is_inexact_array))
+        count = 1 + sum(np.size(leaf) for leaf in varied)
+        if _entry(document, "spread.directions") != []:
+            _numbers(document, "spread.directions", ("directions", count))
+    if document.get("model_error") is not None:
+        _numbers(document, "model_error.noise_N", ())
+        for name, unit in (("length", "m"), ("pressure", "Pa")):
+            _numbers(document, f"model_error.{name}.levels_{unit}", ("n",))
+            _numbers(document, f"model_error.{name}.scale_N", ())
+            _numbers(document, f"model_error.{name}.freedom", ())
+    if document.get("series") is not None:
+        _numbers(document, "series.between_N", ())
+        _numbers(document, "series.rest_lengths_m", ("n",))
+        _numbers(document, "series.length_ratios", (2,))
+        _numbers(document, "series.pressures_Pa", (2,))
+
+
+def _numbers(document: dict[str, Any], path: str, shape: tuple[int | str, ...]) -> None:
+    """Raise unless finite numbers of a shape stand there; a word stands for any size but 0."""
+    found = _entry(document, path)
+    try:
+        numbers = np.asarray(found)
+    except ValueError:  # lists of unequal lengths
+        numbers = np.asarray(None)
+    sizes = zip(numbers.shape, shape, strict=False)
+    if (
+        numbers.dtype.kind not in "fi"
+        or numbers.ndim != len(shape)
+        or not all(size and (isinstance(want, str) or size == want) for size, want in sizes)
+        or not np.isfinite(numbers).all()
+    ):
+        wanted = ", ".join(map(str, shape))
+        raise InputError(
+            f"{path!r} must hold finite numbers of shape ({wanted}), got shape {numbers.shape}; "
+            "write it anew with famjax fit"
+        )
 
 
 def finite_or_none(value: float) -> float | None:

@@ -19,8 +19,14 @@ from ..families.parameters import Entry
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
 
+def check_starts(starts: int) -> None:
+    """There must be one start at least."""
+    if starts < 1:
+        raise InputError(f"at least one start is needed, got {starts}")
+
+
 def check_options(
-    law: Law, constraint: str, dependence: str, starts: int
+    law: Law, constraint: str, dependence: str
 ) -> tuple[Constraint, PressureDependence]:
     """The named choices, if they are among those there are and go together."""
     if constraint not in CONSTRAINTS:
@@ -41,8 +47,6 @@ def check_options(
             f"{type(law.material).__name__}; use drucker, which is the same question asked of both "
             "together"
         )
-    if starts < 1:
-        raise InputError(f"at least one start is needed, got {starts}")
     return constraint, dependence
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, check_seed
 
 from ..engine.descent import End, descend, descend_many
 from ..engine.margin import constraint_margin
@@ -19,7 +19,7 @@ FEASIBLE = 1e-9
 
 def latin_hypercube(n_free: int, count: int, seed: int) -> Float[np.ndarray, "k p"]:
     """Latin hypercube in the unit box, away from its faces."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(check_seed(seed))
     cells = rng.permuted(np.tile(np.arange(count), (n_free, 1)), axis=1).T
     return (cells + rng.uniform(0.05, 0.95, (count, n_free))) / count
 

@@ -104,7 +104,7 @@ class Certificate:
     n_agreeing: int
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Identification:
     """An identified muscle.
 
@@ -168,10 +168,19 @@ class Identification:
     converged: bool
     warnings: tuple[str, ...]
     degrees_of_freedom: int
-    covariance: Float[np.ndarray, "k k"] = dataclasses.field(repr=False)
-    problem: Problem = dataclasses.field(repr=False)
-    end: End = dataclasses.field(repr=False)
-    place: int = dataclasses.field(repr=False)
+    covariance: Float[np.ndarray, "k k"]
+    problem: Problem
+    end: End
+    place: int
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(f"{one.name}={one.value:.5g}" for one in self.estimates)
+        return (
+            f"Identification({self.data.specimen.name}: {self.law.name} of order {self.order}, "
+            f"constraint {self.constraint}, {self.dependence} in pressure; RMSE "
+            f"{self.errors.rmse:.4g} N over {self.errors.n_points} readings; "
+            f"{'converged' if self.converged else 'NOT converged'}; in SI {numbers})"
+        )
 
     @property
     def order(self) -> int:

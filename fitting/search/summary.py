@@ -14,13 +14,12 @@ from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.margin import Margin, constraint_margin
 from ..engine.problem import Problem
-from ..engine.response import Constraint, PressureDependence, unflat
-from ..families.laws import Law
-from ..families.parameters import Entry
+from ..engine.response import unflat
 from .doubts import warnings
 from .estimates import coefficient_stderr, concerning, derived, estimates, of_nodes
 from .multi_start import FEASIBLE
 from .optimal import Optimal
+from .posing import Posed
 from .result import Certificate, Errors, Identification, force_at_readings
 from .robust import Robust
 
@@ -28,28 +27,11 @@ _STATIONARY = 1e-6
 _PERFECT = 1e-18  # a cost of this part of the data's own square is zero but for rounding
 
 
-@dataclasses.dataclass(frozen=True)
-class Asked:
-    """What was asked for, as the result repeats it.
-
-    Attributes:
-        law: family of the law.
-        constraint, dependence, box, seed: as given.
-    """
-
-    law: Law
-    constraint: Constraint
-    dependence: PressureDependence
-    box: str
-    seed: int
-
-
 def summarise(
-    data: Sequence[ForceData],
+    posed: Posed,
     found: Optimal,
     ends: Sequence[End],
-    table: Mapping[str, Entry],
-    asked: Asked,
+    seed: int,
     robust: Robust | None = None,
 ) -> tuple[Identification, ...]:
     """The identifications, one for each force map, that an optimum stands for."""
@@ -63,9 +45,9 @@ def summarise(
     perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
     stationary = certificate.gradient_residual <= _STATIONARY or perfect
     order = np.argsort([end.cost for end in ends])
-    estimated = estimates(found, table)
+    estimated = estimates(found, posed.table)
     results = []
-    for k, (one, part) in enumerate(zip(data, problem.parts, strict=True)):
+    for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         nodes, muscle = _nodes_of(found, k), _muscle(found, k)
         force = force_at_readings(one, part, point)
         errors = _errors(one, force)
@@ -90,13 +72,13 @@ def summarise(
             active_constraints=_active_sentences(found),
             starts=np.array([ends[i].cost for i in order]),
             start_parameters=np.stack([ends[i].point.parameters for i in order]),
-            law=asked.law,
-            constraint=asked.constraint,
-            dependence=asked.dependence,
-            box=asked.box,
-            seed=asked.seed,
+            law=posed.law,
+            constraint=posed.constraint,
+            dependence=posed.dependence,
+            box=posed.box,
+            seed=seed,
             weights=_own_weights(robust, problem, k),
-            converged=certified and feasible and stationary and math.isfinite(errors.rmse),
+            converged=bool(certified and feasible and stationary and math.isfinite(errors.rmse)),
             warnings=(),
             degrees_of_freedom=found.spread.degrees_of_freedom,
             covariance=found.spread.matrix,

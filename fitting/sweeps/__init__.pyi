@@ -1,2 +1,7 @@
-from .all_forms import Sweep as Sweep, SweepRow as SweepRow, sweep as sweep
+from .all_forms import (
+    Sweep as Sweep,
+    SweepRow as SweepRow,
+    check_options as check_options,
+    sweep as sweep,
+)
 from .sweep_files import sweep_command as sweep_command

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import hashlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import jax
 import numpy as np
 
 import famjax
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.resumable import ResumableFile
 
 from ..convex.status import Status
@@ -46,8 +47,10 @@ class SweepRow:
         rmse_by_pressure, mae_by_pressure: [N].
         blocked_error: mean over pressures of |model - measured| blocked force [N].
         blocked_error_by_pressure: model minus measured [N].
-        free_contraction_error: mean over pressures of |model - measured| [-].
-        free_contraction_error_by_pressure: model minus measured [-].
+        free_contraction_error: mean of |model - measured| [-] over the pressures at which there
+            are both; nan where there are none.
+        free_contraction_error_by_pressure: model minus measured [-]; nan where the model's force
+            does not fall to zero, or the measured force does not come near it.
         aicc, bic: information criteria; they count coefficients as if none were constrained.
         cross_validated_rmse: [N] at pressures left out of the fit, nan where the form says nothing
             about other pressures.
@@ -93,7 +96,7 @@ class SweepRow:
         }
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Sweep:
     """What `sweep` found.
 
@@ -117,7 +120,15 @@ class Sweep:
     objective: str
     replicates: int
     seed: int
-    models: tuple[LinearModel, ...] = dataclasses.field(repr=False)
+    models: tuple[LinearModel, ...]
+
+    def __repr__(self) -> str:
+        names = ", ".join(one.specimen.name for one in self.data)
+        solved = sum(row.status is Status.OPTIMAL for row in self.rows)
+        return (
+            f"Sweep({len(self.rows)} fits of {names}, {solved} of them solved, {self.objective}, "
+            f"{self.replicates} replicates)"
+        )
 
 
 def sweep(
@@ -173,7 +184,7 @@ def sweep(
     geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
     deadbands = _one_each(deadband, int | float, len(maps), "deadband")
     forms = Forms.of(orders, dependences, constraints)
-    _check(objective, bootstrap)
+    check_options(objective, bootstrap, seed)
     tasks = [
         _Task(one, shape, float(dead), forms, objective)
         for one, shape, dead in zip(maps, geometries, deadbands, strict=True)
@@ -292,7 +303,7 @@ class _Task:
                         mae_by_pressure=mae,
                         blocked_error=float(np.abs(blocked).mean()),
                         blocked_error_by_pressure=blocked,
-                        free_contraction_error=float(np.abs(free).mean()),
+                        free_contraction_error=_mean_of_known(np.abs(free)),
                         free_contraction_error_by_pressure=free,
                         aicc=float(scores["aicc"][at]),
                         bic=float(scores["bic"][at]),
@@ -304,6 +315,12 @@ class _Task:
                         status=status,
                         verdict=stable if status is Status.OPTIMAL else status.message,
                     )
+
+
+def _mean_of_known(values: np.ndarray) -> float:
+    """Mean of what is not nan, nan where all is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan
 
 
 def _spread(chunks: list[dict[str, Any]], shape: tuple[int, ...]) -> np.ndarray:
@@ -347,7 +364,13 @@ def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:
     return each
 
 
-def _check(objective: str, bootstrap: int) -> None:
+def check_options(objective: str, bootstrap: int, seed: int) -> None:
+    """Raise unless these options of a sweep go together; nothing is read or computed for it.
+
+    Raises:
+        InputError: they do not.
+    """
+    check_seed(seed)
     named("objective", [objective], OBJECTIVES)
     if bootstrap < 0:
         raise InputError(f"the number of replicates cannot be negative, got {bootstrap}")

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import famjax
 from famjax.boundary.files import as_png, check_output, make_output, write_all
 from famjax.boundary.units import from_si, unit_system
@@ -83,5 +85,6 @@ def table_row(row: SweepRow, system: str) -> dict[str, Any]:
         "constraint": row.constraint,
         "n_coefficients": row.n_coefficients,
         **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        "n_free_contractions": int(np.isfinite(row.free_contraction_error_by_pressure).sum()),
         "verdict": row.verdict,
     }

@@ -4,7 +4,7 @@ import importlib.util
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -22,6 +22,14 @@ GEOMETRIES = (
     "measured",
 )
 PRESSURES = (20, 40, 60, 80, 100)
+SUBJECTS = {
+    "6.4": "longitudinal stress",
+    "6.5": "longitudinal bladder force",
+    "6.6": "circumferential stress",
+    "6.7": "circumferential bladder force",
+    "6.8": "bladder force",
+    "6.9": "total force",
+}
 EXACT = 1e-12
 L0, B0, N, PSI, LBF = 9.28125, 9.89, 1.09, 6894.757293168361, 4.4482216152605
 # What differs by more than its tolerance; benchmarks/chambers_notes.py says why of each.
@@ -88,8 +96,13 @@ def test_every_published_figure_is_met_but_those_explained(loaded: ModuleType, f
 
 def test_covers_the_tables_for_all_geometries(found: list) -> None:
     tables = {row.table for row in found}
-    numbered = {"2.3", "2.4", "4.2", "4.3", "5.1", "5.2", "6.11", "6.12"}
+    numbered = {"2.1", "2.2", "2.3", "2.4", "2.5", "4.2", "4.3", "5.1", "5.2", "6.11", "6.12"}
     assert numbered | {f"6.{n}" for n in range(1, 10)} | {"4, volumes", "virtual work"} <= tables
+    assert {row.table for row in found if "bladder thickness" in row.entry} == {"6, thickness"}
+    for table, subject in SUBJECTS.items():
+        of = [row.entry for row in found if row.table == table]
+        assert of
+        assert all(f"psi, {subject}" in entry for entry in of)
     entries = {(row.table, row.entry) for row in found}
     for geometry in GEOMETRIES:
         for P in PRESSURES:
@@ -100,6 +113,48 @@ def test_covers_the_tables_for_all_geometries(found: list) -> None:
                 of = [e for table, e in entries if table == f"6.{n}" and e.startswith(at)]
                 for state in ("at rest", "at its own free contraction", "at the maximum"):
                     assert sum(e.endswith(state) for e in of) == 1
+                mean = [e for e in of if "mean absolute difference from the measured" in e]
+                assert len(mean) == (geometry != "measured")
+
+
+def test_every_printed_figure_at_hand_is_compared_or_an_input(
+    loaded: ModuleType, found: list
+) -> None:
+    """Chapters 2 and 4 to 6 of the transcription, figure by figure."""
+    printed = sys.modules["chambers_reference"].printed()
+    published = {(row.table, row.published) for row in found}
+    for table, key, names in (
+        ("2.2", "kevlar_braid", ("angle_range_deg",)),
+        ("2.4", "end_fitting", ("internal_fitting_od_braid_in", "internal_fitting_od_bladder_in",
+                                "compression_change_per_thousandth_in")),
+        ("4, camera", "photogrammetry", ("resolution_in_per_px", "angle_of_view_deg",
+                                         "scale_change_per_inch_of_depth")),
+        ("5.1", "elastic_braid", ("D_in", "B_in", "theta_deg", "max_thread_tension_lbf",
+                                  "max_thread_strain")),
+        ("5, thread", "specimen", ("thread_area_in2", "thread_modulus_in_situ_linear_psi",
+                                   "thread_modulus_in_situ_high_pressure_psi")),
+        ("6.1", "longitudinal_strain", None),
+        ("6.2", "circumferential_strain", None),
+        ("6, thickness", "bladder_thickness", None),
+        ("6, summary", "headline", None),
+        ("6, latex", "latex", ("cross_section_rest_in2", "cross_section_max_strain_in2",
+                               "volume_in3")),
+        *(("6.3", "gaylord_100psi", (name,)) for name in ("resting", "free", "mae")),
+    ):  # fmt: skip
+        for of in printed[key] if isinstance(printed[key], list) else [printed[key]]:
+            for name in of if names is None else names:
+                for value in _flat(of[name]):
+                    if (table, key, name) != ("6.3", "gaylord_100psi", "free"):
+                        assert (table, value) in published, (key, name, value)
+    for angles in ("braid_1p5", "braid_2p0", "braid_2p5"):
+        for text in printed["braid_angle_table"][angles]:
+            assert not text or ("2.3", float(text)) in published
+
+
+def _flat(value: object) -> list[float]:
+    if isinstance(value, dict):
+        return [one for part in value.values() for one in _flat(part)]
+    return [one for part in value for one in _flat(part)] if isinstance(value, list) else [value]
 
 
 def test_synthetic_entries_say_so(found: list) -> None:
@@ -122,8 +177,9 @@ def test_estimated_blocked_force_by_hand(computed: dict) -> None:
         at = f"estimated inelastic, {P} psi,"
         force = P * math.pi * R**2 * (2 * tan2 - 1) + bladder
         assert computed["6.11", f"{at} blocked force"] == pytest.approx(force, rel=EXACT)
-        assert computed["6.9", f"{at} bladder force at rest"] == pytest.approx(bladder, rel=1e-11)
-        assert computed["6.4", f"{at} bladder thickness at rest"] == pytest.approx(t, rel=1e-11)
+        assert computed["6.8", f"{at} bladder force at rest"] == pytest.approx(bladder, rel=1e-11)
+        thickness = computed["6, thickness", f"{at} bladder thickness at rest"]
+        assert thickness == pytest.approx(t, rel=1e-11)
 
 
 @pytest.mark.parametrize(("table", "stiffness"), [("5.2", 1.0), ("5, soft braid", 0.1)])
@@ -145,16 +201,72 @@ def test_terms_add_up(computed: dict, geometry: str) -> None:
         for state in ("at its own free contraction", "at the tested free contraction"):
             if (quantity := ("6.3", f"{at} Gaylord force {state}")) not in computed:
                 continue
-            axial = computed["6.7", f"{at} longitudinal bladder force {state}"]
-            hoop = computed["6.8", f"{at} circumferential bladder force {state}"]
-            bladder = computed["6.9", f"{at} bladder force {state}"]
-            total = computed["6, total force", f"{at} total force {state}"]
+            axial = computed["6.5", f"{at} longitudinal bladder force {state}"]
+            hoop = computed["6.7", f"{at} circumferential bladder force {state}"]
+            bladder = computed["6.8", f"{at} bladder force {state}"]
+            total = computed["6.9", f"{at} total force {state}"]
             assert axial + hoop == pytest.approx(bladder, rel=1e-11)
             assert computed[quantity] + bladder == pytest.approx(total, abs=1e-9)
-        free = computed["6, total force", f"{at} total force at its own free contraction"]
+        free = computed["6.9", f"{at} total force at its own free contraction"]
         assert abs(free) < 1e-6  # lbf: the root of a force of 1000
-        largest = computed["6.9", f"{at} bladder force at the maximum"]
-        assert abs(largest) >= abs(computed["6.9", f"{at} bladder force at rest"])
+        largest = computed["6.8", f"{at} bladder force at the maximum"]
+        assert abs(largest) >= abs(computed["6.8", f"{at} bladder force at rest"])
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_mean_absolute_errors_are_means_of_the_rows(computed: dict, geometry: str) -> None:
+    for table, what, unit in (("6.11", "blocked force", " lbf"), ("6.12", "free contraction", "")):
+        of = [
+            value for (number, entry), value in computed.items()
+            if number == table and entry.startswith(geometry + ", ") and "minus the tested" in entry
+            and entry.endswith(unit)
+        ]  # fmt: skip
+        assert len(of) == len(PRESSURES)
+        mean = computed[table, f"{geometry}, mean absolute error of the {what} over the pressures"]
+        assert mean == pytest.approx(np.abs(of).mean(), rel=EXACT)
+
+
+def test_mean_absolute_differences_over_contraction(loaded: ModuleType, computed: dict) -> None:
+    """From the muscles themselves, at 100 psi from rest to the tested free contraction."""
+    muscles = sys.modules["chambers_reference"].muscles()
+    lengths = L0 * (1 - np.linspace(0, 0.354, 101))
+    name = "estimated inelastic"
+    one, measured = (np.asarray(muscles[n].force(lengths, 100.0)) for n in (name, "measured"))
+    entry = f"{name}, 100 psi, total force, mean absolute difference from the measured"
+    mean = computed["6.9", f"{entry}, to the tested free contraction"]
+    assert mean == pytest.approx(np.abs(one - measured).mean(), rel=1e-9)
+
+
+@pytest.mark.parametrize(("table", "stiffness"), [("5.2", 1.0), ("5, soft braid", 0.1)])
+def test_changes_by_the_elastic_braid_by_its_closed_form(
+    computed: dict, table: str, stiffness: float
+) -> None:
+    label = "soft braid, " if "soft" in table else ""
+    free = dict(zip(PRESSURES, (0.237, 0.312, 0.336, 0.348, 0.354), strict=True))
+    for P in PRESSURES:
+        for place, c in (("at rest", 0.0), ("at the tested free contraction", free[P])):
+            L = L0 * (1 - c)
+            share = B0 * P * L / (2 * math.pi * N**2 * 144 * 1.332e-4 * 11.6e6 * stiffness)
+            B = B0 / (1 - share)
+
+            def force(B: float, L: float = L, P: float = P) -> float:
+                return P * (3 * L**2 - B**2) / (4 * math.pi * N**2)
+
+            entry = f"{label}change of {{}} by the elastic braid {place}, {P} psi"
+            assert computed[table, entry.format("B")] == pytest.approx(B - B0, rel=1e-10)
+            change = computed[table, entry.format("Gaylord's force")]
+            assert change == pytest.approx(force(B) - force(B0), rel=1e-9)
+            part = computed[table, f"{entry.format('B')}, over the inelastic"]
+            assert part == pytest.approx(B / B0 - 1, rel=1e-10)
+
+
+def test_strength_margins_of_the_threads(computed: dict) -> None:
+    """59.3 lbf of 144 threads over their tension: section times pressure and pull, over the sine."""
+    B = math.hypot(L0, math.pi * N * 1.044)
+    tension = (1058 + 100 * math.pi * 1.044**2 / 4) / (144 * L0 / B)
+    margin = computed["5, thread", "strength margin of the threads at the blocked force of 100 psi"]
+    assert margin == pytest.approx(59.3 / tension, rel=1e-12)
+    assert tension == pytest.approx(8.5, abs=0.05)
 
 
 def test_virtual_work_is_the_difference_of_volumes(computed: dict) -> None:
@@ -198,7 +310,7 @@ def test_page_is_one_file_with_everything(loaded: ModuleType, found: list, tmp_p
     paths = loaded.write_page(tmp_path / "new", found)
     assert [path.name for path in (tmp_path / "new").iterdir()] == [path.name for path in paths]
     page = paths[0].read_text(encoding="utf-8")
-    assert page.count("<img ") == page.count("data:image/svg+xml;base64,") == 8
+    assert page.count("<img ") == page.count("data:image/svg+xml;base64,") == 9
     assert "http" not in page
     assert f"<b>{len(OUT)}</b> out of tolerance" in page
     assert page.count('<tr class="out">') == 2 * len(OUT)  # in the list on top, and in its table
@@ -217,29 +329,18 @@ def test_progress_names_every_table(loaded: ModuleType, chapters: list, found: l
 def test_progress_goes_on_to_the_last_figure(
     loaded: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Tables, the fits of chapter 7 and their parts, then the figures of the page."""
+    """Tables, the fits of chapter 7, then the figures of the page."""
     row = sys.modules["chambers_reference"].Row("1.1", "an entry", 1.0, "in")
     identification = sys.modules["chambers_identification"]
-
-    def fits(part: Callable[[int, int], None]) -> list:
-        part(1, 2)
-        return [row]
-
     monkeypatch.setattr(loaded, "CHAPTERS", (("chapter 1", (("table 1.1", lambda: [row]),)),))
-    monkeypatch.setattr(
-        identification, "tables", lambda part=None: (("chapter 7, fits", lambda: fits(part)),)
-    )
+    monkeypatch.setattr(identification, "tables", lambda: (("chapter 7, fits", lambda: [row]),))
     steps = []
     found = loaded.reproduce(tmp_path, lambda *step: steps.append(step), synthetic=True)
     assert found == [row]
-    assert steps[:3] == [
-        (0, 10, "chapter 1, table 1.1"),
-        (1, 10, "chapter 7, fits"),
-        (1, 10, "chapter 7, fits, part 1 of 2 done"),
-    ]
-    assert [(done, name.partition(":")[0]) for done, _, name in steps[3:]] == [
-        *((done, "figure") for done in range(2, 10)),
-        (10, "done"),
+    assert steps[:2] == [(0, 11, "chapter 1, table 1.1"), (1, 11, "chapter 7, fits")]
+    assert [(done, name.partition(":")[0]) for done, _, name in steps[2:]] == [
+        *((done, "figure") for done in range(2, 11)),
+        (11, "done"),
     ]
     assert (tmp_path / loaded.PAGE).exists()
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ..loading import load_fitting
+from ..options.whole_numbers import Seed
 from ..terminal import progress_bar
 from .characterise import report_test
 from .problems import rig_problems
@@ -16,7 +17,7 @@ def rig_simulate(
     *,
     fit: Path | None = None,
     baud: Literal[115200, 500000] = 115200,
-    seed: int = 0,
+    seed: Seed = 0,
     output: Path = Path("famjax-rig"),
     units: Literal["si", "metric", "us"] = "us",
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
@@ -112,7 +113,7 @@ def rig_serve(
     calibration: Path = Path("simulated-calibration.toml"),
     baud: Literal[115200, 500000] = 115200,
     seconds: float | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
 ) -> int:
     """Run a simulated rig in real time on a TCP port or a pseudo-terminal, to try `monitor` and `run`.
 

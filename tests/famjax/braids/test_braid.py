@@ -65,3 +65,20 @@ def test_gaylord_closed_form(festo: famjax.Muscle) -> None:
     np.testing.assert_allclose(
         force, 4e5 * (3 * L**2 - B**2) / (4 * jnp.pi * N**2), rtol=1e-11, atol=1e-9
     )
+
+
+@pytest.mark.parametrize("angle", [40.0, 60.0, 75.0])
+def test_angle_from_the_slope_of_blocked_force(angle: float) -> None:
+    """Whatever the bladder and the deadband take away: the slope is the braid's own."""
+    braid = famjax.Braid.from_rest(diameter=0.0236, braid_angle=jnp.deg2rad(angle), length=0.296)
+    bladder = famjax.Bladder(0.296, 0.0236, rest_thickness=0.0018, embedded=True)
+    latex = famjax.PolynomialMaterial([5.9e6, -19.0e6, 25.8e6])
+    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), latex, 40e3)
+    P = jnp.linspace(1e5, 6e5, 6)
+    found = famjax.braids.braid_angle_from_blocked_force(P, muscle.blocked_force(P), 0.0236)
+    assert float(found) == pytest.approx(np.deg2rad(angle), rel=1e-10)
+    both = jnp.stack([P, P])
+    forces = jnp.stack([muscle.blocked_force(P), -2 * P * jnp.pi * 0.0236**2])
+    batch = famjax.braids.braid_angle_from_blocked_force(both, forces, 0.0236)
+    assert float(batch[0]) == float(found)
+    assert np.isnan(batch[1])

@@ -1,11 +1,13 @@
 """The command as a person types it: exit codes, what is printed where, what is written."""
 
+import datetime
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 import famjax
 from famjax.__main__ import main
@@ -72,7 +74,20 @@ def test_table_for_people(capsys: pytest.CaptureFixture, map_file: Path, tmp_pat
     saved = json.loads((tmp_path / "o" / "fit.json").read_text())
     assert saved["leave_one_pressure_out"]["rmse_N"] < 0.01  # exact readings are predicted
     assert saved["profiles"]["E_1"]["verdict"] == "identified"
+    assert datetime.datetime.fromisoformat(saved["origin"]["date"]).tzinfo is not None
+    assert saved["origin"]["command"].startswith("famjax ")
+    assert saved["origin"]["date"] in (tmp_path / "o" / "report.html").read_text()
     _predict_from(capsys, tmp_path / "o" / "fit.json")
+
+
+def test_the_picture_of_the_readme_is_that_of_its_command(
+    capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    """A picture says its title in words; docs/fit.png is `famjax fit`'s, copied."""
+    assert run(capsys, "fit", "--output", tmp_path)[0] == 0
+    shown = Path(__file__).parents[3] / "docs" / "fit.png"
+    found, expected = (Image.open(path).text["Title"] for path in (shown, tmp_path / "fit.png"))
+    assert found == expected
 
 
 def _predict_from(capsys: pytest.CaptureFixture, fit: Path) -> None:
@@ -90,6 +105,14 @@ def _predict_from(capsys: pytest.CaptureFixture, fit: Path) -> None:
     code, out, _ = run(capsys, "predict", fit, "--length", "0.2m", "--pressure", "300kPa")
     assert code == 0
     assert "not inside" in out
+    code, out, _ = run(capsys, "predict", fit, "--length", "11in", "--pressure", "3bar")
+    assert (code, "length in  pressure bar  force N" in out) == (0, True)
+    code, out, _ = run(
+        capsys, "predict", fit, "--length", "28cm", "--pressure", "3bar", "--units", "us", "--json"
+    )
+    (us,) = json.loads(out)
+    assert us["force_lbf"] * 4.4482216152605 == pytest.approx(rows[0]["force_N"], rel=1e-12)
+    assert us["length_in"] == pytest.approx(28 / 2.54)
     for wrong, message in (("280", "has no unit"), ("280kg", "not a known unit"), ("x", "number")):
         code, _, err = run(capsys, "predict", fit, "--length", wrong, "--pressure", "3bar")
         assert (code, message in err) == (2, True)
@@ -139,6 +162,40 @@ def test_bad_input_is_explained_with_exit_code_2(
     assert not output.exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("fit", "--seed", -1), "Must be >= 0"),
+        (("fit", "--order", 2.5), "--order must be a whole number, got '2.5'"),
+        (("fit", "--starts", 0), "Must be >= 1"),
+        (("fit", "--bootstrap", -5), "0, for no replicates, or 2 and more; got -5"),
+        (("sweep", "--order", 9), "Must be <= 4"),
+        (("sweep", "--order", 1, "--order", 2.5), "--order must be a whole number, got '2.5'"),
+        (("sweep", "--bootstrap", 1), "0, for no replicates, or 2 and more; got 1"),
+        (("compare", "--starts", 0), "Must be >= 1"),
+        (("compare", "--seed", -1), "Must be >= 0"),
+        (("series", "--seed", "x"), "--seed must be a whole number, got 'x'"),
+    ],
+)
+def test_numbers_out_of_range_are_refused_before_any_work(
+    capsys: pytest.CaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    arguments: tuple[object, ...],
+    message: str,
+) -> None:
+    def load() -> None:
+        raise AssertionError("the library is loaded for a command that cannot run")
+
+    for module in ("identify", "sweep", "compare", "series"):
+        monkeypatch.setattr(f"famjax.commands.{module}.load_fitting", load)
+    code, out, err = run(capsys, *arguments, "--output", tmp_path / "o")
+    assert (code, out) == (2, "")
+    assert message in err
+    assert str(arguments[1]) in err
+    assert not (tmp_path / "o").exists()
+
+
 def test_missing_file_and_blocked_output(
     capsys: pytest.CaptureFixture, map_file: Path, tmp_path: Path
 ) -> None:
@@ -166,21 +223,63 @@ def test_doctor_reports_versions_and_devices() -> None:
         assert needed in done.stdout
 
 
-def test_doctor_names_a_clash(tmp_path: Path) -> None:
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    """A folder with packages of other people by our names; one of them cannot be imported here."""
     (tmp_path / "fitting.py").write_text("")
+    (tmp_path / "rig").mkdir()
+    (tmp_path / "rig" / "__init__.py").write_text("raise RuntimeError('made for Python 2')\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("doctor",), 1),
+        (("fit",), 2),
+        (("predict", "x", "--length", "1m"), 2),
+        (("rig", "ports"), 2),
+    ],
+)
+def test_a_clash_is_named_by_whatever_meets_it(
+    foreign: Path, arguments: tuple[str, ...], code: int
+) -> None:
     done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "from famjax.commands.doctor import problems; print(problems())",
-        ],
+        [sys.executable, "-m", "famjax", *arguments],
         capture_output=True,
         text=True,
         check=False,
-        cwd=tmp_path,
+        cwd=foreign,
     )
-    assert "fitting.py" in done.stdout
-    assert "not famjax's own 'fitting' package" in done.stdout
+    assert done.returncode == code, done.stderr
+    said = done.stdout + done.stderr
+    assert "not famjax's own 'fitting' package" in said
+    assert f"'rig' resolved to {foreign / 'rig' / '__init__.py'}" in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("command", "left"),
+    [("fit", "nothing was written"), ("sweep", "the same command goes on from there")],
+)
+@pytest.mark.parametrize("after", [0.1, 0.5])
+def test_an_interrupt_is_answered_whatever_is_going_on(
+    tmp_path: Path, command: str, left: str, after: float
+) -> None:
+    """In the import of a compiled module it would abort, in a callback of JAX it would be lost."""
+    code = (
+        "import os, signal, sys, threading\n"
+        "from famjax.__main__ import main\n"
+        f"sys.argv = ['famjax', {command!r}, '--bootstrap', '500']\n"
+        f"threading.Timer({after}, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 130
+    assert done.stderr.strip().endswith(f"famjax: stopped; {left}" if command == "fit" else left)
+    assert "Traceback" not in done.stderr
 
 
 def test_design_finds_a_muscle_and_says_why_others_fail(

@@ -232,3 +232,10 @@ def test_a_crop_without_its_frame_is_of_the_reference_camera_and_says_so() -> No
     )
     assert own.frame_size == (1200, 2700)
     assert "frame_size" not in provenance
+
+
+def test_a_picture_that_is_not_there_is_missed_before_its_ruler(capsys, tmp_path):
+    with pytest.raises(SystemExit) as stop:
+        main(["measure", str(tmp_path / "none.jpg"), "--output", str(tmp_path / "o")])
+    assert stop.value.code == 2
+    assert "none.jpg is no file, no folder with pictures" in capsys.readouterr().err

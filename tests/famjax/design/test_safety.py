@@ -1,4 +1,5 @@
 import dataclasses
+import math
 
 import pytest
 
@@ -10,6 +11,7 @@ from famjax.design import (
     safety_factor_rows,
     safety_factors,
     search,
+    thread_strength_margin,
 )
 
 PSI, LBF = units.PSI, units.LBF
@@ -61,3 +63,12 @@ def test_no_required_force_leaves_the_blocked_force():
         "required pressure",
         "blocked force",
     ]
+
+
+def test_threads_break_at_a_margin_of_one():
+    """144 threads of 59.3 lbf, unpressurised at 69.73 deg, hold n T sin(theta)."""
+    at = {"n_threads": 144, "breaking_load": 59.3}
+    holds = 144 * 59.3 * math.sin(math.radians(69.73))
+    theta = math.radians(69.73)
+    assert thread_strength_margin(holds, 0.0, 0.5, theta, **at) == pytest.approx(1.0)
+    assert thread_strength_margin(holds / 2, 0.0, 0.5, theta, **at) == pytest.approx(2.0)

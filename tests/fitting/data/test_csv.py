@@ -67,6 +67,10 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
         ("100,300,", "-5,300,", "row 2: pressure is -5; gauge pressure must be >= 0"),
         ("100,300,", "100,0,", "row 2: length is 0; it must be > 0"),
         ("100,290,", "100,290,1,", "row 3 has 4 cells, the header has 3"),
+        ("100,300,", f"100,{'x' * 900},", "row 2: length is 'x{40}[.]{3}', not a number$"),
+        ("length_mm", "x" * 900, "unknown column 'x{40}[.]{3}'.*contraction or contraction_%"),
+        ("length_mm", "contraction_mm", "unit 'mm': a contraction is .L0 - L./L0"),
+        ("length_mm", "contraction", "row 2: contraction is 300; .* lies below 1: write percent"),
         ("pressure", "# specimen: rest_lenght_mm = 3\npressure", "unknown entry.*'rest_lenght_mm'"),
         ("pressure", "# specimen: rest_length_mm = x\npressure", "not a number"),
         ("pressure", "# specimen: embedded = maybe\npressure", "true or false"),
@@ -76,6 +80,30 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
 def test_what_is_wrong_is_said(map_file: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_csv(_spoil(map_file, old, new))
+
+
+def test_contractions_are_lengths_of_the_rest_length(map_file: Path, tmp_path: Path) -> None:
+    text = "# specimen: rest_length_mm = 300\n# specimen: name = map\n" + map_file.read_text()
+    map_file.write_text(text)
+    expected = read_csv(map_file)
+    for unit, size in (("", 1.0), ("_%", 100.0), ("_percent", 100.0)):
+        rows = text.replace(",length_mm,", f",contraction{unit},")
+        for length in (300, 290, 280, 270):
+            rows = rows.replace(f",{length},", f",{size * (300 - length) / 300!r},")
+        path = tmp_path / "contraction.csv"
+        path.write_text(rows)
+        found = read_csv(path)
+        np.testing.assert_allclose(found.length, expected.length, rtol=1e-14)
+        assert np.unique(found.lengths.level).size == 4
+        assert read_csv(path, {"rest_length": 0.6}).length[0] == pytest.approx(0.6)
+    path.write_text("force_N,pressure_kPa,contraction,contraction_std_%\n10,100,0.1,1\n")
+    with pytest.raises(InputError, match="contractions need the rest length"):
+        read_csv(path)
+    one = read_csv(path, {"rest_length": 0.3})
+    assert one.length_std == pytest.approx(0.003)
+    path.write_text("force_N,pressure_kPa,contraction,length_mm\n10,100,0.1,1\n")
+    with pytest.raises(InputError, match="'length' and 'contraction' say the same"):
+        read_csv(path)
 
 
 def test_files_that_are_no_map(tmp_path: Path) -> None:
@@ -89,6 +117,9 @@ def test_files_that_are_no_map(tmp_path: Path) -> None:
         read_csv(empty)
     empty.write_text("pressure_kPa,length_mm,force_N\n")
     with pytest.raises(InputError, match="no readings"):
+        read_csv(empty)
+    empty.write_bytes(b"\0" * 500)
+    with pytest.raises(InputError, match="not a UTF-8 text file, 500 of its bytes are zero"):
         read_csv(empty)
     empty.write_bytes(b"\xff\xfe\x00pressure")
     with pytest.raises(InputError, match="not a UTF-8 text file"):

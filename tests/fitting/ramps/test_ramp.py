@@ -78,6 +78,9 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_ramp(tmp_path / "none.csv", length=0.3)
     path = tmp_path / "binary.csv"
+    path.write_bytes(b"\0" * 500)
+    with pytest.raises(InputError, match="500 of its bytes are zero"):
+        read_ramp(path, length=0.3)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="not a UTF-8"):
         read_ramp(path, length=0.3)

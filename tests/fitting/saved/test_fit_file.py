@@ -1,7 +1,10 @@
 """What a fit leaves behind: one JSON file that gives the same muscle back, a picture, a page."""
 
+import dataclasses
+import html
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -9,11 +12,20 @@ import numpy as np
 import pytest
 
 import famjax
+from famjax.boundary.origin import Origin
 from famjax.cards import muscle_as_dict, muscle_from_dict
-from fitting import Identification, InputError, load_fit, predict, write_fit
+from fitting import (
+    Identification,
+    InputError,
+    identify,
+    load_bundled,
+    load_fit,
+    predict,
+    write_fit,
+)
 from fitting.evidence import Bootstrap, Evidence
 from fitting.evidence.gathered import evidence_warnings
-from fitting.saved import html_report, plot_fit, summary_as_dict
+from fitting.saved import correlations, fit_as_dict, html_report, plot_fit, summary_as_dict
 
 
 def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path) -> None:
@@ -68,9 +80,67 @@ def test_report_is_one_self_contained_page(fitted20: Identification) -> None:
         assert needed in page
 
 
-def test_picture_shows_points_isobars_and_the_unstable_part(fitted20: Identification) -> None:
-    import dataclasses
+ORIGIN = Origin("2026-01-31T12:00:00+01:00", "famjax fit 'my map.csv' --seed 3")
 
+
+def test_report_says_where_it_comes_from_and_what_was_measured(
+    fitted20: Identification, tmp_path: Path
+) -> None:
+    page = html_report(fitted20, "us", origin=ORIGIN)
+    text = html.unescape(page)
+    assert ORIGIN.date in text
+    assert ORIGIN.command in text
+    assert f"seed {fitted20.seed}" in text
+    for entry in ("rest length</td><td>11.654</td><td>in", "126, of which 60 pull", "embedded"):
+        assert entry in page
+    captions = [one for one in re.findall(r"<h2>(.*?)</h2>", page) if one != "Model"]
+    assert all(one.startswith(f"Table {k}. ") for k, one in enumerate(captions, 1))
+    assert "<figcaption>Figure 1." in page
+    names, matrix = correlations(fitted20)
+    assert names == ("braid_angle", "deadband_pressure", "E_1", "E_2", "E_3")  # D0 is at its bound
+    assert f"<td>{matrix[4, 3]:+.2f}</td>" in page
+    assert ORIGIN.date not in html_report(fitted20)
+    document = json.loads(write_fit(fitted20, tmp_path, origin=ORIGIN)[0].read_text())
+    assert document["origin"] == {"date": ORIGIN.date, "command": ORIGIN.command}
+    saved = document["correlations"]
+    assert saved["parameters"] == list(names)
+    np.testing.assert_array_equal(saved["matrix"], matrix)
+
+
+def test_correlations_are_those_of_the_covariance(fitted20: Identification) -> None:
+    _, matrix = correlations(fitted20)
+    stderr = [fitted20.estimate(name).stderr for name in ("braid_angle", "E_2")]
+    assert matrix[0, 3] * stderr[0] * stderr[1] == pytest.approx(fitted20.covariance[1, 4])
+    np.testing.assert_allclose(np.diag(matrix), 1.0)
+    np.testing.assert_array_equal(matrix, matrix.T)
+
+
+def test_report_fits_a_narrow_screen(fitted20: Identification) -> None:
+    """The page takes the width of the device, and what is wider than it scrolls by itself."""
+    page = html_report(fitted20)
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
+    assert page.count('<div class="wide"><table>') == page.count("<table>") > 3
+    assert re.search(r"\.wide \{ overflow-x: auto; \}", page)
+    assert "@media (max-width: 40rem)" in page
+
+
+def test_what_is_printed_of_a_result_is_a_line(fitted20: Identification, tmp_path: Path) -> None:
+    write_fit(fitted20, tmp_path)
+    saved = load_fit(tmp_path / "fit.json")
+    drawn = Bootstrap(("a", "b"), np.zeros((2, 2)), 1, np.zeros((2, 60)))
+    for one, said in (
+        (fitted20, "Identification(DMSP-20-300: polynomial of order 3, constraint drucker"),
+        (fitted20.data, "126 readings, 60 of them loaded, 222 to 296 mm, 35 to 675 kPa"),
+        (saved, "SavedFit(DMSP-20-300: law polynomial, RMSE "),
+        (drawn, "Bootstrap(2 replicates, 1 failed of a, b)"),
+    ):
+        assert said in repr(one)
+        assert len(repr(one)) < 400
+    assert "RMSE 7.5" in repr(fitted20)
+    assert "E_3=2.57" in repr(fitted20)
+
+
+def test_picture_shows_points_isobars_and_the_unstable_part(fitted20: Identification) -> None:
     axes = {axis.get_xlabel(): axis for axis in plot_fit(fitted20, "us").axes}
     law = axes["engineering strain"]
     assert law.get_ylabel() == "true stress, psi"
@@ -100,6 +170,43 @@ def test_files_that_are_no_fit(tmp_path: Path, content: str, message: str) -> No
     path.write_text(content)
     with pytest.raises(InputError, match=message):
         load_fit(path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda fit: fit.pop("muscle"), "no entry 'muscle'"),
+        (lambda fit: fit.update(muscle=3), "must be an object in braces, got 3"),
+        (lambda fit: fit["spread"].update(directions=[[1.0, 2.0]]), "shape .directions, 11."),
+        (lambda fit: fit["spread"].update(directions=[[1.0], [1.0, 2.0]]), "spread.directions"),
+        (lambda fit: fit["spread"].update(directions="odd"), "spread.directions"),
+        (lambda fit: fit.update(spread=3), "spread.directions"),
+        (lambda fit: fit.pop("data"), "no entry 'data.readings.length_m'"),
+        (lambda fit: fit["data"]["readings"].update(pressure_Pa=[]), "readings.pressure_Pa"),
+        (lambda fit: fit.update(series_compliance_m_per_N=[1.0]), "series_compliance_m_per_N"),
+        (lambda fit: fit.update(series={"between_N": 1.0}), "series.rest_lengths_m"),
+    ],
+)
+def test_damaged_fits_are_refused_when_they_are_read(
+    fitted20: Identification, tmp_path: Path, spoil: Callable[[dict], object], message: str
+) -> None:
+    document = fit_as_dict(fitted20)
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(document))
+    load_fit(path)
+    spoil(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=f"fit.json is damaged: .*{message}"):
+        load_fit(path)
+
+
+def test_a_fit_without_a_certificate_can_be_written(fitted20: Identification) -> None:
+    """No pressure anywhere, so that the braid pulls nowhere and nothing is determined."""
+    data = load_bundled("DMSP-20-300")
+    without = dataclasses.replace(data, pressure=np.zeros_like(data.pressure))
+    result = identify(without, starts=1)
+    assert result.converged is False
+    assert json.loads(json.dumps(summary_as_dict(result), allow_nan=False))["converged"] is False
 
 
 def test_error_bars_that_disagree_are_told(fitted20: Identification) -> None:

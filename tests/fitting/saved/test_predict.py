@@ -96,6 +96,36 @@ def test_any_number_of_rows_is_predicted_by_the_same_program(
     assert all(row["force_std_N"] is None and row["band"] is None for row in many[:-7])
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.08])
+def test_why_a_state_is_not_inside(factor: float) -> None:
+    one = muscle(40e3)
+    if factor > 1:
+        ends = famjax.geometries.EndEffectGeometry(one.geometry, factor)
+        one = dataclasses.replace(one, geometry=ends)
+    thread = 0.296 / np.sin(np.deg2rad(62.0))
+    longest, lock = (0.296 + (at - 0.296) / factor for at in (thread, thread / np.sqrt(3)))
+    fit = saved(one, spread={"band": "linear", "directions": [[1e-3] * _numbers(one)]})
+
+    def outside(length: float, pressure: float) -> tuple[str | None, object]:
+        (row,) = predict(fit, np.array([length]), np.array([pressure]))
+        assert row["inside"] is (row["outside"] is None)
+        return row["outside"], row["force_std_N"]
+
+    assert outside(0.27, 3e5)[0] is None
+    beyond, std = outside(1.001 * longest, 3e5)
+    assert beyond == f"the length is beyond the thread's, {longest * 1e3:.4g} mm"
+    assert std is None
+    assert "below the braid's lock at the neutral angle" in outside(0.999 * lock, 3e5)[0]
+    assert outside(1.001 * lock, 3e5)[0] == "the length is beyond the measured 230 mm to 290 mm"
+    assert outside(0.27, 7e5)[0] == "the pressure is beyond the measured 0 to 600 kPa"
+    (onset,) = predict(fit, np.array([0.4]), np.array([]), onset=True)
+    assert "beyond the thread's" in onset["outside"]
+
+
+def _numbers(one: famjax.Muscle) -> int:
+    return 1 + sum(np.size(leaf) for leaf in jax.tree.leaves(one))
+
+
 @pytest.fixture
 def count_compilations() -> Callable[[], int]:
     names: list[str] = []

@@ -20,6 +20,7 @@ from fitting.sweeps.fits import solve
 from fitting.sweeps.forms import Forms
 from fitting.sweeps.linear_model import LinearModel
 from fitting.sweeps.readings import arrange
+from fitting.sweeps.sweep_files import table_row
 
 OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
 DIFFERENCE = 1e-5  # central differences with a step of 1e-4 N
@@ -179,6 +180,29 @@ def test_scores(swept: Sweep) -> None:
         assert np.isnan(r.cross_validated_rmse) == (r.dependence == "free")
         if r.dependence == "fixed":
             assert r.cross_validated_rmse > r.pooled_rmse
+
+
+def test_free_contraction_errors_are_averaged_where_there_are_any() -> None:
+    """At the lowest pressure the two shortest readings are alike: no line leads to zero force."""
+    keep = (DATA.pressure > 1e5) | (DATA.length > 0.91 * REST)
+    columns = {name: getattr(DATA, name)[keep] for name in ("force", "pressure", "length")}
+    flat = (columns["pressure"] == 1e5) & (columns["length"] < 0.935 * REST)
+    columns["force"][flat] = columns["force"][flat].mean()
+    data = ForceData(**columns, specimen=DATA.specimen)
+    (found,) = sweep(
+        data, geometry(), deadband=1e4, orders=(2,), dependences=("fixed",), constraints=("none",)
+    ).rows
+    errors = found.free_contraction_error_by_pressure
+    np.testing.assert_array_equal(np.isnan(errors), [True, False, False])
+    assert found.free_contraction_error == pytest.approx(np.abs(errors[1:]).mean(), rel=1e-14)
+    assert table_row(found, "us")["n_free_contractions"] == 2
+
+
+def test_a_sweep_is_printed_as_a_line(swept: Sweep) -> None:
+    assert (
+        repr(swept)
+        == "Sweep(24 fits of softening, 24 of them solved, sum_of_squares, 250 replicates)"
+    )
 
 
 def test_replicates_scatter_as_the_covariance_says(swept: Sweep) -> None:

@@ -1,0 +1,82 @@
+"""The steps of `famjax fit` between reading the map and writing the files, with their progress."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from rich.progress import Progress
+
+import fitting
+from fitting.choice import Choice, validate_choice
+from fitting.evidence import Evidence, gather, left_out_kinds
+from fitting.verdict import Judgement, doubtful, judge, suspect
+
+
+class Steps:
+    """A fit in the making: what was found so far.
+
+    Attributes:
+        result: the identification, of the family chosen or asked for.
+        choice: of the family; None where one was asked for.
+        evidence: validation and uncertainty.
+        judgement: the verdict.
+    """
+
+    result: fitting.Identification
+    choice: Choice | None
+    evidence: Evidence
+    judgement: Judgement
+
+    def __init__(
+        self, data: fitting.ForceData, options: Mapping[str, Any], progress: Progress
+    ) -> None:
+        self._data, self._options, self._progress = data, dict(options), progress
+        self._task = progress.add_task(f"identifying {data.specimen.name}", total=None)
+
+    def _show(self, what: str, done: int, total: int) -> None:
+        self._progress.update(self._task, description=what, completed=done, total=total)
+
+    def choose(self) -> None:
+        """The family that predicts best what was left out."""
+        self.choice = fitting.choose(self._data, **self._options, progress=self._show)
+        self.result = self.choice.chosen
+
+    def identify(self, **asked: Any) -> None:
+        """The family asked for, by law, order and dependence."""
+        self.choice = None
+        name = f"identifying {self._data.specimen.name}"
+        self.result = fitting.identify(
+            self._data, **self._options, **asked,
+            progress=lambda done, total: self._show(name, done, total),
+        )  # fmt: skip
+
+    def gather(self, *, validation: bool, profiles: bool, replicates: int) -> None:
+        """The evidence that was asked for; a choice is made anew in every fold of a validation."""
+        choice = self.choice
+        self.evidence = gather(
+            self.result, validation=validation and choice is None, profiles=profiles,
+            replicates=replicates, seed=self._options["seed"], progress=self._show,
+            error=None if choice is None else choice.error,
+        )  # fmt: skip
+        if choice is not None and validation:
+            found = [
+                validate_choice(
+                    choice, kind, **self._options,
+                    progress=lambda done, total, kind=kind: self._show(
+                        f"choosing with one {kind} left out", done, total
+                    ),
+                )
+                for kind in left_out_kinds(self.result)
+            ]  # fmt: skip
+            self.evidence = dataclasses.replace(self.evidence, validations=tuple(found))
+
+    def judge(self) -> None:
+        """The verdict; data that are fitted poorly are questioned."""
+        suspicions = ()
+        if doubtful(self.result):
+            misfit = self.result.errors.rmse_percent / 100
+            suspicions = suspect(
+                self._data, misfit,
+                progress=lambda done, total: self._show("looking for what is wrong", done, total),
+            )  # fmt: skip
+        self.judgement = judge(self.result, suspicions)

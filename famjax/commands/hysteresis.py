@@ -1,0 +1,120 @@
+"""What `famjax fit --hysteresis` and `famjax predict --history` add to their commands."""
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .loading import with_tolerances
+from .terminal import print_rows
+
+if TYPE_CHECKING:
+    from fitting import ForceData
+    from fitting.evidence import Evidence
+    from fitting.hysteresis import BranchPairs
+    from fitting.saved import SavedFit
+
+
+def one_map(data: Sequence[str]) -> str:
+    """The force map that a fit without hysteresis takes.
+
+    Raises:
+        InputError: there are several.
+    """
+    from famjax.boundary.errors import InputError
+
+    if len(data) != 1:
+        raise InputError(
+            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. Raw ramps are several "
+            "files: --hysteresis"
+        )
+    return data[0]
+
+
+def load_ramps(
+    entries: Sequence[str],
+    specimen: dict,
+    *,
+    atmosphere: str | None,
+    columns: str | None,
+    pressure: str | None = None,
+    length: str | None = None,
+) -> tuple["ForceData", "BranchPairs"]:
+    """The static map of raw ramps and both of their branches.
+
+    Args:
+        entries: records with their lengths, or a list of them, as `famjax ramps` takes them.
+        specimen: fields in SI.
+        atmosphere: what the pressure sensor reads at atmosphere, or the vented interval.
+        columns: of the records, where their header has none.
+        pressure: readings of the map nearer than this are at one pressure, with its unit.
+        length: the same of lengths.
+
+    Raises:
+        InputError: what is wrong with entries or records, or an option that they need.
+    """
+    from famjax.boundary.errors import InputError
+    from fitting.data import Specimen
+    from fitting.data.force_csv import DEFAULT_WALL_THICKNESS
+    from fitting.ramps import parse_atmosphere, quasi_static, ramp_pairs, read_ramps, static_map
+
+    fields = {"wall_thickness": DEFAULT_WALL_THICKNESS, "name": "ramps", **specimen}
+    if atmosphere is None:
+        raise InputError(
+            "--hysteresis reads raw ramps, and needs --atmosphere: what their pressure sensor reads "
+            "at atmosphere (8.94kPa), or the interval in which the muscle is vented (0s:0.5s)"
+        )
+    if "rest_length" not in fields:
+        raise InputError(
+            "the rest length of the muscle must be given (--specimen rest_length_mm=...): the "
+            "longest record need not be at it"
+        )
+    points = quasi_static(
+        read_ramps(entries, columns=columns), atmosphere=parse_atmosphere(atmosphere)
+    )
+    data = static_map(points).force_data(Specimen(**fields))
+    pairs = ramp_pairs(points, rest_length=data.specimen.rest_length)
+    return with_tolerances(data, pressure=pressure, length=length), pairs
+
+
+def with_hysteresis(evidence: "Evidence", pairs: "BranchPairs") -> "Evidence":
+    """The evidence of a fit, and with it the hysteresis of its branches, tested on those left out."""
+    from fitting.hysteresis import fit_hysteresis, leave_out
+
+    return dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
+
+
+def print_history(
+    saved: "SavedFit", path: Path, *, as_json: bool, others: Mapping[str, object]
+) -> int:
+    """Predict the force along the history in a CSV file, as a table or as JSON.
+
+    Args:
+        saved: of a fit with hysteresis.
+        path: of the file.
+        as_json: a JSON list instead of the table.
+        others: options that a history leaves no room for, by name.
+
+    Raises:
+        InputError: another option is given, or what `read_history` and `predict_history` refuse.
+    """
+    from famjax.boundary.errors import InputError
+    from fitting.hysteresis import read_history
+    from fitting.saved import predict_history
+
+    given = [f"--{name}" for name, value in others.items() if value]
+    if given:
+        raise InputError(
+            f"--history gives lengths and pressures itself: leave out {', '.join(given)}"
+        )
+    rows = predict_history(saved, read_history(path))
+    if as_json:
+        print(json.dumps(rows, allow_nan=False))
+        return 0
+    print_rows("Force along the history", rows)
+    if any(row["slack"] for row in rows):
+        print("note: where the muscle is slack it pulls nothing, whatever the hysteresis")
+    if not all(row["inside"] for row in rows):
+        print("note: rows that are not inside lie beyond the fitted lengths or pressures")
+    return 0

@@ -1,0 +1,55 @@
+"""Answers in the units of their question."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from famjax.boundary.units import from_si, quantity_unit, unit_system
+
+_KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
+"""Kind of the quantities of an answer, by the SI unit that its key ends in."""
+
+_US = {"in", "psi"}
+
+
+def answer_units(
+    system: str | None, lengths: Sequence[str], pressures: Sequence[str]
+) -> Mapping[str, str]:
+    """Unit of each kind of quantity in the answer.
+
+    Args:
+        system: "si", "metric" or "us"; None for the units of the question.
+        lengths: as they were typed, such as "270mm,250mm".
+        pressures: the same.
+
+    >>> answer_units(None, ["10in"], ["5 bar"])
+    {'length': 'in', 'pressure': 'bar', 'force': 'N'}
+    >>> answer_units(None, ["10in"], ["50psi"])["force"]
+    'lbf'
+    """
+    if system is not None:
+        return unit_system(system)
+    length = quantity_unit(lengths[0])
+    pressure = quantity_unit(pressures[0]) if pressures else "psi" if length == "in" else "kPa"
+    force = "lbf" if {length, pressure} <= _US else "N"
+    return {"length": length, "pressure": pressure, "force": force}
+
+
+def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Rows in SI in other units, the unit in each key as before.
+
+    Args:
+        rows: with keys such as `length_m`, `force_N`; what has no unit stays.
+        units: of each kind, from `answer_units`.
+
+    >>> in_units([{"length_m": 0.27, "slack": False}], {"length": "mm"})
+    [{'length_mm': 270.0, 'slack': False}]
+    """
+    return [dict(_entry(key, value, units) for key, value in row.items()) for row in rows]
+
+
+def _entry(key: str, value: Any, units: Mapping[str, str]) -> tuple[str, Any]:
+    name, _, end = key.rpartition("_")
+    if end not in _KINDS:
+        return key, value
+    unit = units[_KINDS[end]]
+    return f"{name}_{unit}", None if value is None else from_si(value, unit, _KINDS[end])

@@ -1,0 +1,99 @@
+"""`famjax predict`."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from .hysteresis import print_history
+from .loading import load_fitting
+from .terminal import print_rows
+
+
+def predict(
+    fit_json: Path,
+    *,
+    length: tuple[str, ...] = (),
+    pressure: tuple[str, ...] = (),
+    onset: Annotated[bool, Parameter(negative=())] = False,
+    rest_length: str | None = None,
+    length_std: str | None = None,
+    history: Path | None = None,
+    units: Literal["si", "metric", "us"] | None = None,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Predict the force of a fitted muscle, and the pressure at which it begins to pull.
+
+    Parameters
+    ----------
+    fit_json
+        A `fit.json` that `famjax fit` has written.
+    length
+        Active lengths with their unit, repeatable or separated by commas: `--length 270mm,250mm`.
+    pressure
+        Gauge pressures with their unit: `--pressure 500kPa`.
+    onset
+        Also the pressure at which the force leaves zero at each length.
+    rest_length
+        Of another muscle of the same series, its braid, bladder and end-fittings the same:
+        `--rest-length 200mm`. From a fit of `famjax series` with an error band that knows how
+        specimens differ.
+    length_std
+        Standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
+    history
+        CSV file of lengths and pressures in the order in which they come, such as
+        `time_s,length_mm,pressure_kPa`: the force on either branch, of a fit with --hysteresis.
+    units
+        Of the answer: si, metric (mm, kPa, N) or us (in, psi, lbf). The table has the units of the
+        question unless given, and JSON has SI.
+    json_
+        Print one JSON list to standard output and nothing else there.
+    """
+    fitting = load_fitting()
+    import numpy as np
+
+    from famjax.boundary.units import parse_quantities
+    from famjax.commands.options.answers import answer_units, in_units
+
+    sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
+    saved = fitting.load_fit(fit_json)
+    if history is not None:
+        return print_history(
+            saved, history, as_json=json_,
+            others={"length": length, "pressure": pressure, "onset": onset,
+                    "rest-length": rest_length, "length-std": length_std},
+        )  # fmt: skip
+    other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
+    spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]
+    rows = fitting.predict(
+        saved,
+        np.array(parse_quantities(length, "length")),
+        np.array(parse_quantities(pressure, "pressure")),
+        onset=onset,
+        rest_length=other,
+        length_std=spread,
+    )
+    asked = answer_units(units, length, pressure)
+    if json_:
+        print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
+        return 0
+    rows = in_units(rows, asked)
+    for title, of_force in (("Force", True), ("Onset", False)):
+        chosen = [row for row in rows if ("slack" in row) == of_force]
+        if chosen:
+            print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in chosen])
+    if not all(row["inside"] for row in rows):
+        print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
+        for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
+            print(f"- {reason}")
+    if saved.document.get("series_compliance_m_per_N"):
+        print("note: force is what the rig of the fit measures, which gives way; muscle force "
+              "that of the muscle alone")  # fmt: skip
+    if other is not None and "series" not in saved.document:
+        print("note: another length is predicted from one specimen; the band does not know how "
+              "specimens differ (famjax series does)")  # fmt: skip
+    if pressure and not (saved.document.get("spread") or {}).get("directions"):
+        print("note: no error band, as the fit has no standard errors")
+    return 0

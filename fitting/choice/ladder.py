@@ -1,0 +1,200 @@
+"""The families that a fit chooses from, as far as a map can carry them."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..data.force_data import ForceData
+from ..families.laws import law_named
+from ..families.parameters import Parameter
+
+EXPONENT_PRIOR = (0.0, 5.0)
+"""Of Ogden's exponent, the same for every muscle: those of rubbers lie within 10 of zero on either
+side (1.3, 5 and -2 of the vulcanised rubber of Ogden 1972; 2 is neo-Hookean)."""
+
+MODEL_ERROR = 0.005
+"""Standard deviation, in parts of the largest force, by which a law misses readings of a muscle that
+is made of rubber and threads. It is added to that of the readings: what is known to 0.1 N does not
+count a hundred times more than what is known to 1 N where the law itself is good to 3 N."""
+
+_LAWS: dict[str, dict[str, Any]] = {
+    "ogden": {"law": "ogden"},
+    "mooney-rivlin": {"law": "mooney-rivlin"},
+    "linear": {"law": "polynomial", "order": 1},
+    "saturating": {"law": "saturating"},
+    "cubic": {"law": "polynomial", "order": 3},
+}
+"""In the order in which they are believed of a map that cannot tell: the laws of rubber before those
+that only describe, and of either the one of fewer coefficients first."""
+_COEFFICIENTS = {"linear": 1, "mooney-rivlin": 2, "ogden": 1, "saturating": 2, "cubic": 3}
+_SHAPES = {"linear": 0, "mooney-rivlin": 0, "ogden": 0, "saturating": 1, "cubic": 0}
+"""Shape parameters that the readings have to determine; a prior is as good as a reading."""
+
+_WORDS = {
+    "end_factor": "rounded ends",
+    "braid_compliance": "compliant braid",
+    "rest_length": "free rest length",
+    "series_compliance": "compliant rig",
+}
+_RIGID: tuple[tuple[str, ...], ...] = (
+    (),
+    ("end_factor",),
+    ("braid_compliance",),
+    ("end_factor", "braid_compliance"),
+    ("end_factor", "rest_length"),
+)
+_COMPLIANT: tuple[tuple[str, ...], ...] = ()
+_GEOMETRY = 2  # braid diameter and angle
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One family of the ladder.
+
+    Attributes:
+        law: its name in the table of what was tried.
+        free: parameters that take part besides those of every fit.
+        deadband: whether the deadband pressure is identified; otherwise it is held at zero.
+        options: law and order, as `identify` takes them.
+        bounds: as a user gave them, likewise.
+        parameters: what takes part, what is held, and priors, likewise.
+        unknowns: numbers that the readings have to determine.
+        rank: place on the ladder: of families that predict alike, the first is taken.
+    """
+
+    law: str
+    free: tuple[str, ...]
+    deadband: bool
+    options: Mapping[str, Any]
+    bounds: Mapping[str, tuple[float, float]]
+    parameters: Mapping[str, Parameter]
+    unknowns: int
+    rank: tuple[int, int]
+
+    @property
+    def name(self) -> str:
+        """What it is, in words."""
+        words = [self.law, *(_WORDS[name] for name in self.free)]
+        return ", ".join(words if self.deadband else [*words, "no deadband"])
+
+
+def ladder(
+    data: ForceData,
+    parameters: Mapping[str, Parameter] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
+    """The families that a force map can carry.
+
+    With an inextensible braid each length tells two numbers, the slope and the intercept of the force
+    in pressure. A family that takes them all has none left to be judged by, so it is left out, and so
+    is a law of more coefficients than there are lengths at which the bladder is strained.
+
+    Args:
+        data: the map.
+        parameters: what a user says; none of these is varied by the ladder, and a law that has not
+            one of them is left out.
+        bounds: likewise.
+
+    Returns:
+        (the candidates, in the order of the ladder; one sentence for each kind of family left out).
+    """
+    said = _Said(dict(bounds or {}), dict(parameters or {}))
+    loaded = data.loaded
+    lengths = np.unique(data.lengths.level[loaded]).size
+    pressures = np.unique(data.pressures.level[loaded]).size
+    strained = np.unique(data.lengths.level[data.strained]).size
+    told = lengths * min(pressures, 2) - 1
+    of_any_law = set().union(*map(_rows, _LAWS))
+    found, dropped = [], []
+    for law in _LAWS:
+        lacking = sorted((said.names & of_any_law) - _rows(law))
+        if lacking:
+            dropped.append(f"The {law} law has no {', '.join(lacking)}, which was given.")
+            continue
+        if _COEFFICIENTS[law] > strained:
+            dropped.append(
+                f"The {law} law needs {_COEFFICIENTS[law]} lengths at which the bladder is strained; "
+                f"the map has {strained}."
+            )
+            continue
+        for extras in (*_RIGID, *_COMPLIANT):
+            if said.names & set(extras):
+                continue
+            one = _candidate(data, law, extras, said, deadband=True)
+            if one.unknowns <= told:
+                found.append(one)
+            elif not extras and one.unknowns == told + 1:
+                found.append(_candidate(data, law, extras, said, deadband=False))
+    full = sum(len((*_RIGID, *_COMPLIANT)) for law in _LAWS if _COEFFICIENTS[law] <= strained)
+    if len(found) < full and not said.names:
+        dropped.append(
+            f"{full - len(found)} families of more than {told} unknowns, which {lengths} lengths "
+            "cannot determine, were left out."
+        )
+    return tuple(sorted(found, key=lambda one: one.rank)), tuple(dropped)
+
+
+def _candidate(
+    data: ForceData,
+    law: str,
+    free: tuple[str, ...],
+    said: "_Said",
+    *,
+    deadband: bool,
+) -> Candidate:
+    """One family. Whatever may be freed is in the table, held where it is not: one program serves all."""
+    rest, rounding = data.specimen.rest_length, rest_length_rounding(data.specimen.rest_length)
+    parameters = {
+        "end_factor": _held(1.0),
+        "braid_compliance": _held(0.0, "1/N"),
+        "rest_length": _held(rest, "m"),
+    }
+    if "series_compliance" in free:
+        parameters["series_compliance"] = Parameter()
+    for name in free:
+        parameters[name] = Parameter()
+    if "rest_length" in free:
+        parameters["rest_length"] = Parameter(min=rest - rounding, max=rest + rounding, unit="m")
+    if law == "ogden":
+        parameters["ogden_exponent"] = Parameter(prior=EXPONENT_PRIOR)
+    if not deadband:
+        parameters["deadband_pressure"] = _held(0.0, "Pa")
+    if "end_length" in said.names:
+        del parameters["end_factor"]
+    given = {name: one for name, one in parameters.items() if name not in said.bounds}
+    unknowns = _GEOMETRY + deadband + _COEFFICIENTS[law] + _SHAPES[law] + len(free)
+    rank = list(_LAWS).index(law), unknowns
+    return Candidate(
+        law, free, deadband, _LAWS[law], said.bounds, {**given, **said.parameters}, unknowns, rank
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Said:
+    """What a user says of parameters."""
+
+    bounds: dict[str, tuple[float, float]]
+    parameters: dict[str, Parameter]
+
+    @property
+    def names(self) -> set[str]:
+        return {*self.bounds, *self.parameters}
+
+
+def _rows(law: str) -> set[str]:
+    """Names of the parameters of a law."""
+    options = _LAWS[law]
+    made = law_named(options["law"], options.get("order"))
+    return {*made.shape, *made.coefficients}
+
+
+def _held(value: float, unit: str = "") -> Parameter:
+    return Parameter(value=value, vary=False, unit=unit)
+
+
+def rest_length_rounding(rest_length: float) -> float:
+    """Half a unit of the last digit to which a rest length [m] is given, from 0.05 to 0.5 mm."""
+    millimetres = rest_length * 1e3
+    return 0.5e-3 if abs(millimetres - round(millimetres)) < 1e-6 else 0.05e-3

@@ -1,0 +1,84 @@
+"""Errors on readings while they were left out: what a model is judged by, and its bands are made of."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..engine.problem import Problem
+from ..search.multi_start import latin_hypercube
+from .refit import refit
+
+_STEPS, _TOLERANCE = 30, 1e-5
+"""A prediction need not wait for the last digit of the fit that it is made by."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LeftOut:
+    """Errors of predictions of readings that the fit had not seen.
+
+    Attributes:
+        kind: what was left out together, readings of one "pressure" or of one "length".
+        level: of each reading [Pa or m], shape (points,).
+        group: number of each reading's group, shape (points,).
+        error: prediction less reading [N] while its group was left out, shape (points,).
+    """
+
+    kind: str
+    level: Float[np.ndarray, " points"]
+    group: Int[np.ndarray, " points"]
+    error: Float[np.ndarray, " points"]
+
+    @property
+    def group_rmse(self) -> Float[np.ndarray, " groups"]:
+        """Root mean square error [N] of each group."""
+        return np.sqrt(np.bincount(self.group, self.error**2) / np.bincount(self.group))
+
+    @property
+    def rmse(self) -> float:
+        """Over all readings [N]."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def interior_rmse(self) -> float:
+        """Over all groups but the first and the last [N], which are extrapolations; nan if none."""
+        inner = (self.group > 0) & (self.group < self.group.max())
+        return float(np.sqrt(np.mean(self.error[inner] ** 2))) if inner.any() else np.nan
+
+
+def leave_out(
+    problem: Problem,
+    u: Float[np.ndarray, " p"],
+    kind: str,
+    *,
+    groups: int | None = None,
+    starts: int = 1,
+    seed: int = 0,
+) -> LeftOut | None:
+    """The errors on each level of one kind while it was left out.
+
+    Args:
+        problem: what was fitted.
+        u: its optimum in the unit box, from which every refit starts.
+        kind: "pressure" or "length".
+        groups: neighbouring levels are left out together, in so many groups; each alone unless given.
+        starts: descents of each refit, the one from the optimum among them.
+        seed: of the others.
+
+    Returns:
+        The errors; None where there are fewer than three levels.
+    """
+    level = problem.levels(kind)
+    values, place = np.unique(level, return_inverse=True)
+    if values.size < 3:
+        return None
+    count = values.size if groups is None else min(groups, values.size)
+    group = place * count // values.size
+    out = group == np.arange(count)[:, None]
+    cube = latin_hypercube(len(problem.free), starts, seed)
+    cube[0] = u
+    found = refit(
+        [problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * count,
+        max_steps=_STEPS, tolerance=_TOLERANCE,
+    )  # fmt: skip
+    return LeftOut(kind, level, group, found.residual[group, np.arange(group.size)])

@@ -1,0 +1,193 @@
+"""How far predictions are off: from the readings that were left out, growing away from the measured.
+
+What a law does not know of a muscle is a smooth function of length (and of pressure), zero to within
+the noise where it was measured. Between and beyond the measured lengths its variance is that of the
+natural cubic spline's error (kriging with the generalised covariance |h|^3 and a linear drift), times
+one number. The lengths that were left out tell it, and before them a prior that is the same for
+every muscle: three or four lengths say little of how far a law may be off, and fewer nothing.
+Readings of one length are off together, so there are as many independent errors as lengths, and the
+interval is Student's.
+
+References:
+    Cressie 1993, Statistics for Spatial Data, section 5.4 (splines as kriging).
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import stdtrit
+
+from famjax.boundary.units import si_unit
+
+from ..data.force_data import ForceData
+from .left_out import LeftOut
+
+PRIOR_SCALE = 0.08
+"""Prior of what lengths add, in parts of the largest force: a law that fits a muscle to 1 % misses
+the lengths beyond its map by a few per cent of the largest force."""
+
+PRIOR_FREEDOM = 3
+"""Number of lengths left out that the prior counts as."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Along:
+    """What one coordinate, length or pressure, adds to the error.
+
+    Attributes:
+        levels: measured [m or Pa], ascending.
+        scale: standard deviation [N] where the spline's is 1.
+        freedom: of the scale: levels that were left out, and those that the prior stands for.
+    """
+
+    levels: Float[np.ndarray, " levels"]
+    scale: float
+    freedom: int
+
+    def variance(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Variance [N^2] at lengths or pressures."""
+        return self.scale**2 * spline_variance(self.levels, at)
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelError:
+    """Errors of predictions of single readings.
+
+    Attributes:
+        noise: standard deviation [N] at what was measured.
+        length, pressure: what they add.
+    """
+
+    noise: float
+    length: Along
+    pressure: Along
+
+    def std(
+        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
+        """Standard deviation [N] of a reading about its prediction."""
+        at_length, at_pressure = np.asarray(length, float), np.asarray(pressure, float)
+        added = self.length.variance(at_length) + self.pressure.variance(at_pressure)
+        return np.sqrt(self.noise**2 + added)
+
+    def factor(self, coverage: float = 0.95) -> float:
+        """Standard deviations on either side of an interval of that coverage, by Student."""
+        return student(coverage, min(self.length.freedom, self.pressure.freedom))
+
+    @property
+    def covers(self) -> str:
+        """What the interval covers, in a sentence."""
+        told = [
+            f"{name}s left out"
+            for name, along in (("length", self.length), ("pressure", self.pressure))
+            if along.freedom > PRIOR_FREEDOM
+        ]
+        shown = f"as {' and '.join(told)} show it" if told else "as a prior for all muscles has it"
+        return (
+            f"single readings: their noise, and the error of the model {shown}, growing with the "
+            "distance from what was measured"
+            + ("" if self.length.freedom > PRIOR_FREEDOM
+               else "; too few lengths to leave one out, so the error in length is a prior's")
+        )  # fmt: skip
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready, SI."""
+        return {
+            "noise_N": self.noise,
+            **{
+                name: {
+                    f"levels_{si_unit(name)}": along.levels.tolist(),
+                    "scale_N": along.scale,
+                    "freedom": along.freedom,
+                }
+                for name, along in (("length", self.length), ("pressure", self.pressure))
+            },
+            "covers": self.covers,
+        }
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> "ModelError":
+        """Back from `as_dict`."""
+
+        def along(name: str) -> Along:
+            one = document[name]
+            return Along(np.array(one[f"levels_{si_unit(name)}"]), one["scale_N"], one["freedom"])
+
+        return cls(document["noise_N"], along("length"), along("pressure"))
+
+
+def model_error(
+    data: ForceData,
+    residual: Float[np.ndarray, " points"],
+    left_out: Mapping[str, LeftOut],
+    unknowns: int,
+) -> ModelError:
+    """The error of predictions, from the errors on what was left out.
+
+    Args:
+        data: the map.
+        residual: prediction less reading [N] at the loaded readings, in sample.
+        left_out: errors by "length" and "pressure", where there are any.
+        unknowns: numbers that the readings determined.
+    """
+    freedom = max(residual.size - unknowns, 1)
+    noise = math.sqrt(float(residual @ residual) / freedom)
+    lengths, pressures = (
+        np.unique(levels.level[data.loaded]) for levels in (data.lengths, data.pressures)
+    )
+    scale = PRIOR_SCALE * data.max_force
+    return ModelError(
+        noise,
+        _along(lengths, left_out.get("length"), noise, scale),
+        _along(pressures, left_out.get("pressure"), noise, scale),
+    )
+
+
+def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: float) -> Along:
+    """The scale at which the spline's variance gives the errors of the groups left out."""
+    ratios = [prior**2] * PRIOR_FREEDOM
+    if left_out is None:
+        return Along(levels, prior, PRIOR_FREEDOM)
+    for group in np.unique(left_out.group):
+        mine = left_out.group == group
+        own = np.unique(left_out.level[mine])
+        others = levels[~np.isin(levels, own)]
+        expected = float(np.mean(spline_variance(others, own)))
+        excess = max(float(np.mean(left_out.error[mine] ** 2)) - noise**2, 0.0)
+        ratios.append(excess / expected)
+    return Along(levels, math.sqrt(float(np.mean(ratios))), len(ratios))
+
+
+def spline_variance(
+    known: Float[np.ndarray, " levels"], at: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Variance of a natural cubic spline's error, of covariance |h|^3 in parts of the range.
+
+    Args:
+        known: where the function is known, ascending.
+        at: where it is wanted.
+
+    Returns:
+        Zero at what is known, growing between and, more, beyond.
+    """
+    span = float(np.ptp(known)) or float(known[0])
+    x, t = (known - known[0]) / span, (np.asarray(at, float) - known[0]) / span
+    drift = min(2, x.size)
+    system = np.zeros((x.size + drift, x.size + drift))
+    system[: x.size, : x.size] = np.abs(x[:, None] - x) ** 3
+    system[: x.size, x.size :] = x[:, None] ** np.arange(drift)
+    system[x.size :, : x.size] = system[: x.size, x.size :].T
+    right = np.concatenate([np.abs(x[:, None] - t) ** 3, t ** np.arange(drift)[:, None]], axis=0)
+    variance = -np.sum(right * np.linalg.solve(system, right), axis=0)
+    if drift < 2:  # one level tells no drift: the function is as uncertain as it is far
+        variance = np.abs(t - x[0]) ** 3
+    return np.maximum(variance, 0.0)
+
+
+def student(coverage: float, freedom: int) -> float:
+    """Standard deviations on either side of Student's interval."""
+    return float(stdtrit(freedom, (1 + coverage) / 2))

@@ -1,0 +1,64 @@
+"""Both branches of raw ramps, point by point: what hysteresis is identified from."""
+
+import numpy as np
+
+from famjax.boundary.errors import InputError
+
+from ..hysteresis.branch_pairs import BranchPairs
+from .branch_curves import branch_curves
+from .points import LEAST_READINGS
+from .quasi_static_ramp import QuasiStatic
+
+
+def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -> BranchPairs:
+    """The branches of every record at common pressures, where both pull.
+
+    Args:
+        points: of records at one length or several; the curves through them are those of
+            `static_map`.
+        rest_length: L0 [m] of the muscle.
+        step: of the pressures [Pa], its multiples from zero up.
+
+    Returns:
+        The pairs, a record for each that has any.
+
+    Raises:
+        InputError: a step that is not > 0, or no record with both branches.
+    """
+    if not step > 0:
+        raise InputError(f"step must be > 0, got {step} Pa")
+    pressures = step * np.arange(int(points.pressure.max() / step) + 1)
+    curves = branch_curves(points, range(len(points.records)), pressures)
+    parts = []
+    for k, record in enumerate(points.records):
+        turn = _turn(points, k)
+        both = curves.fill_pulls[k] & curves.vent_pulls[k] & (pressures <= turn)
+        if both.any():
+            parts.append(
+                BranchPairs.ramp(
+                    record.length,
+                    pressures[both],
+                    (curves.vent[k] - curves.fill[k])[both] / 2,
+                    turn_pressure=turn,
+                    rest_length=rest_length,
+                    name=record.source,
+                )
+            )
+    if not parts:
+        raise InputError(
+            "no record has both branches where the muscle pulls: hysteresis needs records that are "
+            "filled and vented"
+        )
+    return BranchPairs.joined(parts)
+
+
+def _turn(points: QuasiStatic, record: int) -> float:
+    """Gauge pressure [Pa] at which a record turns round: its highest hold, or its highest readings.
+
+    Of a continuous ramp a few readings are passed over, which may be spikes.
+    """
+    held = float(points.pressure[points.record == record].max())
+    if points.kinds[record] == "staircase":
+        return held
+    readings = np.sort(points.records[record].pressure) - points.atmosphere[record]
+    return max(held, float(readings[-LEAST_READINGS]))

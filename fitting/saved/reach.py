@@ -1,0 +1,107 @@
+"""What a saved fit covers, and why a state lies beyond it."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+import famjax
+from famjax.braids import NEUTRAL_ANGLE
+
+from .saved_fit import SavedFit
+
+
+@dataclasses.dataclass(frozen=True)
+class Reach:
+    """What the fitted data cover.
+
+    Attributes:
+        rest_length: of the muscle that is asked for [m].
+        ratios: lowest and highest length in parts of the rest length.
+        pressures: lowest and highest gauge pressure [Pa].
+        rest_lengths: shortest and longest of the specimens of the fit [m].
+        thread_length: active length [m] at which the unloaded threads are straight, nan without
+            a braid.
+        lock: active length [m] at the neutral angle, nan without a braid.
+    """
+
+    rest_length: float
+    ratios: tuple[float, float]
+    pressures: tuple[float, float]
+    rest_lengths: tuple[float, float]
+    thread_length: float
+    lock: float
+
+    def leaves(self, length: float, pressure: float, answer: float | None) -> str | None:
+        """Why a state is beyond what was fitted, the gravest reason; None where it is not.
+
+        Args:
+            length: active length [m].
+            pressure: gauge pressure [Pa].
+            answer: the force or onset there, None where there is none.
+        """
+        low, high = (ratio * self.rest_length for ratio in self.ratios)
+        shortest, longest = self.rest_lengths
+        lowest, highest = self.pressures
+        rounding, none = 1e-12 * self.rest_length, answer is None
+        reasons = (
+            (none and length >= self.thread_length,
+             f"the length is beyond the thread's, {_mm(self.thread_length)}"),
+            (length < self.lock,
+             f"the length is below the braid's lock at the neutral angle, {_mm(self.lock)}"),
+            (not low - rounding <= length <= high + rounding,
+             f"the length is beyond the measured {_mm(low)} to {_mm(high)}"),
+            (not shortest <= self.rest_length <= longest,
+             f"the rest length is beyond the specimens' {_mm(shortest)} to {_mm(longest)}"),
+            (none, "there the muscle has neither a force nor an onset"),
+            (not lowest <= pressure <= highest,
+             f"the pressure is beyond the measured {lowest / 1e3:.4g} to {highest / 1e3:.4g} kPa"),
+        )  # fmt: skip
+        return next((reason for holds, reason in reasons if holds), None)
+
+
+def _mm(length: float) -> str:
+    return f"{length * 1e3:.4g} mm"
+
+
+def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
+    """What a saved fit covers.
+
+    Args:
+        fit: from `load_fit`.
+        rest_length: L0 [m] of another muscle of the same series, None for the fitted one.
+    """
+    readings, fitted = fit.document["data"]["readings"], float(fit.muscle.geometry.rest_length)
+    series = fit.document.get("series")
+    asked = fitted if rest_length is None else rest_length
+    if series is not None:
+        ratios, pressures = series["length_ratios"], series["pressures_Pa"]
+        rest = series["rest_lengths_m"]
+    else:
+        ratios, pressures = np.array(readings["length_m"]) / fitted, readings["pressure_Pa"]
+        rest = (asked,)
+    muscle = fit.muscle if rest_length is None else famjax.cut_to_length(fit.muscle, rest_length)
+    thread, lock = _braid_limits(muscle.geometry)
+    return Reach(
+        rest_length=asked,
+        ratios=(min(ratios), max(ratios)),
+        pressures=(min(pressures), max(pressures)),
+        rest_lengths=(min(rest), max(rest)),
+        thread_length=thread,
+        lock=lock,
+    )
+
+
+def _braid_limits(geometry: famjax.geometries.AbstractGeometry) -> tuple[float, float]:
+    """Active lengths [m] at which the unloaded threads are straight and at the neutral angle."""
+    factor = 1.0
+    if isinstance(geometry, famjax.geometries.EndEffectGeometry):
+        geometry, factor = geometry.cylinder, float(geometry.end_factor)
+    braid, rest = getattr(geometry, "braid", None), float(geometry.rest_length)
+    if braid is None:
+        return math.nan, math.nan
+    thread = float(braid.rest_thread_length)
+    straight, neutral = (
+        rest + (length - rest) / factor for length in (thread, thread * math.sin(NEUTRAL_ANGLE))
+    )
+    return straight, neutral
