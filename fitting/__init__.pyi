@@ -17,6 +17,7 @@ from . import (
     verdict as verdict,
 )
 from .choice.choose import Choice as Choice, choose as choose
+from .choice.series import identify_series as identify_series
 from .comparison.league_table import compare as compare
 from .data.csv_writer import write_csv as write_csv
 from .data.force_csv import (
@@ -28,7 +29,6 @@ from .data.force_data import ForceData as ForceData, Specimen as Specimen
 from .errors import InputError as InputError
 from .evidence.likelihood import profile as profile
 from .evidence.resampling import bootstrap as bootstrap
-from .evidence.series import identify_series as identify_series
 from .evidence.validation import validate as validate
 from .families.parameters import Parameter as Parameter
 from .saved.prediction import predict as predict

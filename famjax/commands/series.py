@@ -28,8 +28,10 @@ def series(
 ) -> int:
     """Identify several muscles of a series together, to predict those of other lengths.
 
-    One braid, one bladder and one rig for all: what differs is the length. Each law is judged by
-    the specimens it predicts from the others, and the best is kept. Writes `fit.json`, which
+    One braid, one bladder and one rig for all: what differs is the length. Each law, with and
+    without a deadband and a compliant rig, is judged by the specimens it predicts from the others;
+    of those that are as good the plainest is kept, and predictions are the mean of it and of up to
+    two more of its law. Writes `fit.json`, which
     `famjax predict fit.json --rest-length 132mm` reads.
 
     Parameters
@@ -40,8 +42,8 @@ def series(
     law
         Laws to try, repeatable; linear, mooney-rivlin and ogden unless given.
     free
-        Parameters that take part besides braid diameter, angle and the compliance of the rig,
-        repeatable: deadband_pressure (held at zero otherwise), end_length, braid_compliance.
+        Parameters that take part in all families besides braid diameter and angle, repeatable:
+        series_compliance, deadband_pressure, end_length, braid_compliance.
     bounds
         Replace bounds, name_unit=min:max, repeatable; one value holds the parameter:
         `--bounds series_compliance_mm/N=0` for a rigid rig.
@@ -62,7 +64,7 @@ def series(
     from famjax.boundary.files import check_output, write_all
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import as_parameters, parse_bounds, parse_free
-    from fitting.evidence import DEFAULT_LAWS
+    from fitting.choice import DEFAULT_LAWS
 
     check_output(output)
     maps = [load_map(one, {}) for one in data]
@@ -70,7 +72,7 @@ def series(
         task = progress.add_task("identifying", total=None)
 
         def show(name: str, done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total, description=f"law: {name}")
+            progress.update(task, completed=done, total=total, description=name)
 
         found = fitting.identify_series(
             maps,
@@ -97,11 +99,11 @@ def _print_series(document: dict) -> None:
     found = document["series"]
     errors = found["leave_one_specimen_out_N"]
     print_rows(
-        "Laws, by the error of specimens predicted from the others",
-        [{"law": law, "left_out_rmse_N": error} for law, error in errors.items()],
+        "Families, by the error of specimens predicted from the others",
+        [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()],
     )
     print_rows(
-        f"Specimens, with the {found['law']} law",
+        f"Specimens, with {found['family']}; the mean of {found['averaged']} predicts them",
         [{key: one[key] for key in ("name", "rest_length_m", "max_force_N", "rmse_N",
                                     "predicted_rmse_N")} for one in found["specimens"]],
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """`choose`: the family that predicts best what it has not seen, and those that are as good."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -21,37 +21,12 @@ from ..search.posing import Posed, pose_one
 from ..search.result import Identification
 from ..search.robust import check_objective
 from .ladder import MODEL_ERROR, Candidate, ladder
+from .ranking import Tried, members, ranked
 
 _PRESSURE_GROUPS = 8  # neighbouring pressures say much the same of one another
-_AVERAGED = 3  # families at most
 _FEWEST_LENGTHS = 4  # without one of three, two are left, which no family is determined by
-_PLAINLY = 2.0  # standard errors behind the best in pressures, or in lengths, alone
-_NOISE = 1e-3  # of the largest force: smaller errors are not told apart
 _STEPS, _TOLERANCE = 60, 1e-6
 _COMPARED = 4  # starts of each family
-
-
-@dataclasses.dataclass(frozen=True)
-class Tried:
-    """One family that was tried.
-
-    Attributes:
-        candidate: the family.
-        rmse: in sample [N].
-        left_out: errors by "pressure" and by "length", where there are three or more of these.
-        score: mean logarithm of the errors of the groups left out, kinds of groups weighed alike;
-            of the error in sample where nothing can be left out.
-        behind: score less that of the best, with its standard error over the groups.
-        as_good: within one standard error of the best in all, and within two of it in pressures and
-            in lengths by themselves.
-    """
-
-    candidate: Candidate
-    rmse: float
-    left_out: Mapping[str, LeftOut]
-    score: float
-    behind: tuple[float, float]
-    as_good: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,27 +148,27 @@ def choose(
     if not found:
         solve(_posed(weighed, candidates[0], constraint, box), starts=starts, seed=seed)
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
-    tried, order = _ranked(found, data.max_force)
-    chosen = _members(tried)
-    members, names, errors = [], [], []
-    for one in chosen:
+    tried, order = ranked([(one, rmse, out) for one, _, rmse, out in found], data.max_force)
+    good = members(tried)
+    fits, names, errors = [], [], []
+    for one in good:
         candidate, posed, _, left_out = found[order[one]]
         if progress is not None:
             progress(f"identifying: {candidate.name}", len(candidates), len(candidates))
         (result,) = solve(posed, objective=objective, starts=starts, seed=seed)
-        if members and not result.converged:
+        if fits and not result.converged:
             continue
-        members.append(dataclasses.replace(result, data=data))
+        fits.append(dataclasses.replace(result, data=data))
         names.append(candidate.name)
         errors.append(left_out)
     mean = {
         kind: dataclasses.replace(one, error=np.mean([of[kind].error for of in errors], axis=0))
         for kind, one in errors[0].items()
     }
-    residual = np.mean([one.residuals for one in members], axis=0)
-    unknowns = found[order[chosen[0]]][0].unknowns
+    residual = np.mean([one.residuals for one in fits], axis=0)
+    unknowns = found[order[good[0]]][0].unknowns
     return Choice(
-        data=data, tried=tried, dropped=dropped, members=tuple(members), names=tuple(names),
+        data=data, tried=tried, dropped=dropped, members=tuple(fits), names=tuple(names),
         left_out=mean, error=model_error(data, residual, mean, unknowns),
     )  # fmt: skip
 
@@ -232,7 +207,7 @@ def fit_candidate(
         InputError: the map cannot carry it, or no start ends at a force for every reading.
     """
     problem = _posed(data, candidate, constraint, box).problem
-    return problem, _descended(problem, starts, seed)
+    return problem, descended(problem, starts, seed)
 
 
 def fit_error(data: ForceData, candidate: Candidate) -> float:
@@ -241,16 +216,18 @@ def fit_error(data: ForceData, candidate: Candidate) -> float:
     Raises:
         InputError: as `fit_candidate`.
     """
-    return _rmse(*fit_candidate(data, candidate))
+    return rmse_of(*fit_candidate(data, candidate))
 
 
-def _descended(problem: Problem, starts: int, seed: int) -> End:
+def descended(problem: Problem, starts: int, seed: int) -> End:
+    """The best end of a few descents, as near to an optimum as a comparison needs."""
     cube = latin_hypercube(len(problem.free), starts, seed)
     ends = descend_many([problem] * starts, list(cube), max_steps=_STEPS, tolerance=_TOLERANCE)
     return best_of(ends)
 
 
-def _rmse(problem: Problem, end: End) -> float:
+def rmse_of(problem: Problem, end: End) -> float:
+    """Root mean square error [N] of a fit over its readings."""
     residual = end.point.residual[: problem.force.size] / problem.weight
     return float(np.sqrt(np.mean(residual**2)))
 
@@ -259,7 +236,7 @@ def _tried(posed: Posed, starts: int, seed: int) -> tuple[float, dict[str, LeftO
     """Error in sample and on what was left out; None where no start has a force everywhere."""
     problem = posed.problem
     try:
-        best = _descended(problem, starts, seed)
+        best = descended(problem, starts, seed)
     except InputError:
         return None
     left_out = {}
@@ -272,40 +249,4 @@ def _tried(posed: Posed, starts: int, seed: int) -> tuple[float, dict[str, LeftO
             if not np.isfinite(one.error).all():
                 return None
             left_out[kind] = one
-    return _rmse(problem, best), left_out
-
-
-def _ranked(
-    found: Sequence[tuple[Candidate, Posed, float, dict[str, LeftOut]]], max_force: float
-) -> tuple[tuple[Tried, ...], list[int]]:
-    """The families by their scores, the best first, and their places in `found`."""
-    floor = _NOISE * max_force
-    logs = [
-        [np.log(np.hypot(one.group_rmse, floor)) for one in left_out.values()]
-        or [np.array([np.log(np.hypot(rmse, floor))])]
-        for _, _, rmse, left_out in found
-    ]
-    scores = [float(np.mean([one.mean() for one in of])) for of in logs]
-    order = sorted(range(len(found)), key=lambda k: scores[k])
-    tried = []
-    for k in order:
-        candidate, _, rmse, left_out = found[k]
-        differences = [a - b for a, b in zip(logs[k], logs[order[0]], strict=True)]
-        means = np.array([one.mean() for one in differences])
-        errors = np.array(
-            [np.sqrt(d.var(ddof=1) / d.size) if d.size > 1 else 0.0 for d in differences]
-        )
-        error = float(np.linalg.norm(errors) / errors.size)
-        behind = scores[k] - scores[order[0]]
-        as_good = behind <= error and bool((means <= _PLAINLY * errors).all())
-        tried.append(Tried(candidate, rmse, left_out, scores[k], (behind, error), as_good))
-    return tuple(tried), order
-
-
-def _members(tried: Sequence[Tried]) -> list[int]:
-    """Places of the families that predictions are the mean of, the first on the ladder first."""
-    good = [k for k, one in enumerate(tried) if one.as_good]
-    first = min(good, key=lambda k: tried[k].candidate.rank)
-    law = tried[first].candidate.law
-    alike = [k for k in good if tried[k].candidate.law == law and k != first]
-    return [first, *alike[: _AVERAGED - 1]]
+    return rmse_of(problem, best), left_out

@@ -5,7 +5,8 @@ from typing import Any
 
 from famjax.boundary.units import from_si, unit_system
 
-from .choose import Choice, Tried
+from .choose import Choice
+from .ranking import Tried
 
 _ROWS = 12  # of the table; the file has all
 

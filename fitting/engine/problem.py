@@ -167,7 +167,11 @@ class Problem:
         return np.concatenate([part.weight for part in self.parts])
 
     def levels(self, kind: str) -> Float[np.ndarray, " points"]:
-        """The "pressure" [Pa] or "length" [m] level of every reading."""
+        """The "pressure" [Pa] or "length" [m] level of every reading, or the number of its "specimen"."""
+        if kind == "specimen":
+            return np.repeat(
+                np.arange(1.0 * len(self.parts)), [one.force.size for one in self.parts]
+            )
         return np.concatenate([part.levels[kind] for part in self.parts])
 
     def with_readings(

@@ -7,10 +7,4 @@ from .left_out import LeftOut as LeftOut
 from .likelihood import Profile as Profile, profile as profile
 from .model_error import ModelError as ModelError
 from .resampling import Bootstrap as Bootstrap, bootstrap as bootstrap
-from .series import (
-    DEFAULT_LAWS as DEFAULT_LAWS,
-    SERIES_LAWS as SERIES_LAWS,
-    Series as Series,
-    identify_series as identify_series,
-)
 from .validation import Validation as Validation, validate as validate

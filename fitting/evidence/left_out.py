@@ -18,8 +18,8 @@ class LeftOut:
     """Errors of predictions of readings that the fit had not seen.
 
     Attributes:
-        kind: what was left out together, readings of one "pressure" or of one "length".
-        level: of each reading [Pa or m], shape (points,).
+        kind: what was left out together, readings of one "pressure", "length" or "specimen".
+        level: of each reading [Pa or m], or the number of its specimen, shape (points,).
         group: number of each reading's group, shape (points,).
         error: prediction less reading [N] while its group was left out, shape (points,).
     """
@@ -60,17 +60,17 @@ def leave_out(
     Args:
         problem: what was fitted.
         u: its optimum in the unit box, from which every refit starts.
-        kind: "pressure" or "length".
+        kind: "pressure", "length" or "specimen".
         groups: neighbouring levels are left out together, in so many groups; each alone unless given.
         starts: descents of each refit, the one from the optimum among them.
         seed: of the others.
 
     Returns:
-        The errors; None where there are fewer than three levels.
+        The errors; None where there are fewer than three levels, or one specimen.
     """
     level = problem.levels(kind)
     values, place = np.unique(level, return_inverse=True)
-    if values.size < 3:
+    if values.size < (2 if kind == "specimen" else 3):
         return None
     count = values.size if groups is None else min(groups, values.size)
     group = place * count // values.size

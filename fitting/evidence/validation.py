@@ -71,10 +71,7 @@ def validate(
         raise InputError(f"at least one start is needed for each group, got {starts}")
     if groups == "specimen":
         check_nothing_own(result)
-    if groups == "specimen":
-        label = np.repeat(np.arange(len(problem.parts), dtype=float), result.readings_of_parts)
-    else:
-        label = problem.levels(groups)
+    label = problem.levels(groups)
     values = np.unique(label)
     if values.size < 2:
         raise InputError(f"leaving one {groups} out needs two or more; there is {values.size}")

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.metadata
 import platform
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,9 @@ from famjax.cards import muscle_as_dict
 
 from ..choice.choose import Choice
 from ..choice.report import choice_as_dict
+from ..choice.series import Series
 from ..data.force_csv import specimen_as_dict
 from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings
-from ..evidence.series import Series
 from ..evidence.spread import muscle_spread
 from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
@@ -175,16 +176,7 @@ def fit_as_dict(
         "seed": result.seed,
         "spread": _spread(result, evidence),
         **summary_as_dict(result, evidence=evidence, choice=choice, judgement=judgement),
-        "averaged_with": []
-        if choice is None
-        else [
-            {
-                "name": name,
-                "series_compliance_m_per_N": one.series_compliance,
-                "muscle": muscle_as_dict(one.muscle),
-            }
-            for name, one in zip(choice.names[1:], choice.members[1:], strict=True)
-        ],
+        "averaged_with": _averaged(() if choice is None else choice.members[1:]),
         "correlations": {
             "parameters": list(names),
             "matrix": [[finite_or_none(value) for value in row] for row in matrix],
@@ -200,6 +192,18 @@ def fit_as_dict(
     }
 
 
+def _averaged(others: Sequence[Identification]) -> list[dict[str, Any]]:
+    """Muscles, besides the fit's own, that predictions are the mean of."""
+    return [
+        {
+            "law": one.law.name,
+            "series_compliance_m_per_N": one.series_compliance,
+            "muscle": muscle_as_dict(one.muscle),
+        }
+        for one in others
+    ]
+
+
 def _spread(result: Identification, evidence: Evidence | None) -> dict[str, Any]:
     """What `predict` makes error bands of, see `muscle_spread`."""
     drawn = None if evidence is None else evidence.bootstrap
@@ -212,12 +216,16 @@ def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, An
     data = [one.data for one in series.specimens]
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
     pressures = np.concatenate([one.pressure for one in data])
-    predicted = series.validation.group_rmse
+    predicted = series.left_out.group_rmse
     return {
         **fit_as_dict(series.specimens[0], origin=origin),
+        "averaged_with": _averaged([one[0] for one in series.others]),
         "series": {
             "law": series.law,
+            "family": series.name,
+            "averaged": 1 + len(series.others),
             "between_N": series.between,
+            "predicted_rmse_N": series.left_out.rmse,
             "leave_one_specimen_out_N": {
                 law: finite_or_none(error) for law, error in series.candidates.items()
             },

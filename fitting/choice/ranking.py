@@ -1,0 +1,86 @@
+"""Which families predict best what was left out, and of which the predictions are the mean."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..evidence.left_out import LeftOut
+from .ladder import Candidate
+
+_AVERAGED = 3  # families at most
+_PLAINLY = 2.0  # standard errors behind the best in one kind of groups alone
+_ALIKE = 0.1  # errors that differ by less than a tenth are not told apart
+_NOISE = 1e-3  # of the largest force: smaller errors are not told apart
+
+
+@dataclasses.dataclass(frozen=True)
+class Tried:
+    """One family that was tried.
+
+    Attributes:
+        candidate: the family.
+        rmse: in sample [N].
+        left_out: errors by kind of what was left out, "pressure", "length" or "specimen".
+        score: mean logarithm of the errors of the groups left out, kinds of groups weighed alike;
+            of the error in sample where nothing can be left out.
+        behind: score less that of the best, with its standard error over the groups.
+        as_good: within one standard error of the best, or a tenth, in all, and within two standard
+            errors of it, or a tenth, in each kind by itself.
+    """
+
+    candidate: Candidate
+    rmse: float
+    left_out: Mapping[str, LeftOut]
+    score: float
+    behind: tuple[float, float]
+    as_good: bool
+
+
+def ranked(
+    found: Sequence[tuple[Candidate, float, Mapping[str, LeftOut]]], max_force: float
+) -> tuple[tuple[Tried, ...], list[int]]:
+    """The families by their scores, the best first, and their places in `found`.
+
+    Args:
+        found: each family with its error in sample [N] and its errors on what was left out.
+        max_force: largest force measured [N].
+    """
+    floor = _NOISE * max_force
+    logs = [
+        [np.log(np.hypot(one.group_rmse, floor)) for one in left_out.values()]
+        or [np.array([np.log(np.hypot(rmse, floor))])]
+        for _, rmse, left_out in found
+    ]
+    scores = [float(np.mean([one.mean() for one in of])) for of in logs]
+    order = sorted(range(len(found)), key=lambda k: scores[k])
+    tried = []
+    for k in order:
+        candidate, rmse, left_out = found[k]
+        differences = [a - b for a, b in zip(logs[k], logs[order[0]], strict=True)]
+        means = np.array([one.mean() for one in differences])
+        errors = np.array(
+            [np.sqrt(d.var(ddof=1) / d.size) if d.size > 1 else 0.0 for d in differences]
+        )
+        error = float(np.linalg.norm(errors) / errors.size)
+        behind = scores[k] - scores[order[0]]
+        as_good = behind <= max(error, _ALIKE) and bool(
+            (means <= np.maximum(_PLAINLY * errors, _ALIKE)).all()
+        )
+        tried.append(Tried(candidate, rmse, left_out, scores[k], (behind, error), as_good))
+    return tuple(tried), order
+
+
+def first_on_ladder(tried: Sequence[Tried]) -> int:
+    """Place of the family that is believed first, of those that are as good as the best."""
+    good = [k for k, one in enumerate(tried) if one.as_good]
+    return min(good, key=lambda k: tried[k].candidate.rank)
+
+
+def members(tried: Sequence[Tried]) -> list[int]:
+    """Places of the families that predictions are the mean of, the first on the ladder first."""
+    good = [k for k, one in enumerate(tried) if one.as_good]
+    first = first_on_ladder(tried)
+    law = tried[first].candidate.law
+    alike = [k for k in good if tried[k].candidate.law == law and k != first]
+    return [first, *alike[: _AVERAGED - 1]]

@@ -1,0 +1,294 @@
+"""A series of muscles, the same but for their length: one model of all, and of lengths never seen.
+
+What transfers from one length to another is decided by leaving each specimen out in turn. A model
+that fits each specimen best by itself need not transfer: a deadband and a dead end make up for
+whatever distinguishes one short muscle, and the rig's compliance must then be what it is not.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import famjax
+from famjax.boundary.errors import InputError
+
+from ..data.force_data import ForceData
+from ..evidence.left_out import LeftOut, leave_out
+from ..evidence.pull import pull
+from ..evidence.spread import muscle_spread
+from ..families.parameters import Parameter
+from ..search.identification import solve
+from ..search.posing import Posed, pose_together
+from ..search.result import Identification
+from .choose import descended, rmse_of
+from .ladder import EXPONENT_PRIOR, Candidate
+from .ranking import Tried, first_on_ladder, ranked
+
+SERIES_LAWS: dict[str, dict[str, Any]] = {
+    "linear": {"law": "polynomial", "order": 1},
+    "mooney-rivlin": {"law": "mooney-rivlin"},
+    "ogden": {"law": "ogden"},
+    "cubic": {"law": "polynomial", "order": 3},
+    "saturating": {"law": "saturating"},
+}
+"""Laws that a series may have, by name: options of `identify_together`."""
+
+DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
+
+BETWEEN = 0.02
+"""Standard deviation, in parts of the largest force, by which specimens of a series differ. All
+readings of one specimen are off together, so each specimen counts the same, however many it has."""
+
+_NUMBERS = {"linear": 1, "mooney-rivlin": 2, "ogden": 2, "cubic": 3, "saturating": 3}
+_WORSE = 1.5  # times the error on specimens left out: one rig, not the mean of both
+_GEOMETRY = 2  # braid diameter and angle
+_NO_DEADBAND = Parameter(value=0.0, vary=False, unit="Pa")
+_EQUAL = (
+    "Each specimen counts the same, whatever the number of its readings and their standard "
+    "deviations: specimens differ by more than the noise of their forces."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Series:
+    """One model of a series of muscles.
+
+    Attributes:
+        name: of the family that transfers best, in words.
+        law: its law.
+        specimens: the identification of each specimen; all parameters are shared.
+        others: the same in a rig that gives way, where predictions are the mean of both.
+        tried: all families, the best first.
+        left_out: errors of the mean on each specimen, while it was left out.
+    """
+
+    name: str
+    law: str
+    specimens: tuple[Identification, ...]
+    others: tuple[tuple[Identification, ...], ...]
+    tried: tuple[Tried, ...]
+    left_out: LeftOut
+
+    @property
+    def candidates(self) -> dict[str, float]:
+        """RMSE [N] on the specimens left out, of every family that was tried."""
+        return {one.candidate.name: one.left_out["specimen"].rmse for one in self.tried}
+
+    @property
+    def between(self) -> float:
+        """Standard deviation [N] of the readings of a new specimen about their prediction.
+
+        That of specimens left out, each of which was predicted from one fewer than a new one is: a
+        mean of n - 1 that each differ by s, and a new one, are s sqrt(1 + 1/(n - 1)) apart.
+        """
+        n = len(self.specimens)
+        left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
+        return left_out * math.sqrt(1 - 1 / n**2)
+
+    def muscle(self, rest_length: float) -> famjax.MountedMuscle:
+        """A muscle of the series with the rest length L0 [m], in the rig of the others."""
+        one = self.specimens[0]
+        muscle = famjax.cut_to_length(one.muscle, rest_length)
+        return famjax.MountedMuscle(muscle, one.series_compliance)
+
+    def predict(
+        self,
+        rest_length: float,
+        length: Float[np.ndarray, " n"],
+        pressure: Float[np.ndarray, " n"],
+        *,
+        length_std: float = 0.0,
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Force of a muscle never seen, as the rig would measure it, with its standard deviation.
+
+        The standard deviation is that between specimens, which leaving one out shows with the error
+        of the parameters in it, or that of parameters and lengths by linear theory where it is larger.
+
+        Args:
+            rest_length: L0 [m] of the muscle.
+            length: lengths [m].
+            pressure: gauge pressures [Pa].
+            length_std: standard deviation of the lengths [m].
+
+        Returns:
+            (force, standard deviation), both [N] and of shape (n,).
+        """
+        found = [
+            pull(
+                famjax.MountedMuscle(one.muscle, one.series_compliance),
+                muscle_spread(one) if k == 0 else None,
+                length, pressure, rest_length=rest_length, length_std=length_std,
+            )
+            for k, (one, *_) in enumerate((self.specimens, *self.others))
+        ]  # fmt: skip
+        force = np.mean([one.force for one in found], axis=0)
+        return force, np.maximum(found[0].std, self.between)
+
+
+def identify_series(
+    data: Sequence[ForceData],
+    *,
+    laws: Sequence[str] = DEFAULT_LAWS,
+    parameters: Mapping[str, Parameter] | None = None,
+    constraint: str = "drucker",
+    box: str = "physical",
+    starts: int = 8,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Series:
+    """The model of a series that predicts each specimen from the others best.
+
+    Every law is identified on all specimens together, with every parameter shared, with and without
+    a deadband, and again without each of the specimens. Whether the rig gives way is not to be told
+    from ends and lengths by specimens of a few lengths: predictions are the mean of a rigid rig and
+    of one that gives way, unless one of them is plainly worse. Of the families that are as good as
+    the best, see `Tried`, the first in the order of the laws is chosen.
+
+    Args:
+        data: force maps of two specimens or more, with different names, measured in one rig.
+        laws: names of `SERIES_LAWS`, in the order in which they are believed.
+        parameters: as in `identify`; what is named here is not varied. `end_length` is the dead
+            length of rounded ends, the same at every length.
+        constraint: on the coefficients.
+        box: of the standard bounds.
+        starts: number of starts, of each fit.
+        seed: of the starts.
+        progress: called with (what is done, families done, families).
+
+    Returns:
+        The model, with the error of every family.
+
+    Raises:
+        InputError: fewer than two specimens, an unknown law, or what `identify_together` refuses.
+    """
+    _check(data, laws)
+    alike = [_counting_alike(one, data) for one in data]
+    families = _families(laws, dict(parameters or {}))
+    found = []
+    for done, family in enumerate(families):
+        if progress is not None:
+            progress(family[0].name, done, len(families))
+        rigs = [_tried(alike, one, constraint, box, min(starts, 4), seed) for one in family]
+        sound = [(one, rig) for one, rig in zip(family, rigs, strict=True) if rig is not None]
+        if sound:
+            found.append(_alike(sound))
+    if not found:
+        raise InputError(
+            f"none of the laws {', '.join(laws)} has a force at every reading without each of the "
+            "specimens: the others do not determine the parameters. Fix some (end_length, "
+            "series_compliance), or give more specimens"
+        )
+    largest = max(one.max_force for one in data)
+    tried, order = ranked(
+        [(one, _rmse(rigs), {"specimen": _mean([rig[2] for rig in rigs])}) for one, rigs in found],
+        largest,
+    )
+    chosen = first_on_ladder(tried)
+    _, rigs = found[order[chosen]]
+    if progress is not None:
+        progress(f"identifying: {tried[chosen].candidate.name}", len(families), len(families))
+    fits = [solve(posed, starts=starts, seed=seed) for posed, _, _ in rigs]
+    return Series(
+        name=tried[chosen].candidate.name, law=tried[chosen].candidate.law, specimens=fits[0],
+        others=tuple(fits[1:]), tried=tried, left_out=tried[chosen].left_out["specimen"],
+    )  # fmt: skip
+
+
+_Rig = tuple[Posed, float, LeftOut]
+"""A family with a rig that is rigid, or one that gives way: the problem, RMSE in sample, left out."""
+
+
+def _tried(
+    data: Sequence[ForceData],
+    candidate: Candidate,
+    constraint: str,
+    box: str,
+    starts: int,
+    seed: int,
+) -> _Rig | None:
+    """None where the others do not determine the force of every specimen."""
+    posed = pose_together(
+        data, own=(), parameters=candidate.parameters, constraint=constraint, box=box,
+        **candidate.options,
+    )  # fmt: skip
+    best = descended(posed.problem, starts, seed)
+    out = leave_out(posed.problem, best.u, "specimen", starts=2, seed=seed)
+    if out is None or not np.isfinite(out.error).all():
+        return None
+    return posed, rmse_of(posed.problem, best), out
+
+
+def _alike(rigs: Sequence[tuple[Candidate, _Rig]]) -> tuple[Candidate, list[_Rig]]:
+    """The family with a rigid rig, with one that gives way, or the mean of both.
+
+    Both, unless one predicts the specimens plainly worse.
+    """
+    least = min(out.rmse for _, (_, _, out) in rigs)
+    kept = [(one, rig) for one, rig in rigs if rig[2].rmse <= _WORSE * least]
+    return kept[0][0], [rig for _, rig in kept]
+
+
+def _rmse(rigs: Sequence[_Rig]) -> float:
+    return float(np.sqrt(np.mean([rmse**2 for _, rmse, _ in rigs])))
+
+
+def _mean(left_out: Sequence[LeftOut]) -> LeftOut:
+    return dataclasses.replace(left_out[0], error=np.mean([one.error for one in left_out], axis=0))
+
+
+def _check(data: Sequence[ForceData], laws: Sequence[str]) -> None:
+    if len(data) < 2:
+        raise InputError(
+            f"a series needs the force maps of two specimens or more, got {len(data)}; for one use "
+            "identify, and cut_to_length for another length"
+        )
+    unknown = [law for law in laws if law not in SERIES_LAWS]
+    if unknown or not laws:
+        raise InputError(
+            f"laws of a series are {', '.join(SERIES_LAWS)}, got {unknown[0] if unknown else 'none'}"
+        )
+    if len({one.specimen.rest_length for one in data}) < 2:
+        raise InputError(
+            "all specimens have one rest length: they say nothing of another. Give specimens of "
+            "different lengths, or use identify_together"
+        )
+
+
+def _families(laws: Sequence[str], said: Mapping[str, Parameter]) -> list[tuple[Candidate, ...]]:
+    """Laws with and without a deadband, each in a rigid rig and in one that gives way.
+
+    What a user says of deadband or rig is not varied.
+    """
+    found = []
+    for rank, law in enumerate(laws):
+        for deadband in (True,) if "deadband_pressure" in said else (True, False):
+            base = {} if deadband else {"deadband_pressure": _NO_DEADBAND}
+            if law == "ogden":
+                base["ogden_exponent"] = Parameter(prior=EXPONENT_PRIOR)
+            rigs = [{}] if "series_compliance" in said else [{}, {"series_compliance": Parameter()}]
+            found.append(
+                tuple(
+                    Candidate(
+                        law=law, free=tuple(rig), deadband=deadband, options=SERIES_LAWS[law],
+                        bounds={}, parameters={**base, **rig, **said},
+                        unknowns=_GEOMETRY + _NUMBERS[law] + deadband + len(rig),
+                        # Every muscle has a deadband: one without is believed last.
+                        rank=(rank, 1 - deadband),
+                    )
+                    for rig in rigs
+                )
+            )  # fmt: skip
+    return found
+
+
+def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
+    """The map with readings that weigh less, the more of them there are."""
+    largest, mean = max(one.max_force for one in of), np.mean([one.loaded.sum() for one in of])
+    std = BETWEEN * largest * np.sqrt(data.loaded.sum() / mean)
+    return dataclasses.replace(
+        data, force_std=np.full(data.force.shape, std), notes=(*data.notes, _EQUAL)
+    )
