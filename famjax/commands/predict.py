@@ -92,8 +92,11 @@ def predict(
         print("note: force is what the rig of the fit measures, which gives way; muscle force "
               "that of the muscle alone")  # fmt: skip
     if other is not None and "series" not in saved.document:
-        print("note: another length is predicted from one specimen; the band does not know how "
-              "specimens differ (famjax series does)")  # fmt: skip
-    if pressure and not (saved.document.get("spread") or {}).get("directions"):
+        print("note: another rest length is predicted from one specimen, so there is no error band: "
+              "it does not tell how specimens differ, nor a rig that gives way from a braid that "
+              "does (famjax series does)")  # fmt: skip
+    elif pressure and saved.error is not None and other is None:
+        print(f"note: the 95 % band is of {saved.error.covers}")
+    elif pressure and not (saved.document.get("spread") or {}).get("directions"):
         print("note: no error band, as the fit has no standard errors")
     return 0

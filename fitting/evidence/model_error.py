@@ -30,7 +30,7 @@ PRIOR_SCALE = 0.08
 """Prior of what lengths add, in parts of the largest force: a law that fits a muscle to 1 % misses
 the lengths beyond its map by a few per cent of the largest force."""
 
-PRIOR_FREEDOM = 3
+PRIOR_FREEDOM = 1.5
 """Number of lengths left out that the prior counts as."""
 
 
@@ -41,12 +41,12 @@ class Along:
     Attributes:
         levels: measured [m or Pa], ascending.
         scale: standard deviation [N] where the spline's is 1.
-        freedom: of the scale: levels that were left out, and those that the prior stands for.
+        freedom: of the scale: levels that were left out, and how many the prior stands for.
     """
 
     levels: Float[np.ndarray, " levels"]
     scale: float
-    freedom: int
+    freedom: float
 
     def variance(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Variance [N^2] at lengths or pressures."""
@@ -149,7 +149,7 @@ def model_error(
 
 def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: float) -> Along:
     """The scale at which the spline's variance gives the errors of the groups left out."""
-    ratios = [prior**2] * PRIOR_FREEDOM
+    ratios = []
     if left_out is None:
         return Along(levels, prior, PRIOR_FREEDOM)
     for group in np.unique(left_out.group):
@@ -159,7 +159,8 @@ def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: fl
         expected = float(np.mean(spline_variance(others, own)))
         excess = max(float(np.mean(left_out.error[mine] ** 2)) - noise**2, 0.0)
         ratios.append(excess / expected)
-    return Along(levels, math.sqrt(float(np.mean(ratios))), len(ratios))
+    freedom = PRIOR_FREEDOM + len(ratios)
+    return Along(levels, math.sqrt((PRIOR_FREEDOM * prior**2 + sum(ratios)) / freedom), freedom)
 
 
 def spline_variance(
@@ -188,6 +189,6 @@ def spline_variance(
     return np.maximum(variance, 0.0)
 
 
-def student(coverage: float, freedom: int) -> float:
+def student(coverage: float, freedom: float) -> float:
     """Standard deviations on either side of Student's interval."""
     return float(stdtrit(freedom, (1 + coverage) / 2))

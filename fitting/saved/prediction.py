@@ -45,7 +45,8 @@ def predict(
         is no force; inside that contraction and pressure (and rest length, in a series) lie within
         the fitted data, and outside why they do not, null where they do. `force_std_N` is the
         standard deviation of a reading about the force, and `low_95_N` to `high_95_N` holds 95 % of
-        such readings, null where nothing is known of it. `band` says what they are made of: "left
+        such readings, null where nothing is known of it: that is so of another rest length, unless
+        the fit is of a series. `band` says what they are made of: "left
         out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
         theory of the parameters alone in fits without it, and "specimens" of a series. Where the rig
         gives way, `muscle_force_N` is the force of the muscle alone, were it of that length itself.
@@ -187,9 +188,11 @@ def _band(
         # Leaving a specimen out leaves the error of the parameters in.
         std = np.maximum(found.std, fit.document["series"]["between_N"])
         band = f"{theory}, specimens"
+    elif rest_length is not None:
+        # One specimen does not tell how specimens differ, nor its braid from its rig.
+        return std, factor, band
     elif fit.error is not None:
-        cut = 1.0 if rest_length is None else float(fit.muscle.geometry.rest_length) / rest_length
-        model, factor = fit.error.std(length * cut, pressure), fit.error.factor()
+        model, factor = fit.error.std(length, pressure), fit.error.factor()
         if _by_what_was_left_out(fit):
             std, band = np.hypot(model, found.std), "left out"
         else:

@@ -73,8 +73,8 @@ def test_one_level_tells_nothing_but_distance() -> None:
 
 
 def test_students_interval() -> None:
-    assert student(0.95, 3) == pytest.approx(3.182446, rel=1e-6)
-    assert student(0.95, 10**6) == pytest.approx(1.959966, rel=1e-5)
+    assert student(0.95, 3.0) == pytest.approx(3.182446, rel=1e-6)
+    assert student(0.95, 1e6) == pytest.approx(1.959966, rel=1e-5)
 
 
 def test_the_error_survives_its_file(fitted20: Identification) -> None:
