@@ -24,6 +24,7 @@ class Case:
         other_python: one with the newest of every dependency, None where there is none.
         repeat: repetitions of a time, of which the least counts.
         known: what has been computed, shared by all cases of a run.
+        maps: of the specimens of a series.
     """
 
     data: fitting.ForceData | None = None
@@ -32,6 +33,7 @@ class Case:
     other_python: str | None = None
     repeat: int = 3
     known: dict[Hashable, Any] = dataclasses.field(default_factory=dict)
+    maps: tuple[fitting.ForceData, ...] = ()
 
     def once(self, key: Hashable, compute: Callable[[], Found]) -> Found:
         """What `compute` returns, computed once in a run for this data and key."""
@@ -50,6 +52,17 @@ class Case:
         if self.data is None:
             raise CannotRunError(f"needs a map that is not bundled: --data '{self.name}=MAP.csv'")
         return self.data
+
+    @property
+    def series(self) -> tuple[fitting.ForceData, ...]:
+        """The force maps of a promise that needs those of a series.
+
+        Raises:
+            CannotRunError: there are none.
+        """
+        if not self.maps:
+            raise CannotRunError(f"needs a folder of maps: --data '{self.name}=FOLDER'")
+        return self.maps
 
 
 class CannotRunError(RuntimeError):

@@ -6,11 +6,13 @@
 A promise is measured anew each time it is printed; its limit is the issue's. `--data` takes other
 force maps of the same form, CSV files or folders of them. `--data MAP.csv` measures what is asked of
 any map (certificates, optimality, time), and prints errors whose limit belongs to another muscle
-without a verdict. `--data DMSP-20-300=MAP.csv` puts a map in the place of one, limits and all.
+without a verdict. `--data DMSP-20-300=MAP.csv` puts a map in the place of one, limits and all;
+`--data 'a series=FOLDER'` gives the specimens of a series.
 `--reference` holds every figure to 1e-6 of an earlier run's `--json`.
 """
 
 import argparse
+import dataclasses
 import fnmatch
 import json
 import sys
@@ -21,6 +23,7 @@ from typing import Any
 import jax
 from first_answer_inputs import load
 from promise import VERDICTS, Case, Outcome, Promise, judge, shown
+from promises_choice import CHOICE
 from promises_first_answer import FIRST_ANSWER
 from promises_fits import FITS
 from promises_kernels import KERNELS
@@ -44,7 +47,7 @@ WHOLE: tuple[Promise, ...] = (
 
 PROMISES: tuple[Promise, ...] = tuple(
     sorted(
-        (*FITS, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *WHOLE),
+        (*FITS, *CHOICE, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *WHOLE),
         key=lambda one: one.issue,
     )
 )
@@ -100,9 +103,7 @@ def given_data(words: Iterable[str]) -> tuple[dict[str, str], list[str]]:
         if not files:
             raise ValueError(f"the folder {path} has no CSV file")
         if equals:
-            if len(files) > 1:
-                raise ValueError(f"one map stands in for {name}, got {len(files)} in {path}")
-            places[name] = files[0]
+            places[name] = path if Path(path).is_dir() else files[0]
         else:
             others += files
     return places, others
@@ -123,9 +124,11 @@ def cases(
 
     def case(name: str, source: str) -> Case:
         if source not in loaded:
-            data = load(source)
-            loaded[source] = Case(data, name, shared.python, shared.other_python, shared.repeat,
-                                  shared.known)  # fmt: skip
+            files = sorted(map(str, Path(source).glob("*.csv"))) if Path(source).is_dir() else []
+            maps = tuple(load(one) for one in files or [source])
+            loaded[source] = dataclasses.replace(
+                shared, data=maps[0] if len(maps) == 1 else None, name=name, maps=maps
+            )
         return loaded[source]
 
     seen: set[tuple[str, str]] = set()
@@ -145,9 +148,7 @@ def cases(
         elif promise.data in bundled:
             yield promise, case(promise.data, promise.data), True
         else:
-            whole = Case(None, promise.data, shared.python, shared.other_python, shared.repeat,
-                         shared.known)  # fmt: skip
-            yield promise, whole, True
+            yield promise, dataclasses.replace(shared, name=promise.data), True
 
 
 def line(outcome: Outcome) -> str:

@@ -1,0 +1,154 @@
+"""Promises of a model that chooses itself: what it predicts of readings kept from it, and its bands.
+
+Each figure is nested: the choice is made anew without the readings that it is judged on.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float
+from promise import Case, Cost, Promise
+from promises_fits import A1, A2, LOADED
+
+import fitting
+from fitting import Choice
+from fitting.choice import NestedValidation, identify_series, validate_choice
+
+BAND = 1.96  # standard deviations of a series on either side
+_SERIES = "a series"
+
+
+def chosen(case: Case) -> Choice:
+    """The choice of a map with no option."""
+    return case.once("chosen", lambda: fitting.choose(case.map))
+
+
+def nested(case: Case, groups: str) -> NestedValidation:
+    """Each pressure, or each length, predicted by a choice that has not seen it."""
+    return case.once(("nested", groups), lambda: validate_choice(chosen(case), groups))
+
+
+def pressures_out(case: Case) -> float:
+    """RMSE [N] on each pressure."""
+    return nested(case, "pressure").rmse
+
+
+def interior_lengths_out(case: Case) -> float:
+    """RMSE [N] on each length between the first and the last."""
+    return nested(case, "length").interior_rmse
+
+
+def covered(case: Case) -> float:
+    """Part of the readings of lengths left out that are inside their 95 % bands."""
+    return nested(case, "length").covered
+
+
+@dataclasses.dataclass(frozen=True)
+class LeftOut:
+    """Readings that were predicted: errors, whether inside the band, its full width [N]."""
+
+    error: Float[np.ndarray, " n"]
+    inside: Bool[np.ndarray, " n"]
+    width: Float[np.ndarray, " n"]
+
+    @property
+    def rmse(self) -> float:
+        """Over all readings [N]."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+
+def both_muscles(case: Case) -> LeftOut:
+    """Every length of both bundled muscles left out in turn."""
+
+    def compute() -> LeftOut:
+        cases = [dataclasses.replace(case, data=fitting.load_bundled(n), name=n) for n in (A1, A2)]
+        found = [nested(one, "length") for one in cases]
+        return LeftOut(
+            *(np.concatenate([getattr(one, name) for one in found])
+              for name in ("error", "inside", "width"))
+        )  # fmt: skip
+
+    return case.once("both muscles", compute)
+
+
+def specimens_out(case: Case) -> list[LeftOut]:
+    """Each specimen of a series predicted by a choice from the others."""
+
+    def predicted(out: int) -> LeftOut:
+        data = case.series[out]
+        rest = identify_series([one for k, one in enumerate(case.series) if k != out])
+        at, force = data.loaded, data.force[data.loaded]
+        found, std = rest.predict(data.specimen.rest_length, data.length[at], data.pressure[at])
+        error = found - force
+        return LeftOut(error, np.abs(error) <= BAND * std, 2 * BAND * std)
+
+    return case.once("specimens out", lambda: [predicted(k) for k in range(len(case.series))])
+
+
+def pooled(case: Case) -> LeftOut:
+    """All specimens that were left out."""
+    found = specimens_out(case)
+    return LeftOut(
+        *(np.concatenate([getattr(one, name) for one in found])
+          for name in ("error", "inside", "width"))
+    )  # fmt: skip
+
+
+def _row(name: str, measure: Callable[[Case], float], data: str, statistic: str, limit: float,
+         direction: str = "at most", cost: Cost = "minutes", *, of_its_data: bool = False,
+         command: str = "famjax fit MAP.csv --validate", part: str = LOADED) -> Promise:  # fmt: skip
+    return Promise(
+        14, name, measure, command, data, part, statistic, limit,
+        "at least" if direction == "at least" else "at most", seed=0, cost=cost,
+        of_its_data=of_its_data,
+    )  # fmt: skip
+
+
+def _muscles() -> list[Promise]:
+    found = []
+    for data, rmse, pressure, length in ((A1, 4.0, 4.2, 11.0), (A2, 1.25, 1.55, 8.0)):
+        found += [
+            _row("no option", lambda case: chosen(case).rmse, data, "RMSE [N]", rmse,
+                 of_its_data=True, command="famjax fit MAP.csv"),
+            _row("no option, one pressure out", pressures_out, data, "RMSE [N]", pressure,
+                 of_its_data=True, cost="long"),
+            _row("no option, one interior length out", interior_lengths_out, data, "RMSE [N]",
+                 length, of_its_data=True),
+            _row("95 % band, each length left out", covered, data, "part of the readings inside",
+                 0.8, "at least"),
+        ]  # fmt: skip
+    return found
+
+
+_BOTH = "both bundled maps"
+_ONE_OUT = "loaded readings of every length, while it was left out"
+_OUT = "loaded readings of every specimen, while it was left out"
+_OF_SERIES = "famjax series MAPS, and predict --rest-length of the one that is not among them"
+
+CHOICE: tuple[Promise, ...] = (
+    *_muscles(),
+    _row("95 % band, lengths of both muscles", lambda case: float(both_muscles(case).inside.mean()),
+         _BOTH, "part of the readings inside", 0.88, "at least", part=_ONE_OUT),
+    _row("95 % band, lengths of both muscles, not too wide",
+         lambda case: float(both_muscles(case).inside.mean()), _BOTH, "part of the readings inside",
+         0.99, part=_ONE_OUT),
+    _row("95 % band, its width", lambda case: float(
+             both_muscles(case).width.mean() / both_muscles(case).rmse), _BOTH,
+         "mean full width / RMSE", 8.0, part=_ONE_OUT),
+    *(_row("no option, raw ramps", lambda case: chosen(case).rmse, data, "RMSE [N]", 2.3,
+           of_its_data=True, command="famjax ramps ... && famjax fit famjax-ramps/map.csv")
+      for data in ("bpa10 10cm", "bpa10 30cm")),
+    _row("a series with no option", lambda case: pooled(case).rmse, _SERIES, "RMSE [N]", 20.0,
+         part=_OUT, command=_OF_SERIES),
+    _row("a series, 95 % band", lambda case: float(pooled(case).inside.mean()), _SERIES,
+         "part of the readings inside", 0.85, "at least", part=_OUT, command=_OF_SERIES),
+    _row("a series, 95 % band of each specimen",
+         lambda case: min(float(one.inside.mean()) for one in specimens_out(case)), _SERIES,
+         "least part of a specimen's readings inside", 0.7, "at least", part=_OUT,
+         command=_OF_SERIES),
+    _row("a series, width of the band",
+         lambda case: float(pooled(case).width.mean() / pooled(case).rmse), _SERIES,
+         "mean full width / RMSE", 4.0, part=_OUT, command=_OF_SERIES),
+)  # fmt: skip
+"""Issue 14: choice and bands. The series is given by `--data 'a series=FOLDER'`."""
