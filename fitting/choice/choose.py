@@ -76,8 +76,8 @@ class Choice:
                 f"{second.candidate.name}, errs {factor:.2g} times as much."
             )
         return (
-            f"Not clear: {len(others)} families predict alike within one standard error; {name} is "
-            "the plainest of them"
+            f"Not clear: {len(others)} families predict alike, within one standard error or a tenth; "
+            f"{name} is the plainest of them"
             + (f", and predictions are the mean of {len(self.members)}." if len(self.members) > 1
                else ".")
         )  # fmt: skip

@@ -10,6 +10,8 @@ from jaxtyping import Bool, Float
 from ..data.force_data import ForceData
 from .choose import Choice, choose
 
+_STARTS = 4
+
 
 @dataclasses.dataclass(frozen=True)
 class NestedValidation:
@@ -68,8 +70,9 @@ def validate_choice(
         choice: from `choose`.
         groups: "pressure" or "length".
         progress: called with (levels done, levels).
-        options: as `choose` was given.
+        options: as `choose` was given; a fold has four starts at the most.
     """
+    options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
     levels = {"pressure": data.pressures, "length": data.lengths}[groups].level
     loaded = levels[data.loaded]
