@@ -1,100 +1,101 @@
 """Faults of some readings only: outliers, one length that is off, two muscles in one file."""
 
+import itertools
+
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
-from famjax.boundary.errors import InputError
-
-from ..choice.choose import fit_candidate, weigh
 from ..choice.ladder import Candidate
 from ..choice.nested import without
 from ..data.force_data import ForceData
+from .trial import Trial, attempt
 
 Told = tuple[str, float]
 """What is wrong, and the misfit without it in parts of the largest force."""
 
 _OUTLYING = 5.0  # robust standard deviations
-_MOST = 0.3  # of the readings may be outliers
-_ROUNDS = 4
+_MOST = 0.25  # of the readings may be outliers
+_ROUNDS = 6
 _GAUSS = 1.4826  # from the median of absolute errors to a standard deviation
-_TRIED = 40  # offsets of a length
-_OFFSET = 0.04  # of the rest length
+_TRIED = 50  # offsets of a length
+_OFFSET = 0.06  # of the rest length
+_TRIPLES = 24  # lengths that are tried as those of one muscle
+_ONE_MUSCLE = 3  # lengths at least
+_BOUNDARIES = 12  # places in the file at which a second muscle may begin
 
 
-def _errors(
-    data: ForceData, candidate: Candidate, kept: Bool[np.ndarray, " n"]
-) -> np.ndarray | None:
-    """Errors [N] at all loaded readings of the fit to some of them; None without a fit."""
-    loaded = np.flatnonzero(data.loaded)
+def _kept(data: ForceData, kept: Bool[np.ndarray, " loaded"]) -> ForceData:
+    """The map with some of its loaded readings only."""
     out = np.zeros(data.force.size, bool)
-    out[loaded[~kept]] = True
-    try:
-        problem, end = fit_candidate(weigh(without(data, out)), candidate)
-    except InputError:
-        return None
-    part = problem.parts[0]
-    predicted = part.predict(
-        end.point.parameters[part.at], end.point.x, data.length[loaded], data.pressure[loaded]
-    )
-    return predicted - data.force[loaded]
+    out[np.flatnonzero(data.loaded)[~kept]] = True
+    return without(data, out)
 
 
-def outliers(data: ForceData, candidate: Candidate) -> Told | None:
+def _errors(trial: Trial, data: ForceData) -> Float[np.ndarray, " loaded"]:
+    """Of a fit to some readings, at all loaded ones [N]; infinite where it has no force."""
+    loaded = data.loaded
+    found = trial.predict(data.length[loaded], data.pressure[loaded]) - data.force[loaded]
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+def outliers(data: ForceData, candidate: Candidate | None) -> Told | None:
     """A few readings far off, found by leaving the worst out and fitting again."""
-    kept, errors = np.ones(int(data.loaded.sum()), bool), None
     force = data.force[data.loaded]
+    kept, errors = force <= 20 * float(np.median(force)), np.zeros(force.size)
+    if kept.sum() < 3:
+        return None
     for _ in range(_ROUNDS):
-        errors = _errors(data, candidate, kept)
-        if errors is None or not np.isfinite(errors).all():
+        trial = attempt(_kept(data, kept), candidate)
+        if trial is None:
             return None
-        scale = max(_GAUSS * float(np.median(np.abs(errors))), 1e-3 * float(np.median(force)))
+        errors = _errors(trial, data)
+        scale = max(_GAUSS * float(np.median(np.abs(errors))), 2e-3 * float(force[kept].max()))
         found = np.abs(errors) <= _OUTLYING * scale
         if (found == kept).all():
             break
+        if found.sum() < (1 - _MOST) * kept.size:
+            return None
         kept = found
     count = int((~kept).sum())
-    if errors is None or not 0 < count <= _MOST * kept.size:
+    if not 0 < count <= _MOST * kept.size:
         return None
     rows = np.flatnonzero(data.loaded)[~kept] + 1
-    named = ", ".join(str(row) for row in rows[:6]) + (", ..." if count > 6 else "")
+    shown = ", ".join(str(row) for row in rows[:6]) + (", ..." if count > 6 else "")
     misfit = float(np.sqrt(np.mean(errors[kept] ** 2))) / float(force[kept].max())
-    return (
-        f"{count} of {kept.size} readings are outliers (readings {named}; --objective huber counts "
-        "such readings little)",
-        misfit,
-    )
+    are, them = ("reading is an outlier", "it") if count == 1 else ("readings are outliers", "them")
+    return f"{count} {are} (number {shown}; --objective huber counts {them} little)", misfit
 
 
-def one_length_off(data: ForceData, candidate: Candidate) -> Told | None:
+def _level(data: ForceData) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " loaded"]]:
+    """The loaded lengths, and the number of each reading's."""
+    return np.unique(data.lengths.level[data.loaded], return_inverse=True)
+
+
+def one_length_off(data: ForceData) -> Told | None:
     """One length that is not what it says: without it the others fit, and moved it fits, too."""
-    level = data.lengths.level[data.loaded]
-    lengths = np.unique(level)
-    if lengths.size < 3:
+    lengths, place = _level(data)
+    if lengths.size < _ONE_MUSCLE + 1:
         return None
     best: Told | None = None
-    for one in lengths:
-        mine = level == one
-        out = np.zeros(data.force.size, bool)
-        out[np.flatnonzero(data.loaded)[mine]] = True
-        try:
-            problem, end = fit_candidate(weigh(without(data, out)), candidate)
-        except InputError:
+    pressure, force = data.pressure[data.loaded], data.force[data.loaded]
+    reach = _OFFSET * data.specimen.rest_length
+    moved = np.linspace(-reach, reach, 2 * _TRIED + 1)
+    for number, one in enumerate(lengths):
+        mine = place == number
+        trial = attempt(_kept(data, ~mine))
+        if trial is None:
             continue
-        part, loaded = problem.parts[0], data.loaded
-        reach = _OFFSET * data.specimen.rest_length
-        moved = np.linspace(-reach, reach, 2 * _TRIED + 1)
-        force, pressure = data.force[loaded][mine], data.pressure[loaded][mine]
-        at = part.predict(
-            end.point.parameters[part.at], end.point.x,
-            (one + moved[:, None] + 0 * pressure).ravel(),
-            np.broadcast_to(pressure, (moved.size, pressure.size)).ravel(),
+        at = trial.predict(
+            np.repeat(one + moved, mine.sum()), np.tile(pressure[mine], moved.size)
         ).reshape(moved.size, -1)  # fmt: skip
-        errors = np.sqrt(np.nanmean((at - force) ** 2, axis=1))
-        offset = moved[int(np.nanargmin(errors))]
-        others = end.point.residual[: problem.force.size] / problem.weight
-        total = np.concatenate([others, np.full(force.size, np.nanmin(errors))])
-        misfit = float(np.sqrt(np.mean(total**2))) / data.max_force
-        if best is None or misfit < best[1]:
+        errors = np.sqrt(np.mean((at - force[mine]) ** 2, axis=1))
+        if not np.isfinite(errors).any():
+            continue
+        offset, least = moved[int(np.nanargmin(errors))], float(np.nanmin(errors))
+        others = _errors(trial, data)[~mine]
+        total = np.sum(others**2) + mine.sum() * least**2
+        misfit = float(np.sqrt(total / mine.size)) / data.max_force
+        if abs(offset) < reach and (best is None or misfit < best[1]):
             best = (
                 f"the length {one * 1e3:.4g} mm is {(one + offset) * 1e3:.4g} mm, off by a constant",
                 misfit,
@@ -102,35 +103,93 @@ def one_length_off(data: ForceData, candidate: Candidate) -> Told | None:
     return best
 
 
-def two_muscles(data: ForceData, candidate: Candidate) -> Told | None:
-    """Two muscles in one file: each length belongs to the one of two fits that predicts it better."""
-    level = data.lengths.level[data.loaded]
-    lengths, place = np.unique(level, return_inverse=True)
-    if lengths.size < 4:
+def two_muscles(data: ForceData) -> Told | None:
+    """Two muscles in one file, one after the other or each at lengths of its own."""
+    splits = [found for found in (_in_file(data), _by_length(data)) if found is not None]
+    if not splits:
         return None
-    errors = _errors(data, candidate, np.ones(level.size, bool))
-    if errors is None:
-        return None
-    mean = np.bincount(place, errors) / np.bincount(place)
-    first = mean > np.median(mean)
-    misfit = np.inf
-    for _ in range(_ROUNDS):
-        one = _errors(data, candidate, first[place])
-        other = _errors(data, candidate, ~first[place])
-        if one is None or other is None:
+    first, misfit = min(splits, key=lambda one: one[1])
+    rows = np.flatnonzero(data.loaded)
+    lengths, place = _level(data)
+    if np.intersect1d(place[first], place[~first]).size:
+        second = rows[~first]
+        where = f"the second from reading {second.min() + 1} on"
+    else:
+        where = " and ".join(
+            ", ".join(f"{one * 1e3:.4g}" for one in lengths[np.unique(place[of])]) + " mm"
+            for of in (first, ~first)
+        )
+    return f"there are two muscles in the file, {where}", misfit
+
+
+def _split(
+    data: ForceData, first: Bool[np.ndarray, " loaded"]
+) -> Float[np.ndarray, "2 loaded"] | None:
+    """Errors at all loaded readings [N] of the fits to the two halves of a map."""
+    halves = []
+    for mine in (first, ~first):
+        trial = attempt(_kept(data, mine)) if _carries(data, mine) else None
+        if trial is None:
             return None
-        kept = np.where(first[place], one, other)
-        misfit = float(np.sqrt(np.mean(kept**2))) / data.max_force
-        again = _sizes(place, one) < _sizes(place, other)
-        if (again == first).all() or not again.any() or again.all():
-            break
-        first = again
-    named = " and ".join(
-        ", ".join(f"{one * 1e3:.4g}" for one in lengths[chosen]) for chosen in (first, ~first)
-    )
-    return f"there are two muscles in the file, at the lengths {named} mm", misfit
+        halves.append(_errors(trial, data))
+    return np.stack(halves)
 
 
-def _sizes(place: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Sums of squares of the errors by length; no force is the largest."""
-    return np.bincount(place, np.nan_to_num(errors, nan=1e9) ** 2)
+def _carries(data: ForceData, mine: Bool[np.ndarray, " loaded"]) -> bool:
+    """Whether some readings are enough for a muscle."""
+    level = data.lengths.level[data.loaded][mine]
+    return np.unique(level).size >= _ONE_MUSCLE and level.size >= 2 * _ONE_MUSCLE
+
+
+def _in_file(data: ForceData) -> tuple[Bool[np.ndarray, " loaded"], float] | None:
+    """The file of one muscle after that of the other."""
+    count = int(data.loaded.sum())
+    places = np.unique(np.linspace(0, count, _BOUNDARIES + 2).astype(int)[1:-1])
+    best, halves = np.inf, None
+    for _ in range(2):
+        for place in places:
+            errors = _split(data, np.arange(count) < place)
+            if errors is None:
+                continue
+            # where the sum of squares is least, if both halves are as these fits have them
+            sums = np.nan_to_num(np.cumsum(errors**2, axis=1), posinf=1e30, nan=1e30)
+            total = np.concatenate([[0.0], sums[0]]) + sums[1, -1]
+            total -= np.concatenate([[0.0], sums[1]])
+            at = int(np.argmin(total))
+            own = np.where(np.arange(count) < place, errors[0], errors[1])
+            misfit = float(np.sqrt(np.mean(own**2))) / data.max_force
+            if misfit < best:
+                best, halves = misfit, (np.arange(count) < place, at)
+        if halves is None:
+            return None
+        places = np.unique([halves[1], *range(max(1, halves[1] - 1), halves[1] + 2)])
+    assert halves is not None
+    return halves[0], best
+
+
+def _by_length(data: ForceData) -> tuple[Bool[np.ndarray, " loaded"], float] | None:
+    """Lengths of one muscle, and those that it does not explain."""
+    lengths, place = _level(data)
+    if lengths.size < 2 * _ONE_MUSCLE:
+        return None
+    triples = list(itertools.combinations(range(lengths.size), _ONE_MUSCLE))
+    chosen = np.linspace(0, len(triples) - 1, min(_TRIPLES, len(triples))).astype(int)
+    best: tuple[Bool[np.ndarray, " loaded"], float] | None = None
+    for triple in (triples[k] for k in chosen):
+        trial = attempt(_kept(data, np.isin(place, triple)))
+        if trial is None:
+            continue
+        size = np.bincount(place, np.minimum(_errors(trial, data) ** 2, 1e30))
+        size = np.sqrt(size / np.bincount(place)) / data.max_force
+        order = np.argsort(size)
+        gap = (
+            _ONE_MUSCLE - 1 + int(np.argmax(np.diff(np.log(size[order] + 1e-3))[_ONE_MUSCLE - 1 :]))
+        )
+        first = np.isin(place, order[: gap + 1])
+        errors = _split(data, first)
+        if errors is None:
+            continue
+        misfit = float(np.sqrt(np.mean(np.where(first, *errors) ** 2))) / data.max_force
+        if best is None or misfit < best[1]:
+            best = first, misfit
+    return best
