@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..search.result import Identification
-from .mixtures import one_length_off, outliers, two_muscles
+from .faulty_readings import one_length_off, outliers
 from .plain_faults import (
     absolute,
     no_rise,
@@ -23,6 +23,7 @@ from .plain_faults import (
 from .scales import wrong_scales
 from .suspicion import FAR_BETTER, GOOD, Suspicion, named
 from .trial import attempt, richest
+from .two_muscles import two_muscles
 
 _DOUBTFUL = 0.01  # of the largest force: what a good fit of a good map is below
 _MIXED = 0.013  # likewise: what is to be explained by faults of some readings

@@ -52,8 +52,8 @@ class Trial:
     def side(self, name: str) -> int:
         """-1 where a parameter is at its lower bound, 1 at its upper one, 0 between."""
         place = list(self.problem.names).index(name)
-        low, high = self.problem.low[place], self.problem.high[place]
-        at = (self.end.point.parameters[place] - low) / (high - low) if high > low else 0.5
+        low, high = float(self.problem.low[place]), float(self.problem.high[place])
+        at = (float(self.end.point.parameters[place]) - low) / (high - low) if high > low else 0.5
         return int(at > 1 - _AT_BOUND) - int(at < _AT_BOUND)
 
     @property
@@ -63,7 +63,9 @@ class Trial:
         return sides[0] if sides[0] == sides[1] else 0
 
 
-def attempt(data: ForceData, candidate: Candidate | None = None) -> Trial | None:
+def attempt(
+    data: ForceData, candidate: Candidate | None = None, *, starts: int = 4
+) -> Trial | None:
     """The fit of a family to a map; of the richest one that it can carry, unless given.
 
     Returns:
@@ -71,7 +73,9 @@ def attempt(data: ForceData, candidate: Candidate | None = None) -> Trial | None
     """
     try:
         chosen = candidate or richest(data)
-        return None if chosen is None else Trial(data, *fit_candidate(weigh(data), chosen))
+        if chosen is None:
+            return None
+        return Trial(data, *fit_candidate(weigh(data), chosen, starts=starts))
     except InputError:
         return None
 
