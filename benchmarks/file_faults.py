@@ -70,12 +70,14 @@ class Fault:
         kind: units, absolute, sign, mixed, outliers, thick wall, wrong bore or other.
         cause: regular expression of what names it.
         change: does it to a sheet.
+        possible: whether it is one in the map of a sheet.
     """
 
     name: str
     kind: str
     cause: str
     change: Change
+    possible: Callable[[Sheet], bool] = lambda sheet: True  # noqa: ARG005
 
 
 def _scaled(column: str, size: float) -> Change:
@@ -184,6 +186,32 @@ def _constant(sheet: Sheet, random: np.random.Generator) -> None:
     force[:] = force.max() * (1 + 1e-6 * np.arange(force.size))
 
 
+def _many_lengths(sheet: Sheet) -> bool:
+    """Three lengths for each of two muscles."""
+    return np.unique(sheet.lengths[sheet.columns["force_N"] > 0]).size >= 6
+
+
+def _four_lengths(sheet: Sheet) -> bool:
+    """Of which one is told by the others."""
+    return np.unique(sheet.lengths[sheet.columns["force_N"] > 0]).size >= 4
+
+
+def _large_bore(sheet: Sheet) -> bool:
+    """Half of it and two walls, which the braid lies in, is another muscle."""
+    return float(str(sheet.specimen.get("nominal_diameter_mm", 0))) >= 16
+
+
+def _has(key: str) -> Callable[[Sheet], bool]:
+    return lambda sheet: key in sheet.specimen
+
+
+def _other_muscle(sheet: Sheet) -> bool:
+    """Of another bore by a fifth or more."""
+    assert sheet.other is not None
+    bores = [float(str(one.specimen.get("nominal_diameter_mm", 1))) for one in (sheet, sheet.other)]
+    return not 0.8 < bores[0] / bores[1] < 1.25
+
+
 FAULTS: tuple[Fault, ...] = (
     Fault("kgf labelled N", "units", r"in kgf, not N", _scaled("force_N", 1 / _KGF)),
     Fault("lbf labelled N", "units", r"in lbf, not N", _scaled("force_N", 1 / _LBF)),
@@ -197,9 +225,9 @@ FAULTS: tuple[Fault, ...] = (
     Fault("bar labelled MPa", "units", r"in bar, not MPa",
           _renamed("pressure_kPa", "pressure_MPa", 1e-2)),
     Fault("kPa labelled psi", "units", r"in kPa, not psi", _renamed("pressure_kPa", "pressure_psi")),
-    Fault("length in cm labelled mm", "units", r"in cm, not mm", _scaled("length_mm", 0.1)),
+    Fault("length in cm labelled mm", "units", r"lengths were in cm, not mm", _scaled("length_mm", 0.1)),
     Fault("length in inches labelled mm", "units", r"inch", _scaled("length_mm", 1 / 25.4)),
-    Fault("rest length in cm labelled mm", "units", r"rest length.* in cm, not mm",
+    Fault("rest length in cm labelled mm", "units", r"rest length was in cm, not mm",
           _specimen("rest_length_mm", 0.1)),
     Fault("percent of contraction as length", "units", r"percent", _percent_as_length),
     Fault("percent of contraction as fraction", "units", r"percent", _percent_as_fraction),
@@ -207,14 +235,19 @@ FAULTS: tuple[Fault, ...] = (
     Fault("absolute pressures", "absolute", r"absolute", _absolute),
     Fault("all forces negative", "sign", r"sign", _flipped),
     Fault("forces of a length negative", "sign", r"sign", _flipped_at_a_length),
-    Fault("two muscles, one file after the other", "mixed", r"two muscles", _mixed),
-    Fault("two muscles, some lengths of each", "mixed", r"two muscles", _mixed_in_part),
-    Fault("one length off by 2 to 3 %", "length", r"length .* mm is", _length_off),
+    Fault("two muscles, one file after the other", "mixed", r"two muscles", _mixed,
+          _other_muscle),
+    Fault("two muscles, some lengths of each", "mixed", r"two muscles", _mixed_in_part,
+          _many_lengths),
+    Fault("one length off by 2 to 3 %", "length", r"length .* mm is", _length_off,
+          _four_lengths),
     Fault("outliers", "outliers", r"outlier", _outliers),
     Fault("one reading of 99999 N", "outliers", r"outlier", _one_giant),
     Fault("wall ten times too thick", "thick wall", r"wall", _specimen("wall_thickness_mm", 10.0)),
-    Fault("bore doubled", "wrong bore", r"diameter", _specimen("nominal_diameter_mm", 2.0)),
-    Fault("bore halved", "wrong bore", r"diameter", _specimen("nominal_diameter_mm", 0.5)),
+    Fault("bore doubled", "wrong bore", r"diameter", _specimen("nominal_diameter_mm", 2.0),
+          _has("nominal_diameter_mm")),
+    Fault("bore halved", "wrong bore", r"diameter", _specimen("nominal_diameter_mm", 0.5),
+          _large_bore),
     Fault("force and pressure swapped", "other", r"swapped", _swapped),
     Fault("constant force", "other", r"does not|hardly", _constant),
 )  # fmt: skip

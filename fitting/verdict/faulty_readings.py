@@ -13,6 +13,7 @@ Told = tuple[str, float]
 
 _OUTLYING = 5.0  # robust standard deviations
 _MOST = 0.25  # of the readings may be outliers
+_OF_A_LENGTH = 0.6  # of the readings of one length are no outliers
 _ROUNDS = 6
 _GAUSS = 1.4826  # from the median of absolute errors to a standard deviation
 _TRIED = 50  # offsets of a length
@@ -58,6 +59,10 @@ def outliers(data: ForceData, candidate: Candidate | None) -> Told | None:
     count = int((~kept).sum())
     if not 0 < count <= _MOST * kept.size:
         return None
+    _, place = levels_in(data)
+    share = np.bincount(place, ~kept) / np.bincount(place)
+    if (share[np.bincount(place, ~kept) > 2] > _OF_A_LENGTH).any():
+        return None  # it is the length that is off
     rows = np.flatnonzero(data.loaded)[~kept] + 1
     shown = ", ".join(str(row) for row in rows[:6]) + (", ..." if count > 6 else "")
     misfit = float(np.sqrt(np.mean(errors[kept] ** 2))) / float(force[kept].max())
@@ -72,17 +77,16 @@ def levels_in(data: ForceData) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray,
 
 def one_length_off(data: ForceData) -> Told | None:
     """One length that is not what it says: without it the others fit, and moved it fits, too."""
-    thin = thinned(data)
-    lengths, place = levels_in(thin)
+    lengths, place = levels_in(data)
     if lengths.size < ONE_MUSCLE + 1:
         return None
     best: Told | None = None
-    pressure, force = thin.pressure[thin.loaded], thin.force[thin.loaded]
+    pressure, force = data.pressure[data.loaded], data.force[data.loaded]
     reach = _OFFSET * data.specimen.rest_length
     moved = np.linspace(-reach, reach, 2 * _TRIED + 1)
     for number, one in enumerate(lengths):
         mine = place == number
-        trial = attempt(kept_only(thin, ~mine), starts=2)
+        trial = attempt(thinned(kept_only(data, ~mine)), starts=2)
         if trial is None:
             continue
         at = trial.predict(
@@ -92,7 +96,7 @@ def one_length_off(data: ForceData) -> Told | None:
         if not np.isfinite(errors).any():
             continue
         offset, least = moved[int(np.nanargmin(errors))], float(np.nanmin(errors))
-        others = errors_of(trial, thin)[~mine]
+        others = errors_of(trial, data)[~mine]
         total = np.sum(others**2) + mine.sum() * least**2
         misfit = float(np.sqrt(total / mine.size)) / data.max_force
         if abs(offset) < reach and (best is None or misfit < best[1]):

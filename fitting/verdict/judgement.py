@@ -19,7 +19,7 @@ _MISFIT = 5.0  # % of the largest force: no muscle of rubber and threads is miss
 _POOR = 2.0  # %, likewise: a muscle may be, but a good fit is four times better
 _PULL = 0.1  # of the largest force, pulled where the readings are slack
 _NOISE = 3.0  # standard deviations of the readings
-_COUNTED = 0.5  # of its weight: a reading that counts less is an outlier of Huber's objective
+_COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
 _MOST_OUTLIERS = 0.25  # of the readings
 _RUNS = -3.0  # standard deviations below what chance gives
 _TOLD = 1.0  # %: below, a model that is wrong by more than the noise is still a good one
@@ -107,7 +107,7 @@ def _judge_outliers(counted: np.ndarray, grave: list[str], doubts: list[str]) ->
     count = int((~counted).sum())
     sentence = (
         f"{count} of {counted.size} readings lie so far off that Huber's objective counts them for "
-        "less than half; the misfit is that of the others."
+        "less than a quarter; the misfit is that of the others."
     )
     (doubts if count <= _MOST_OUTLIERS * counted.size else grave).append(sentence)
 

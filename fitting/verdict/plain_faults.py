@@ -16,7 +16,7 @@ ATMOSPHERE = 101.3e3
 """Pressure of the air [Pa]."""
 
 _ABSOLUTE = 0.85  # of an atmosphere: no reading is below it where pressures are absolute
-_DEADBAND = 0.8  # of its highest bound: the gauge pressures must leave room
+_AS_GOOD, _FINE = 1.2, 0.01  # a deadband takes up most of an atmosphere, a compliance the rest
 _THICK = 0.3  # of the bore: a wall that leaves no room for a bladder that strains
 _RISE = 0.05  # of the force at a length, between pressures as far apart as this:
 _APART = 1.3
@@ -151,5 +151,5 @@ def absolute(
         return
     if then is None or then.side("deadband_pressure") > 0:
         return
-    if then.misfit < _TOLERATED and then.misfit < least:
+    if then.misfit < _TOLERATED and then.misfit < max(_AS_GOOD * least, _FINE):
         yield named("the pressures are absolute, not gauge", least, then.misfit)

@@ -11,27 +11,27 @@ from famjax.boundary.units import UNITS
 
 from ..choice.ladder import Candidate
 from ..data.force_data import ForceData
+from .faulty_readings import thinned
 from .suspicion import FAR_BETTER, GOOD, Suspicion, named
 from .trial import Trial, attempt
 
 _USUAL = 5e5  # Pa, the highest pressure of most tests of pneumatic muscles
-_LIKELY = 0.75  # decades from it
-_ALIKE = 1.6  # times the least misfit: not told apart
+_ALIKE = 0.5  # decades of pressure or of misfit: not told apart
+_GOOD_ENOUGH = 0.01  # smaller misfits say no more
+_CORNERED = 0.3  # decades that a geometry at its bounds counts
 _TOLERATED = 0.05  # of the largest force, where the misfit was many times as large
-_UNIT_PAIRS = {
+_COMMON = {
     "force": (("kgf", "N"), ("lbf", "N"), ("kN", "N"), ("kgf", "lbf")),
     "pressure": (("MPa", "kPa"), ("kPa", "Pa"), ("psi", "kPa"), ("bar", "kPa"), ("bar", "psi"),
                  ("MPa", "bar"), ("MPa", "psi")),
 }  # fmt: skip
-"""Units that are taken for one another, either way round."""
+"""Units that are taken for one another, either way round, where the file's own are not known."""
 
 _SIZES = (
     ("nominal_diameter", 2.0, "the nominal diameter is a radius, or that of a smaller muscle"),
     ("nominal_diameter", 0.5, "the nominal diameter is that of a larger muscle"),
     ("nominal_diameter", 10.0, "the nominal diameter is in cm, not mm"),
     ("nominal_diameter", 0.1, "the nominal diameter is ten times too large"),
-    ("nominal_diameter", 1 / 25.4, "the nominal diameter is in mm, not inches"),
-    ("nominal_diameter", 25.4, "the nominal diameter is in inches, not mm"),
 )
 
 
@@ -53,7 +53,7 @@ class _Scale:
 
     def applied(self, data: ForceData) -> ForceData:
         """The map without the fault."""
-        if self.what in _UNIT_PAIRS:
+        if self.what in _COMMON:
             return dataclasses.replace(data, **{self.what: getattr(data, self.what) * self.factor})
         size = getattr(data.specimen, self.what) * self.factor
         return dataclasses.replace(
@@ -61,15 +61,22 @@ class _Scale:
         )
 
 
+def _pairs(data: ForceData, what: str) -> list[tuple[str, str]]:
+    """(unit that may be meant, unit that is said) of a column."""
+    if what in data.units:
+        said = data.units[what]
+        return [(true, said) for true in UNITS[what] if true != said]
+    return [pair for one in _COMMON[what] for pair in (one, one[::-1])]
+
+
 def _scales(data: ForceData) -> list[_Scale]:
     highest, found = float(data.pressure.max()), []
-    for what, pairs in _UNIT_PAIRS.items():
+    for what in _COMMON:
         units = UNITS[what]
         by_factor: dict[float, list[str]] = {}
-        for pair in pairs:
-            for true, said in (pair, pair[::-1]):
-                factor = float(f"{units[true] / units[said]:.6g}")
-                by_factor.setdefault(factor, []).append(f"in {true}, not {said}")
+        for true, said in _pairs(data, what):
+            factor = float(f"{units[true] / units[said]:.6g}")
+            by_factor.setdefault(factor, []).append(f"in {true}, not {said}")
         for factor, words in by_factor.items():
             then = highest * (factor if what == "pressure" else 1.0)
             cause = f"the {what}s are {' (or '.join(words)}{')' * (len(words) - 1)}"
@@ -103,31 +110,26 @@ def wrong_scales(
     cornered = here is None or here.corner != 0
     if least <= GOOD and not cornered:
         return []
-    tried: list[tuple[_Scale, float]] = []
-    scales = _scales(data)
+    tried: list[tuple[float, Suspicion]] = []
+    scales, few = _scales(data), thinned(data)
     for done, scale in enumerate(scales):
         if progress is not None:
             progress(done, len(scales))
         try:
-            changed = scale.applied(data)
+            then = attempt(scale.applied(few), candidate, starts=2)
         except InputError:
             continue
-        then = attempt(changed, candidate)
-        if then is None or then.corner != 0:
+        if then is None:
             continue
         far = then.misfit * FAR_BETTER < least
         good = then.misfit < (_TOLERATED if least > 5 * then.misfit else GOOD)
-        freed = cornered and then.misfit < min(GOOD, 0.9 * least)
+        freed = cornered and then.corner == 0 and then.misfit < min(GOOD, 0.9 * least)
         if (far and good) or freed:
-            tried.append((scale, then.misfit))
-    if not tried:
-        return []
-    best = min(error for _, error in tried)
-    alike = [(scale, error) for scale, error in tried if error <= _ALIKE * max(best, 0.2 * GOOD)]
-    nearest = min(scale.unlikely for scale, _ in alike)
-    kept = [(s, e) for s, e in alike if s.unlikely < max(_LIKELY, nearest + 1e-9)]
-    kept.sort(key=lambda one: (round(one[0].unlikely, 3), one[1]))
-    return [named(scale.cause, least, error) for scale, error in kept[:3]]
+            size = math.log10(max(then.misfit, _GOOD_ENOUGH) / _GOOD_ENOUGH)
+            score = scale.unlikely + size + _CORNERED * abs(then.corner)
+            tried.append((score, named(scale.cause, least, then.misfit)))
+    tried.sort(key=lambda one: one[0])
+    return [one for score, one in tried if score < tried[0][0] + _ALIKE][:3]
 
 
 def highest_is_zero(data: ForceData) -> bool:

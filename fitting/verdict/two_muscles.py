@@ -23,20 +23,17 @@ def two_muscles(data: ForceData) -> Told | None:
     The specimen is one of them. Of the other neither bore nor rest length is known: it is taken as
     one of any bore whose rest length is the longest of its lengths.
     """
-    thin = thinned(data)
     best: tuple[Mask, float] | None = None
-    for first in [*_in_file(thin), *_by_length(thin)][: 2 * _TRIED]:
-        misfit = _misfit(thin, first)
+    for first in [*_in_file(data), *_by_length(data)][: 2 * _TRIED]:
+        misfit = _misfit(data, first)
         if misfit is not None and (best is None or misfit < best[1]):
             best = first, misfit
     if best is None:
         return None
     first, misfit = best
-    lengths, place = levels_in(thin)
+    lengths, place = levels_in(data)
     if np.intersect1d(place[first], place[~first]).size:
-        row = int(np.flatnonzero(thin.loaded)[~first].min())
-        same = (data.force == thin.force[row]) & (data.pressure == thin.pressure[row])
-        number = int(np.flatnonzero(same & (data.length == thin.length[row]))[0]) + 1
+        number = int(np.flatnonzero(data.loaded)[~first].min()) + 1
         where = f"the second of them at reading {number}"
     else:
         where = "one at " + " and one at ".join(
@@ -65,13 +62,13 @@ def _lengths_of(data: ForceData, mine: Mask) -> int:
 def _own(data: ForceData, mine: Mask) -> Trial | None:
     if _lengths_of(data, mine) < ONE_MUSCLE:
         return None
-    return attempt(kept_only(data, mine), starts=2)
+    return attempt(thinned(kept_only(data, mine)), starts=2)
 
 
 def _foreign(data: ForceData, mine: Mask) -> Trial | None:
     if _lengths_of(data, mine) < ONE_MUSCLE:
         return None
-    part = kept_only(data, mine)
+    part = thinned(kept_only(data, mine))
     try:
         specimen = dataclasses.replace(
             part.specimen, nominal_diameter=None, bladder_diameter=None, embedded=True,
