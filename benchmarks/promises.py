@@ -27,6 +27,7 @@ from promises_kernels import KERNELS
 from promises_photographs import PHOTOGRAPHS
 from promises_rig import RIG
 from promises_tables import TABLES
+from promises_verdict import VERDICT
 
 import fitting
 
@@ -44,7 +45,7 @@ WHOLE: tuple[Promise, ...] = (
 
 PROMISES: tuple[Promise, ...] = tuple(
     sorted(
-        (*FITS, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *WHOLE),
+        (*FITS, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *VERDICT, *WHOLE),
         key=lambda one: one.issue,
     )
 )
