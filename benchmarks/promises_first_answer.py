@@ -79,7 +79,7 @@ def _first_answer() -> Iterable[Promise]:
         for regime in ("cold", "second"):
             if not math.isnan(row.limit(regime)):
                 yield Promise(
-                    12, f"first answer, {row.name}, {regime}", first(row, regime),
+                    row.issue, f"first answer, {row.name}, {regime}", first(row, regime),
                     f"{call} '{row.name}'", first_answer.DATA, "whole process, children included",
                     "least CPU time / that of the import", row.limit(regime), cost=cost,
                 )  # fmt: skip
@@ -93,7 +93,7 @@ def _first_answer() -> Iterable[Promise]:
     for row in first_answer.ROWS:
         if not (math.isnan(row.second) and math.isnan(row.cold)):
             yield Promise(
-                12, f"newest JAX, {row.name}", on_newest(row), f"{call} '{row.name}' --python PATH",
+                row.issue, f"newest JAX, {row.name}", on_newest(row), f"{call} '{row.name}' --python PATH",
                 first_answer.DATA, "whole process, children included",
                 "multiple / that with the pinned JAX, the larger of two regimes", _NEWEST,
                 cost="long",

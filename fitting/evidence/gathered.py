@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -26,6 +26,7 @@ _DISAGREE = 1.5
 """Factor between two estimates of one error bar beyond which a reader is warned."""
 
 
+@runtime_checkable
 class GroupErrors(Protocol):
     """Errors on groups of readings while each was left out, see `Validation`."""
 

@@ -56,7 +56,7 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     errors = result.errors
     figure.suptitle(
         f"{result.data.specimen.name}: RMSE {errors.rmse:.3g} N ({errors.rmse_percent:.2g} % of "
-        f"{errors.max_force:.5g} N), {result.order} coefficients, constraint: {result.constraint}",
+        f"{errors.max_force:.5g} N), law: {result.law.name}, constraint: {result.constraint}",
         fontsize=11,
     )
     return figure

@@ -1,0 +1,95 @@
+"""Errors on what was left out, and the error of predictions that is made of them."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from fitting import ForceData, Identification, identify, validate
+from fitting.choice.nested import without
+from fitting.evidence import ModelError
+from fitting.evidence.left_out import leave_out
+from fitting.evidence.model_error import model_error, spline_variance, student
+
+
+def test_errors_are_those_of_a_validation(fitted20: Identification) -> None:
+    found = leave_out(fitted20.problem, fitted20.end.u, "length", starts=4)
+    assert found is not None
+    expected = validate(fitted20, "length")
+    assert found.rmse == pytest.approx(expected.rmse, rel=1e-3)
+    assert found.interior_rmse == pytest.approx(expected.interior_rmse, rel=1e-3)
+    assert found.group_rmse == pytest.approx(expected.group_rmse, rel=1e-2)
+
+
+def test_neighbouring_pressures_are_left_out_together(fitted20: Identification) -> None:
+    found = leave_out(fitted20.problem, fitted20.end.u, "pressure", groups=4)
+    assert found is not None
+    assert set(found.group) == {0, 1, 2, 3}
+    order = np.argsort(found.level, kind="stable")
+    assert (np.diff(found.group[order]) >= 0).all()
+    assert found.rmse > fitted20.errors.rmse
+
+
+def test_two_levels_cannot_be_left_out(dmsp20: ForceData) -> None:
+
+    few = without(dmsp20, dmsp20.lengths.level < 0.28)
+    result = identify(few, law="neo-hookean", starts=2)
+    assert leave_out(result.problem, result.end.u, "length") is None
+
+
+def test_the_splines_variance_is_zero_where_it_was_measured_and_grows_away() -> None:
+    known = np.array([0.24, 0.25, 0.27, 0.30])
+    assert spline_variance(known, known) == pytest.approx(0, abs=1e-12)
+    away = spline_variance(known, np.array([0.285, 0.31, 0.32, 0.34]))
+    assert (np.diff(away) > 0).all()
+    inside = spline_variance(known, np.array([0.245, 0.26, 0.285]))
+    assert inside[0] < inside[1] < inside[2]  # wider gaps are known less
+
+
+def test_the_spline_is_the_natural_one() -> None:
+    """Its best linear predictor, by the same matrix, is SciPy's natural cubic spline."""
+    known, at = np.array([0.0, 0.2, 0.5, 1.0]), np.array([0.1, 0.35, 0.9])
+    values = np.array([1.0, -0.3, 0.8, 0.1])
+    system = np.block(
+        [
+            [np.abs(known[:, None] - known) ** 3, np.vander(known, 2, increasing=True)],
+            [np.vander(known, 2, increasing=True).T, np.zeros((2, 2))],
+        ]
+    )
+    right = np.vstack([np.abs(known[:, None] - at) ** 3, np.vander(at, 2, increasing=True).T])
+    weights = np.linalg.solve(system, right)[:4]
+    assert weights.T @ values == pytest.approx(CubicSpline(known, values, bc_type="natural")(at))
+    covariance = np.abs(known[:, None] - known) ** 3
+    cross = np.abs(known[:, None] - at) ** 3
+    expected = np.einsum("ki,kl,li->i", weights, covariance, weights) - 2 * np.sum(
+        weights * cross, axis=0
+    )
+    assert spline_variance(known, at) == pytest.approx(expected)
+
+
+def test_one_level_tells_nothing_but_distance() -> None:
+    assert spline_variance(np.array([2.0]), np.array([2.0, 3.0, 4.0])) == pytest.approx(
+        [0, 0.125, 1.0]
+    )
+
+
+def test_students_interval() -> None:
+    assert student(0.95, 3) == pytest.approx(3.182446, rel=1e-6)
+    assert student(0.95, 10**6) == pytest.approx(1.959966, rel=1e-5)
+
+
+def test_the_error_survives_its_file(fitted20: Identification) -> None:
+    problem, u = fitted20.problem, fitted20.end.u
+    left = {kind: leave_out(problem, u, kind) for kind in ("length", "pressure")}
+    found = model_error(fitted20.data, fitted20.residuals, left, fitted20.n_parameters)
+    again = ModelError.from_dict(found.as_dict())
+    at = np.array([0.2, 0.26, 0.33]), np.array([1e5, 4e5, 9e5])
+    assert (again.std(*at) == found.std(*at)).all()
+    assert again.factor() == found.factor()
+    assert "left out" in found.covers
+    assert (found.std(*at) >= found.noise).all()
+
+
+def test_few_lengths_are_said_to_be_a_priors(fitted20: Identification) -> None:
+    found = model_error(fitted20.data, fitted20.residuals, {}, fitted20.n_parameters)
+    assert "prior" in found.covers
+    assert found.length.scale == pytest.approx(found.pressure.scale)
