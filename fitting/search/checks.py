@@ -17,6 +17,7 @@ from ..families.geometry_source import AbstractGeometrySource
 from ..families.laws import Law
 from ..families.parameters import Entry
 
+_COMPLIANCES = ("braid_compliance", "series_compliance")
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
 
@@ -110,7 +111,7 @@ def check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
             f"angle of at most {math.degrees(steepest):.4g} deg one thread has {longest * 1e3:.5g} "
             f"mm. {_check(data)}"
         )
-    if "braid_compliance" in table or "series_compliance" in table:
+    if any(name in table and table[name].max > 0 for name in _COMPLIANCES):
         return  # how short it may become depends on what gives way
     shortest = longest * math.sin(famjax.braids.NEUTRAL_ANGLE)
     pulling = np.where(data.loaded, data.length, np.inf)

@@ -11,7 +11,7 @@ from ..engine.covariance import CONDITION_LIMIT
 from ..evidence.left_out import LeftOut
 from ..search.result import Identification
 from .runs import runs_deviation
-from .suspicion import Suspicion
+from .suspicion import Suspicion, counted
 
 Level = Literal["identified", "identified with doubts", "not identified"]
 
@@ -19,7 +19,6 @@ _MISFIT = 5.0  # % of the largest force: no muscle of rubber and threads is miss
 _POOR = 2.0  # %, likewise: a muscle may be, but a good fit is four times better
 _PULL = 0.1  # of the largest force, pulled where the readings are slack
 _NOISE = 3.0  # standard deviations of the readings
-_COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
 _MOST_OUTLIERS = 0.25  # of the readings
 _RUNS = -3.0  # standard deviations below what chance gives
 _TOLD = 1.0  # %: below, a model that is wrong by more than the noise is still a good one
@@ -65,10 +64,10 @@ def judge(
     doubts = [one.sentence for one in suspicions if not one.grave]
     if not result.converged:
         grave.append("The fit did not converge: its numbers are not an optimum.")
-    counted = result.weights >= _COUNTED
-    if not counted.all():
-        _judge_outliers(counted, grave, doubts)
-    misfit = 100 * math.sqrt(float(np.mean(result.residuals[counted] ** 2))) / errors.max_force
+    kept = counted(result)
+    if not kept.all():
+        _judge_outliers(kept, grave, doubts)
+    misfit = 100 * math.sqrt(float(np.mean(result.residuals[kept] ** 2))) / errors.max_force
     if not misfit <= _MISFIT:
         grave.append(
             f"The model misses the readings by {misfit:.3g} % of the largest force; no muscle of "
@@ -102,14 +101,14 @@ def judge(
     return Judgement(level, tuple(doubts), tuple(suspicions))
 
 
-def _judge_outliers(counted: np.ndarray, grave: list[str], doubts: list[str]) -> None:
+def _judge_outliers(kept: np.ndarray, grave: list[str], doubts: list[str]) -> None:
     """What Huber's objective has made of outliers."""
-    count = int((~counted).sum())
+    count = int((~kept).sum())
     sentence = (
-        f"{count} of {counted.size} readings lie so far off that Huber's objective counts them for "
+        f"{count} of {kept.size} readings lie so far off that Huber's objective counts them for "
         "less than a quarter; the misfit is that of the others."
     )
-    (doubts if count <= _MOST_OUTLIERS * counted.size else grave).append(sentence)
+    (doubts if count <= _MOST_OUTLIERS * kept.size else grave).append(sentence)
 
 
 def _of_bounds(result: Identification) -> list[str]:

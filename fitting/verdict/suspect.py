@@ -9,6 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..choice.nested import without
+from ..data.force_data import ForceData
 from ..search.result import Identification
 from .faulty_readings import one_length_off, outliers
 from .plain_faults import (
@@ -21,7 +23,7 @@ from .plain_faults import (
     thick_wall,
 )
 from .scales import wrong_scales
-from .suspicion import FAR_BETTER, GOOD, Suspicion, named
+from .suspicion import FAR_BETTER, GOOD, Suspicion, counted, named
 from .trial import attempt, richest
 from .two_muscles import two_muscles
 
@@ -33,13 +35,12 @@ _UNEXPLAINED = 0.035  # likewise: the richest family misses no muscle's map by s
 def least_misfit(result: Identification) -> float:
     """RMSE in parts of the largest force, a pull at slack readings counted as an error.
 
-    With Huber's objective the readings count as they did in the fit.
+    Outliers of Huber's objective are not counted.
     """
-    errors, data = result.errors, result.data
-    force = result.model_force()
-    pull = np.fmax(force[~data.loaded], 0.0)
-    squares = np.sum(result.weights * result.residuals**2) + np.nansum(pull**2)
-    return float(np.sqrt(squares / result.weights.sum())) / errors.max_force
+    data, kept = result.data, counted(result)
+    pull = np.fmax(result.model_force()[~data.loaded], 0.0)
+    squares = np.sum(result.residuals[kept] ** 2) + np.nansum(pull**2)
+    return float(np.sqrt(squares / kept.sum())) / result.errors.max_force
 
 
 def stopped_above(result: Identification, name: str) -> bool:
@@ -88,7 +89,9 @@ def suspect(
     Returns:
         At most three.
     """
-    data = result.data
+    out = np.zeros(result.data.force.size, bool)
+    out[np.flatnonzero(result.data.loaded)[~counted(result)]] = True
+    data = without(result.data, out)
     plain = [*no_rise(data), *thick_wall(data)]
     candidate = richest(data)
     here = attempt(data, candidate)
@@ -102,7 +105,7 @@ def suspect(
     if not found and (least > GOOD or here is None or here.corner or cornered(result)):
         found += wrong_scales(data, here, least, candidate, progress)
     if not found and not plain and least > _MIXED:
-        found += _of_some(result, least)
+        found += _of_some(data, least)
     if not found and not plain and least > _UNEXPLAINED:
         found.append(
             Suspicion(
@@ -116,9 +119,8 @@ def suspect(
     return tuple([*plain, *found][:3])
 
 
-def _of_some(result: Identification, least: float) -> list[Suspicion]:
+def _of_some(data: ForceData, least: float) -> list[Suspicion]:
     """Faults of some readings; the simplest that is as good as the best."""
-    data = result.data
     tried = (
         (outliers(data, richest(data)), True),
         (one_length_off(data), False),

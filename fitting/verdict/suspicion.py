@@ -2,6 +2,13 @@
 
 import dataclasses
 
+import numpy as np
+from jaxtyping import Bool
+
+from ..search.result import Identification
+
+_COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
+
 FAR_BETTER = 3.0
 """Factor by which a change of the data must lower the misfit to be named."""
 
@@ -42,3 +49,8 @@ def named(cause: str, here: float, better: float, *, grave: bool = True) -> Susp
         better,
         grave,
     )
+
+
+def counted(result: Identification) -> Bool[np.ndarray, " readings"]:
+    """The loaded readings that are no outliers of Huber's objective; all of them without it."""
+    return result.weights >= _COUNTED

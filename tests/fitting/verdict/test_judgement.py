@@ -117,7 +117,7 @@ def test_lengths_that_disagree_are_a_doubt(fitted20: Identification) -> None:
 
 
 def test_outliers_that_huber_counts_little_do_not_condemn_the_others(dmsp20: ForceData) -> None:
-    """10 % gross errors: RMSE of 5 % of the largest force under the sum of squares."""
+    """10 % gross errors: RMSE above 5 % of the largest force under the sum of squares."""
     random = np.random.default_rng(5)
     rows = random.choice(np.flatnonzero(dmsp20.loaded), 6, replace=False)
     force = dmsp20.force.copy()
