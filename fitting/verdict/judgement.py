@@ -22,7 +22,7 @@ _NOISE = 3.0  # standard deviations of the readings
 _MOST_OUTLIERS = 0.25  # of the readings
 _RUNS = -3.0  # standard deviations below what chance gives
 _TOLD = 1.0  # %: below, a model that is wrong by more than the noise is still a good one
-_RIDGE = 0.995  # correlation
+_RIDGE, _KNOWN = 0.995, 0.1  # correlation; standard error in parts of what the bounds leave
 _LEFT_OUT, _LEFT_OUT_POOR = 5.0, 5.0  # times the error in sample, and % of the largest force
 _GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
 
@@ -151,22 +151,26 @@ def _of_residuals(result: Identification, misfit: float) -> list[str]:
 
 
 def _of_ridges(result: Identification) -> list[str]:
-    """Parameters of the geometry that only a combination is known of."""
+    """Parameters of the geometry of which only a combination is known."""
     condition = result.certificate.condition
     if not condition <= CONDITION_LIMIT:
         return [
             "The parameters cannot be told apart by these data: fix one of them, or add lengths and "
             "pressures."
         ]
-    names = [name for name in result.problem.names if name in _GEOMETRY]
-    places = [list(result.problem.names).index(name) for name in names]
+    problem = result.problem
+    places = [k for k, name in enumerate(problem.names) if name.partition("[")[0] in _GEOMETRY]
     covariance = result.covariance[np.ix_(places, places)]
     std = np.sqrt(np.diag(covariance))
+    wide = std > _KNOWN * (problem.high - problem.low)[places]
     with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = covariance / np.outer(std, std)
+        correlation = np.abs(np.triu(covariance / np.outer(std, std), 1))
+    ridges = np.where(np.logical_or.outer(wide, wide), np.nan_to_num(correlation), 0.0)
+    if not (ridges > _RIDGE).any():
+        return []
+    i, j = np.unravel_index(int(np.argmax(ridges)), ridges.shape)
+    first, second = (problem.names[places[int(k)]] for k in (i, j))
     return [
-        f"{first} and {second} are known only together (correlation {correlation[i, j]:.4f})."
-        for i, first in enumerate(names)
-        for j, second in enumerate(names)
-        if i < j and abs(correlation[i, j]) > _RIDGE
+        f"{first} and {second} are known only together (correlation {ridges[i, j]:.4f}), and each "
+        "alone badly."
     ]

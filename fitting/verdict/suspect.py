@@ -29,7 +29,7 @@ from .two_muscles import two_muscles
 
 _DOUBTFUL = 0.01  # of the largest force: what a good fit of a good map is below
 _MIXED = 0.013  # likewise: what is to be explained by faults of some readings
-_UNEXPLAINED = 0.035  # likewise: the richest family misses no muscle's map by so much
+_UNEXPLAINED = 0.03  # likewise: the richest family misses no muscle's map by so much
 
 
 def least_misfit(result: Identification) -> float:

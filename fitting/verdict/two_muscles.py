@@ -13,6 +13,8 @@ from .faulty_readings import ONE_MUSCLE, Told, errors_of, kept_only, levels_in, 
 from .trial import Trial, attempt
 
 _TRIED = 4  # divisions
+_SCALED = 2  # lengths of a second muscle that is taken as the first, scaled in bore
+_COMBINATIONS = 400
 
 Mask = Bool[np.ndarray, " loaded"]
 
@@ -21,7 +23,7 @@ def two_muscles(data: ForceData) -> Told | None:
     """The division of the readings between two muscles that leaves the least misfit.
 
     The specimen is one of them. Of the other neither bore nor rest length is known: it is taken as
-    one of any bore whose rest length is the longest of its lengths.
+    one of any bore whose rest length is the longest of its lengths, or as the first one scaled.
     """
     best: tuple[Mask, float] | None = None
     for first in [*_in_file(data), *_by_length(data)][: 2 * _TRIED]:
@@ -45,14 +47,22 @@ def two_muscles(data: ForceData) -> Told | None:
 
 def _misfit(data: ForceData, first: Mask) -> float | None:
     """RMSE of both fits in parts of the largest force; None where one cannot be made."""
-    found = []
+    force, found = data.force[data.loaded], []
     for own, other in ((first, ~first), (~first, first)):
-        trials = _own(data, own), _foreign(data, other)
-        if trials[0] is None or trials[1] is None:
+        trial = _own(data, own)
+        if trial is None:
             continue
-        errors = np.where(own, errors_of(trials[0], data), errors_of(trials[1], data))
-        found.append(float(np.sqrt(np.mean(errors**2))) / data.max_force)
-    return min(found, default=None)
+        errors = errors_of(trial, data)
+        predicted = (errors + force)[other]
+        scaled = np.full(force.size, np.inf)
+        if np.isfinite(predicted).all() and _lengths_of(data, other) >= _SCALED:
+            scale = float(predicted @ force[other]) / float(predicted @ predicted)
+            scaled[other] = scale * predicted - force[other]
+        foreign = _foreign(data, other)
+        seconds = [scaled] if foreign is None else [scaled, errors_of(foreign, data)]
+        found += [float(np.mean(np.where(own, errors, one) ** 2)) for one in seconds]
+    least = min(found, default=np.inf)
+    return float(np.sqrt(least)) / data.max_force if np.isfinite(least) else None
 
 
 def _lengths_of(data: ForceData, mine: Mask) -> int:
@@ -98,24 +108,28 @@ def _by_length(data: ForceData) -> list[Mask]:
     straight line in L^2 for each muscle.
     """
     lengths, place = levels_in(data)
-    if lengths.size < 2 * ONE_MUSCLE:
-        return []
     pressure, force = data.pressure[data.loaded], data.force[data.loaded]
     slopes = np.array(
         [_slope(pressure[place == k], force[place == k]) for k in range(lengths.size)]
     )
-    if not np.isfinite(slopes).all():
+    known = np.flatnonzero(np.isfinite(slopes))
+    if known.size < ONE_MUSCLE + _SCALED:
         return []
-    found: dict[tuple[bool, ...], float] = {}
+    found: dict[tuple[int, ...], float] = {}
     squares = (lengths / lengths.max()) ** 2
-    for count in range(ONE_MUSCLE, lengths.size - ONE_MUSCLE + 1):
-        for chosen in itertools.islice(itertools.combinations(range(lengths.size), count), 400):
-            first = np.isin(np.arange(lengths.size), chosen)
-            if first[0]:
-                rest = [_off_line(squares[of], slopes[of]) for of in (first, ~first)]
-                found[tuple(bool(one) for one in first)] = float(np.sum(rest))
+    for count in range(_SCALED, known.size // 2 + 1):
+        for second in itertools.islice(itertools.combinations(known, count), _COMBINATIONS):
+            first = np.setdiff1d(known, second)
+            off = _off_line(squares[first], slopes[first])
+            if count == _SCALED:
+                line = np.polyval(np.polyfit(squares[first], slopes[first], 1), squares[[*second]])
+                own = slopes[[*second]]
+                off += float(np.sum((line * (line @ own) / (line @ line) - own) ** 2))
+            else:
+                off += _off_line(squares[[*second]], slopes[[*second]])
+            found[second] = off / (known.size - 4 + (count == _SCALED))
     likely = sorted(found, key=lambda one: found[one])[:_TRIED]
-    return [np.array(one)[place] for one in likely]
+    return [~np.isin(place, one) for one in likely]
 
 
 def _slope(pressure: Float[np.ndarray, " k"], force: Float[np.ndarray, " k"]) -> float:

@@ -96,14 +96,16 @@ def test_parameters_that_cannot_be_told_apart_are_a_doubt(fitted20: Identificati
 def test_a_ridge_is_named_with_its_correlation(fitted20: Identification) -> None:
     covariance = np.array(fitted20.covariance)
     i, j = (fitted20.problem.names.index(name) for name in ("braid_angle", "deadband_pressure"))
-    covariance[i, i], covariance[j, j] = 1e-6, 1e6
-    covariance[i, j] = covariance[j, i] = 0.999
+    covariance[i, i], covariance[j, j] = 1e-3, 1e9  # 1.8 deg of 10, 32 kPa of 100
+    covariance[i, j] = covariance[j, i] = -0.999e3
     verdict = judge(dataclasses.replace(fitted20, covariance=covariance))
     assert verdict.level == "identified with doubts"
     assert any(
         "braid_angle and deadband_pressure are known only together (correlation 0.9990)" in one
         for one in verdict.reasons
     )
+    known = dataclasses.replace(fitted20, covariance=1e-4 * covariance)
+    assert not any("known only together" in one for one in judge(known).reasons)
 
 
 def test_lengths_that_disagree_are_a_doubt(fitted20: Identification) -> None:
