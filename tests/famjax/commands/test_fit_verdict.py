@@ -126,6 +126,7 @@ def test_contractions_in_percent_are_read_and_ten_times_a_percent_is_not(
     assert (code, "contraction_%, in percent" in " ".join(err.split())) == (2, True)
 
 
+@pytest.mark.slow
 def test_gross_errors_propose_huber_and_huber_shows_its_result(fit: Fit, sound: ForceData) -> None:
     rows = np.flatnonzero(sound.loaded)[[3, 14, 22, 35]]
     force = sound.force.copy()
