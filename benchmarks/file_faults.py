@@ -33,7 +33,7 @@ class Sheet:
             "length_mm": data.length * 1e3,
             "force_N": data.force.copy(),
         }
-        specimen = {
+        specimen: dict[str, object] = {
             key if isinstance(value, str | bool) else f"{key}_mm":
             str(value).lower() if isinstance(value, str | bool) else value * 1e3
             for key, value in dataclasses.asdict(data.specimen).items() if value is not None
