@@ -44,7 +44,7 @@ class Row:
         level: of the verdict, or "refused".
         misfit: of the fit in % of the largest force, nan where there is none.
         told: suspicions, or the refusal.
-        right: whether the exit code is.
+        right: whether the verdict is, see `MUST_SHOW`.
         named: whether the mistake is named; of a sound map, whether any is.
         seconds: for all of it.
     """
@@ -75,13 +75,19 @@ def row(path: Path, data: ForceData, fault: Fault | None) -> Row:
     """The outcome of one file."""
     start = time.perf_counter()
     level, misfit, told = judged(path)
-    failed = level in ("refused", "not identified")
     name = data.specimen.name if fault is None else f"{data.specimen.name}: {fault.name}"
     named = bool(told) if fault is None else bool(re.search(fault.cause, told))
     return Row(
         name, "sound" if fault is None else fault.kind, level, misfit, told,
-        failed == (fault is not None), named, time.perf_counter() - start,
+        _right(level, fault), named, time.perf_counter() - start,
     )  # fmt: skip
+
+
+def _right(level: str, fault: Fault | None) -> bool:
+    """Whether a verdict is that of a file with this mistake; one length off is a doubt at least."""
+    if fault is not None and fault.kind == "length":
+        return level != "identified"
+    return (level in ("refused", "not identified")) == (fault is not None)
 
 
 def sound_maps(given: Sequence[str], count: int, seed: int) -> list[ForceData]:

@@ -3,10 +3,9 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..choice.ladder import Candidate
 from ..choice.nested import without
 from ..data.force_data import ForceData
-from .trial import Trial, attempt
+from .trial import Trial, attempt, richest
 
 Told = tuple[str, float]
 """What is wrong, and the misfit without it in parts of the largest force."""
@@ -38,9 +37,9 @@ def errors_of(trial: Trial, data: ForceData) -> Float[np.ndarray, " loaded"]:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-def outliers(data: ForceData, candidate: Candidate | None) -> Told | None:
+def outliers(data: ForceData) -> Told | None:
     """A few readings far off, found by leaving the worst out and fitting again."""
-    force = data.force[data.loaded]
+    candidate, force = richest(data), data.force[data.loaded]
     kept, errors = force <= 20 * float(np.median(force)), np.zeros(force.size)
     if kept.sum() < 3:
         return None

@@ -12,7 +12,7 @@ import numpy as np
 from ..choice.nested import without
 from ..data.force_data import ForceData
 from ..search.result import Identification
-from .faulty_readings import one_length_off, outliers
+from .faulty_readings import Told, one_length_off, outliers
 from .plain_faults import (
     absolute,
     no_rise,
@@ -28,6 +28,7 @@ from .trial import attempt, richest
 from .two_muscles import two_muscles
 
 _DOUBTFUL = 0.01  # of the largest force: what a good fit of a good map is below
+_SURE = 0.005  # likewise: nothing simpler explains more
 _MIXED = 0.013  # likewise: what is to be explained by faults of some readings
 _UNEXPLAINED = 0.03  # likewise: the richest family misses no muscle's map by so much
 
@@ -93,6 +94,8 @@ def suspect(
     out[np.flatnonzero(result.data.loaded)[~counted(result)]] = True
     data = without(result.data, out)
     plain = [*no_rise(data), *thick_wall(data)]
+    if any(no_rise(data)):
+        return tuple(plain)  # whatever else may be wrong does not show
     candidate = richest(data)
     here = attempt(data, candidate)
     least = min(least_misfit(result), np.inf if here is None else here.misfit)
@@ -121,15 +124,13 @@ def suspect(
 
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
     """Faults of some readings; the simplest that is as good as the best."""
-    tried = (
-        (outliers(data, richest(data)), True),
-        (one_length_off(data), False),
-        (two_muscles(data), True),
-    )
-    good = [
-        (told, grave) for told, grave in tried
-        if told is not None and told[1] * FAR_BETTER < least and told[1] < GOOD
-    ]  # fmt: skip
+    good: list[tuple[Told, bool]] = []
+    for search, grave in ((outliers, True), (one_length_off, False), (two_muscles, True)):
+        told = search(data)
+        if told is not None and told[1] * FAR_BETTER < least and told[1] < GOOD:
+            good.append((told, grave))
+            if told[1] < _SURE:
+                break
     if not good:
         return []
     best = min(told[1] for told, _ in good)

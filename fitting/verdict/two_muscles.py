@@ -118,7 +118,9 @@ def _by_length(data: ForceData) -> list[Mask]:
     found: dict[tuple[int, ...], float] = {}
     squares = (lengths / lengths.max()) ** 2
     for count in range(_SCALED, known.size // 2 + 1):
-        for second in itertools.islice(itertools.combinations(known.tolist(), count), _COMBINATIONS):
+        for second in itertools.islice(
+            itertools.combinations(known.tolist(), count), _COMBINATIONS
+        ):
             first = np.setdiff1d(known, second)
             off = _off_line(squares[first], slopes[first])
             if count == _SCALED:
