@@ -10,7 +10,7 @@ from famjax.boundary.errors import InputError
 from ..choice.ladder import Candidate
 from ..data.force_data import ForceData
 from .suspicion import GOOD, Suspicion, named
-from .trial import Trial, attempt, misfit
+from .trial import Trial, attempt, misfit, richest
 
 ATMOSPHERE = 101.3e3
 """Pressure of the air [Pa]."""
@@ -22,6 +22,7 @@ _RISE = 0.05  # of the force at a length, between pressures as far apart as this
 _APART = 1.3
 _STEEP = 40.0  # loss of force per contraction, in parts of the force: 3 to 10 for a muscle
 _PUSH = 0.03  # of the largest force: no slack muscle pushes so hard
+_RICH_LAW = "cubic"  # takes up most of what a wrong pressure does
 _TOLERATED = 0.04  # misfit of data that were far worse
 
 
@@ -145,11 +146,10 @@ def absolute(
     if not stopped and (here is None or here.side("deadband_pressure") < 1):
         return
     gauge = np.maximum(data.pressure - ATMOSPHERE, 0.0)
-    try:
-        then = attempt(dataclasses.replace(data, pressure=gauge), candidate)
-    except InputError:
-        return
-    if then is None or then.side("deadband_pressure") > 0:
-        return
-    if then.misfit < _TOLERATED and then.misfit < max(_AS_GOOD * least, _FINE):
-        yield named("the pressures are absolute, not gauge", least, then.misfit)
+    for family in (candidate, richest(data, _RICH_LAW)):
+        then = attempt(dataclasses.replace(data, pressure=gauge), family)
+        if then is None or then.side("deadband_pressure") > 0:
+            continue
+        if then.misfit < _TOLERATED and then.misfit < max(_AS_GOOD * least, _FINE):
+            yield named("the pressures are absolute, not gauge", least, then.misfit)
+            return

@@ -17,6 +17,7 @@ from .trial import Trial, attempt
 
 _USUAL = 5e5  # Pa, the highest pressure of most tests of pneumatic muscles
 _ALIKE = 0.5  # decades of pressure or of misfit: not told apart
+_NOT_SAID = 0.35  # decades that a unit which the file does not name counts
 _GOOD_ENOUGH = 0.01  # smaller misfits say no more
 _CORNERED = 0.3  # decades that a geometry at its bounds counts
 _TOLERATED = 0.05  # of the largest force, where the misfit was many times as large
@@ -25,7 +26,7 @@ _COMMON = {
     "pressure": (("MPa", "kPa"), ("kPa", "Pa"), ("psi", "kPa"), ("bar", "kPa"), ("bar", "psi"),
                  ("MPa", "bar"), ("MPa", "psi")),
 }  # fmt: skip
-"""Units that are taken for one another, either way round, where the file's own are not known."""
+"""Units that are taken for one another, either way round, before they are written into a file."""
 
 _SIZES = (
     ("nominal_diameter", 2.0, "the nominal diameter is a radius, or that of a smaller muscle"),
@@ -43,7 +44,8 @@ class _Scale:
         what: column, or size of the specimen.
         factor: by which it is multiplied.
         cause: what that means.
-        unlikely: decades by which the highest pressure is then away from the usual one.
+        unlikely: decades by which the highest pressure is then away from the usual one, and more
+            where the file names another unit.
     """
 
     what: str
@@ -61,26 +63,32 @@ class _Scale:
         )
 
 
-def _pairs(data: ForceData, what: str) -> list[tuple[str, str]]:
-    """(unit that may be meant, unit that is said) of a column."""
-    if what in data.units:
-        said = data.units[what]
-        return [(true, said) for true in UNITS[what] if true != said]
-    return [pair for one in _COMMON[what] for pair in (one, one[::-1])]
+def _causes(data: ForceData, what: str) -> dict[float, tuple[list[str], bool]]:
+    """By factor: units that may be meant and are said, and whether the file says the latter.
+
+    Units that a file does not name are taken for one another before they are written into it.
+    """
+    units, said = UNITS[what], data.units.get(what)
+    named = [] if said is None else [(true, said) for true in units if true != said]
+    common = [pair for one in _COMMON[what] for pair in (one, one[::-1])]
+    found: dict[float, tuple[list[str], bool]] = {}
+    for pairs, own in ((named, True), (common, said is None)):
+        for true, unit in pairs:
+            factor = float(f"{units[true] / units[unit]:.6g}")
+            words, known = found.setdefault(factor, ([], own))
+            if known == own and f"in {true}, not {unit}" not in words:
+                words.append(f"in {true}, not {unit}")
+    return found
 
 
 def _scales(data: ForceData) -> list[_Scale]:
     highest, found = float(data.pressure.max()), []
     for what in _COMMON:
-        units = UNITS[what]
-        by_factor: dict[float, list[str]] = {}
-        for true, said in _pairs(data, what):
-            factor = float(f"{units[true] / units[said]:.6g}")
-            by_factor.setdefault(factor, []).append(f"in {true}, not {said}")
-        for factor, words in by_factor.items():
+        for factor, (words, known) in _causes(data, what).items():
             then = highest * (factor if what == "pressure" else 1.0)
             cause = f"the {what}s are {' (or '.join(words)}{')' * (len(words) - 1)}"
-            found.append(_Scale(what, factor, cause, abs(math.log10(then / _USUAL))))
+            unlikely = abs(math.log10(then / _USUAL)) + (0.0 if known else _NOT_SAID)
+            found.append(_Scale(what, factor, cause, unlikely))
     as_said = abs(math.log10(highest / _USUAL))
     known = [one for one in _SIZES if getattr(data.specimen, one[0]) is not None]
     return found + [_Scale(*one, as_said) for one in known]

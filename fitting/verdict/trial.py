@@ -86,13 +86,17 @@ def misfit(data: ForceData, candidate: Candidate | None = None) -> float:
     return np.inf if found is None else found.misfit
 
 
-def richest(data: ForceData) -> Candidate | None:
-    """The richest family of the first law on the ladder that leaves the map something to say.
+def richest(data: ForceData, law: str | None = None) -> Candidate | None:
+    """The richest family of a law on the ladder that leaves the map something to say.
 
     Each length tells two numbers, the slope and the intercept of the force in pressure.
+
+    Args:
+        data: the map.
+        law: its name; the first on the ladder unless given.
     """
     candidates, _ = ladder(data)
-    alike = [one for one in candidates if one.law == candidates[0].law]
+    alike = [one for one in candidates if one.law == (law or candidates[0].law)]
     told = 2 * np.unique(data.lengths.level[data.loaded]).size - _SPARE
     spare = [one for one in alike if one.unknowns <= told] or alike[:1]
     return max(spare, key=lambda one: one.unknowns, default=None)
