@@ -21,6 +21,8 @@ _NOT_SAID = 0.35  # decades that a unit which the file does not name counts
 _GOOD_ENOUGH = 0.01  # smaller misfits say no more
 _CORNERED = 0.3  # decades that a geometry at its bounds counts
 _TOLERATED = 0.05  # of the largest force, where the misfit was many times as large
+_PROMISING = 0.08  # misfit of a few readings from which all of them are fitted
+
 _COMMON = {
     "force": (("kgf", "N"), ("lbf", "N"), ("kN", "N"), ("kgf", "lbf")),
     "pressure": (("MPa", "kPa"), ("kPa", "Pa"), ("psi", "kPa"), ("bar", "kPa"), ("bar", "psi"),
@@ -125,6 +127,8 @@ def wrong_scales(
             progress(done, len(scales))
         try:
             then = attempt(scale.applied(few), candidate, starts=2)
+            if then is not None and then.misfit < _PROMISING:
+                then = attempt(scale.applied(data), candidate)
         except InputError:
             continue
         if then is None:
