@@ -30,6 +30,7 @@ from promises_kernels import KERNELS
 from promises_photographs import PHOTOGRAPHS
 from promises_rig import RIG
 from promises_tables import TABLES
+from promises_verdict import VERDICT
 
 import fitting
 
@@ -47,7 +48,7 @@ WHOLE: tuple[Promise, ...] = (
 
 PROMISES: tuple[Promise, ...] = tuple(
     sorted(
-        (*FITS, *CHOICE, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *WHOLE),
+        (*FITS, *CHOICE, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *VERDICT, *WHOLE),
         key=lambda one: one.issue,
     )
 )

@@ -74,9 +74,9 @@ class Steps:
         """The verdict; data that are fitted poorly are questioned."""
         suspicions = ()
         if doubtful(self.result):
-            misfit = self.result.errors.rmse_percent / 100
             suspicions = suspect(
-                self._data, misfit,
+                self.result,
                 progress=lambda done, total: self._show("looking for what is wrong", done, total),
-            )  # fmt: skip
-        self.judgement = judge(self.result, suspicions)
+            )
+        left_out = None if self.choice is None else self.choice.left_out
+        self.judgement = judge(self.result, suspicions, left_out)

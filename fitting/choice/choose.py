@@ -141,7 +141,13 @@ def choose(
     for done, candidate in enumerate(candidates):
         if progress is not None:
             progress(candidate.name, done, len(candidates))
-        posed = _posed(weighed, candidate, constraint, box)
+        try:
+            posed = _posed(weighed, candidate, constraint, box)
+        except InputError as error:
+            if candidate is candidates[0]:
+                raise  # what the plainest cannot be is no muscle
+            dropped = (*dropped, f"{candidate.name} was left out: {error}")
+            continue
         outcome = _tried(posed, min(starts, _COMPARED), seed)
         if outcome is not None:
             found.append((candidate, posed, *outcome))

@@ -125,7 +125,8 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     _lengths_of_contractions(arrays, known)
     complete, notes = _complete(known, arrays["length"], source)
-    return ForceData(**arrays, specimen=complete, source=source, notes=notes)
+    units = {column.quantity: column.unit for column in columns}
+    return ForceData(**arrays, specimen=complete, source=source, notes=notes, units=units)
 
 
 def _number(cell: str, row: int, name: str) -> float:
@@ -149,7 +150,11 @@ def _check_range(name: str, value: float, cell: str, row: int) -> None:
             "in a column contraction_%, lengths in a column such as length_mm"
         )
     if name not in {"pressure", "force", "contraction"} and value <= 0:
-        raise InputError(f"row {row}: {name} is {cell.strip()}; it must be > 0")
+        hint = (
+            ": contractions stand in a column contraction, as fractions, or contraction_%, in percent"
+            if name == "length" else ""
+        )  # fmt: skip
+        raise InputError(f"row {row}: {name} is {cell.strip()}; it must be > 0{hint}")
 
 
 def _lengths_of_contractions(arrays: dict[str, Any], known: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import hashlib
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Bool
@@ -10,6 +11,8 @@ from jaxtyping import Bool
 from famjax.boundary.errors import InputError
 
 from .levels import Levels, levels_of
+
+_PUSHES = 3.0  # times the largest pull: nothing that pulls pushes so hard
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +83,7 @@ class ForceData:
             or None.
         source: where the numbers come from.
         notes: assumptions made when reading, for the report.
+        units: of the columns of the file by quantity, where there was one; the numbers are SI.
         pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
             or length, see `levels_of`; None to find it from the gaps between them.
     """
@@ -93,6 +97,7 @@ class ForceData:
     length_std: np.ndarray | None = None
     source: str = "arrays"
     notes: tuple[str, ...] = ()
+    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     pressure_tolerance: float | None = None
     length_tolerance: float | None = None
 
@@ -128,6 +133,12 @@ class ForceData:
             raise InputError(
                 f"all {self.force.size} readings are slack (force <= 0): nothing to fit. A muscle "
                 "pulls with positive force: check the sign of the force column"
+            )
+        if -self.force.min() > _PUSHES * self.force.max():
+            raise InputError(
+                f"the forces reach down to {self.force.min():.4g} N and up to "
+                f"{self.force.max():.4g} N only. A muscle pulls with positive force: check the sign "
+                "of the force column"
             )
         self._check_copies()
 

@@ -10,7 +10,7 @@ from .force_data import COLUMNS
 
 _SHARES = {"": 1.0, "_%": 0.01, "_percent": 0.01}
 _CONTRACTIONS = {
-    f"{quantity}{unit}": (quantity, size)
+    f"{quantity}{unit}": (quantity, size, unit.lstrip("_"))
     for quantity in ("contraction", "contraction_std")
     for unit, size in _SHARES.items()
 }
@@ -27,10 +27,12 @@ class Column:
     Attributes:
         quantity: one of `COLUMNS`, or contraction or contraction_std, whose length is not known.
         factor: multiplier of its numbers to SI.
+        unit: as the header has it, "" for a fraction.
     """
 
     quantity: str
     factor: float
+    unit: str = ""
 
 
 def columns_of(header: Sequence[str]) -> list[Column]:
@@ -99,7 +101,7 @@ def _column(name: str) -> Column:
             f"column {quoted(name)} has the unknown unit {quoted(unit)}; known units of {kind} "
             f"are: {', '.join(UNITS[kind])}{gauge}"
         )
-    return Column(quantity, factor(unit, kind))
+    return Column(quantity, factor(unit, kind), unit)
 
 
 def quoted(text: str) -> str:

@@ -10,12 +10,14 @@ from famjax.boundary.errors import InputError
 
 from ..convex.status import Status
 from ..data.force_data import ForceData
+from ..data.likely import likely_length_fault
 from ..engine.problem import Problem
 from ..engine.response import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
 from ..families.geometry_source import AbstractGeometrySource
 from ..families.laws import Law
 from ..families.parameters import Entry
 
+_COMPLIANCES = ("braid_compliance", "series_compliance")
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
 
@@ -107,9 +109,9 @@ def check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
             f"reading {longest_reading + 1} has the length {data.length[longest_reading] * 1e3:.5g} "
             f"mm, longer than its thread: with a rest length of {rest * 1e3:.5g} mm and a braid "
             f"angle of at most {math.degrees(steepest):.4g} deg one thread has {longest * 1e3:.5g} "
-            "mm. Check the unit of the length column and the rest length"
+            f"mm. {_check(data)}"
         )
-    if "braid_compliance" in table or "series_compliance" in table:
+    if any(name in table and table[name].max > 0 for name in _COMPLIANCES):
         return  # how short it may become depends on what gives way
     shortest = longest * math.sin(famjax.braids.NEUTRAL_ANGLE)
     pulling = np.where(data.loaded, data.length, np.inf)
@@ -119,8 +121,14 @@ def check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
             f"reading {reading + 1} pulls at the length {pulling[reading] * 1e3:.5g} mm, a "
             f"contraction of {1 - pulling[reading] / rest:.3f}, but no braid of at most "
             f"{math.degrees(steepest):.4g} deg pulls when shorter than {shortest * 1e3:.5g} mm "
-            f"(rest length {rest * 1e3:.5g} mm). Check the lengths and the rest length"
+            f"(rest length {rest * 1e3:.5g} mm). {_check(data)}"
         )
+
+
+def _check(data: ForceData) -> str:
+    """What to do about lengths out of reach."""
+    told = likely_length_fault(data)
+    return f"Check the unit of the length column and the rest length{'. ' * bool(told)}{told}"
 
 
 def check_priors(data: ForceData, table: Mapping[str, Entry], noise: float | None) -> None:

@@ -1,2 +1,3 @@
 from .judgement import Judgement as Judgement, Level as Level, judge as judge
-from .suspect import Suspicion as Suspicion, doubtful as doubtful, suspect as suspect
+from .suspect import doubtful as doubtful, suspect as suspect
+from .suspicion import Suspicion as Suspicion

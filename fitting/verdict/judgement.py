@@ -1,13 +1,17 @@
 """The verdict on a fit: identified, identified with doubts, or not identified."""
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 
+from ..engine.covariance import CONDITION_LIMIT
+from ..evidence.left_out import LeftOut
 from ..search.result import Identification
-from .suspect import Suspicion
+from .runs import runs_deviation
+from .suspicion import Suspicion, counted
 
 Level = Literal["identified", "identified with doubts", "not identified"]
 
@@ -15,6 +19,11 @@ _MISFIT = 5.0  # % of the largest force: no muscle of rubber and threads is miss
 _POOR = 2.0  # %, likewise: a muscle may be, but a good fit is four times better
 _PULL = 0.1  # of the largest force, pulled where the readings are slack
 _NOISE = 3.0  # standard deviations of the readings
+_MOST_OUTLIERS = 0.25  # of the readings
+_RUNS = -3.0  # standard deviations below what chance gives
+_TOLD = 1.0  # %: below, a model that is wrong by more than the noise is still a good one
+_RIDGE, _KNOWN = 0.995, 0.1  # correlation; standard error in parts of what the bounds leave
+_LEFT_OUT, _LEFT_OUT_POOR = 5.0, 5.0  # times the error in sample, and % of the largest force
 _GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
 
 
@@ -38,63 +47,77 @@ class Judgement:
         return self.level != "not identified"
 
 
-def judge(result: Identification, suspicions: Sequence[Suspicion] = ()) -> Judgement:
+def judge(
+    result: Identification,
+    suspicions: Sequence[Suspicion] = (),
+    left_out: Mapping[str, LeftOut] | None = None,
+) -> Judgement:
     """The verdict on a fit.
 
     Args:
         result: the fit.
         suspicions: from `suspect`.
+        left_out: errors on what was left out, by "pressure" and "length", where they are known.
     """
     errors = result.errors
-    grave, doubts = [one.sentence for one in suspicions], []
+    grave = [one.sentence for one in suspicions if one.grave]
+    doubts = [one.sentence for one in suspicions if not one.grave]
     if not result.converged:
-        grave.insert(0, "The fit did not converge: its numbers are not an optimum.")
-    if errors.rmse_percent > _MISFIT:
+        grave.append("The fit did not converge: its numbers are not an optimum.")
+    kept = counted(result)
+    if not kept.all():
+        _judge_outliers(kept, grave, doubts)
+    misfit = 100 * math.sqrt(float(np.mean(result.residuals[kept] ** 2))) / errors.max_force
+    if not misfit <= _MISFIT:
         grave.append(
-            f"The model misses the readings by {errors.rmse_percent:.3g} % of the largest force; no "
-            f"muscle of rubber and threads is missed by more than {_MISFIT:g} %. Check units, signs "
-            "and columns, and the specimen's rest length, bore and wall."
+            f"The model misses the readings by {misfit:.3g} % of the largest force; no muscle of "
+            f"rubber and threads is missed by more than {_MISFIT:g} %. Check units, signs and "
+            "columns, and the specimen's rest length, bore and wall."
         )
-    elif errors.rmse_percent > _POOR:
-        doubts.append(
-            f"The model misses the readings by {errors.rmse_percent:.3g} % of the largest force."
-        )
+    elif misfit > _POOR:
+        doubts.append(f"The model misses the readings by {misfit:.3g} % of the largest force.")
     pulled = errors.max_slack_force
     if pulled > _PULL * errors.max_force:
         grave.append(
             f"The model pulls with up to {pulled:.3g} N at {errors.slack_violations} of "
             f"{errors.n_slack} readings that are slack."
         )
-    elif pulled > 2 * errors.rmse:
+    elif pulled > max(2 * errors.rmse, _TOLD / 100 * errors.max_force):
         doubts.append(
             f"The model pulls with up to {pulled:.3g} N at slack readings, more than twice its error."
         )
-    doubts += _doubts(result)
+    doubts += [*_of_bounds(result), *_of_residuals(result, misfit), *_of_ridges(result)]
+    for kind, one in (left_out or {}).items():
+        percent = 100 * one.rmse / errors.max_force
+        if one.rmse > _LEFT_OUT * errors.rmse and percent > _LEFT_OUT_POOR:
+            doubts.append(
+                f"A {kind} that is left out is missed by {one.rmse:.3g} N ({percent:.2g} % of the "
+                f"largest force), {one.rmse / errors.rmse:.2g} times the error in sample: the "
+                f"{kind}s do not agree with one another, or the model is too rich for them."
+            )
     if grave:
         return Judgement("not identified", (*grave, *doubts), tuple(suspicions))
-    return Judgement("identified with doubts" if doubts else "identified", tuple(doubts))
+    level = "identified with doubts" if doubts else "identified"
+    return Judgement(level, tuple(doubts), tuple(suspicions))
 
 
-def _doubts(result: Identification) -> list[str]:
-    """What does not condemn a fit by itself."""
+def _judge_outliers(kept: np.ndarray, grave: list[str], doubts: list[str]) -> None:
+    """What Huber's objective has made of outliers."""
+    count = int((~kept).sum())
+    sentence = (
+        f"{count} of {kept.size} readings lie so far off that Huber's objective counts them for "
+        "less than a quarter; the misfit is that of the others."
+    )
+    (doubts if count <= _MOST_OUTLIERS * kept.size else grave).append(sentence)
+
+
+def _of_bounds(result: Identification) -> list[str]:
     found = []
     stopped = [e.name for e in result.estimates if e.at_bound and e.name in _GEOMETRY]
     if stopped:
         found.append(
             f"{', '.join(stopped)} {'is' if len(stopped) == 1 else 'are'} at a bound: the data alone "
             "would go further."
-        )
-    std = result.data.force_std
-    if std is not None:
-        scatter = float(np.sqrt(np.mean((result.residuals / std[result.data.loaded]) ** 2)))
-        if scatter > _NOISE and result.errors.rmse_percent > 1.0:
-            found.append(
-                f"The misfit is {scatter:.3g} times the standard deviation of the readings: the "
-                "model is wrong by more than their noise."
-            )
-    if _one_sided(result):
-        found.append(
-            "The residuals of whole lengths lie on one side: the model, or a length, is off."
         )
     margin = result.certificate.stability_margin
     if not margin >= -1e-9 * float(np.abs(result.coefficients).max()):
@@ -104,12 +127,50 @@ def _doubts(result: Identification) -> list[str]:
     return found
 
 
-def _one_sided(result: Identification) -> bool:
-    """Whether the residuals of most lengths have one sign each, where the fit is not a good one."""
-    level = result.data.lengths.level[result.data.loaded]
-    signs = [
-        abs(np.sign(result.residuals[level == one]).mean())
-        for one in np.unique(level)
-        if (level == one).sum() >= 5
+def _of_residuals(result: Identification, misfit: float) -> list[str]:
+    """Residuals that are no noise, where they are not small, either."""
+    found = []
+    std = result.data.force_std
+    if std is not None:
+        scatter = float(np.sqrt(np.mean((result.residuals / std[result.data.loaded]) ** 2)))
+        if scatter > _NOISE and misfit > _TOLD:
+            found.append(
+                f"The misfit is {scatter:.3g} times the standard deviation of the readings: the "
+                "model is wrong by more than their noise."
+            )
+    data = result.data
+    level, pressure = data.lengths.level[data.loaded], data.pressure[data.loaded]
+    deviation = runs_deviation(result.residuals[np.lexsort((pressure, level))])
+    if deviation < _RUNS and misfit > _TOLD:
+        found.append(
+            "The residuals keep their sign from reading to reading (a runs test finds "
+            f"{-deviation:.2g} standard deviations fewer changes than chance): the model, or a "
+            "length, is off by more than the noise."
+        )
+    return found
+
+
+def _of_ridges(result: Identification) -> list[str]:
+    """Parameters of the geometry of which only a combination is known."""
+    condition = result.certificate.condition
+    if not condition <= CONDITION_LIMIT:
+        return [
+            "The parameters cannot be told apart by these data: fix one of them, or add lengths and "
+            "pressures."
+        ]
+    problem = result.problem
+    places = [k for k, name in enumerate(problem.names) if name.partition("[")[0] in _GEOMETRY]
+    covariance = result.covariance[np.ix_(places, places)]
+    std = np.sqrt(np.diag(covariance))
+    wide = std > _KNOWN * (problem.high - problem.low)[places]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.abs(np.triu(covariance / np.outer(std, std), 1))
+    ridges = np.where(np.logical_or.outer(wide, wide), np.nan_to_num(correlation), 0.0)
+    if not (ridges > _RIDGE).any():
+        return []
+    i, j = np.unravel_index(int(np.argmax(ridges)), ridges.shape)
+    first, second = (problem.names[places[int(k)]] for k in (i, j))
+    return [
+        f"{first} and {second} are known only together (correlation {ridges[i, j]:.4f}), and each "
+        "alone badly."
     ]
-    return len(signs) >= 3 and result.errors.rmse_percent > 1.0 and float(np.mean(signs)) > 0.9

@@ -5,191 +5,134 @@ length that is off, two muscles in one file, outliers. A change that makes the m
 smaller is named.
 """
 
-import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
-from famjax.boundary.errors import InputError
-
-from ..choice.choose import fit_error, weigh
-from ..choice.ladder import Candidate, ladder
+from ..choice.nested import without
 from ..data.force_data import ForceData
 from ..search.result import Identification
-from .mixtures import one_length_off, outliers, two_muscles
-
-FAR_BETTER = 3.0
-"""Factor by which a change of the data must lower the misfit to be named."""
-
-_GOOD = 0.02  # of the largest force: a muscle's misfit
-_DOUBTFUL = 1.5  # %
-_ATMOSPHERE = 101.3e3  # Pa
-_ABSOLUTE = 0.85  # of an atmosphere: no reading is below it where pressures are absolute
-_UNITS = (
-    ("force", 9.80665, "the forces are in kgf, not N"),
-    ("force", 1 / 9.80665, "the forces are in N, not kgf"),
-    ("force", 4.44822, "the forces are in lbf, not N"),
-    ("force", 1 / 4.44822, "the forces are in N, not lbf"),
-    ("force", 1e3, "the forces are in kN, not N"),
-    ("force", 1e-3, "the forces are in N, not kN"),
-    ("pressure", 1e3, "the pressures are in MPa, not kPa (or kPa, not Pa)"),
-    ("pressure", 1e-3, "the pressures are in Pa, not kPa (or kPa, not MPa)"),
-    ("pressure", 6.894757, "the pressures are in psi, not kPa"),
-    ("pressure", 1 / 6.894757, "the pressures are in kPa, not psi"),
-    ("pressure", 100.0, "the pressures are in bar, not kPa"),
-    ("pressure", 0.01, "the pressures are in kPa, not bar"),
-    ("pressure", 14.50377, "the pressures are in bar, not psi"),
-    ("pressure", 1 / 14.50377, "the pressures are in psi, not bar"),
-    ("pressure", 10.0, "the pressures are in MPa, not bar"),
-    ("pressure", 0.1, "the pressures are in bar, not MPa"),
-    ("rest_length", 10.0, "the rest length is in cm where mm is said, or a digit of it is missing"),
-    ("rest_length", 0.1, "the rest length is in mm where cm is said, or has a digit too many"),
-    ("rest_length", 25.4, "the rest length is in inches, not mm"),
-    ("nominal_diameter", 10.0, "the nominal diameter is in cm where mm is said"),
-    ("nominal_diameter", 0.1, "the nominal diameter is ten times too large"),
-    ("nominal_diameter", 2.0, "the nominal diameter is a radius, or that of a smaller muscle"),
-    ("nominal_diameter", 0.5, "the nominal diameter is that of a larger muscle"),
-    ("wall_thickness", 0.1, "the wall is ten times too thick"),
-    ("wall_thickness", 10.0, "the wall is ten times too thin"),
+from .faulty_readings import Told, one_length_off, outliers
+from .plain_faults import (
+    absolute,
+    no_rise,
+    signs,
+    small_contraction,
+    steepness,
+    swapped,
+    thick_wall,
 )
-"""What is scaled, by what, and what that means."""
+from .scales import wrong_scales
+from .suspicion import FAR_BETTER, GOOD, Suspicion, counted, named
+from .trial import attempt, richest
+from .two_muscles import two_muscles
+
+_DOUBTFUL = 0.01  # of the largest force: what a good fit of a good map is below
+_SURE = 0.005  # likewise: nothing simpler explains more
+_MIXED = 0.013  # likewise: what is to be explained by faults of some readings
+_UNEXPLAINED = 0.03  # likewise: the richest family misses no muscle's map by so much
 
 
-@dataclasses.dataclass(frozen=True)
-class Suspicion:
-    """A fault in the data that would explain the misfit.
+def least_misfit(result: Identification) -> float:
+    """RMSE in parts of the largest force, a pull at slack readings counted as an error.
 
-    Attributes:
-        cause: what it is, in a few words.
-        sentence: for a reader, with the figures.
-        misfit: RMSE with the fault undone, in parts of the largest force.
+    Outliers of Huber's objective are not counted.
     """
+    data, kept = result.data, counted(result)
+    pull = np.fmax(result.model_force()[~data.loaded], 0.0)
+    squares = np.sum(result.residuals[kept] ** 2) + np.nansum(pull**2)
+    return float(np.sqrt(squares / kept.sum())) / result.errors.max_force
 
-    cause: str
-    sentence: str
-    misfit: float
+
+def stopped_above(result: Identification, name: str) -> bool:
+    """Whether a parameter is at its upper bound."""
+    return any(
+        e.name == name and e.at_bound and e.max - e.value < e.value - e.min
+        for e in result.estimates
+    )
+
+
+def cornered(result: Identification) -> bool:
+    """Whether braid diameter and angle are both at the bounds of more, or of less, force."""
+    sides = [
+        0 if not e.at_bound else 1 if e.max - e.value < e.value - e.min else -1
+        for e in result.estimates if e.name in ("braid_diameter", "braid_angle")
+    ]  # fmt: skip
+    return len(sides) == 2 and abs(sum(sides)) == 2
 
 
 def doubtful(result: Identification) -> bool:
     """Whether a fit is so poor, or so far at its bounds, that its data are to be questioned."""
-    errors = result.errors
-    bounds = {e.name for e in result.estimates if e.at_bound}
+    data = result.data
     return (
         not result.converged
-        or not errors.rmse_percent <= _DOUBTFUL
-        or "deadband_pressure" in bounds
-        or errors.max_slack_force > max(2 * errors.rmse, 0.02 * errors.max_force)
-        or _wall_share(result.data) > _THICK
+        or not least_misfit(result) <= _DOUBTFUL
+        or stopped_above(result, "deadband_pressure")
+        or cornered(result)
+        or next(thick_wall(data), None) is not None
+        or float(data.force.min()) < -_DOUBTFUL * data.max_force
+        or steepness(data) > _STEEP
     )
 
 
-_THICK = 0.35  # of the bore: a wall that thick leaves no room to strain
-
-
-def _wall_share(data: ForceData) -> float:
-    bore = data.specimen.nominal_diameter
-    return 0.0 if bore is None else data.specimen.wall_thickness / bore
+_STEEP = 30.0
 
 
 def suspect(
-    data: ForceData, misfit: float, progress: Callable[[int, int], None] | None = None
+    result: Identification, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Suspicion, ...]:
     """The faults of a force map that would explain its misfit, the likeliest first.
 
     Args:
-        data: the map.
-        misfit: RMSE of its fit in parts of the largest force.
+        result: a fit of the map.
         progress: called with (changes tried, changes).
 
     Returns:
-        At most three; none where no change makes the misfit several times smaller.
+        At most three.
     """
-    candidate = _candidate(data)
-    if candidate is None:
-        return ()
-    here = min(misfit, _error(data, candidate))
-    found = list(_absolute(data, here, candidate))
-    changes = list(_changed(data))
-    for done, (cause, changed) in enumerate(changes):
-        if progress is not None:
-            progress(done, len(changes))
-        better = _error(changed, candidate)
-        if better * FAR_BETTER < here and better < _GOOD:
-            found.append(_named(cause, here, better))
+    out = np.zeros(result.data.force.size, bool)
+    out[np.flatnonzero(result.data.loaded)[~counted(result)]] = True
+    data = without(result.data, out)
+    plain = [*no_rise(data), *thick_wall(data)]
+    if any(no_rise(data)):
+        return tuple(plain)  # whatever else may be wrong does not show
+    candidate = richest(data)
+    here = attempt(data, candidate)
+    least = min(least_misfit(result), np.inf if here is None else here.misfit)
+    found = [*signs(data, least, candidate)] if not plain else []
+    stopped = stopped_above(result, "deadband_pressure")
+    found += absolute(data, here, least, candidate, stopped=stopped)
+    found += small_contraction(data, least)
     if not found:
-        for search in (outliers, one_length_off, two_muscles):
-            told = search(data, candidate)
-            if told is not None and told[1] * FAR_BETTER < here and told[1] < _GOOD:
-                found.append(_named(told[0], here, told[1]))
-    if _wall_share(data) > _THICK:
+        found += swapped(data, least, candidate)
+    if not found and (least > GOOD or here is None or here.corner or cornered(result)):
+        found += wrong_scales(data, here, least, candidate, progress)
+    if not found and not plain and least > _MIXED:
+        found += _of_some(data, least)
+    if not found and not plain and least > _UNEXPLAINED:
         found.append(
             Suspicion(
-                "wall",
-                f"The wall of {data.specimen.wall_thickness * 1e3:.4g} mm is {_wall_share(data):.0%} of "
-                "the bore: it leaves no room for a bladder that strains. Check wall_thickness.",
-                here,
+                "no muscle explains the readings",
+                f"No model of a muscle explains these readings: the richest misses them by "
+                f"{least:.2%} of the largest force. Check units, signs and columns, and the "
+                "specimen's rest length, bore and wall.",
+                least,
             )
         )
-    return tuple(sorted(found, key=lambda one: one.misfit)[:3])
+    return tuple([*plain, *found][:3])
 
 
-def _named(cause: str, here: float, better: float) -> Suspicion:
-    return Suspicion(
-        cause,
-        f"The data look wrong: were it that {cause}, the misfit would be {better:.2%} of the largest "
-        f"force and not {here:.2%}.",
-        better,
-    )
-
-
-def _candidate(data: ForceData) -> Candidate | None:
-    """The richest family of the first law on the ladder: what a sound map of a muscle is fitted by."""
-    candidates, _ = ladder(data)
-    alike = [one for one in candidates if one.law == candidates[0].law] if candidates else []
-    return max(alike, key=lambda one: one.unknowns, default=None)
-
-
-def _error(data: ForceData, candidate: Candidate) -> float:
-    """RMSE in parts of the largest force; infinite where there is no fit."""
-    try:
-        return fit_error(weigh(data), candidate) / data.max_force
-    except InputError:
-        return np.inf
-
-
-def _changed(data: ForceData) -> Iterator[tuple[str, ForceData]]:
-    """The map without each fault."""
-    for what, factor, cause in _UNITS:
-        try:
-            if what in ("force", "pressure"):
-                yield cause, dataclasses.replace(data, **{what: getattr(data, what) * factor})
-            elif getattr(data.specimen, what) is not None:
-                changed = {what: getattr(data.specimen, what) * factor}
-                specimen = dataclasses.replace(data.specimen, **changed)
-                yield cause, _refitted(data, specimen)
-        except InputError:
-            continue
-    longest = float(data.length.max())
-    if abs(longest / data.specimen.rest_length - 1) > 0.02:
-        specimen = dataclasses.replace(data.specimen, rest_length=longest)
-        yield (
-            f"the rest length is {longest * 1e3:.4g} mm, the longest length measured",
-            _refitted(data, specimen),
-        )
-
-
-def _refitted(data: ForceData, specimen: object) -> ForceData:
-    return dataclasses.replace(data, specimen=specimen)
-
-
-def _absolute(data: ForceData, here: float, candidate: Candidate) -> Iterator[Suspicion]:
-    """Absolute pressures: none is below an atmosphere, and with gauge ones the fit is better."""
-    if data.pressure.min() < _ABSOLUTE * _ATMOSPHERE:
-        return
-    gauge = np.maximum(data.pressure - _ATMOSPHERE, 0.0)
-    try:
-        better = _error(dataclasses.replace(data, pressure=gauge), candidate)
-    except InputError:
-        return
-    if better < _GOOD and better * 1.2 < here:  # a deadband takes up most of an atmosphere
-        yield _named("the pressures are absolute, not gauge", here, better)
+def _of_some(data: ForceData, least: float) -> list[Suspicion]:
+    """Faults of some readings; the simplest that is as good as the best."""
+    good: list[tuple[Told, bool]] = []
+    for search, grave in ((outliers, True), (one_length_off, False), (two_muscles, True)):
+        told = search(data)
+        if told is not None and told[1] * FAR_BETTER < least and told[1] < GOOD:
+            good.append((told, grave))
+            if told[1] < _SURE:
+                break
+    if not good:
+        return []
+    best = min(told[1] for told, _ in good)
+    (cause, better), grave = next(one for one in good if one[0][1] <= 2 * max(best, 1e-3))
+    return [named(cause, least, better, grave=grave)]

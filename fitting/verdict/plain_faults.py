@@ -1,0 +1,155 @@
+"""Faults of all readings that the figures themselves show, or that one change of them undoes."""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from famjax.boundary.errors import InputError
+
+from ..choice.ladder import Candidate
+from ..data.force_data import ForceData
+from .suspicion import GOOD, Suspicion, named
+from .trial import Trial, attempt, misfit, richest
+
+ATMOSPHERE = 101.3e3
+"""Pressure of the air [Pa]."""
+
+_ABSOLUTE = 0.85  # of an atmosphere: no reading is below it where pressures are absolute
+_AS_GOOD, _FINE = 1.2, 0.01  # a deadband takes up most of an atmosphere, a compliance the rest
+_THICK = 0.3  # of the bore: a wall that leaves no room for a bladder that strains
+_RISE = 0.05  # of the force at a length, between pressures as far apart as this:
+_APART = 1.3
+_STEEP = 40.0  # loss of force per contraction, in parts of the force: 3 to 10 for a muscle
+_PUSH = 0.03  # of the largest force: no slack muscle pushes so hard
+_RICH_LAW = "cubic"  # takes up most of what a wrong pressure does
+_TOLERATED = 0.04  # misfit of data that were far worse
+
+
+def wall_share(data: ForceData) -> float:
+    """The wall in parts of the bore, or of the bladder's outer diameter where there is no bore."""
+    bore = data.specimen.nominal_diameter or data.specimen.bladder_diameter
+    return 0.0 if bore is None else data.specimen.wall_thickness / bore
+
+
+def thick_wall(data: ForceData) -> Iterator[Suspicion]:
+    """A wall that is a third of the bore; the force hardly depends on it, so no misfit shows it."""
+    if wall_share(data) > _THICK:
+        yield Suspicion(
+            "the wall is too thick",
+            f"The wall of {data.specimen.wall_thickness * 1e3:.4g} mm is {wall_share(data):.0%} of the "
+            "bore, and leaves no room for a bladder that strains: check wall_thickness and its unit.",
+            0.0,
+        )
+
+
+def no_rise(data: ForceData) -> Iterator[Suspicion]:
+    """Forces that do not rise with the pressure at any length."""
+    level, loaded = data.lengths.level, data.loaded
+    rises = []
+    for one in np.unique(level[loaded]):
+        mine = loaded & (level == one)
+        order = np.argsort(data.pressure[mine])
+        pressure, force = data.pressure[mine][order], data.force[mine][order]
+        if pressure[-1] > _APART * pressure[0]:
+            rises.append((force[-1] - force[0]) / force.max())
+    if rises and max(rises) < _RISE:
+        yield Suspicion(
+            "the force does not rise with the pressure",
+            "The force does not rise with the pressure at any length: check which column is which, "
+            "and that the force was recorded.",
+            0.0,
+        )
+
+
+def steepness(data: ForceData) -> float:
+    """Loss of force per contraction at the highest pressure of two lengths, in parts of the force."""
+    pressure, loaded = data.pressures.level, data.loaded
+    for one in np.unique(pressure[loaded])[::-1]:
+        mine = loaded & (pressure == one)
+        length, force = data.length[mine], data.force[mine]
+        if np.unique(data.lengths.level[mine]).size > 1:
+            slope = np.polyfit(length / data.specimen.rest_length, force, 1)[0]
+            return float(slope) / float(force.max())
+    return 0.0
+
+
+def small_contraction(data: ForceData, least: float) -> Iterator[Suspicion]:
+    """Contractions that are a hundred times too small for what the force loses by them."""
+    rest = data.specimen.rest_length
+    if steepness(data) < _STEEP:
+        return
+    length = rest * (1 - 100 * (1 - data.length / rest))
+    if length.min() <= 0 or length.max() > 1.1 * rest:
+        return
+    better = misfit(dataclasses.replace(data, length=length, length_std=None))
+    if better < _TOLERATED:
+        yield Suspicion(
+            "the contractions are fractions, not percent",
+            f"The force falls by {steepness(data):.0f} % for a contraction of 1 %, ten times as fast "
+            "as that of a muscle: were it that the contractions are fractions, not percent, the "
+            f"misfit would be {better:.2%} of the largest force; it is {least:.2%}.",
+            better,
+        )
+
+
+def swapped(data: ForceData, least: float, candidate: Candidate | None) -> Iterator[Suspicion]:
+    """Force and pressure in each other's column, N with kPa or lbf with psi."""
+    if least < _TOLERATED:
+        return
+    force, pressure = data.pressure, np.maximum(data.force, 0.0)
+    for to_force, to_pressure in ((1e-3, 1e3), (1 / 1550.0, 1550.0), (1e-5, 1e5), (1e-6, 1e6)):
+        try:
+            other = dataclasses.replace(
+                data, force=force * to_force, pressure=pressure * to_pressure, force_std=None,
+                pressure_std=None, pressure_tolerance=None,
+            )  # fmt: skip
+        except InputError:
+            continue
+        better = misfit(other, candidate)
+        if better < _TOLERATED and better * 5 < least:
+            yield named("the columns of force and pressure are swapped", least, better)
+            return
+
+
+def signs(data: ForceData, least: float, candidate: Candidate | None) -> Iterator[Suspicion]:
+    """Readings of pulls that are negative."""
+    negative = data.force < -_PUSH * data.max_force
+    if not negative.any():
+        return
+    force = np.where(negative, -data.force, data.force)
+    better = misfit(dataclasses.replace(data, force=force), candidate)
+    if better < _TOLERATED and (better < 1.5 * least or better < GOOD):
+        yield Suspicion(
+            "forces have the wrong sign",
+            f"{int(negative.sum())} readings are negative by up to {-float(data.force.min()):.4g} N, "
+            "and a muscle does not push: with the sign of a pull they fit, with a misfit of "
+            f"{better:.2%} of the largest force in all. Check the sign of the force.",
+            better,
+        )
+
+
+def absolute(
+    data: ForceData, here: Trial | None, least: float, candidate: Candidate | None, *, stopped: bool
+) -> Iterator[Suspicion]:
+    """Absolute pressures: none is below an atmosphere, and the deadband takes up most of it.
+
+    Args:
+        data: the map.
+        here: its fit.
+        least: its least misfit.
+        candidate: the family.
+        stopped: the deadband of the fit in question is at its highest bound.
+    """
+    if data.pressure.min() < _ABSOLUTE * ATMOSPHERE:
+        return
+    if not stopped and (here is None or here.side("deadband_pressure") < 1):
+        return
+    gauge = np.maximum(data.pressure - ATMOSPHERE, 0.0)
+    for family in (candidate, richest(data, _RICH_LAW)):
+        then = attempt(dataclasses.replace(data, pressure=gauge), family)
+        if then is None or then.side("deadband_pressure") > 0:
+            continue
+        if then.misfit < _TOLERATED and then.misfit < max(_AS_GOOD * least, _FINE):
+            yield named("the pressures are absolute, not gauge", least, then.misfit)
+            return

@@ -1,0 +1,102 @@
+"""A quick fit of a map, and of what it would be without a fault: the misfit, and where it ends."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from famjax.boundary.errors import InputError
+
+from ..choice.choose import fit_candidate, weigh
+from ..choice.ladder import Candidate, ladder
+from ..data.force_data import ForceData
+from ..engine.descent import End
+from ..engine.problem import Problem
+
+_AT_BOUND = 1e-6  # of the width of the interval
+_SPARE = 2  # numbers that the lengths tell beyond those that a family needs
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """A fit that was tried.
+
+    Attributes:
+        data: the map.
+        problem, end: of the fit.
+    """
+
+    data: ForceData
+    problem: Problem
+    end: End
+
+    def predict(
+        self, length: Float[np.ndarray, " k"], pressure: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, " k"]:
+        """Force [N] at lengths [m] and gauge pressures [Pa]; nan where there is none."""
+        part, point = self.problem.parts[0], self.end.point
+        own = point.parameters[part.at]
+        return part.predict(own, point.x[part.coefficients], length, pressure)
+
+    @property
+    def misfit(self) -> float:
+        """RMSE over the loaded readings in parts of the largest force; a slack one's pull counts."""
+        data = self.data
+        force = self.predict(data.length, data.pressure)
+        wrong = np.where(data.loaded, force - data.force, np.fmax(force, 0.0))
+        if not np.isfinite(wrong[data.loaded]).all():
+            return np.inf
+        squares = np.nansum(wrong**2) / data.loaded.sum()
+        return float(np.sqrt(squares)) / data.max_force
+
+    def side(self, name: str) -> int:
+        """-1 where a parameter is at its lower bound, 1 at its upper one, 0 between."""
+        place = list(self.problem.names).index(name)
+        low, high = float(self.problem.low[place]), float(self.problem.high[place])
+        at = (float(self.end.point.parameters[place]) - low) / (high - low) if high > low else 0.5
+        return int(at > 1 - _AT_BOUND) - int(at < _AT_BOUND)
+
+    @property
+    def corner(self) -> int:
+        """Of braid diameter and angle: 1 where both are as large as may be, -1 as small, else 0."""
+        sides = self.side("braid_diameter"), self.side("braid_angle")
+        return sides[0] if sides[0] == sides[1] else 0
+
+
+def attempt(
+    data: ForceData, candidate: Candidate | None = None, *, starts: int = 4
+) -> Trial | None:
+    """The fit of a family to a map; of the richest one that it can carry, unless given.
+
+    Returns:
+        None where there is no fit.
+    """
+    try:
+        chosen = candidate or richest(data)
+        if chosen is None:
+            return None
+        return Trial(data, *fit_candidate(weigh(data), chosen, starts=starts))
+    except InputError:
+        return None
+
+
+def misfit(data: ForceData, candidate: Candidate | None = None) -> float:
+    """The misfit of `attempt`; infinite where there is no fit."""
+    found = attempt(data, candidate)
+    return np.inf if found is None else found.misfit
+
+
+def richest(data: ForceData, law: str | None = None) -> Candidate | None:
+    """The richest family of a law on the ladder that leaves the map something to say.
+
+    Each length tells two numbers, the slope and the intercept of the force in pressure.
+
+    Args:
+        data: the map.
+        law: its name; the first on the ladder unless given.
+    """
+    candidates, _ = ladder(data)
+    alike = [one for one in candidates if one.law == (law or candidates[0].law)]
+    told = 2 * np.unique(data.lengths.level[data.loaded]).size - _SPARE
+    spare = [one for one in alike if one.unknowns <= told] or alike[:1]
+    return max(spare, key=lambda one: one.unknowns, default=None)

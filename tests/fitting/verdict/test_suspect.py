@@ -1,0 +1,194 @@
+"""Every fault that a verdict should name, made in a sound map, and sound maps in which there is none."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import famjax
+from fitting import ForceData, Identification, InputError, Parameter, Specimen, identify
+from fitting.verdict import doubtful, judge, suspect
+from fitting.verdict.suspect import least_misfit
+
+
+def fit(data: ForceData) -> Identification:
+    """One law, a few starts."""
+    return identify(data, law="ogden", parameters={"end_factor": Parameter()}, starts=4)
+
+
+def known_muscle(bore: float, rest: float, angle_deg: float, lengths: int = 8) -> ForceData:
+    """Readings of a known muscle with 0.3 % of noise."""
+    diameter = bore + 2e-3
+    braid = famjax.Braid.from_rest(
+        diameter=diameter, braid_angle=math.radians(angle_deg), length=rest
+    )
+    bladder = famjax.Bladder(rest, diameter, 1.5e-3, embedded=True)
+    law = famjax.materials.MooneyRivlinMaterial(0.2e6, 0.05e6)
+    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 25e3)
+    grid = np.meshgrid(rest * np.linspace(1, 0.84, lengths), np.linspace(1.2e5, 6e5, 6))
+    L, P = (one.ravel() for one in grid)
+    force = np.maximum(np.asarray(muscle.force(L, P)), 0.0)
+    noise = 3e-3 * force.max() * np.random.default_rng(1).normal(size=force.size)
+    specimen = Specimen("known", rest, 1.5e-3, nominal_diameter=bore, embedded=True)
+    return ForceData(np.where(force > 0, force + noise, 0.0), P, L, specimen)
+
+
+def changed(data: ForceData, **sizes: float) -> ForceData:
+    """The map with another specimen."""
+    return dataclasses.replace(data, specimen=dataclasses.replace(data.specimen, **sizes))
+
+
+def causes(data: ForceData) -> str:
+    """What is suspected of a map in which nothing is to be identified."""
+    result = fit(data)
+    assert doubtful(result)
+    found = suspect(result)
+    assert not judge(result, found).passed
+    assert len(found) <= 3
+    return "; ".join(one.cause for one in found)
+
+
+@pytest.mark.slow
+def test_nothing_is_suspected_of_sound_maps(dmsp20: ForceData, dmsp10: ForceData) -> None:
+    for data in (dmsp20, dmsp10, known_muscle(0.03, 0.35, 65.0)):
+        result = fit(data)
+        assert suspect(result) == ()
+        assert judge(result).passed
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "cause"),
+    [
+        pytest.param("force", 1 / 4.44822, "the forces are in lbf, not N", marks=pytest.mark.slow),
+        pytest.param("force", 1e-3, "the forces are in kN, not N", marks=pytest.mark.slow),
+        pytest.param("force", 9.80665, "the forces are in N, not kgf", marks=pytest.mark.slow),
+        ("pressure", 1 / 6.894757, "the pressures are in psi, not kPa"),
+        pytest.param("pressure", 1e3, "the pressures are in Pa, not kPa", marks=pytest.mark.slow),
+        pytest.param("pressure", 10.0, "the pressures are in bar, not MPa", marks=pytest.mark.slow),
+    ],
+)
+def test_units(dmsp10: ForceData, column: str, factor: float, cause: str) -> None:
+    said = cause.rpartition(" ")[2]
+    units = {"force": "N", "pressure": "kPa", "length": "mm"} | {column: said}
+    column_as_said = getattr(dmsp10, column) * factor
+    data = dataclasses.replace(dmsp10, units=units, **{column: column_as_said})
+    assert cause in causes(data)
+
+
+@pytest.mark.slow
+def test_units_of_arrays_are_guessed_from_the_pressures_that_are_usual(dmsp10: ForceData) -> None:
+    in_psi = dataclasses.replace(dmsp10, pressure=dmsp10.pressure / 6.894757, units={})
+    assert causes(in_psi).startswith("the pressures are in psi, not kPa")
+
+
+def test_absolute_pressures(dmsp10: ForceData) -> None:
+    absolute = dataclasses.replace(dmsp10, pressure=dmsp10.pressure + 101.3e3)
+    assert causes(absolute) == "the pressures are absolute, not gauge"
+
+
+def test_signs_of_a_length(dmsp20: ForceData) -> None:
+    at = dmsp20.length == np.unique(dmsp20.length)[-2]
+    negative = dataclasses.replace(dmsp20, force=np.where(at, -dmsp20.force, dmsp20.force))
+    assert causes(negative) == "forces have the wrong sign"
+
+
+def test_all_forces_negative_are_refused(dmsp20: ForceData) -> None:
+    force = -dmsp20.force
+    force[0] = 0.3
+    with pytest.raises(InputError, match="check the sign of the force column"):
+        dataclasses.replace(dmsp20, force=force)
+
+
+def test_a_thick_wall(dmsp20: ForceData) -> None:
+    """The force hardly depends on the wall: no misfit shows one of 18 mm in a bore of 20 mm."""
+    thick = changed(dmsp20, wall_thickness=18e-3)
+    assert fit(thick).errors.rmse_percent < 1
+    assert causes(thick) == "the wall is too thick"
+
+
+@pytest.mark.slow
+def test_bores(dmsp20: ForceData) -> None:
+    assert "nominal diameter" in causes(changed(dmsp20, nominal_diameter=40e-3))
+    assert "nominal diameter" in causes(changed(dmsp20, nominal_diameter=10e-3))
+
+
+@pytest.mark.slow
+def test_outliers_and_one_giant(dmsp20: ForceData) -> None:
+    random = np.random.default_rng(3)
+    rows = random.choice(np.flatnonzero(dmsp20.loaded), 5, replace=False)
+    force = dmsp20.force.copy()
+    force[rows] += 0.35 * dmsp20.max_force
+    result = fit(dataclasses.replace(dmsp20, force=force))
+    (found,) = suspect(result)
+    assert found.cause.startswith("5 readings are outliers")
+    assert "--objective huber" in found.sentence
+    for row in rows:
+        assert str(row + 1) in found.cause
+    force = dmsp20.force.copy()
+    force[rows[0]] = 99999.0
+    assert causes(dataclasses.replace(dmsp20, force=force)).startswith(
+        f"1 reading is an outlier (number {rows[0] + 1}"
+    )
+
+
+@pytest.mark.slow
+def test_one_length_off_is_named_with_what_it_should_be() -> None:
+    sound = known_muscle(0.03, 0.35, 65.0)
+    lengths = np.unique(sound.length)
+    off = np.where(sound.length == lengths[3], sound.length + 0.009, sound.length)
+    result = fit(dataclasses.replace(sound, length=off))
+    (found,) = suspect(result)
+    assert found.cause.startswith(f"the length {1e3 * (lengths[3] + 0.009):.4g} mm is ")
+    said = float(found.cause.split(" mm is ")[1].split(" mm")[0])
+    assert said == pytest.approx(1e3 * lengths[3], abs=1.0)
+    assert judge(result, [found]).level == "identified with doubts"
+
+
+@pytest.mark.slow
+def test_two_muscles_one_file_after_the_other() -> None:
+    first, second = known_muscle(0.03, 0.35, 65.0), known_muscle(0.02, 0.35, 63.0)
+    both = {
+        name: np.concatenate([getattr(first, name), getattr(second, name)])
+        for name in ("force", "pressure", "length")
+    }
+    found = causes(dataclasses.replace(first, **both))
+    assert found.startswith("there are two muscles in the file, the second of them at reading ")
+    assert int(found.rpartition(" ")[2]) > first.force.size
+
+
+@pytest.mark.slow
+def test_two_muscles_at_lengths_of_their_own() -> None:
+    first, second = known_muscle(0.03, 0.35, 65.0, 10), known_muscle(0.026, 0.35, 63.0, 10)
+    place = np.unique(first.length, return_inverse=True)[1]
+    force = np.where(place % 2, first.force, second.force)
+    assert causes(dataclasses.replace(first, force=force)).startswith("there are two muscles")
+
+
+@pytest.mark.slow
+def test_swapped_columns(dmsp20: ForceData) -> None:
+    swapped = dataclasses.replace(dmsp20, force=dmsp20.pressure / 1e3, pressure=dmsp20.force * 1e3)
+    assert causes(swapped) == "the columns of force and pressure are swapped"
+
+
+def test_a_force_that_does_not_rise(dmsp20: ForceData) -> None:
+    constant = 300 + 1e-3 * np.arange(dmsp20.force.size)
+    assert causes(dataclasses.replace(dmsp20, force=constant)) == (
+        "the force does not rise with the pressure"
+    )
+
+
+def test_contractions_a_hundred_times_too_small(dmsp10: ForceData) -> None:
+    rest = dmsp10.specimen.rest_length
+    length = rest - (rest - dmsp10.length) / 100
+    assert causes(dataclasses.replace(dmsp10, length=length)) == (
+        "the contractions are fractions, not percent"
+    )
+
+
+def test_the_misfit_counts_pulls_at_slack_readings(dmsp20: ForceData) -> None:
+    result = fit(dmsp20)
+    force = result.model_force()
+    pull = np.fmax(force[~dmsp20.loaded], 0.0)
+    expected = math.sqrt((np.sum(result.residuals**2) + np.nansum(pull**2)) / 60) / 1653.5
+    assert least_misfit(result) == pytest.approx(expected, rel=1e-12)
