@@ -1,7 +1,7 @@
 """`choose`: the family that predicts best what it has not seen, and those that are as good."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ from famjax.boundary.errors import InputError
 from ..data.force_data import ForceData
 from ..engine.descent import End, descend_many
 from ..engine.problem import Problem
-from ..evidence.left_out import LeftOut, leave_out
+from ..evidence.left_out import LeftOut, grouped, leave_out
 from ..evidence.model_error import ModelError, model_error
 from ..families.parameters import Parameter
 from ..search.checks import check_starts
@@ -21,7 +21,7 @@ from ..search.posing import Posed, pose_one
 from ..search.result import Identification
 from ..search.robust import check_objective
 from .ladder import MODEL_ERROR, Candidate, ladder
-from .ranking import Tried, members, ranked
+from .ranking import ALIKE, Tried, hopeless, members, ranked, score
 
 _PRESSURE_GROUPS = 8  # neighbouring pressures say much the same of one another
 _FEWEST_LENGTHS = 4  # without one of three, two are left, which no family is determined by
@@ -137,7 +137,7 @@ def choose(
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths determine no family: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
-    found: list[tuple[Candidate, Posed, float, dict[str, LeftOut]]] = []
+    fitted: list[_Fitted] = []
     for done, candidate in enumerate(candidates):
         if progress is not None:
             progress(candidate.name, done, len(candidates))
@@ -148,31 +148,36 @@ def choose(
                 raise  # what the plainest cannot be is no muscle
             dropped = (*dropped, f"{candidate.name} was left out: {error}")
             continue
-        outcome = _tried(posed, min(starts, _COMPARED), seed)
-        if outcome is not None:
-            found.append((candidate, posed, *outcome))
+        one = _fitted(candidate, posed, data.max_force, min(starts, _COMPARED), seed)
+        if one is not None:
+            fitted.append(one)
+    found, rest = _left_out_of(fitted, data.max_force, seed, progress)
     if not found:
         solve(_posed(weighed, candidates[0], constraint, box), starts=starts, seed=seed)
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
-    tried, order = ranked([(one, rmse, out) for one, _, rmse, out in found], data.max_force)
+    tried, order = ranked([(one.candidate, one.rmse, out) for one, out in found], data.max_force)
     good = members(tried)
     fits, names, errors = [], [], []
     for one in good:
-        candidate, posed, _, left_out = found[order[one]]
+        chosen, left_out = found[order[one]]
         if progress is not None:
-            progress(f"identifying: {candidate.name}", len(candidates), len(candidates))
-        (result,) = solve(posed, objective=objective, starts=starts, seed=seed)
+            progress(f"identifying: {chosen.candidate.name}", len(candidates), len(candidates))
+        (result,) = solve(chosen.posed, objective=objective, starts=starts, seed=seed)
         if fits and not result.converged:
             continue
         fits.append(dataclasses.replace(result, data=data))
-        names.append(candidate.name)
+        names.append(chosen.candidate.name)
         errors.append(left_out)
     mean = {
         kind: dataclasses.replace(one, error=np.mean([of[kind].error for of in errors], axis=0))
         for kind, one in errors[0].items()
     }
     residual = np.mean([one.residuals for one in fits], axis=0)
-    unknowns = found[order[good[0]]][0].unknowns
+    unknowns = tried[good[0]].candidate.unknowns
+    tried = (
+        *tried,
+        *(hopeless(one.candidate, one.rmse, one.score, tried[0].score) for one in rest),
+    )
     return Choice(
         data=data, tried=tried, dropped=dropped, members=tuple(fits), names=tuple(names),
         left_out=mean, error=model_error(data, residual, mean, unknowns),
@@ -238,21 +243,76 @@ def rmse_of(problem: Problem, end: End) -> float:
     return float(np.sqrt(np.mean(residual**2)))
 
 
-def _tried(posed: Posed, starts: int, seed: int) -> tuple[float, dict[str, LeftOut]] | None:
-    """Error in sample and on what was left out; None where no start has a force everywhere."""
+@dataclasses.dataclass(frozen=True)
+class _Fitted:
+    """A family fitted to all readings, with its score on them."""
+
+    candidate: Candidate
+    posed: Posed
+    end: End
+    rmse: float
+    score: float
+
+
+def _fitted(
+    candidate: Candidate, posed: Posed, max_force: float, starts: int, seed: int
+) -> _Fitted | None:
+    """The family fitted as well as a comparison needs; None where no start has a force everywhere."""
     problem = posed.problem
     try:
-        best = descended(problem, starts, seed)
+        end = descended(problem, starts, seed)
     except InputError:
         return None
-    left_out = {}
+    error = end.point.residual[: problem.force.size] / problem.weight
+    groups = {
+        kind: one
+        for kind, count in _kinds(problem)
+        if (one := grouped(problem, kind, error, groups=count)) is not None
+    }
+    rmse = rmse_of(problem, end)
+    return _Fitted(candidate, posed, end, rmse, score(groups, rmse, max_force))
+
+
+def _kinds(problem: Problem) -> list[tuple[str, int | None]]:
+    """What is left out, and in how many groups: a length only if three others are left."""
     lengths = np.unique(problem.levels("length")).size
-    for kind, groups in (("pressure", _PRESSURE_GROUPS), ("length", None)):
-        if kind == "length" and lengths < _FEWEST_LENGTHS:
+    found: list[tuple[str, int | None]] = [("pressure", _PRESSURE_GROUPS)]
+    return [*found, ("length", None)] if lengths >= _FEWEST_LENGTHS else found
+
+
+def _left_out_of(
+    fitted: Sequence[_Fitted],
+    max_force: float,
+    seed: int,
+    progress: Callable[[str, int, int], None] | None,
+) -> tuple[list[tuple[_Fitted, dict[str, LeftOut]]], list[_Fitted]]:
+    """The families with their errors on what was left out, and those for which it is no use.
+
+    A family that errs more on what it has seen than another does on what it has not cannot be as good.
+    """
+    found, rest, best = [], [], np.inf
+    for done, one in enumerate(sorted(fitted, key=lambda one: one.score)):
+        if one.score > best + ALIKE:
+            rest.append(one)
             continue
-        one = leave_out(problem, best.u, kind, groups=groups, starts=2, seed=seed)
+        if progress is not None:
+            progress(f"left out: {one.candidate.name}", done, len(fitted))
+        out = _left_out(one.posed.problem, one.end, seed)
+        if out is not None:
+            found.append((one, out))
+            best = min(best, score(out, one.rmse, max_force))
+    return found, rest
+
+
+def _left_out(problem: Problem, end: End, seed: int) -> dict[str, LeftOut] | None:
+    """Errors on what was left out; None where there is no force at some of it."""
+    found = {}
+    for kind, groups in _kinds(problem):
+        # Without some pressures the optimum stays where it was; without a length it may not.
+        starts = 1 if kind == "pressure" else 2
+        one = leave_out(problem, end.u, kind, groups=groups, starts=starts, seed=seed)
         if one is not None:
             if not np.isfinite(one.error).all():
                 return None
-            left_out[kind] = one
-    return rmse_of(problem, best), left_out
+            found[kind] = one
+    return found

@@ -10,7 +10,9 @@ from .ladder import Candidate
 
 _AVERAGED = 3  # families at most
 _PLAINLY = 2.0  # standard errors behind the best in one kind of groups alone
-_ALIKE = 0.1  # errors that differ by less than a tenth are not told apart
+ALIKE = 0.1
+"""Errors that differ by less than a tenth are not told apart."""
+
 _NOISE = 1e-3  # of the largest force: smaller errors are not told apart
 
 
@@ -22,8 +24,8 @@ class Tried:
         candidate: the family.
         rmse: in sample [N].
         left_out: errors by kind of what was left out, "pressure", "length" or "specimen".
-        score: mean logarithm of the errors of the groups left out, kinds of groups weighed alike;
-            of the error in sample where nothing can be left out.
+        score: mean logarithm of the errors of the groups left out, kinds of groups weighed alike; of
+            the errors in sample, a lower bound, where nothing was left out of this family.
         behind: score less that of the best, with its standard error over the groups.
         as_good: within one standard error of the best, or a tenth, in all, and within two standard
             errors of it, or a tenth, in each kind by itself.
@@ -37,6 +39,37 @@ class Tried:
     as_good: bool
 
 
+def score(errors: Mapping[str, LeftOut], rmse: float, max_force: float) -> float:
+    """Mean logarithm of the errors of groups, see `Tried`.
+
+    Args:
+        errors: by kind of groups.
+        rmse: in sample [N], which counts where there are none.
+        max_force: largest force measured [N].
+    """
+    return float(np.mean([one.mean() for one in _logs(errors, rmse, max_force)]))
+
+
+def _logs(errors: Mapping[str, LeftOut], rmse: float, max_force: float) -> list[np.ndarray]:
+    floor = _NOISE * max_force
+    found = [np.log(np.hypot(one.group_rmse, floor)) for one in errors.values()]
+    return found or [np.array([np.log(np.hypot(rmse, floor))])]
+
+
+def hopeless(one: Candidate, rmse: float, at_least: float, best: float) -> Tried:
+    """A family that nothing was left out of.
+
+    It errs more on what it has seen than the best does on what it has not.
+
+    Args:
+        one: the family.
+        rmse: in sample [N].
+        at_least: its score in sample.
+        best: the best score.
+    """
+    return Tried(one, rmse, {}, at_least, (at_least - best, 0.0), as_good=False)
+
+
 def ranked(
     found: Sequence[tuple[Candidate, float, Mapping[str, LeftOut]]], max_force: float
 ) -> tuple[tuple[Tried, ...], list[int]]:
@@ -46,12 +79,7 @@ def ranked(
         found: each family with its error in sample [N] and its errors on what was left out.
         max_force: largest force measured [N].
     """
-    floor = _NOISE * max_force
-    logs = [
-        [np.log(np.hypot(one.group_rmse, floor)) for one in left_out.values()]
-        or [np.array([np.log(np.hypot(rmse, floor))])]
-        for _, rmse, left_out in found
-    ]
+    logs = [_logs(left_out, rmse, max_force) for _, rmse, left_out in found]
     scores = [float(np.mean([one.mean() for one in of])) for of in logs]
     order = sorted(range(len(found)), key=lambda k: scores[k])
     tried = []
@@ -64,8 +92,8 @@ def ranked(
         )
         error = float(np.linalg.norm(errors) / errors.size)
         behind = scores[k] - scores[order[0]]
-        as_good = behind <= max(error, _ALIKE) and bool(
-            (means <= np.maximum(_PLAINLY * errors, _ALIKE)).all()
+        as_good = behind <= max(error, ALIKE) and bool(
+            (means <= np.maximum(_PLAINLY * errors, ALIKE)).all()
         )
         tried.append(Tried(candidate, rmse, left_out, scores[k], (behind, error), as_good))
     return tuple(tried), order

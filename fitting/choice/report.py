@@ -58,7 +58,7 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
             force(one.rmse),
             force(_number(one, "pressure")),
             force(_number(one, "length")),
-            f"{math.exp(one.behind[0]):.3g}",
+            f"{'' if one.left_out or not choice.left_out else 'over '}{math.exp(one.behind[0]):.3g}",
             part(one),
         )
         for one in choice.tried[:_ROWS]

@@ -68,17 +68,38 @@ def leave_out(
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
     """
+    found = grouped(problem, kind, np.zeros(problem.levels(kind).size), groups=groups)
+    if found is None:
+        return None
+    level, group = found.level, found.group
+    count = int(group.max()) + 1
+    out = group == np.arange(count)[:, None]
+    cube = latin_hypercube(len(problem.free), starts, seed)
+    cube[0] = u
+    fits = refit(
+        [problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * count,
+        max_steps=_STEPS, tolerance=_TOLERANCE,
+    )  # fmt: skip
+    return LeftOut(kind, level, group, fits.residual[group, np.arange(group.size)])
+
+
+def grouped(
+    problem: Problem, kind: str, error: Float[np.ndarray, " points"], *, groups: int | None = None
+) -> LeftOut | None:
+    """Errors at all readings in the groups in which `leave_out` takes them.
+
+    Args:
+        problem: what was fitted.
+        kind: "pressure", "length" or "specimen".
+        error: prediction less reading [N].
+        groups: as for `leave_out`.
+
+    Returns:
+        The errors; None where there are fewer than three levels, or one specimen.
+    """
     level = problem.levels(kind)
     values, place = np.unique(level, return_inverse=True)
     if values.size < (2 if kind == "specimen" else 3):
         return None
     count = values.size if groups is None else min(groups, values.size)
-    group = place * count // values.size
-    out = group == np.arange(count)[:, None]
-    cube = latin_hypercube(len(problem.free), starts, seed)
-    cube[0] = u
-    found = refit(
-        [problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * count,
-        max_steps=_STEPS, tolerance=_TOLERANCE,
-    )  # fmt: skip
-    return LeftOut(kind, level, group, found.residual[group, np.arange(group.size)])
+    return LeftOut(kind, level, place * count // values.size, error)
