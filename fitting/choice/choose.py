@@ -35,7 +35,7 @@ class Choice:
 
     Attributes:
         data: the map.
-        tried: all families, the best first.
+        tried: all families, the best first, and behind them those that nothing was left out of.
         dropped: what the map cannot carry, in sentences.
         members: what predictions are the mean of, the chosen one first; its names in `names`.
         names: of the members.
