@@ -103,19 +103,11 @@ def bootstrap(
             "the parameters; use resample='residual', or fix parameters"
         )
     return Bootstrap(
-        names=tuple(problem.names[k] for k in problem.free) + _coefficient_names(result),
+        names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,
         samples=samples[good],
         failed=int((~good).sum()),
         forces=(found.residual + forces)[good],
     )
-
-
-def _coefficient_names(result: Identification) -> tuple[str, ...]:
-    names = result.problem.linear
-    nodes = len(names) // result.order
-    if nodes == 1:
-        return names
-    return tuple(f"{name}_at_node_{k // result.order + 1}" for k, name in enumerate(names))
 
 
 def _drawn_forces(

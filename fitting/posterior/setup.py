@@ -1,0 +1,126 @@
+"""From an identification to the density of its posterior, about the quadratic model at its optimum."""
+
+import numpy as np
+from jaxtyping import Float
+
+from famjax.boundary.errors import InputError
+
+from ..engine.batched import Batched
+from ..search.optimal import joint_derivatives
+from ..search.result import Identification
+from .box_map import BoxMap
+from .density import Coordinates, Density, Layout
+from .faces import Faces, at_faces, faces_of
+
+Noise = float | tuple[float, float]
+"""Standard deviation of a reading where it is known, or the ends of its interval."""
+
+_UNIFORM = 12.0  # 1 / variance of a uniform distribution in the unit box
+_HELD = 1e12  # the same of the slack of a held coefficient, which is zero
+_SINGULAR = 1e-8  # smallest singular value of columns of unit length that determine coefficients
+_FAR = 1e4  # standard deviations: an end of a box that is none
+
+
+def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
+    """The density of the posterior, and the problem with its whole constraint.
+
+    Args:
+        result: from `identify`.
+        noise: in the unit of the weighted residual; of an interval the logarithm is uniform.
+
+    Raises:
+        InputError: the readings leave coefficients open, or nothing is free.
+    """
+    problem, point = result.problem, result.end.point
+    free, q, count = problem.free, len(problem.names), problem.force.size
+    p = free.size
+    _, jacobian, slopes = joint_derivatives(problem, point)
+    unknown, sigma, freedom = isinstance(noise, tuple), _scatter(result, noise), _freedom(result)
+    rows = np.full(point.residual.size, 1 / problem.noise)
+    rows[:count] = 1 / sigma
+    residual, jacobian = rows * point.residual, rows[:, None] * jacobian
+    scale = _whitening(jacobian[:, q:], problem.linear)
+
+    def of_sampled(derivative: np.ndarray) -> np.ndarray:
+        """Derivatives in the unit box and in c, of those in parameters and coefficients."""
+        width = (problem.high - problem.low)[free]
+        return np.concatenate([derivative[:, free] * width, derivative[:, q:] @ scale], axis=1)
+
+    faces = faces_of(problem, point, scale)
+    slope, J = of_sampled(slopes[faces.rows]), of_sampled(jacobian)
+    size = np.linalg.norm(slope[:, p:], axis=1)
+    slope = slope / size[:, None]
+    count, r = len(scale), len(faces.slacks)
+    others = np.linalg.svd(slope[:, p:], full_matrices=True)[2][len(slope) :]
+    others = others if len(slope) else np.eye(count)
+    censored = bool((problem.side != 0).any())
+    joint = censored or any(part.compliance is not None for part in problem.parts)
+    H = J.T @ J + np.diag(np.repeat([_UNIFORM, 0.0], [p, count])) + _HELD * slope[r:].T @ slope[r:]
+    covariance = np.linalg.inv(H)
+    sampled = np.zeros((p + r + len(others) * joint, p + count))
+    sampled[:p, :p] = np.eye(p)
+    sampled[p : p + r] = slope[:r]
+    sampled[p + r :, p:] = others[: len(sampled) - p - r]
+    mean, spread = sampled @ -covariance @ (J.T @ residual), sampled @ covariance @ sampled.T
+    mean[:p] += result.end.u
+    reach = _FAR * np.sqrt(np.diag(spread))
+    low, high = mean - reach, mean + reach
+    low[:p], high[:p] = 0.0, 1.0
+    low[p : p + r], high[p : p + r] = 0.0, np.maximum(mean, 0.0)[p : p + r] + reach[p : p + r]
+    if isinstance(noise, tuple):
+        logs = np.log(sigma), *np.log(noise)
+        mean, low, high = (
+            np.insert(v, p, at) for v, at in zip((mean, low, high), logs, strict=True)
+        )
+        spread = np.insert(np.insert(spread, p, 0.0, axis=0), p, 0.0, axis=1)
+        spread[p, p] = 1 / (2 * freedom)
+    if not mean.size:
+        raise InputError("nothing of the posterior is left to sample: every parameter is held")
+    density = Density(
+        fit=Batched.of(at_faces(problem, faces)),
+        force=problem.force,
+        side=problem.side,
+        layout=Layout(p, unknown, faces.slacks, faces.held, joint),
+        coordinates=Coordinates(point.x, scale, size, others),
+        noise=np.asarray(sigma),
+        prior_noise=np.asarray(problem.noise),
+        box=BoxMap.of(low, high, mean, spread),
+    )
+    return density, Batched.of(problem)
+
+
+def _freedom(result: Identification) -> int:
+    """Readings that are more than needed, at least one."""
+    problem = result.problem
+    spent = problem.free.size + len(problem.linear)
+    return max(int((problem.side == 0).sum()) - spent, 1)
+
+
+def _scatter(result: Identification, noise: Noise) -> float:
+    """The noise that is known, or that of the optimum, inside its interval."""
+    if not isinstance(noise, tuple):
+        return noise
+    problem = result.problem
+    own = result.end.point.residual[: problem.force.size][problem.side == 0]
+    found = float(np.sqrt(own @ own / _freedom(result)))
+    return float(np.exp(np.clip(np.log(max(found, 1e-300)), *(np.log(noise) + [1e-3, -1e-3]))))
+
+
+def _whitening(
+    columns: Float[np.ndarray, "k n"], names: tuple[str, ...]
+) -> Float[np.ndarray, "n n"]:
+    """S with the columns of (columns S) orthonormal.
+
+    Raises:
+        InputError: the readings and priors leave a coefficient open.
+    """
+    if not columns.shape[1]:
+        return np.zeros((0, 0))
+    length = np.linalg.norm(columns, axis=0)
+    R = np.linalg.qr(columns / np.where(length > 0, length, 1.0), mode="r")
+    if not np.linalg.svd(R, compute_uv=False).min() > _SINGULAR:
+        raise InputError(
+            f"the readings do not determine {', '.join(dict.fromkeys(names))}: with a flat prior "
+            "these have no posterior. Give priors of them (parameters=, --prior), or a lower order"
+        )
+    return np.linalg.inv(R) / length[:, None]
