@@ -1,11 +1,14 @@
 """From an identification to the density of its posterior, about the quadratic model at its optimum."""
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
 from ..engine.batched import Batched
+from ..engine.descent import descend_many
 from ..search.optimal import joint_derivatives
 from ..search.result import Identification
 from .box_map import BoxMap
@@ -18,6 +21,7 @@ Noise = float | tuple[float, float]
 _UNIFORM = 12.0  # 1 / variance of a uniform distribution in the unit box
 _HELD = 1e12  # the same of the slack of a held coefficient, which is zero
 _SINGULAR = 1e-8  # smallest singular value of columns of unit length that determine coefficients
+_REACH, _NODES, _EXCESS = 4.0, 13, 10.0  # of a ridge: standard deviations, optima, log-likelihood
 _FAR = 1e4  # standard deviations: an end of a box that is none
 
 
@@ -57,10 +61,11 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
     joint = censored or any(part.compliance is not None for part in problem.parts)
     H = J.T @ J + np.diag(np.repeat([_UNIFORM, 0.0], [p, count])) + _HELD * slope[r:].T @ slope[r:]
     covariance = np.linalg.inv(H)
-    sampled = np.zeros((p + r + len(others) * joint, p + count))
+    others = others if joint else others[:0]
+    sampled = np.zeros((p + r + len(others), p + count))
     sampled[:p, :p] = np.eye(p)
     sampled[p : p + r] = slope[:r]
-    sampled[p + r :, p:] = others[: len(sampled) - p - r]
+    sampled[p + r :, p:] = others
     mean, spread = sampled @ -covariance @ (J.T @ residual), sampled @ covariance @ sampled.T
     mean[:p] += result.end.u
     reach = _FAR * np.sqrt(np.diag(spread))
@@ -76,6 +81,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
         spread[p, p] = 1 / (2 * freedom)
     if not mean.size:
         raise InputError("nothing of the posterior is left to sample: every parameter is held")
+    box = BoxMap.of(low, high, mean, spread)
     density = Density(
         fit=Batched.of(at_faces(problem, faces)),
         force=problem.force,
@@ -84,9 +90,40 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
         coordinates=Coordinates(point.x, scale, size, others),
         noise=np.asarray(sigma),
         prior_noise=np.asarray(problem.noise),
-        box=BoxMap.of(low, high, mean, spread),
+        box=_along_ridge(result, box, sigma, others @ np.linalg.inv(scale)),
     )
     return density, Batched.of(problem)
+
+
+def _along_ridge(
+    result: Identification,
+    box: BoxMap,
+    sigma: float,
+    on_x: Float[np.ndarray, "o n"],
+) -> BoxMap:
+    """The map with the ridge along its leading parameter, by the optima with this one held."""
+    problem, end = result.problem, result.end
+    lead, p = int(box.order[0]), problem.free.size
+    if lead >= p or p < 2:
+        return box
+    reach = _REACH * box.root[0, 0]
+    leads = np.linspace(max(0.0, end.u[lead] - reach), min(1.0, end.u[lead] + reach), _NODES)
+    place, held = problem.free[lead], []
+    for at in leads:
+        low, high = problem.low.copy(), problem.high.copy()
+        low[place] = high[place] = low[place] + at * (high - low)[place]
+        held.append(dataclasses.replace(problem, low=low, high=high))
+    rest = np.delete(np.arange(p), lead)
+    ends = descend_many(held, [end.u[rest]] * _NODES)
+    excess = np.array([one.cost - end.cost for one in ends]) / sigma**2
+    near = [k for k in range(_NODES) if ends[k].converged and excess[k] <= _EXCESS]
+    if len(near) < 3:
+        return box
+    found = np.array([ends[k].u for k in near])
+    ridge = {int(at): found[:, k] for k, at in enumerate(rest)}
+    x = np.array([ends[k].point.x - end.point.x for k in near])
+    ridge |= {len(box.order) - len(on_x) + k: x @ row for k, row in enumerate(on_x)}
+    return box.along(leads[near], ridge)
 
 
 def _freedom(result: Identification) -> int:
