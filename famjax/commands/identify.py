@@ -38,6 +38,7 @@ def fit(
     validate: Annotated[bool, Parameter(negative=())] = False,
     profile: Annotated[bool, Parameter(negative=())] = False,
     bootstrap: Replicates = 0,
+    posterior: Annotated[bool, Parameter(negative=())] = False,
     hysteresis: Annotated[bool, Parameter(negative=())] = False,
     atmosphere: str | None = None,
     columns: str | None = None,
@@ -103,6 +104,9 @@ def fit(
         Also hold each parameter beside its optimum: which are identified, and how far.
     bootstrap
         Number of bootstrap replicates for standard errors and prediction bands.
+    posterior
+        Also draw from the posterior (NUTS) and write `posterior.png`: within bounds and priors, with
+        --noise-N for the noise of a reading where it is known.
     hysteresis
         Also fit both branches of raw ramps, about their static map, and predict those left out.
     atmosphere
@@ -141,6 +145,8 @@ def fit(
     from .fit_steps import Steps
 
     check_output(output)
+    if posterior:
+        fitting.posterior.load_blackjax()
     if law is not None and ":" in law:
         sys.path.insert(0, str(Path.cwd()))  # where a law of the user's own lies
     kinds = parameter_kinds(law) if bounds or free or prior else {}
@@ -167,7 +173,9 @@ def fit(
             steps.choose()
         else:
             steps.identify(law=law or "polynomial", order=order, dependence=dependence)
-        steps.gather(validation=validate, profiles=profile, replicates=bootstrap)
+        steps.gather(
+            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior
+        )
         steps.judge()
         evidence = steps.evidence if pairs is None else with_hysteresis(steps.evidence, pairs)
         told = {"choice": steps.choice, "judgement": steps.judgement}

@@ -1,4 +1,4 @@
-"""The faces of a posterior: what of a constraint is active at the optimum."""
+"""The faces of a posterior: what of a constraint is active at the optimum, or near it."""
 
 import dataclasses
 
@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 from ..engine.point import Point
 from ..engine.problem import Problem
 
-_PARALLEL = 0.1  # sine of the angle between two faces below which they are one
+_PARALLEL = 0.01  # sine of the angle between two faces below which they are one
+_NEAR = 3.0  # standard deviations of a slack within which a constraint cuts off draws
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,15 +29,22 @@ class Faces:
     stations: tuple[Float[np.ndarray, "paths most"], ...]
 
 
-def faces_of(problem: Problem, point: Point, scale: Float[np.ndarray, "n n"]) -> Faces:
-    """The active rows that differ in direction, the one that pushes hardest first.
+def faces_of(
+    problem: Problem,
+    point: Point,
+    scale: Float[np.ndarray, "n n"],
+    spread: Float[np.ndarray, " m"],
+) -> Faces:
+    """The rows that cut off draws and differ in direction: the active ones, then the nearest.
 
     Args:
         problem: of the fit.
         point: its optimum.
         scale: of coefficients that are about a standard normal.
+        spread: standard deviations of the slacks of all rows.
     """
     G, optimum = point.programme[2] @ scale, point.optimum
+    slack = point.programme[2] @ point.x - point.programme[3]
     size = np.linalg.norm(G, axis=1)
     n_path = len(G) - _bounds(problem).size
     lower = np.flatnonzero(np.isfinite(_lowest(problem)))
@@ -46,8 +54,12 @@ def faces_of(problem: Problem, point: Point, scale: Float[np.ndarray, "n n"]) ->
     directions = [G[row] / size[row] for row in held]
     chosen = []
     push = np.asarray(optimum.multipliers) * size[optimum.rows]
-    for row in np.asarray(optimum.rows, int)[np.argsort(-push, kind="stable")].tolist():
-        if row in both or not size[row] > 0:
+    away = np.where(spread > 0, slack / np.where(spread > 0, spread, 1.0), np.inf)
+    nearest = np.argsort(away, kind="stable")
+    order = [*np.asarray(optimum.rows, int)[np.argsort(-push, kind="stable")].tolist(),
+             *nearest[away[nearest] < _NEAR].tolist()]  # fmt: skip
+    for row in order:
+        if row in both or not size[row] > 0 or len(directions) == len(scale):
             continue
         known = np.linalg.qr(np.array(directions).reshape(-1, len(scale)).T)[0]
         direction = G[row] / size[row]

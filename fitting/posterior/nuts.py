@@ -19,6 +19,7 @@ from ..engine.batched import Batched
 from .density import Density
 
 _DISPERSED = 1.5  # standard deviations of the starts, in which the posterior has about one
+_DOUBLINGS = 8  # of a trajectory: what needs longer ones has coordinates that do not suit it
 _TARGET = 0.9  # acceptance, at which narrow places are passed without divergences
 
 
@@ -89,8 +90,9 @@ def tuned_chains(density: Density, keys: Array, warmup: int) -> Chains:
         z = _DISPERSED * jax.random.normal(start, (d,))
         z = jnp.where(jnp.isfinite(density(z)), z, 0.0)
         adapt = blackjax.window_adaptation(
-            blackjax.nuts, density, is_mass_matrix_diagonal=False, target_acceptance_rate=_TARGET
-        )
+            blackjax.nuts, density, is_mass_matrix_diagonal=False, target_acceptance_rate=_TARGET,
+            max_num_doublings=_DOUBLINGS,
+        )  # fmt: skip
         (state, tuning), _ = adapt.run(tune, z, num_steps=warmup)
         return Chains(state, {name: tuning[name] for name in ("step_size", "inverse_mass_matrix")})
 
@@ -114,7 +116,9 @@ def drawn(
 
     def step(chain: Chains, key: Array) -> tuple[Chains, Drawn]:
         move, own = jax.random.split(key)
-        state, told = kernel(move, chain.states, density, **chain.tuning)
+        state, told = kernel(
+            move, chain.states, density, **chain.tuning, max_num_doublings=_DOUBLINGS
+        )
         v, _ = density.box(state.position)
         p, x, noise, held = density.draw(whole, v, own)
         found = Drawn(

@@ -16,6 +16,7 @@ from .result import Posterior
 from .setup import Noise, density_of
 
 _ROUNDS = 20  # in which as many draws are made as are asked for, where the constraint refuses some
+_ENOUGH = 0.9  # of the draws: no further round is made for what is missing of them
 _NOISE = (1e-4, 1.0)  # of the largest force: ends of the interval of a noise that is not known
 
 
@@ -41,7 +42,8 @@ def sample(
     Args:
         result: from `identify` or `identify_together`; with `objective="huber"` the readings keep
             the weights found.
-        draws: of each chain, after the warm-up.
+        draws: of each chain, after the warm-up; a tenth of them fewer where the constraint refuses
+            that many.
         warmup: draws in which each chain is tuned.
         chains: number of them, from dispersed starts.
         noise: standard deviation of a reading [N] where it is known; (low, high) [N] where it is
@@ -82,9 +84,9 @@ def sample(
         at, new = drawn(density, whole, at, jax.random.split(key, chains), draws)
         found.append(jax.tree.map(np.asarray, new))
         kept = sum(one.held.sum(axis=1) for one in found).min()
-        if kept >= draws or kept * _ROUNDS < draws * done:
+        if kept >= _ENOUGH * draws or kept * _ROUNDS < draws * done:
             break
-    if kept < draws:
+    if kept < _ENOUGH * draws:
         raise InputError(
             f"of {draws * len(found)} draws of a chain {kept} satisfy the constraint "
             f"{result.constraint!r}: it cuts off nearly all of what the readings allow. Ask for "
@@ -93,7 +95,7 @@ def sample(
     if progress is not None:
         progress(1, 1)
     whole_run: Drawn = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *found)
-    first = [np.flatnonzero(row)[:draws] for row in whole_run.held]
+    first = [np.flatnonzero(row)[: min(kept, draws)] for row in whole_run.held]
     own = jax.tree.map(
         lambda leaf: np.stack([of[at] for of, at in zip(leaf, first, strict=True)]), whole_run
     )

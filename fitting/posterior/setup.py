@@ -50,24 +50,26 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
         width = (problem.high - problem.low)[free]
         return np.concatenate([derivative[:, free] * width, derivative[:, q:] @ scale], axis=1)
 
-    faces = faces_of(problem, point, scale)
-    slope, J = of_sampled(slopes[faces.rows]), of_sampled(jacobian)
+    J, slope = of_sampled(jacobian), of_sampled(slopes)
+    H = J.T @ J + np.diag(np.repeat([_UNIFORM, 0.0], [p, len(scale)]))
+    spread = np.sqrt(np.einsum("mi,ij,mj->m", slope, np.linalg.inv(H), slope))
+    faces = faces_of(problem, point, scale, spread)
+    slope, slack = slope[faces.rows], (point.programme[2] @ point.x - point.programme[3])[faces.rows]
     size = np.linalg.norm(slope[:, p:], axis=1)
-    slope = slope / size[:, None]
+    slope, slack = slope / size[:, None], slack / size
     count, r = len(scale), len(faces.slacks)
     others = np.linalg.svd(slope[:, p:], full_matrices=True)[2][len(slope) :]
     others = others if len(slope) else np.eye(count)
     censored = bool((problem.side != 0).any())
     joint = censored or any(part.compliance is not None for part in problem.parts)
-    H = J.T @ J + np.diag(np.repeat([_UNIFORM, 0.0], [p, count])) + _HELD * slope[r:].T @ slope[r:]
-    covariance = np.linalg.inv(H)
+    covariance = np.linalg.inv(H + _HELD * slope[r:].T @ slope[r:])
     others = others if joint else others[:0]
     sampled = np.zeros((p + r + len(others), p + count))
     sampled[:p, :p] = np.eye(p)
     sampled[p : p + r] = slope[:r]
     sampled[p + r :, p:] = others
     mean, spread = sampled @ -covariance @ (J.T @ residual), sampled @ covariance @ sampled.T
-    mean[:p] += result.end.u
+    mean[: p + r] += np.concatenate([result.end.u, slack[:r]])
     reach = _FAR * np.sqrt(np.diag(spread))
     low, high = mean - reach, mean + reach
     low[:p], high[:p] = 0.0, 1.0
