@@ -59,7 +59,7 @@ class Steps:
             self.result, validation=validation and choice is None, profiles=profiles,
             replicates=replicates, seed=self._options["seed"], progress=self._show,
             error=None if choice is None else choice.error, posterior=posterior,
-            noise=self._options["noise"] if posterior else None,
+            noise=self._options["noise"] if choice is None else None,
         )  # fmt: skip
         if choice is not None and validation:
             found = [

@@ -37,15 +37,15 @@ class Posterior:
     """Draws from the posterior of an identification.
 
     Attributes:
-        names: of the parameters that vary: nonlinear ones, coefficients, and `noise` [N] where it
-            was not known.
+        names: of the parameters that vary: nonlinear ones, coefficients, and where it was not known
+            `noise` [N], or `noise_factor` on the standard deviations of the readings.
         kinds: of their units.
         samples: their values [SI], shape (chains, draws, parameters).
         divergent: trajectories that were given up: more than a few, and the draws miss a part of
             the posterior; shape (chains, draws).
         steps: of each trajectory, shape (chains, draws).
         log_density: of the sampled coordinates, but for a constant, shape (chains, draws).
-        noise: standard deviation of a reading where it was known [N, or in those of the readings].
+        noise: standard deviation of a reading where it was known [N], or that factor.
         kept: part of the draws that satisfy the whole constraint; the others are left out.
         faces: number of active constraints, whose slack was sampled.
         joint: whether the coefficients were sampled and not integrated.

@@ -17,7 +17,7 @@ from .setup import Noise, density_of
 
 _ROUNDS = 20  # in which as many draws are made as are asked for, where the constraint refuses some
 _ENOUGH = 0.9  # of the draws: no further round is made for what is missing of them
-_NOISE = (1e-4, 1.0)  # of the largest force: ends of the interval of a noise that is not known
+_LEAST = 1e-4  # of the largest force: the least noise that is taken to be possible
 
 
 def sample(
@@ -47,9 +47,10 @@ def sample(
         warmup: draws in which each chain is tuned.
         chains: number of them, from dispersed starts.
         noise: standard deviation of a reading [N] where it is known; (low, high) [N] where it is
-            sampled, its logarithm uniform between them. None: as in the fit, where the readings
-            have standard deviations or priors were weighed against a noise; otherwise sampled
-            between 1e-4 and 1 of the largest force.
+            sampled, its logarithm uniform between them. Where readings have standard deviations
+            the same as a multiple of these. None: sampled up to the largest force, from what was
+            said in the fit on (standard deviations, or the noise that priors were weighed
+            against), otherwise from 1e-4 of the largest force on.
         seed: of the draws; the same seed gives the same draws.
         progress: called with (steps done, steps).
 
@@ -104,23 +105,16 @@ def sample(
 
 def _noise(result: Identification, noise: Noise | None) -> Noise:
     """The noise in the unit of the weighted residual, or the ends of its interval."""
-    problem = result.problem
-    weighted = result.data.force_std is not None
     if noise is None:
-        if weighted:
-            return 1.0
-        if problem.priors or problem.coefficient_priors:
-            return problem.noise
-        largest = max(float(np.abs(part.force).max()) for part in problem.parts)
-        return _NOISE[0] * largest, _NOISE[1] * largest
-    if weighted:
-        raise InputError(
-            "the readings have standard deviations of their own (force_std): leave noise out"
-        )
+        problem = result.problem
+        largest = max(float(np.abs(part.force * part.weight).max()) for part in problem.parts)
+        weighted = result.data.force_std is not None
+        said = weighted or bool(problem.priors or problem.coefficient_priors)
+        return (problem.noise if said else _LEAST * largest), largest
     ends = noise if isinstance(noise, tuple) else (noise, noise)
     if not (len(ends) == 2 and 0 < ends[0] <= ends[1] < math.inf):
         raise InputError(
-            f"the noise is a standard deviation > 0 [N], or two of them, low and high; got {noise}"
+            f"the noise is a standard deviation > 0, or two of them, low and high; got {noise}"
         )
     return noise if isinstance(noise, tuple) and ends[0] < ends[1] else float(ends[0])
 
@@ -140,7 +134,10 @@ def _posterior(
             kinds.append(result.law.coefficients[problem.linear[k]].kind)
             columns.append(own.x[:, :, k])
     if layout.noise:
-        names, kinds, columns = [*names, "noise"], [*kinds, "force"], [*columns, own.noise]
+        weighted = result.data.force_std is not None
+        names.append("noise_factor" if weighted else "noise")
+        kinds.append("number" if weighted else "force")
+        columns.append(own.noise)
     return Posterior(
         names=tuple(names),
         kinds=tuple(kinds),
