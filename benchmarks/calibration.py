@@ -1,10 +1,11 @@
 """Simulation-based calibration of the posterior: truths from the prior, maps from the truths.
 
-    python benchmarks/calibration.py [--draws 200] [--seed 0]
+    python benchmarks/calibration.py [--draws 200] [--seed 0] [--censored]
 
 Where the posterior is right the rank of the truth among its draws is uniform, for every parameter.
 Geometry uniform in its box, coefficients normal and Drucker-stable, the logarithm of the noise
-uniform; each map is identified and sampled as a user would do it.
+uniform; each map is identified and sampled as a user would do it. With `--censored` a muscle goes
+slack within its map, and the load cell ends below its largest forces.
 
 References:
     Talts, Betancourt, Simpson, Vehtari & Gelman 2018, arXiv:1804.06788.
@@ -27,8 +28,9 @@ import fitting
 from fitting import ForceData, Parameter, Specimen
 
 SPECIMEN = Specimen("calibration", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
-LENGTHS = 0.3 * (1 - np.linspace(0, 0.18, 6))
-PRESSURES = np.linspace(2e5, 6e5, 5)
+CONTRACTIONS = {False: np.linspace(0, 0.1, 6), True: np.linspace(0, 0.3, 8)}
+PRESSURES = {False: np.linspace(3e5, 6e5, 5), True: np.linspace(0.5e5, 6e5, 5)}
+LIMIT = {False: None, True: 900.0}  # N
 BOX = {"braid_diameter": (0.020, 0.0236), "braid_angle": np.deg2rad((60.0, 70.0)),
        "deadband_pressure": (0.0, 1e5)}  # fmt: skip
 LAW = {"E_1": (2e6, 1e6), "E_2": (-2e6, 3e6)}
@@ -39,7 +41,9 @@ _STATIONS = 200
 
 
 @jax.jit
-def _force_and_margin(truth: dict[str, jax.Array]) -> tuple[jax.Array, jax.Array]:
+def _force_and_margin(
+    truth: dict[str, jax.Array], L: jax.Array, P: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """Force [N] at every reading, and the smallest modulus [Pa] along the path."""
     braid = famjax.Braid.from_rest(
         diameter=truth["braid_diameter"], braid_angle=truth["braid_angle"], length=0.3
@@ -48,42 +52,50 @@ def _force_and_margin(truth: dict[str, jax.Array]) -> tuple[jax.Array, jax.Array
     law = famjax.PolynomialMaterial(jnp.stack([truth[name] for name in LAW]))
     geometry = famjax.EstimatedGeometry(braid, bladder)
     muscle = famjax.Muscle(geometry, law, truth["deadband_pressure"])
-    L, P = (grid.ravel() for grid in np.meshgrid(LENGTHS, PRESSURES))
-    path = jnp.linspace(0.3, LENGTHS.min(), _STATIONS)
-    return muscle.force(L, P), famjax.path_modulus(law, geometry, path, PRESSURES.max()).min()
+    path = jnp.linspace(0.3, L.min(), _STATIONS)
+    return muscle.force(L, P), famjax.path_modulus(law, geometry, path, P.max()).min()
 
 
-def truth_and_map(rng: np.random.Generator) -> tuple[dict[str, float], ForceData]:
-    """A truth from the prior, and a map that it makes."""
+def truth_and_map(rng: np.random.Generator, censored: bool) -> tuple[dict[str, float], ForceData]:
+    """A truth from the prior, and a map that it makes.
+
+    Raises:
+        RuntimeError: a reading is slack that should not be: the map would lose it.
+    """
+    grid = np.meshgrid(0.3 * (1 - CONTRACTIONS[censored]), PRESSURES[censored])
+    L, P = (axis.ravel() for axis in grid)
     while True:
         truth = {name: float(rng.uniform(*ends)) for name, ends in BOX.items()}
         truth |= {name: float(rng.normal(*of)) for name, of in LAW.items()}
-        force, margin = _force_and_margin(truth)
+        force, margin = _force_and_margin(truth, L, P)
         if margin >= 0:
             break
     truth["noise"] = float(np.exp(rng.uniform(*np.log(NOISE))))
-    L, P = (grid.ravel() for grid in np.meshgrid(LENGTHS, PRESSURES))
     read = np.asarray(force) + truth["noise"] * rng.normal(size=L.size)
-    return truth, ForceData(read, P, L, SPECIMEN)
+    data = ForceData(read, P, L, SPECIMEN, force_limit=LIMIT[censored])
+    if not censored and not data.loaded.all():
+        raise RuntimeError(f"{(~data.loaded).sum()} readings are slack: choose another grid")
+    return truth, data
 
 
 def ranks(
-    count: int, seed: int, progress: Callable[[int], None] | None = None
+    count: int, seed: int, *, censored: bool = False, progress: Callable[[int], None] | None = None
 ) -> dict[str, Float[np.ndarray, " count"]]:
     """Part of the draws that lie below the truth, by parameter; uniform where the posterior is right.
 
     Args:
         count: truths.
         seed: of everything.
+        censored: whether the maps have slack and saturated readings, which take part.
         progress: called with the number done.
     """
     rng = np.random.default_rng(seed)
     parameters = {name: Parameter(prior=of, unit="Pa") for name, of in LAW.items()}
     found: dict[str, list[float]] = {name: [] for name in (*BOX, *LAW, "noise")}
     for done in range(count):
-        truth, data = truth_and_map(rng)
+        truth, data = truth_and_map(rng, censored)
         result = fitting.identify(
-            data, order=len(LAW), parameters=parameters, noise=_WEIGHED, starts=6
+            data, order=len(LAW), parameters=parameters, noise=_WEIGHED, starts=6, censored=censored
         )
         posterior = fitting.sample(
             result, noise=NOISE, chains=_CHAINS, draws=_DRAWS, warmup=_WARMUP, seed=done
@@ -107,6 +119,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--censored", action="store_true")
     given: Any = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
 
@@ -114,7 +127,7 @@ def main() -> int:
         if not done % 20:
             print(f"{done} of {given.draws}", file=sys.stderr, flush=True)
 
-    p = uniformity(ranks(given.draws, given.seed, told))
+    p = uniformity(ranks(given.draws, given.seed, censored=given.censored, progress=told))
     for name, value in p.items():
         print(f"{name:18} p = {value:.3f}")
     least = min(p.values())

@@ -202,7 +202,7 @@ class Problem:
         """Equal for problems that differ in readings, weights and bounds alone."""
         limits = (np.isfinite(self.coefficient_min), np.isfinite(self.coefficient_max))
         return (
-            tuple(id(part.program) for part in self.parts), self.names, self.linear,
+            tuple(id(part.program) for part in self.parts), self.side.tobytes(), self.names, self.linear,
             self.free.tobytes(), *(on.tobytes() for on in limits), self.priors,
             self.coefficient_priors, self.noise, self.constraint, self.ridge,
         )  # fmt: skip

@@ -81,4 +81,5 @@ def leave_out(
         [problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * count,
         max_steps=_STEPS, tolerance=_TOLERANCE,
     )  # fmt: skip
-    return LeftOut(kind, level, group, found.residual[group, np.arange(group.size)])
+    at = np.flatnonzero(problem.side == 0)
+    return LeftOut(kind, level[at], group[at], found.residual[group[at], at])

@@ -117,10 +117,11 @@ def _drawn_forces(
     force, scale = result.problem.force, 1 / result.problem.weight
     residual = force_error(result.problem, result.end)
     standard = residual / scale
-    freedom = max(result.degrees_of_freedom, 1)
-    standard = (standard - standard.mean()) * np.sqrt(residual.size / freedom)
+    freedom, read = max(result.degrees_of_freedom, 1), result.problem.side == 0
+    standard = standard[read]
+    standard = (standard - standard.mean()) * np.sqrt(standard.size / freedom)
     drawn = rng.choice(standard, (replicates, residual.size))
-    return force + residual + drawn * scale
+    return np.where(read, force + residual + drawn * scale, force)
 
 
 def _drawn_counts(
