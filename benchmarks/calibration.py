@@ -28,8 +28,8 @@ import fitting
 from fitting import ForceData, Parameter, Specimen
 
 SPECIMEN = Specimen("calibration", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
-CONTRACTIONS = {False: np.linspace(0, 0.1, 6), True: np.linspace(0, 0.3, 8)}
-PRESSURES = {False: np.linspace(3e5, 6e5, 5), True: np.linspace(0.5e5, 6e5, 5)}
+CONTRACTIONS = {False: np.linspace(0, 0.06, 6), True: np.linspace(0, 0.3, 8)}
+PRESSURES = {False: np.linspace(3e5, 7e5, 5), True: np.linspace(0.5e5, 6e5, 5)}
 LIMIT = {False: None, True: 900.0}  # N
 BOX = {"braid_diameter": (0.020, 0.0236), "braid_angle": np.deg2rad((60.0, 70.0)),
        "deadband_pressure": (0.0, 1e5)}  # fmt: skip

@@ -33,6 +33,7 @@ def fit(
     prior: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     noise_N: Annotated[float | None, Parameter(name="--noise-N")] = None,
     objective: Literal["sum_of_squares", "huber"] = "sum_of_squares",
+    censored: Annotated[bool, Parameter(negative=())] = False,
     pressure_tolerance: str | None = None,
     length_tolerance: str | None = None,
     validate: Annotated[bool, Parameter(negative=())] = False,
@@ -92,6 +93,10 @@ def fit(
         Standard deviation of one reading, against which priors are weighed.
     objective
         sum_of_squares; huber: robust, so that single bad readings count little.
+    censored
+        Slack readings count where the model pulls, and those at the limit of the load cell
+        (`# specimen: force_limit_N = 500`) where it pulls less, one-sided; the law is the polynomial
+        one unless --law names another.
     pressure_tolerance
         Readings nearer than this are at one pressure: `--pressure-tolerance 1kPa`. Found from the
         gaps between the readings unless given.
@@ -117,7 +122,7 @@ def fit(
     specimen
         Describe the muscle, key_unit=value, repeatable: `--specimen rest_length_mm=296`. Keys:
         rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness (with a
-        unit), embedded (true or false: threads inside the wall), name.
+        unit), force_limit_N (of the load cell), embedded (true or false: threads inside the wall), name.
     starts
         Number of starts of the geometry.
     seed
@@ -169,10 +174,12 @@ def fit(
     }
     with progress_bar() as progress:
         steps = Steps(measured, options, progress)
-        if law is None and order is None and dependence == "fixed":
+        if law is None and order is None and dependence == "fixed" and not censored:
             steps.choose()
         else:
-            steps.identify(law=law or "polynomial", order=order, dependence=dependence)
+            steps.identify(
+                law=law or "polynomial", order=order, dependence=dependence, censored=censored
+            )
         steps.gather(
             validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior
         )

@@ -127,9 +127,7 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     _lengths_of_contractions(arrays, known)
     limit = known.pop("force_limit", None)
     complete, notes = _complete(known, arrays["length"], source)
-    return ForceData(
-        **arrays, specimen=complete, source=source, notes=notes, force_limit=limit
-    )
+    return ForceData(**arrays, specimen=complete, source=source, notes=notes, force_limit=limit)
 
 
 def _number(cell: str, row: int, name: str) -> float:

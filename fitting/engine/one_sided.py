@@ -66,9 +66,7 @@ def one_sided(
     found = _set_aside(stack, members, linear, on)
     if not settled.all():
         lost = np.where(settled, 0.0, np.nan)
-        found = tuple(
-            dataclasses.replace(one, force=one.force + lost[:, None]) for one in found
-        )
+        found = tuple(dataclasses.replace(one, force=one.force + lost[:, None]) for one in found)
     return found
 
 

@@ -69,11 +69,14 @@ def leave_out(
         The errors; None where there are fewer than three levels.
     """
     level = problem.levels(kind)
-    values, place = np.unique(level, return_inverse=True)
+    at = np.flatnonzero(problem.side == 0)
+    values = np.unique(level[at])
+    place = np.searchsorted(values, level)
     if values.size < 3:
         return None
     count = values.size if groups is None else min(groups, values.size)
     group = place * count // values.size
+    group[~np.isin(level, values)] = -1  # censored readings where none is anything else
     out = group == np.arange(count)[:, None]
     cube = latin_hypercube(len(problem.free), starts, seed)
     cube[0] = u
@@ -81,5 +84,4 @@ def leave_out(
         [problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * count,
         max_steps=_STEPS, tolerance=_TOLERANCE,
     )  # fmt: skip
-    at = np.flatnonzero(problem.side == 0)
     return LeftOut(kind, level[at], group[at], found.residual[group[at], at])

@@ -75,7 +75,7 @@ def validate(
         label = np.repeat(np.arange(len(problem.parts), dtype=float), result.readings_of_parts)
     else:
         label = problem.levels(groups)
-    values = np.unique(label)
+    values = np.unique(label[problem.side == 0])
     if values.size < 2:
         raise InputError(f"leaving one {groups} out needs two or more; there is {values.size}")
     out = label == values[:, None]

@@ -85,7 +85,9 @@ class BoxMap(eqx.Module):
             if j:
                 centre = centre + t[0] * (curve[1] + t[0] * (curve[2] + t[0] * curve[3]))
             centre = centre + sum((root[i] * t[i] for i in range(1, j)), start=jnp.zeros(()))
-            t_j, slope = _within((centre - self.low[j]) / width, (self.high[j] - centre) / width, z[j])
+            t_j, slope = _within(
+                (centre - self.low[j]) / width, (self.high[j] - centre) / width, z[j]
+            )
             log_slope = log_slope + jnp.log(width) + slope
             t.append(t_j)
             v.append(centre + width * t_j)

@@ -149,7 +149,11 @@ class Density(eqx.Module):
         """A, b of the standardised residual A c - b, and N, offset of the slacks N c - offset."""
         of, count = self.coordinates, self.force.shape[0]
         A, b, G, h = self.fit.programme(
-            p, jnp.zeros(of.centre.shape), jnp.asarray(self.force), self._ones, jnp.asarray(self.force)
+            p,
+            jnp.zeros(of.centre.shape),
+            jnp.asarray(self.force),
+            self._ones,
+            jnp.asarray(self.force),
         )
         scale = jnp.where(jnp.arange(A.shape[0]) < count, 1 / sigma, 1 / self.prior_noise)
         at = np.array(self.layout.slacks + self.layout.held, int)

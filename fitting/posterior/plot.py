@@ -64,7 +64,9 @@ def plot_posterior(posterior: Posterior, system: str = "metric") -> Figure:
                 axes.set_xlabel(labels[column], fontsize=7)
             if column == 0 and row:
                 axes.set_ylabel(labels[row], fontsize=7)
-        _draw_ranks(figure.add_subplot(grid[row, count + 1 :]), values[row], labels[row], row, count)
+        _draw_ranks(
+            figure.add_subplot(grid[row, count + 1 :]), values[row], labels[row], row, count
+        )
     figure.suptitle(
         f"{posterior.name}: posterior of {posterior.samples.shape[0]} chains, R-hat at most "
         f"{posterior.r_hat:.3f}, effective size at least {posterior.effective_size:.0f}",

@@ -42,7 +42,9 @@ def posterior_table(posterior: Posterior, system: str) -> tuple[str, tuple[str, 
     rows = []
     for (name, one), kind in zip(posterior.summary.items(), posterior.kinds, strict=True):
         unit = unit_system(system)[kind]
-        mean, std, low, high = (from_si(v, unit, kind) for v in (one.mean, one.std, one.low, one.high))
+        mean, std, low, high = (
+            from_si(v, unit, kind) for v in (one.mean, one.std, one.low, one.high)
+        )
         size = min(one.effective_size, one.effective_size_of_tails)
         rows.append(
             (name, unit, f"{mean:.5g}", f"{std:.2g}", f"{low:.5g} to {high:.5g}", f"{one.r_hat:.4f}",

@@ -102,7 +102,9 @@ class Posterior:
     @property
     def correlation(self) -> Float[np.ndarray, "parameters parameters"]:
         """Of the parameters over all draws."""
-        return np.corrcoef(self.samples.reshape(-1, len(self.names)).T).reshape(2 * (len(self.names),))
+        return np.corrcoef(self.samples.reshape(-1, len(self.names)).T).reshape(
+            2 * (len(self.names),)
+        )
 
     @property
     def converged(self) -> bool:

@@ -54,7 +54,10 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
     H = J.T @ J + np.diag(np.repeat([_UNIFORM, 0.0], [p, len(scale)]))
     spread = np.sqrt(np.einsum("mi,ij,mj->m", slope, np.linalg.inv(H), slope))
     faces = faces_of(problem, point, scale, spread)
-    slope, slack = slope[faces.rows], (point.programme[2] @ point.x - point.programme[3])[faces.rows]
+    slope, slack = (
+        slope[faces.rows],
+        (point.programme[2] @ point.x - point.programme[3])[faces.rows],
+    )
     size = np.linalg.norm(slope[:, p:], axis=1)
     slope, slack = slope / size[:, None], slack / size
     count, r = len(scale), len(faces.slacks)

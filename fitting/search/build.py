@@ -56,9 +56,9 @@ def pose(
     parts, order = [], len(linear)
     for k, (one, source) in enumerate(zip(data, sources, strict=True)):
         first = k * order if own_law else 0
-        parts.append(_part(
-            one, source, law, terms, names, dependence, first, constraint, censored=censored
-        ))
+        parts.append(
+            _part(one, source, law, terms, names, dependence, first, constraint, censored=censored)
+        )
     nodes = (len(data) if own_law else 1) if dependence == "fixed" else parts[0].family.n_nodes
     low, high = (np.array(ends) for ends in zip(*(_interval(table[n]) for n in names), strict=True))
     return Problem(
