@@ -100,17 +100,17 @@ def ranks(
         posterior = fitting.sample(
             result, noise=NOISE, chains=_CHAINS, draws=_DRAWS, warmup=_WARMUP, seed=done
         )
-        for name in found:
+        for name, of_name in found.items():
             draws = posterior.draws(name)[:, ::_THIN].ravel()
             below = int((draws < truth[name]).sum())
-            found[name].append((below + rng.uniform()) / (draws.size + 1))
+            of_name.append((below + rng.uniform()) / (draws.size + 1))
         if progress is not None:
             progress(done + 1)
     return {name: np.array(values) for name, values in found.items()}
 
 
 def uniformity(found: dict[str, Float[np.ndarray, " count"]]) -> dict[str, float]:
-    """p of the hypothesis that the ranks of each parameter are uniform (Kolmogorov & Smirnov)."""
+    """P of the hypothesis that the ranks of each parameter are uniform (Kolmogorov & Smirnov)."""
     return {name: float(stats.kstest(values, "uniform").pvalue) for name, values in found.items()}
 
 

@@ -25,6 +25,7 @@ from promises_first_answer import FIRST_ANSWER
 from promises_fits import FITS
 from promises_kernels import KERNELS
 from promises_photographs import PHOTOGRAPHS
+from promises_posterior import POSTERIOR
 from promises_rig import RIG
 from promises_tables import TABLES
 
@@ -44,7 +45,7 @@ WHOLE: tuple[Promise, ...] = (
 
 PROMISES: tuple[Promise, ...] = tuple(
     sorted(
-        (*FITS, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *WHOLE),
+        (*FITS, *TABLES, *KERNELS, *PHOTOGRAPHS, *POSTERIOR, *RIG, *FIRST_ANSWER, *WHOLE),
         key=lambda one: one.issue,
     )
 )

@@ -20,7 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-
 _INSIDE = 3.0  # standard deviations from a bound that do not feel it
 
 
@@ -95,7 +94,7 @@ class BoxMap(eqx.Module):
 
 
 def _within(alpha: Array, beta: Array, z: Array) -> tuple[Array, Array]:
-    """t in (-alpha, beta), and log dt/dz; sums of positive numbers by their logarithms."""
+    """T in (-alpha, beta), and log dt/dz; sums of positive numbers by their logarithms."""
     log = jax.nn.log_sigmoid
     up, down = log(z), log(-z)
     below = jnp.logaddexp(log(-alpha) + down, log(beta) + up)

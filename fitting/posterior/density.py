@@ -80,7 +80,7 @@ class Density(eqx.Module):
     box: BoxMap
 
     def __call__(self, z: Float[Array, " d"]) -> Float[Array, ""]:
-        """log p(v | y) + log |dv/dz|, but for a constant."""
+        """Log p(v | y) + log |dv/dz|, but for a constant."""
         v, log_slope = self.box(z)
         return self.log_posterior(v) + log_slope
 
@@ -93,7 +93,7 @@ class Density(eqx.Module):
         return v[:p], sigma, slack, v[first + r :]
 
     def log_posterior(self, v: Float[Array, " d"]) -> Float[Array, ""]:
-        """log p(v | y), but for a constant."""
+        """Log p(v | y), but for a constant."""
         u, sigma, slack, rest = self.parts(v)
         p = self.fit.parameters(u)
         A, b, N, offset = self._programme(p, sigma)
@@ -135,8 +135,10 @@ class Density(eqx.Module):
                 half = N @ inverse.T
                 back = jnp.linalg.solve(half @ half.T, slack - (N @ c - offset))
                 c = c + inverse.T @ (half.T @ back)
-        x = self.coordinates.centre + self.coordinates.scale @ c
-        _, _, G, h = whole.programme(p, jnp.zeros_like(x), self.force, self._ones, self.force)
+        x = jnp.asarray(self.coordinates.centre + self.coordinates.scale @ c)
+        _, _, G, h = whole.programme(
+            p, jnp.zeros_like(x), jnp.asarray(self.force), self._ones, jnp.asarray(self.force)
+        )
         rounding = 1e-9 * jnp.max(jnp.abs(x), initial=0.0)
         held = jnp.min(G @ x - h, initial=jnp.inf) >= -rounding
         return p, x, sigma, held & jnp.all(jnp.isfinite(x))
@@ -160,18 +162,18 @@ class Density(eqx.Module):
         N, h = (leaf / (of.face_scale[:, None] if leaf.ndim == 2 else of.face_scale)
                 for leaf in (G[at], h[at]))  # fmt: skip
         b = scale * (b - A @ of.centre)
-        return scale[:, None] * (A @ of.scale), b, N @ of.scale, h - N @ of.centre
+        return scale[:, None] * (A @ of.scale), b, jnp.asarray(N @ of.scale), h - N @ of.centre
 
     def _prior(self, p: Array) -> Array:
         places, means, weights = self.fit.priors
-        return weights / self.prior_noise * (p[places] - means)
+        return jnp.asarray(weights / self.prior_noise * (p[places] - means))
 
     def _coefficients(
         self, N: Array, offset: Array, slack: Array, rest: Array
     ) -> tuple[Array, Array]:
         """The coefficients of slacks and others, and the logarithm of the volume they stand for."""
         if not slack.size:
-            return self.coordinates.others.T @ rest, jnp.zeros(())
+            return jnp.asarray(self.coordinates.others.T @ rest), jnp.zeros(())
         rows = jnp.concatenate([N, jnp.asarray(self.coordinates.others)])
         c = jnp.linalg.solve(rows, jnp.concatenate([slack + offset, rest]))
         return c, -jnp.linalg.slogdet(rows)[1]
@@ -180,7 +182,7 @@ class Density(eqx.Module):
         """Of readings and priors, but for the determinant of the noise."""
         count = self.force.shape[0]
         if any(part.compliance is not None for part in self.fit.parts):
-            x = self.coordinates.centre + self.coordinates.scale @ c
+            x = jnp.asarray(self.coordinates.centre + self.coordinates.scale @ c)
             exact, _ = self.fit.exact(p, x, jnp.asarray(self.force), jnp.asarray(self.force))
             residual = jnp.concatenate([exact[:count] / sigma, residual[count:]])
         priors, r, side = residual[count:], residual[:count], jnp.asarray(self.side)

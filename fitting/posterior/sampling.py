@@ -84,7 +84,7 @@ def sample(
             progress(done, max(3, done + 1))
         at, new = drawn(density, whole, at, jax.random.split(key, chains), draws)
         found.append(jax.tree.map(np.asarray, new))
-        kept = sum(one.held.sum(axis=1) for one in found).min()
+        kept = int(np.sum([one.held.sum(axis=1) for one in found], axis=0).min())
         if kept >= _ENOUGH * draws or kept * _ROUNDS < draws * done:
             break
     if kept < _ENOUGH * draws:
@@ -142,9 +142,9 @@ def _posterior(
         names=tuple(names),
         kinds=tuple(kinds),
         samples=np.stack(columns, axis=-1),
-        divergent=own.divergent,
-        steps=own.steps,
-        log_density=own.log_density,
+        divergent=np.asarray(own.divergent),
+        steps=np.asarray(own.steps),
+        log_density=np.asarray(own.log_density),
         noise=None if isinstance(noise, tuple) else noise,
         kept=kept,
         faces=len(layout.slacks),

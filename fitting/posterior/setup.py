@@ -13,7 +13,7 @@ from ..search.optimal import joint_derivatives
 from ..search.result import Identification
 from .box_map import BoxMap
 from .density import Coordinates, Density, Layout
-from .faces import Faces, at_faces, faces_of
+from .faces import at_faces, faces_of
 
 Noise = float | tuple[float, float]
 """Standard deviation of a reading where it is known, or the ends of its interval."""
@@ -22,6 +22,7 @@ _UNIFORM = 12.0  # 1 / variance of a uniform distribution in the unit box
 _HELD = 1e12  # the same of the slack of a held coefficient, which is zero
 _SINGULAR = 1e-8  # smallest singular value of columns of unit length that determine coefficients
 _REACH, _NODES, _EXCESS = 4.0, 13, 10.0  # of a ridge: standard deviations, optima, log-likelihood
+_INSIDE = 1e-3  # of the interval of the noise: the optimum is no nearer to its ends
 _FAR = 1e4  # standard deviations: an end of a box that is none
 
 
@@ -145,7 +146,9 @@ def _scatter(result: Identification, noise: Noise) -> float:
     problem = result.problem
     own = result.end.point.residual[: problem.force.size][problem.side == 0]
     found = float(np.sqrt(own @ own / _freedom(result)))
-    return float(np.exp(np.clip(np.log(max(found, 1e-300)), *(np.log(noise) + [1e-3, -1e-3]))))
+    low, high = np.log(noise)
+    margin = _INSIDE * (high - low)
+    return float(np.exp(np.clip(np.log(max(found, noise[0])), low + margin, high - margin)))
 
 
 def _whitening(

@@ -93,7 +93,8 @@ def identify(
     check_objective(objective, censored=censored)
     posed = pose_one(
         data, law=law, order=order, constraint=constraint, dependence=dependence, box=box,
-        bounds=bounds, parameters=parameters, noise=noise, geometry=geometry, terms=terms, censored=censored,
+        bounds=bounds, parameters=parameters, noise=noise, geometry=geometry, terms=terms,
+        censored=censored,
     )  # fmt: skip
     return solve(posed, objective=objective, starts=starts, seed=seed, progress=progress)[0]
 

@@ -119,8 +119,11 @@ def test_what_does_not_go_together(data: ForceData) -> None:
 
 
 def test_validation_and_bootstrap_of_a_censored_fit(data: ForceData) -> None:
-    result = fitting.identify(data, order=2, censored=True, starts=4)
+    result = fitting.identify(data, censored=True, starts=4)
     left_out = fitting.validate(result, "pressure", starts=1)
     assert result.errors.rmse < left_out.rmse < 3 * result.errors.rmse
-    drawn = fitting.bootstrap(result, 40)
-    assert drawn.stderr["E_1"] == pytest.approx(result.estimate("E_1").stderr, rel=0.6)
+    # Nothing is on here, so that both draw of the same residuals.
+    plain = fitting.bootstrap(fitting.identify(data, starts=4), 100)
+    assert fitting.bootstrap(result, 100).stderr["E_1"] == pytest.approx(
+        plain.stderr["E_1"], rel=0.3
+    )
