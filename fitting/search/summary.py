@@ -104,7 +104,7 @@ def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.nd
     """The part of its own weight with which each loaded reading of a specimen counts."""
     sizes = [part.force.size for part in problem.parts]
     if robust is None:
-        return np.ones(sizes[k])
+        return np.ones(int((problem.parts[k].side == 0).sum()))
     first = sum(sizes[:k])
     return robust.weight[first : first + sizes[k]] ** 2
 
