@@ -28,6 +28,7 @@ from promises_first_answer import FIRST_ANSWER
 from promises_fits import FITS
 from promises_kernels import KERNELS
 from promises_photographs import PHOTOGRAPHS
+from promises_posterior import POSTERIOR
 from promises_rig import RIG
 from promises_tables import TABLES
 from promises_verdict import VERDICT
@@ -48,7 +49,18 @@ WHOLE: tuple[Promise, ...] = (
 
 PROMISES: tuple[Promise, ...] = tuple(
     sorted(
-        (*FITS, *CHOICE, *TABLES, *KERNELS, *PHOTOGRAPHS, *RIG, *FIRST_ANSWER, *VERDICT, *WHOLE),
+        (
+            *FITS,
+            *CHOICE,
+            *TABLES,
+            *KERNELS,
+            *PHOTOGRAPHS,
+            *POSTERIOR,
+            *RIG,
+            *FIRST_ANSWER,
+            *VERDICT,
+            *WHOLE,
+        ),
         key=lambda one: one.issue,
     )
 )

@@ -7,6 +7,7 @@ from . import (
     evidence as evidence,
     families as families,
     hysteresis as hysteresis,
+    posterior as posterior,
     ramps as ramps,
     records as records,
     rubber as rubber,
@@ -31,6 +32,7 @@ from .evidence.likelihood import profile as profile
 from .evidence.resampling import bootstrap as bootstrap
 from .evidence.validation import validate as validate
 from .families.parameters import Parameter as Parameter
+from .posterior.sampling import sample as sample
 from .saved.prediction import predict as predict
 from .saved.report import write_fit as write_fit
 from .saved.saved_fit import load_fit as load_fit

@@ -50,13 +50,16 @@ class Steps:
             progress=lambda done, total: self._show(name, done, total),
         )  # fmt: skip
 
-    def gather(self, *, validation: bool, profiles: bool, replicates: int) -> None:
+    def gather(
+        self, *, validation: bool, profiles: bool, replicates: int, posterior: bool = False
+    ) -> None:
         """The evidence that was asked for; a choice is made anew in every fold of a validation."""
         choice = self.choice
         self.evidence = gather(
             self.result, validation=validation and choice is None, profiles=profiles,
             replicates=replicates, seed=self._options["seed"], progress=self._show,
-            error=None if choice is None else choice.error,
+            error=None if choice is None else choice.error, posterior=posterior,
+            noise=self._options["noise"] if choice is None else None,
         )  # fmt: skip
         if choice is not None and validation:
             found = [

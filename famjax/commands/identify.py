@@ -33,11 +33,13 @@ def fit(
     prior: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     noise_N: Annotated[float | None, Parameter(name="--noise-N")] = None,
     objective: Literal["sum_of_squares", "huber"] = "sum_of_squares",
+    censored: Annotated[bool, Parameter(negative=())] = False,
     pressure_tolerance: str | None = None,
     length_tolerance: str | None = None,
     validate: Annotated[bool, Parameter(negative=())] = False,
     profile: Annotated[bool, Parameter(negative=())] = False,
     bootstrap: Replicates = 0,
+    posterior: Annotated[bool, Parameter(negative=())] = False,
     hysteresis: Annotated[bool, Parameter(negative=())] = False,
     atmosphere: str | None = None,
     columns: str | None = None,
@@ -91,6 +93,10 @@ def fit(
         Standard deviation of one reading, against which priors are weighed.
     objective
         sum_of_squares; huber: robust, so that single bad readings count little.
+    censored
+        Slack readings count where the model pulls, and those at the limit of the load cell
+        (`# specimen: force_limit_N = 500`) where it pulls less, one-sided; the law is the polynomial
+        one unless --law names another.
     pressure_tolerance
         Readings nearer than this are at one pressure: `--pressure-tolerance 1kPa`. Found from the
         gaps between the readings unless given.
@@ -103,6 +109,9 @@ def fit(
         Also hold each parameter beside its optimum: which are identified, and how far.
     bootstrap
         Number of bootstrap replicates for standard errors and prediction bands.
+    posterior
+        Also draw from the posterior (NUTS) and write `posterior.png`: within bounds and priors, with
+        --noise-N for the noise of a reading where it is known.
     hysteresis
         Also fit both branches of raw ramps, about their static map, and predict those left out.
     atmosphere
@@ -113,7 +122,7 @@ def fit(
     specimen
         Describe the muscle, key_unit=value, repeatable: `--specimen rest_length_mm=296`. Keys:
         rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness (with a
-        unit), embedded (true or false: threads inside the wall), name.
+        unit), force_limit_N (of the load cell), embedded (true or false: threads inside the wall), name.
     starts
         Number of starts of the geometry.
     seed
@@ -141,6 +150,8 @@ def fit(
     from .fit_steps import Steps
 
     check_output(output)
+    if posterior:
+        fitting.posterior.load_blackjax()
     if law is not None and ":" in law:
         sys.path.insert(0, str(Path.cwd()))  # where a law of the user's own lies
     kinds = parameter_kinds(law) if bounds or free or prior else {}
@@ -163,11 +174,15 @@ def fit(
     }
     with progress_bar() as progress:
         steps = Steps(measured, options, progress)
-        if law is None and order is None and dependence == "fixed":
+        if law is None and order is None and dependence == "fixed" and not censored:
             steps.choose()
         else:
-            steps.identify(law=law or "polynomial", order=order, dependence=dependence)
-        steps.gather(validation=validate, profiles=profile, replicates=bootstrap)
+            steps.identify(
+                law=law or "polynomial", order=order, dependence=dependence, censored=censored
+            )
+        steps.gather(
+            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior
+        )
         steps.judge()
         evidence = steps.evidence if pairs is None else with_hysteresis(steps.evidence, pairs)
         told = {"choice": steps.choice, "judgement": steps.judgement}

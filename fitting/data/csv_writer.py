@@ -33,6 +33,9 @@ def csv_text(data: ForceData, system: str = "si") -> str:
         elif value is not None:
             scaled = float(value) / factor(units["length"], "length")
             lines.append(f"# specimen: {key}_{units['length']} = {scaled!r}")
+    if data.force_limit is not None:
+        limit = float(data.force_limit) / factor(units["force"], "force")
+        lines.append(f"# specimen: force_limit_{units['force']} = {limit!r}")
     columns = {
         f"{name}_{units[kind]}": getattr(data, name) / factor(units[kind], kind)
         for name, kind in COLUMNS.items()

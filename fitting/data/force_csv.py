@@ -77,7 +77,8 @@ def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> For
     The columns `force`, `pressure` and `length` must each be there once with their unit, as in
     `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. In the place of the
     length there may be a `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that
-    start with `# specimen:` give the specimen, `key_unit = value`.
+    start with `# specimen:` give the specimen, `key_unit = value`; `force_limit_N` among them is
+    what the load cell reads at most.
 
     Args:
         path: the file, UTF-8, separated by comma, semicolon or tab.
@@ -124,9 +125,12 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     known.update({key: value for key, value in specimen.items() if value is not None})
     arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     _lengths_of_contractions(arrays, known)
+    limit = known.pop("force_limit", None)
     complete, notes = _complete(known, arrays["length"], source)
     units = {column.quantity: column.unit for column in columns}
-    return ForceData(**arrays, specimen=complete, source=source, notes=notes, units=units)
+    return ForceData(
+        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit
+    )
 
 
 def _number(cell: str, row: int, name: str) -> float:
@@ -212,14 +216,16 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
             raise InputError(f"the specimen's embedded must be true or false, got {value!r}")
         return key, value == "true"
     name, _, unit = key.rpartition("_")
-    if name not in _SPECIMEN_LENGTHS:
-        known = ", ".join([*(f"{n}_mm" for n in _SPECIMEN_LENGTHS), "name", "embedded"])
+    if name not in (*_SPECIMEN_LENGTHS, "force_limit"):
+        known = ", ".join(
+            [*(f"{n}_mm" for n in _SPECIMEN_LENGTHS), "force_limit_N", "name", "embedded"]
+        )
         raise InputError(f"unknown entry of the specimen {key!r}; known are {known}")
     try:
         number = float(value)
     except ValueError:
         raise InputError(f"the specimen's {key} is {value!r}, not a number") from None
-    return name, to_si(number, unit, "length")
+    return name, to_si(number, unit, "force" if name == "force_limit" else "length")
 
 
 def _complete(

@@ -71,8 +71,10 @@ class ForceData:
     """A static force map in SI, one row per reading.
 
     A reading with force <= 0 is slack: the muscle would push but buckles instead, so all that is
-    known is that its force is not positive. Such rows are censored: they never enter a fit as
-    data, but a fit is checked against them.
+    known is that its force is not positive. One at or above the limit of the load cell is
+    saturated: its force is at least that. Such rows are censored: they enter no fit as data, but a
+    fit is checked against those that are slack, and `identify(..., censored=True)` has both as
+    one-sided ones.
 
     Attributes:
         force: F [N], shape (n,), positive when the muscle pulls.
@@ -84,6 +86,7 @@ class ForceData:
         source: where the numbers come from.
         notes: assumptions made when reading, for the report.
         units: of the columns of the file by quantity, where there was one; the numbers are SI.
+        force_limit: largest force [N] that the load cell reads, or None where it never was at it.
         pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
             or length, see `levels_of`; None to find it from the gaps between them.
     """
@@ -100,6 +103,7 @@ class ForceData:
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     pressure_tolerance: float | None = None
     length_tolerance: float | None = None
+    force_limit: float | None = None
 
     def __post_init__(self) -> None:
         for name in COLUMNS:
@@ -129,6 +133,13 @@ class ForceData:
                         f"{name}{gauge} must be {must}; reading {first + 1} has "
                         f"{values[first]:.6g} in SI units"
                     )
+        if self.force_limit is not None and not 0 < self.force_limit < np.inf:
+            raise InputError(f"force_limit must be a force > 0, got {self.force_limit} N")
+        if self.saturated.any() and not self.loaded.any():
+            raise InputError(
+                f"every reading that pulls is at the limit of the load cell, {self.force_limit:.6g} N, "
+                "or above: nothing to fit. Check force_limit and its unit"
+            )
         if not self.loaded.any():
             raise InputError(
                 f"all {self.force.size} readings are slack (force <= 0): nothing to fit. A muscle "
@@ -177,8 +188,19 @@ class ForceData:
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:
-        """Rows with a pulling force; the others are slack and censored."""
-        return self.force > 0
+        """Rows with a pulling force below the load cell's limit; the others are censored."""
+        return (self.force > 0) & ~self.saturated
+
+    @property
+    def slack(self) -> Bool[np.ndarray, " n"]:
+        """Rows whose force is at most zero."""
+        return self.force <= 0
+
+    @property
+    def saturated(self) -> Bool[np.ndarray, " n"]:
+        """Rows whose force is at least the limit of the load cell."""
+        limit = np.inf if self.force_limit is None else self.force_limit
+        return self.force >= limit
 
     @property
     def strained(self) -> Bool[np.ndarray, " n"]:
@@ -201,6 +223,8 @@ class ForceData:
             if values is not None:
                 digest.update(np.ascontiguousarray(values, "<f8").tobytes())
         digest.update(repr(dataclasses.astuple(self.specimen)).encode())
+        if self.force_limit is not None:
+            digest.update(f"force_limit {self.force_limit!r}".encode())
         return digest.hexdigest()
 
 

@@ -132,7 +132,7 @@ class Batched(eqx.Module):
         def residual(u: Float[Array, " p"]) -> Float[Array, " k"]:
             p = self.parameters(u)
             optimum, x0, reached = self._solve(p, force, factor)
-            A, b, _, _ = self._programme(p, x0, force, factor, reached)
+            A, b, _, _ = self.programme(p, x0, force, factor, reached)
             return self._with_priors(p, A @ optimum.x - b)
 
         end = minimise_in_box(residual, start)
@@ -158,7 +158,7 @@ class Batched(eqx.Module):
 
         def both(z: Float[Array, " z"]) -> tuple[Array, Array]:
             p, x = self.parameters(z[:q]), z[q:] * size
-            residual, slack = self._exact(p, x, force, reached)
+            residual, slack = self.exact(p, x, force, reached)
             return residual @ residual / 2, jnp.where(optimum.active, slack, 0.0)
 
         def lagrangian(z: Float[Array, " z"]) -> Float[Array, ""]:
@@ -183,18 +183,18 @@ class Batched(eqx.Module):
         """The convex fit at given parameters, and the coefficients and forces it is linear about."""
         x0, reached = jnp.zeros(self.limits[0].shape[1]), force
         if all(part.compliance is None for part in self.parts):
-            return self._convex(*self._programme(p, x0, force, factor, force)), x0, force
+            return self._convex(*self.programme(p, x0, force, factor, force)), x0, force
         fixed = jax.lax.stop_gradient(p)
 
         def refit(_: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
-            x = self._convex(*self._programme(fixed, state[0], force, factor, state[1])).x
+            x = self._convex(*self.programme(fixed, state[0], force, factor, state[1])).x
             ones = jnp.ones_like(force)
-            A, b, _, _ = self._programme(fixed, state[0], force, ones, state[1])
+            A, b, _, _ = self.programme(fixed, state[0], force, ones, state[1])
             points = slice(force.shape[0])
             return x, (A[points] @ x - b[points]) / self._weights() + force
 
         x0, reached = jax.lax.stop_gradient(jax.lax.fori_loop(0, _REACHES, refit, (x0, reached)))
-        return self._convex(*self._programme(p, x0, force, factor, reached)), x0, reached
+        return self._convex(*self.programme(p, x0, force, factor, reached)), x0, reached
 
     def _weights(self) -> Float[Array, " points"]:
         return jnp.concatenate([jnp.asarray(part.weight) for part in self.parts])
@@ -206,7 +206,7 @@ class Batched(eqx.Module):
             b = jnp.concatenate([b, jnp.zeros(A.shape[1])])
         return solve_qp(A, b, G, h)
 
-    def _programme(
+    def programme(
         self,
         p: Float[Array, " q"],
         x0: Float[Array, " n"],
@@ -250,7 +250,7 @@ class Batched(eqx.Module):
             jnp.concatenate([h, self.limits[1]]),
         )
 
-    def _exact(
+    def exact(
         self,
         p: Float[Array, " q"],
         x: Float[Array, " n"],

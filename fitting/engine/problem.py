@@ -51,6 +51,8 @@ class Part:
         levels: of the readings by "pressure" [Pa] and "length" [m], each of shape (points,): what
             is left out together.
         program: compiled for the family.
+        side: 0 for a reading, 1 where it is censored and the force at most that, as of a slack
+            muscle, -1 where it is at least that, as at the end of a load cell, shape (points,).
         compliance: place of the rig's compliance in the problem's vector, or None for a rigid rig.
     """
 
@@ -63,6 +65,7 @@ class Part:
     coefficients: Int[np.ndarray, " n"]
     levels: dict[str, Float[np.ndarray, " points"]]
     program: Program
+    side: Int[np.ndarray, " points"]
     compliance: int | None = None
 
     @classmethod
@@ -77,12 +80,14 @@ class Part:
         coefficients: Sequence[int],
         levels: dict[str, np.ndarray],
         constraint: Constraint,
+        side: np.ndarray | None = None,
     ) -> "Part":
-        """A part with its program."""
+        """A part with its program; without sides every reading is what it says."""
         rig = [k for k, n in zip(at, family.nonlinear, strict=False) if n == "series_compliance"]
         return cls(
             name, family, inputs, force, weight, np.asarray(at, int), np.asarray(coefficients, int),
-            levels, Program(family, constraint, inputs), rig[0] if rig else None,
+            levels, Program(family, constraint, inputs),
+            np.zeros(force.size, int) if side is None else side, rig[0] if rig else None,
         )  # fmt: skip
 
     def with_stations(self, stations: Float[np.ndarray, "paths stations"]) -> "Part":
@@ -166,6 +171,11 @@ class Problem:
         """Weights of all readings."""
         return np.concatenate([part.weight for part in self.parts])
 
+    @property
+    def side(self) -> Int[np.ndarray, " points"]:
+        """Sides of all readings, see `Part`."""
+        return np.concatenate([part.side for part in self.parts])
+
     def levels(self, kind: str) -> Float[np.ndarray, " points"]:
         """The "pressure" [Pa] or "length" [m] level of every reading, or the number of its "specimen"."""
         if kind == "specimen":
@@ -196,7 +206,7 @@ class Problem:
         """Equal for problems that differ in readings, weights and bounds alone."""
         limits = (np.isfinite(self.coefficient_min), np.isfinite(self.coefficient_max))
         return (
-            tuple(id(part.program) for part in self.parts), self.names, self.linear,
+            tuple(id(part.program) for part in self.parts), self.side.tobytes(), self.names, self.linear,
             self.free.tobytes(), *(on.tobytes() for on in limits), self.priors,
             self.coefficient_priors, self.noise, self.constraint, self.ridge,
         )  # fmt: skip

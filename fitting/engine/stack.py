@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from ..convex.arrays import replaced
 from ..convex.host_qp import solve_host_qps
 from ..convex.status import Status
+from .one_sided import one_sided
 from .point import Linear, Point
 
 if TYPE_CHECKING:
@@ -33,10 +34,10 @@ class Stack:
     def __init__(self, problems: Sequence["Problem"]) -> None:
         self.like = like = problems[0]
         self.free = like.free
-        self._force = [
+        self.force = [
             np.stack([p.parts[k].force for p in problems]) for k in range(len(like.parts))
         ]
-        self._weight = [
+        self.weight = [
             np.stack([p.parts[k].weight for p in problems]) for k in range(len(like.parts))
         ]
         self._low, self._high, lowest, highest = (
@@ -79,7 +80,7 @@ class Stack:
         parts, count = self.like.parts, len(members)
         compliant = any(part.compliance is not None for part in parts)
         x = np.zeros((count, len(self.like.linear)))
-        reached = [self._force[k][members] for k in range(len(parts))]
+        reached = [self.force[k][members] for k in range(len(parts))]
         found = self._once(
             members, parameters, x if compliant else x[:1], reached, guesses, complete
         )
@@ -123,19 +124,21 @@ class Stack:
             _linear(part, parameters, x[:, part.coefficients], force, complete)
             for part, force in zip(self.like.parts, reached, strict=True)
         )
-        programme = self._programme(members, linear)
+        if self.like.side.any():
+            linear = one_sided(self, members, linear, guesses)
+        programme = self.programme(members, linear)
         optimum = solve_host_qps(*programme, guesses)
         residual = self._residual(programme, optimum.x, parameters)
         return Point(parameters, optimum, residual, programme, linear)
 
-    def _programme(
+    def programme(
         self, members: np.ndarray, linear: Sequence[Linear]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """A, b, G and h of the convex programmes."""
         like, count, n = self.like, len(members), len(self.like.linear)
         A, b, G, h = [], [], [], []
         for part, one, force, weight in zip(
-            like.parts, linear, self._force, self._weight, strict=True
+            like.parts, linear, self.force, self.weight, strict=True
         ):
             own = weight[members]
             columns = own[:, :, None] * one.columns
@@ -174,7 +177,7 @@ class Stack:
     def jacobian(self, members: Int[np.ndarray, " b"], points: Point) -> Float[np.ndarray, "b k p"]:
         """Derivative of the members' residuals in the unit box, through the convex fit."""
         like, free = self.like, self.free
-        weights = [weight[members] for weight in self._weight]
+        weights = [weight[members] for weight in self.weight]
         d_residual, d_slack = (leaf[:, :, free] for leaf in partial(like, weights, points))
         A, b, G, _ = points.programme
         optima, n = points.optimum, points.x.shape[1]

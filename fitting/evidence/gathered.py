@@ -11,6 +11,9 @@ from famjax.boundary.units import from_si, si_unit, unit_system
 
 from ..hysteresis.slip_fit import HysteresisFit
 from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hysteresis_warnings
+from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
+from ..posterior.result import Posterior
+from ..posterior.sampling import sample
 from ..search.result import Identification
 from .left_out import leave_out
 from .likelihood import LEVELS, Profile, profile
@@ -67,6 +70,7 @@ class Evidence:
         hysteresis: of both branches, or None.
         error: of predictions, as readings left out show it; None of a law that depends on pressure
             and of specimens identified together.
+        posterior: draws, or None.
     """
 
     validations: tuple[GroupErrors, ...] = ()
@@ -74,11 +78,13 @@ class Evidence:
     bootstrap: Bootstrap | None = None
     hysteresis: HysteresisFit | None = None
     error: ModelError | None = None
+    posterior: Posterior | None = None
 
     @property
     def empty(self) -> bool:
         """Whether nothing was asked for."""
-        return not (self.validations or self.profiles or self.bootstrap or self.hysteresis)
+        asked = (self.validations, self.profiles, self.bootstrap, self.hysteresis, self.posterior)
+        return not any(asked)
 
 
 def gather(
@@ -90,6 +96,8 @@ def gather(
     seed: int,
     progress: Callable[[str, int, int], None],
     error: ModelError | None = None,
+    posterior: bool = False,
+    noise: float | None = None,
 ) -> Evidence:
     """The evidence that was asked for, with `progress(what, done, total)` as it comes.
 
@@ -101,6 +109,8 @@ def gather(
         seed: of the bootstrap.
         progress: called as it comes.
         error: of predictions, where it is known; found by leaving out unless given.
+        posterior: draw from it.
+        noise: standard deviation of a reading [N], where it is known, of the posterior.
     """
     validations = []
     if validation:
@@ -122,8 +132,13 @@ def gather(
         drawn = bootstrap(
             result, replicates, seed=seed, progress=lambda d, t: progress("bootstrap", d, t)
         )
+    sampled = None
+    if posterior:
+        sampled = sample(
+            result, noise=noise, seed=seed, progress=lambda d, t: progress("posterior", d, t)
+        )
     told = _error(result) if error is None else error
-    return Evidence(tuple(validations), tuple(found), drawn, error=told)
+    return Evidence(tuple(validations), tuple(found), drawn, error=told, posterior=sampled)
 
 
 def _error(result: Identification) -> ModelError | None:
@@ -192,6 +207,8 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
         }
     if evidence.hysteresis is not None:
         document["hysteresis"] = hysteresis_as_dict(evidence.hysteresis)
+    if evidence.posterior is not None:
+        document["posterior"] = posterior_as_dict(evidence.posterior)
     return document
 
 
@@ -216,6 +233,8 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
         tables.append(_bootstrap_table(evidence.bootstrap, result, system))
     if evidence.hysteresis is not None:
         tables.append(hysteresis_table(evidence.hysteresis, system))
+    if evidence.posterior is not None:
+        tables.append(posterior_table(evidence.posterior, system))
     return tables
 
 
@@ -279,4 +298,9 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
             )
     if evidence.hysteresis is not None:
         found += hysteresis_warnings(evidence.hysteresis)
+    if evidence.posterior is not None:
+        own = result.residuals * np.sqrt(result.weights)
+        if result.data.force_std is not None:
+            own = own / result.data.force_std[result.data.loaded]
+        found += posterior_warnings(evidence.posterior, float(np.sqrt(np.mean(own**2))))
     return tuple(found)

@@ -68,10 +68,11 @@ def leave_out(
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
     """
-    found = grouped(problem, kind, np.zeros(problem.levels(kind).size), groups=groups)
-    if found is None:
+    level = problem.levels(kind)
+    group = _groups(problem, kind, groups)
+    if group is None:
         return None
-    level, group = found.level, found.group
+    at = np.flatnonzero(problem.side == 0)
     count = int(group.max()) + 1
     out = group == np.arange(count)[:, None]
     cube = latin_hypercube(len(problem.free), starts, seed)
@@ -80,7 +81,7 @@ def leave_out(
         [problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * count,
         max_steps=_STEPS, tolerance=_TOLERANCE,
     )  # fmt: skip
-    return LeftOut(kind, level, group, fits.residual[group, np.arange(group.size)])
+    return LeftOut(kind, level[at], group[at], fits.residual[group[at], at])
 
 
 def grouped(
@@ -97,9 +98,17 @@ def grouped(
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
     """
+    group, at = _groups(problem, kind, groups), problem.side == 0
+    return None if group is None else LeftOut(kind, problem.levels(kind)[at], group[at], error[at])
+
+
+def _groups(problem: Problem, kind: str, groups: int | None) -> Int[np.ndarray, " points"] | None:
+    """The group of every reading; -1 of a censored one at a level where none is anything else."""
     level = problem.levels(kind)
-    values, place = np.unique(level, return_inverse=True)
+    values = np.unique(level[problem.side == 0])
     if values.size < (2 if kind == "specimen" else 3):
         return None
     count = values.size if groups is None else min(groups, values.size)
-    return LeftOut(kind, level, place * count // values.size, error)
+    group = np.searchsorted(values, level) * count // values.size
+    group[~np.isin(level, values)] = -1
+    return group

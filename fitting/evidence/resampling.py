@@ -103,19 +103,11 @@ def bootstrap(
             "the parameters; use resample='residual', or fix parameters"
         )
     return Bootstrap(
-        names=tuple(problem.names[k] for k in problem.free) + _coefficient_names(result),
+        names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,
         samples=samples[good],
         failed=int((~good).sum()),
         forces=(found.residual + forces)[good],
     )
-
-
-def _coefficient_names(result: Identification) -> tuple[str, ...]:
-    names = result.problem.linear
-    nodes = len(names) // result.order
-    if nodes == 1:
-        return names
-    return tuple(f"{name}_at_node_{k // result.order + 1}" for k, name in enumerate(names))
 
 
 def _drawn_forces(
@@ -125,10 +117,11 @@ def _drawn_forces(
     force, scale = result.problem.force, 1 / result.problem.weight
     residual = force_error(result.problem, result.end)
     standard = residual / scale
-    freedom = max(result.degrees_of_freedom, 1)
-    standard = (standard - standard.mean()) * np.sqrt(residual.size / freedom)
+    freedom, read = max(result.degrees_of_freedom, 1), result.problem.side == 0
+    standard = standard[read]
+    standard = (standard - standard.mean()) * np.sqrt(standard.size / freedom)
     drawn = rng.choice(standard, (replicates, residual.size))
-    return force + residual + drawn * scale
+    return np.where(read, force + residual + drawn * scale, force)
 
 
 def _drawn_counts(

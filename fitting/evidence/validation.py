@@ -72,7 +72,7 @@ def validate(
     if groups == "specimen":
         check_nothing_own(result)
     label = problem.levels(groups)
-    values = np.unique(label)
+    values = np.unique(label[problem.side == 0])
     if values.size < 2:
         raise InputError(f"leaving one {groups} out needs two or more; there is {values.size}")
     out = label == values[:, None]
@@ -80,6 +80,7 @@ def validate(
     cube[0] = result.end.u
     without = [problem.with_readings(factor=1.0 * ~left_out) for left_out in out]
     found = refit(without, [cube] * values.size, progress)
+    out = out & (problem.side == 0)
     square = np.where(out, found.residual, 0.0) ** 2
     group_rmse = np.sqrt(square.sum(axis=1) / out.sum(axis=1))
     inner = slice(1, -1)

@@ -126,12 +126,7 @@ def correlations(
 
     What is held, at a bound or not identifiable has no standard error and is left out.
     """
-    problem, order = result.problem, result.order
-    several = len(problem.linear) > order
-    names = problem.names + tuple(
-        f"{name}_at_node_{k // order + 1}" if several else name
-        for k, name in enumerate(problem.linear)
-    )
+    names = result.problem.names + result.coefficient_names
     variance = np.diag(result.covariance)
     known = np.flatnonzero(np.isfinite(variance) & (variance > 0))
     scale = np.sqrt(variance[known])

@@ -88,10 +88,10 @@ def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normal
     )
     axes.plot([], [], "o", mfc="white", mec="black", ms=4.5, label="measured")
     axes.plot([], [], color="0.4", lw=1, label="model")
-    if (~loaded).any():
+    if data.slack.any():
         axes.plot(
-            1 - data.length[~loaded] / rest,
-            np.zeros((~loaded).sum()),
+            1 - data.length[data.slack] / rest,
+            np.zeros(data.slack.sum()),
             "x",
             color="0.6",
             ms=4,

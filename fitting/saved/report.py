@@ -19,6 +19,7 @@ from famjax.boundary.units import from_si, unit_system
 from ..choice.choose import Choice
 from ..choice.report import choice_table
 from ..evidence.gathered import Evidence, Table, evidence_tables, evidence_warnings
+from ..posterior.plot import plot_posterior
 from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
 from .fit_file import all_estimates, fit_as_dict, versions
@@ -200,7 +201,7 @@ def write_fit(
     choice: Choice | None = None,
     judgement: Judgement | None = None,
 ) -> list[Path]:
-    """Write `fit.json`, `fit.png` and `report.html`, all or none.
+    """Write `fit.json`, `fit.png`, `report.html` and, of a posterior, `posterior.png`, all or none.
 
     Args:
         result: what `identify` returned.
@@ -225,4 +226,6 @@ def write_fit(
         "fit.png": as_png(figure),
         "report.html": html_report(result, system, evidence, figure, origin, **told).encode(),
     }
+    if evidence is not None and evidence.posterior is not None:
+        files["posterior.png"] = as_png(plot_posterior(evidence.posterior, system))
     return write_all(folder, files)

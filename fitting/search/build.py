@@ -30,6 +30,7 @@ def pose(
     dependence: str,
     own_law: bool = False,
     noise: float = 1.0,
+    censored: bool = False,
 ) -> Problem:
     """The problem of identifying the parameters of a table.
 
@@ -45,6 +46,7 @@ def pose(
         own_law: whether each specimen has its own coefficients.
         noise: standard deviation [N] of a reading, against which priors are weighed; one where
             the readings have standard deviations of their own.
+        censored: whether slack and saturated readings take part, one-sided.
 
     Returns:
         The problem, with every nonlinear parameter in the order of the table.
@@ -54,7 +56,9 @@ def pose(
     parts, order = [], len(linear)
     for k, (one, source) in enumerate(zip(data, sources, strict=True)):
         first = k * order if own_law else 0
-        parts.append(_part(one, source, law, terms, names, dependence, first, constraint))
+        parts.append(
+            _part(one, source, law, terms, names, dependence, first, constraint, censored=censored)
+        )
     nodes = (len(data) if own_law else 1) if dependence == "fixed" else parts[0].family.n_nodes
     low, high = (np.array(ends) for ends in zip(*(_interval(table[n]) for n in names), strict=True))
     return Problem(
@@ -101,6 +105,8 @@ def _part(
     dependence: str,
     first: int,
     constraint: Constraint,
+    *,
+    censored: bool,
 ) -> Part:
     """One force map as a part of the problem.
 
@@ -128,21 +134,26 @@ def _part(
         path_pressure = levels
         path_end = np.array([path_end_at(data, level) for level in levels])
     stations = np.concatenate([np.linspace(0, 1, STATIONS - EXCHANGES), np.zeros(EXCHANGES)])
+    side = np.where(data.slack, 1, np.where(data.saturated, -1, 0))
+    rows = np.concatenate([np.flatnonzero(loaded), np.flatnonzero(side)[: None if censored else 0]])
+    side = side[rows]
+    limit = 0.0 if data.force_limit is None else data.force_limit
+    force = np.where(side == 0, data.force[rows], np.where(side > 0, 0.0, limit))
+    lengths = data.lengths.level
     inputs = MapInputs(
-        length=data.length[loaded],
-        pressure=data.pressure[loaded],
-        force=data.force[loaded],
-        length_index=np.unique(data.lengths.level[loaded], return_inverse=True)[1],
+        length=data.length[rows],
+        pressure=data.pressure[rows],
+        force=force,
+        length_index=np.searchsorted(np.unique(lengths[loaded]), lengths[rows]),
         path_pressure=path_pressure,
         path_end=path_end,
         stations=np.tile(stations, (path_end.size, 1)),
     )
-    weight = 1 / data.force_std[loaded] if data.force_std is not None else np.ones(loaded.sum())
+    weight = 1 / data.force_std[rows] if data.force_std is not None else np.ones(rows.size)
     coefficients = range(first, first + len(family.linear))
-    levels = {"pressure": data.pressures.level[loaded], "length": data.lengths.level[loaded]}
+    levels = {"pressure": data.pressures.level[rows], "length": lengths[rows]}
     return Part.of(
-        data.specimen.name, family, inputs, data.force[loaded], weight, at, coefficients, levels,
-        constraint,
+        data.specimen.name, family, inputs, force, weight, at, coefficients, levels, constraint, side,
     )  # fmt: skip
 
 
@@ -155,5 +166,5 @@ def path_end_at(data: ForceData, level: float) -> float:
     """Shortest length [m] of the actuation path at a pressure level [Pa]."""
     at = data.pressures.level == level
     shortest_loaded = data.length[at & data.loaded].min()
-    slack = data.length[at & ~data.loaded & (data.length < shortest_loaded)]
+    slack = data.length[at & data.slack & (data.length < shortest_loaded)]
     return float(slack.max(initial=-math.inf)) if slack.size else float(shortest_loaded)

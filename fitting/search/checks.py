@@ -131,6 +131,16 @@ def _check(data: ForceData) -> str:
     return f"Check the unit of the length column and the rest length{'. ' * bool(told)}{told}"
 
 
+def check_censored(table: Mapping[str, Entry]) -> None:
+    """One-sided readings need lengths and forces that do not hang on what they read."""
+    named = [name for name in ("series_compliance", "length_offset") if name in table]
+    if named:
+        raise InputError(
+            f"censored readings do not go together with {', '.join(named)}: how far a rig gives way, "
+            "or a length is off, is known only where a force was read. Leave one of them out"
+        )
+
+
 def check_priors(data: ForceData, table: Mapping[str, Entry], noise: float | None) -> None:
     """A prior is weighed against the noise of the force, which must be known then."""
     named = [name for name, entry in table.items() if entry.prior is not None]

@@ -31,6 +31,7 @@ def identify(
     objective: str = "sum_of_squares",
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
+    censored: bool = False,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -72,6 +73,8 @@ def identify(
             estimated one: its declared parameters take part where they are named.
         terms: further force terms, such as `famjax.terms.Spring`; their declared parameters take part
             where they are named. A term with a `deadband_pressure` takes the place of Gaylord's.
+        censored: whether slack readings count where the model pulls at them, and saturated ones
+            where it pulls less than the load cell's limit, as one-sided squares; the fit stays convex.
         starts: number of starts, Latin hypercube over the box.
         seed: of the starts.
         progress: called with (starts done, starts) as the descents end.
@@ -87,10 +90,11 @@ def identify(
         Golub & Pereyra 1973 (variable projection); Chambers 2021, chapter 7.
     """
     check_starts(starts)
-    check_objective(objective)
+    check_objective(objective, censored=censored)
     posed = pose_one(
         data, law=law, order=order, constraint=constraint, dependence=dependence, box=box,
         bounds=bounds, parameters=parameters, noise=noise, geometry=geometry, terms=terms,
+        censored=censored,
     )  # fmt: skip
     return solve(posed, objective=objective, starts=starts, seed=seed, progress=progress)[0]
 
@@ -109,6 +113,7 @@ def identify_together(
     objective: str = "sum_of_squares",
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
+    censored: bool = False,
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -128,6 +133,7 @@ def identify_together(
         objective: "sum_of_squares" or "huber".
         geometry: a class or function of the estimated geometry of each specimen.
         terms: further force terms, the same for every specimen; see `identify`.
+        censored: as in `identify`.
         starts: number of starts.
         seed: of the starts.
         progress: called with (starts done, starts).
@@ -141,10 +147,10 @@ def identify_together(
         RuntimeError: float64 is off.
     """
     check_starts(starts)
-    check_objective(objective)
+    check_objective(objective, censored=censored)
     posed = pose_together(
         data, own=own, own_law=own_law, law=law, order=order, constraint=constraint, box=box,
-        parameters=parameters, noise=noise, geometry=geometry, terms=terms,
+        parameters=parameters, noise=noise, geometry=geometry, terms=terms, censored=censored,
     )  # fmt: skip
     return solve(posed, objective=objective, starts=starts, seed=seed, progress=progress)
 

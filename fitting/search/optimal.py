@@ -65,6 +65,10 @@ def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None
     residual, jacobian, rows = joint_derivatives(problem, point)
     rows = rows[np.sort(point.optimum.rows)]
     n_priors = residual.size - problem.force.size
+    # A censored reading that is off says nothing of the noise or the parameters.
+    off = np.zeros(residual.size, bool)
+    off[: problem.force.size] = (problem.side != 0) & (residual[: problem.force.size] == 0)
+    residual, jacobian = residual[~off], jacobian[~off]
     if robust is not None:
         # The readings in their own weights again, their residuals as Huber's theory counts them.
         own = np.concatenate([1 / robust.weight, np.ones(n_priors)])

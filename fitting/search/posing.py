@@ -23,6 +23,7 @@ from ..families.parameters import Entry, Parameter, complete_table
 from .build import pose
 from .checks import (
     check_affine,
+    check_censored,
     check_count,
     check_lengths,
     check_options,
@@ -74,6 +75,7 @@ def pose_one(
     noise: float | None = None,
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
+    censored: bool = False,
 ) -> Posed:
     """The problem of `identify` with these arguments, which says what they are.
 
@@ -90,7 +92,7 @@ def pose_one(
     table = _table(data, source, further, chosen, box, given, parameters or {})
     return _posed(
         (data,), (source,), table, chosen, terms=further, constraint=constraint,
-        dependence=dependence, box=box, noise=noise,
+        dependence=dependence, box=box, noise=noise, censored=censored,
     )  # fmt: skip
 
 
@@ -107,6 +109,7 @@ def pose_together(
     noise: float | None = None,
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
+    censored: bool = False,
 ) -> Posed:
     """The problem of `identify_together` with these arguments, which says what they are.
 
@@ -145,7 +148,7 @@ def pose_together(
             table[name] = _shared(name, entry, [of[name] for of in tables])
     return _posed(
         tuple(data), sources, table, chosen, terms=further, constraint=constraint,
-        dependence="fixed", box=box, noise=noise, own_law=own_law,
+        dependence="fixed", box=box, noise=noise, own_law=own_law, censored=censored,
     )  # fmt: skip
 
 
@@ -209,6 +212,7 @@ def _posed(
     box: str,
     noise: float | None,
     own_law: bool = False,
+    censored: bool = False,
 ) -> Posed:
     """The problem of a table that is complete, checked."""
     if not jax.config.read("jax_enable_x64"):
@@ -224,6 +228,8 @@ def _posed(
             "some specimens have standard deviations of their forces (force_std) and some have "
             "not: readings identified together are weighed alike, so give them to all or none"
         )
+    if censored:
+        check_censored(table)
     full = _with_offsets(table, data, law)
     for one, source in zip(data, sources, strict=True):
         own = {
@@ -237,7 +243,7 @@ def _posed(
     check_count(data, law, form, full, own_law=own_law)
     problem = pose(
         data, sources, full, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
-        noise=noise or 1.0,
+        noise=noise or 1.0, censored=censored,
     )  # fmt: skip
     check_affine(problem)
     check_solvable(problem)

@@ -188,6 +188,14 @@ class Identification:
         return self.law.order
 
     @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        """Of all coefficients of the problem; those of several nodes carry its number."""
+        names = self.problem.linear
+        if len(names) == self.order:
+            return names
+        return tuple(f"{name}_at_node_{k // self.order + 1}" for k, name in enumerate(names))
+
+    @property
     def readings_of_parts(self) -> list[int]:
         """Number of loaded readings of each specimen that was identified together."""
         return [part.force.size for part in self.problem.parts]

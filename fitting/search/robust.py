@@ -41,8 +41,13 @@ class Robust:
     threshold: float
 
 
-def check_objective(objective: str) -> None:
-    """The objective must be one of those there are."""
+def check_objective(objective: str, *, censored: bool = False) -> None:
+    """The objective must be one of those there are, and one that can be asked for."""
+    if censored and objective != "sum_of_squares":
+        raise InputError(
+            "censored readings are one-sided squares: use objective='sum_of_squares', or leave "
+            "censored out"
+        )
     if objective not in OBJECTIVES:
         raise InputError(f"the objective is one of {', '.join(OBJECTIVES)}, got {objective!r}")
 

@@ -104,7 +104,7 @@ def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.nd
     """The part of its own weight with which each loaded reading of a specimen counts."""
     sizes = [part.force.size for part in problem.parts]
     if robust is None:
-        return np.ones(sizes[k])
+        return np.ones(int((problem.parts[k].side == 0).sum()))
     first = sum(sizes[:k])
     return robust.weight[first : first + sizes[k]] ** 2
 
@@ -147,14 +147,14 @@ def _certificate(
 def _errors(data: ForceData, force: np.ndarray) -> Errors:
     loaded = data.loaded
     residual = force[loaded] - data.force[loaded]
-    pulls = force[~loaded]
+    pulls = force[data.slack]
     return Errors(
         rmse=float(np.sqrt(np.mean(residual**2))),
         mae=float(np.mean(np.abs(residual))),
         max=float(np.max(np.abs(residual))),
         max_force=data.max_force,
         n_points=int(loaded.sum()),
-        n_slack=int((~loaded).sum()),
+        n_slack=int(data.slack.sum()),
         slack_violations=int((pulls > 0).sum()),
         max_slack_force=float(pulls.max(initial=0.0)),
     )
