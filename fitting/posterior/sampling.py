@@ -49,8 +49,9 @@ def sample(
         noise: standard deviation of a reading [N] where it is known; (low, high) [N] where it is
             sampled, its logarithm uniform between them. Where readings have standard deviations
             the same as a multiple of these. None: sampled up to the largest force, from what was
-            said in the fit on (standard deviations, or the noise that priors were weighed
-            against), otherwise from 1e-4 of the largest force on.
+            said in the fit on (standard deviations, with the error of the laws where a family was
+            chosen, or the noise that priors were weighed against), otherwise from 1e-4 of the largest
+            force on.
         seed: of the draws; the same seed gives the same draws.
         progress: called with (steps done, steps).
 
@@ -108,8 +109,7 @@ def _noise(result: Identification, noise: Noise | None) -> Noise:
     if noise is None:
         problem = result.problem
         largest = max(float(np.abs(part.force * part.weight).max()) for part in problem.parts)
-        weighted = result.data.force_std is not None
-        said = weighted or bool(problem.priors or problem.coefficient_priors)
+        said = _weighted(result) or bool(problem.priors or problem.coefficient_priors)
         return (problem.noise if said else _LEAST * largest), largest
     ends = noise if isinstance(noise, tuple) else (noise, noise)
     if not (len(ends) == 2 and 0 < ends[0] <= ends[1] < math.inf):
@@ -117,6 +117,11 @@ def _noise(result: Identification, noise: Noise | None) -> Noise:
             f"the noise is a standard deviation > 0, or two of them, low and high; got {noise}"
         )
     return noise if isinstance(noise, tuple) and ends[0] < ends[1] else float(ends[0])
+
+
+def _weighted(result: Identification) -> bool:
+    """Whether readings were weighed against standard deviations, of theirs or of a choice's."""
+    return max(float(part.weight.max()) for part in result.problem.parts) != 1.0
 
 
 def _posterior(
@@ -134,7 +139,7 @@ def _posterior(
             kinds.append(result.law.coefficients[problem.linear[k]].kind)
             columns.append(own.x[:, :, k])
     if layout.noise:
-        weighted = result.data.force_std is not None
+        weighted = _weighted(result)
         names.append("noise_factor" if weighted else "noise")
         kinds.append("number" if weighted else "force")
         columns.append(own.noise)
