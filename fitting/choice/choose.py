@@ -11,7 +11,7 @@ from famjax.boundary.errors import InputError
 from ..data.force_data import ForceData
 from ..engine.descent import End, descend_many
 from ..engine.problem import Problem
-from ..evidence.left_out import LeftOut, grouped, leave_out
+from ..evidence.left_out import LeftOut, grouped, groups_of, leave_out
 from ..evidence.model_error import ModelError, model_error
 from ..families.parameters import Parameter
 from ..search.checks import check_starts
@@ -23,7 +23,6 @@ from ..search.robust import check_objective
 from .ladder import MODEL_ERROR, Candidate, ladder
 from .ranking import ALIKE, Tried, hopeless, members, ranked, score
 
-_PRESSURE_GROUPS = 8  # neighbouring pressures say much the same of one another
 _FEWEST_LENGTHS = 4  # without one of three, two are left, which no family is determined by
 _STEPS, _TOLERANCE = 60, 1e-6
 _COMPARED = 4  # starts of each family
@@ -276,8 +275,8 @@ def _fitted(
 def _kinds(problem: Problem) -> list[tuple[str, int | None]]:
     """What is left out, and in how many groups: a length only if three others are left."""
     lengths = np.unique(problem.levels("length")).size
-    found: list[tuple[str, int | None]] = [("pressure", _PRESSURE_GROUPS)]
-    return [*found, ("length", None)] if lengths >= _FEWEST_LENGTHS else found
+    kinds = ("pressure", "length") if lengths >= _FEWEST_LENGTHS else ("pressure",)
+    return [(kind, groups_of(problem, kind)) for kind in kinds]
 
 
 def _left_out_of(

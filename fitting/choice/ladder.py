@@ -74,7 +74,7 @@ class Candidate:
     bounds: Mapping[str, tuple[float, float]]
     parameters: Mapping[str, Parameter]
     unknowns: int
-    rank: tuple[int, int]
+    rank: tuple[int, int, int]
 
     @property
     def name(self) -> str:
@@ -165,7 +165,8 @@ def _candidate(
         del parameters["end_factor"]
     given = {name: one for name, one in parameters.items() if name not in said.bounds}
     unknowns = _GEOMETRY + deadband + _COEFFICIENTS[law] + _SHAPES[law] + len(free)
-    rank = list(_LAWS).index(law), unknowns
+    # Every muscle has a deadband: of families that predict alike, one without is believed last.
+    rank = list(_LAWS).index(law), 1 - deadband, unknowns
     return Candidate(
         law, free, deadband, _LAWS[law], said.bounds, {**given, **said.parameters}, unknowns, rank
     )

@@ -276,8 +276,7 @@ def _families(laws: Sequence[str], said: Mapping[str, Parameter]) -> list[tuple[
                         law=law, free=tuple(rig), deadband=deadband, options=SERIES_LAWS[law],
                         bounds={}, parameters={**base, **rig, **said},
                         unknowns=_GEOMETRY + _NUMBERS[law] + deadband + len(rig),
-                        # Every muscle has a deadband: one without is believed last.
-                        rank=(rank, 1 - deadband),
+                        rank=(rank, 1 - deadband, 0),
                     )
                     for rig in rigs
                 )

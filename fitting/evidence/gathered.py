@@ -15,7 +15,7 @@ from ..posterior.report import posterior_as_dict, posterior_table, posterior_war
 from ..posterior.result import Posterior
 from ..posterior.sampling import sample
 from ..search.result import Identification
-from .left_out import leave_out
+from .left_out import groups_of, leave_out
 from .likelihood import LEVELS, Profile, profile
 from .model_error import ModelError, model_error
 from .resampling import Bootstrap, bootstrap
@@ -24,7 +24,6 @@ from .validation import validate
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 """Title, header and rows of text."""
 
-_PRESSURE_GROUPS = 8
 _DISAGREE = 1.5
 """Factor between two estimates of one error bar beyond which a reader is warned."""
 
@@ -147,8 +146,8 @@ def _error(result: Identification) -> ModelError | None:
     if result.dependence != "fixed" or len(problem.parts) > 1:
         return None
     left_out = {}
-    for kind, groups in (("length", None), ("pressure", _PRESSURE_GROUPS)):
-        one = leave_out(problem, result.end.u, kind, groups=groups)
+    for kind in ("length", "pressure"):
+        one = leave_out(problem, result.end.u, kind, groups=groups_of(problem, kind))
         if one is not None and np.isfinite(one.error).all():
             left_out[kind] = one
     return model_error(result.data, result.residuals, left_out, result.n_parameters)

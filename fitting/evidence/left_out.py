@@ -9,6 +9,9 @@ from ..engine.problem import Problem
 from ..search.multi_start import latin_hypercube
 from .refit import refit
 
+GROUPS = 8
+"""Of neighbouring levels that say much the same of one another: pressures, and many lengths."""
+_SINGLE = 10  # lengths at most are left out one by one
 _STEPS, _TOLERANCE = 30, 1e-5
 """A prediction need not wait for the last digit of the fit that it is made by."""
 
@@ -82,6 +85,13 @@ def leave_out(
         max_steps=_STEPS, tolerance=_TOLERANCE,
     )  # fmt: skip
     return LeftOut(kind, level[at], group[at], fits.residual[group[at], at])
+
+
+def groups_of(problem: Problem, kind: str) -> int | None:
+    """In how many groups a model's error is sought; None for each level by itself."""
+    if kind == "length" and np.unique(problem.levels("length")).size <= _SINGLE:
+        return None
+    return GROUPS
 
 
 def grouped(
