@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float
-from promise import Case, Cost, Promise
+from promise import Case, Cost, Promise, shown
 from promises_fits import A1, A2, LOADED
 
 import fitting
@@ -150,5 +150,8 @@ CHOICE: tuple[Promise, ...] = (
     _row("a series, width of the band",
          lambda case: float(pooled(case).width.mean() / pooled(case).rmse), _SERIES,
          "mean full width / RMSE", 4.0, part=_OUT, command=_OF_SERIES),
+    *(shown(14, f"hysteresis, one {out} left out", "famjax fit RAMPS --hysteresis",
+            "RMS error of the half-difference / its measured RMS", 0.6)
+      for out in ("record", "length")),
 )  # fmt: skip
 """Issue 14: choice and bands. The series is given by `--data 'a series=FOLDER'`."""

@@ -26,6 +26,16 @@ class Formula(NamedTuple):
 
 LENGTH, AREA, VOLUME, PRESSURE, NUMBER, FORCE = (1, 0), (2, 0), (3, 0), (0, 1), (0, 0), (2, 1)
 
+
+def braid_angle_from_blocked_force(
+    pressure: jax.Array | float, force: jax.Array | float, diameter: jax.Array | float
+) -> jax.Array:
+    """The public formula of three readings, which are multiples of one."""
+    steps = jnp.arange(1, 4)
+    P, F = (jnp.asarray(value)[..., None] * steps for value in (pressure, force))
+    return famjax.braids.braid_angle_from_blocked_force(P, F, diameter)
+
+
 FORMULAS = {
     f.function.__name__: f
     for f in [
@@ -53,6 +63,9 @@ FORMULAS = {
         ),
         Formula(famjax.braids.force_magnification, (1.1,), (NUMBER,), NUMBER),
         Formula(famjax.braids.gaylord_force, (5e5, 0.01, 1.1), (PRESSURE, LENGTH, NUMBER), FORCE),
+        Formula(
+            braid_angle_from_blocked_force, (2e5, 400.0, 0.02), (PRESSURE, FORCE, LENGTH), NUMBER
+        ),
         Formula(
             famjax.terms.bladder_axial_force, (-1e6, 4e-5, 0.3), (PRESSURE, VOLUME, LENGTH), FORCE
         ),

@@ -84,6 +84,7 @@ def test_what_was_identified_whatever_the_misfit(
     assert written(folder) == FILES
 
 
+@pytest.mark.slow
 def test_json_of_a_map_that_ends_uncertified(fit: Fit, sound: ForceData) -> None:
     code, out, _, _ = fit(metric(sound, pressure=sound.pressure / 6.894757), *QUICK, "--json")
     assert code == 1
