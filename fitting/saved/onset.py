@@ -1,6 +1,7 @@
 """The pressure at which a muscle begins to pull, found on the host: nothing has to be compiled."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -39,3 +40,29 @@ def onset_pressure(
         upper, lower = grid[falls[0]], grid[falls[0] + 1]
         if upper - lower <= 4 * np.finfo(float).eps * highest:
             return float(lower)
+
+
+_SAME = 5e-4  # of a length: readings are at it
+
+
+def measured_onset(document: Mapping[str, Any], length: float) -> tuple[float, float] | None:
+    """The pressures between which a muscle of that length was seen to begin to pull.
+
+    Args:
+        document: of a saved fit, with its readings.
+        length: active length [m].
+
+    Returns:
+        (highest pressure [Pa] at which it was slack, 0 where it never was; lowest at which it
+        pulled); None at a length that was not measured, or where readings contradict one another.
+    """
+    readings = document["data"]["readings"]
+    columns = (readings[name] for name in ("length_m", "pressure_Pa", "force_N"))
+    at, pressure, force = (np.asarray(one, float) for one in columns)
+    here = np.abs(at - length) <= _SAME * length
+    pulls = here & (force > 0)
+    if not pulls.any():
+        return None
+    low = float(pressure[here & (force <= 0)].max(initial=0.0))
+    high = float(pressure[pulls].min())
+    return (low, high) if low <= high else None

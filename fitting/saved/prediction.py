@@ -11,7 +11,7 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..evidence.pull import Pull, pull
-from .onset import onset_pressure
+from .onset import measured_onset, onset_pressure
 from .reach import reach_of
 from .saved_fit import SavedFit, finite_or_none
 
@@ -50,8 +50,9 @@ def predict(
         out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
         theory of the parameters alone in fits without it, and "specimens" of a series. Where the rig
         gives way, `muscle_force_N` is the force of the muscle alone, were it of that length itself.
-        With `onset` rows `length_m, onset_pressure_Pa, inside, outside` follow; null where there
-        is none.
+        With `onset` rows `length_m, onset_pressure_Pa, slack_up_to_Pa, pulls_from_Pa, inside, outside`
+        follow; null where there is none. At a length that was measured the onset lies between the
+        highest pressure at which the muscle was slack and the lowest at which it pulled.
 
     Raises:
         InputError: lengths or pressures that no muscle has.
@@ -71,12 +72,17 @@ def predict(
                 lambda P, at=at: _pull(fit, np.full(P.shape, at), P, rest_length).muscle_force,
                 _ONSET_REACH * highest,
             )
+            seen = None if rest_length is not None else measured_onset(fit.document, float(at))
+            if seen is not None and math.isfinite(gauge):
+                gauge = min(max(gauge, seen[0]), seen[1])
             begins = max(gauge, reach.pressures[0])  # below the measured pressures it is known, too
             why = reach.leaves(float(at), begins, finite_or_none(gauge))
             rows.append(
                 {
                     "length_m": float(at),
                     "onset_pressure_Pa": finite_or_none(gauge),
+                    "slack_up_to_Pa": None if seen is None else seen[0],
+                    "pulls_from_Pa": None if seen is None else seen[1],
                     "inside": why is None,
                     "outside": why,
                 }

@@ -104,6 +104,7 @@ def _check(document: dict[str, Any], muscle: famjax.Muscle) -> None:
     """Raise unless what predictions are made of is there, finite and of its shape."""
     _numbers(document, "data.readings.length_m", ("n",))
     _numbers(document, "data.readings.pressure_Pa", ("n",))
+    _numbers(document, "data.readings.force_N", ("n",))
     if document.get("series_compliance_m_per_N") is not None:
         _numbers(document, "series_compliance_m_per_N", ())
     if document.get("spread") is not None:

@@ -97,3 +97,26 @@ def test_three_lengths_are_fitted_and_bounded_by_a_prior(
     said = " ".join(capsys.readouterr().out.split())
     assert "too few lengths to leave one out" in said
     assert "were left out" in said
+
+
+def test_an_onset_lies_between_the_readings_at_its_length(
+    dmsp10: ForceData, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """A slack reading is not thrown away: at 250 mm the model alone begins 10 kPa below one."""
+    with pytest.raises(SystemExit):
+        main(["fit", "DMSP-10-250", "--law", "ogden", "--free", "braid_compliance",
+              "--output", str(tmp_path)])  # fmt: skip
+    capsys.readouterr()
+    at = np.abs(dmsp10.length - 0.25) < 1e-6
+    slack = dmsp10.pressure[at & ~dmsp10.loaded].max()
+    pulls = dmsp10.pressure[at & dmsp10.loaded].min()
+    with pytest.raises(SystemExit):
+        main(
+            ["predict", str(tmp_path / "fit.json"), "--length", "250mm,240mm", "--onset", "--json"]
+        )
+    measured, between = json.loads(capsys.readouterr().out)
+    assert measured["slack_up_to_Pa"] == pytest.approx(slack)
+    assert measured["pulls_from_Pa"] == pytest.approx(pulls)
+    assert slack <= measured["onset_pressure_Pa"] <= pulls
+    assert between["slack_up_to_Pa"] is None
+    assert between["onset_pressure_Pa"] > measured["onset_pressure_Pa"]

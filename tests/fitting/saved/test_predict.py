@@ -24,7 +24,10 @@ def muscle(deadband: float, coefficients: tuple[float, ...] = (5.9e6, -19.0e6, 2
 
 
 def saved(one: famjax.Muscle, **more: object) -> SavedFit:
-    readings = {"length_m": LENGTHS.tolist(), "pressure_Pa": [0.0, 6e5]}
+    pressures = np.linspace(0.0, 6e5, LENGTHS.size)
+    readings = {
+        "length_m": LENGTHS.tolist(), "pressure_Pa": pressures.tolist(), "force_N": [0.0] * LENGTHS.size
+    }  # fmt: skip
     return SavedFit(one, {"data": {"readings": readings}, **more})
 
 
