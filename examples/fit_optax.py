@@ -24,7 +24,7 @@ apart = famjax.take_apart(
 residual = lambda z: apart.muscle(apart.bounded(z)).force(L, P) - F  # noqa: E731
 # Parameters lie on ridges: whiten them.
 whiten = jnp.linalg.inv(jnp.linalg.qr(jax.jacfwd(residual)(apart.unbounded), mode="r"))
-solver = optax.lbfgs(memory_size=30)
+solver = optax.lbfgs()
 loss = lambda w: jnp.mean(residual(apart.unbounded + whiten @ w) ** 2)  # noqa: E731
 
 
