@@ -33,6 +33,10 @@ def csv_text(data: ForceData, system: str = "si") -> str:
         elif value is not None:
             scaled = float(value) / factor(units["length"], "length")
             lines.append(f"# specimen: {key}_{units['length']} = {scaled!r}")
+    for name, kind in (("pressure_tolerance", "pressure"), ("length_tolerance", "length")):
+        if (tolerance := getattr(data, name)) is not None:
+            scaled = float(tolerance) / factor(units[kind], kind)
+            lines.append(f"# level: {name}_{units[kind]} = {scaled!r}")
     columns = {
         f"{name}_{units[kind]}": getattr(data, name) / factor(units[kind], kind)
         for name, kind in COLUMNS.items()
