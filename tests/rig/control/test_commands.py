@@ -130,6 +130,26 @@ def test_characterise_repeats_what_simulate_found(
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
 
 
+def test_characterise_takes_columns_that_the_log_does_not_tell(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """A second load is refused by name; the option that the message asks for chooses."""
+    lines = (simulated / "machine.csv").read_text().splitlines()
+    more = [",Load 2", ",(N)", *[",7.5"] * (len(lines) - 2)]
+    log = tmp_path / "two.csv"
+    log.write_text("\n".join(a + b for a, b in zip(lines, more, strict=True)))
+    words = ("characterise", simulated / "test.fam", log, "--rest-length", "9.28125in",
+             "--output", tmp_path)  # fmt: skip
+    code, _, err = run(capsys, *words)
+    assert code == 2
+    assert "2 columns for force (Load, Load 2)" in err
+    assert "--log-columns force=" in err
+    assert run(capsys, *words, "--log-columns", "force=Load")[0] == 0
+    code, _, err = run(capsys, *words, "--log-columns", "force=Load", "--log-units", "force=psi")
+    assert code == 2
+    assert "unknown unit 'psi'" in err
+
+
 def test_characterise_aligns_by_the_pulses_of_the_run(
     simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
