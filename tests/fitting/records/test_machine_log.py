@@ -218,7 +218,7 @@ def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
     text = "time_s,displacement_mm,force_N\n" + rows(
         lambda t, x, F: f"{comma(t)},{comma(x * 1e3)},{comma(F)}"
     )
-    with pytest.raises(InputError, match="line 2 has 6 numbers under 3 names .* decimal commas"):
+    with pytest.raises(InputError, match=r"line 2 has 6 numbers under 3 names .* decimal commas"):
         read_machine_log(write(tmp_path, text))
 
 
