@@ -11,7 +11,7 @@ from .stroke import Stroke
 _AT_REST = 1e-3  # of the rest length: nearer than that the muscle is held at it
 _SHORTEST_HOLD = 0.5  # s
 _MISSING = 5  # usual intervals: rows that are further apart have others missing between them
-_BEND = 5  # degree of the polynomial about which the lines are straight
+_BEND = 5  # degree of that polynomial, where there are values enough
 _STILL = 2e-5  # of the rest length: within that of the median it does not move
 
 
@@ -25,7 +25,7 @@ def branch(
     """
     order = np.argsort(record.length[rows], kind="stable")
     x, y = record.length[rows][order], getattr(record, of)[rows][order]
-    bend = Polynomial.fit(x, y, _BEND)
+    bend = bend_of(x, y)
     y = y - bend(x)
     origin = x.mean()
     x = x - origin
@@ -43,6 +43,11 @@ def branch(
         )
     slope = (n * sxy - sx * sy) / spread
     return (sy - slope * sx) / n + slope * (at - origin) + bend(at)
+
+
+def bend_of(x: np.ndarray, y: np.ndarray) -> Polynomial:
+    """The polynomial through a curve, about which its local means and lines are without bias."""
+    return Polynomial.fit(x, y, min(_BEND, x.size // 3))
 
 
 def pressure_variance(

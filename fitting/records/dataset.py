@@ -6,18 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from famjax.boundary.errors import InputError
 
+from .branch import bend_of
 from .characterisation import Characterisation, Isobar
 
 TURN = 0.03
 """Part of a stroke after a turn that is left out: friction turns round there, so that the mean of both
 branches is not the muscle's own force."""
-
-
-_BEND = 5  # degree of that polynomial
 
 
 def dataset_text(
@@ -116,7 +113,7 @@ def _readings(bar: Isobar, use: np.ndarray, common: np.ndarray, branch: str) -> 
     near = np.abs(own - at[:, None]) <= reach
     columns = []
     for curve in (pressure[use], force[use]):
-        bend = Polynomial.fit(own, curve, _BEND)
+        bend = bend_of(own, curve)
         left = curve - bend(own)
         columns.append(bend(at) + (near @ left) / near.sum(axis=1))
     scatter = np.sqrt((near @ bar.bin_pressure_std[use] ** 2) / near.sum(axis=1))

@@ -173,6 +173,8 @@ def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
     assert np.median(data.pressure_std) == pytest.approx(500, rel=0.1)
     branch = dataset_text(found, branch="lengthening", points=5).splitlines()
     assert len([line for line in branch if not line.startswith("#")]) == 11
+    coarse = dataset_text(characterise(record(), grid=10), points=5).splitlines()
+    assert len([line for line in coarse if not line.startswith("#")]) == 11
     with pytest.raises(InputError, match="give it once"):
         dataset_text(found, specimen={"rest_length_mm": 240})
     with pytest.raises(InputError, match="branch must be one of"):
