@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ...boundary.errors import InputError
 from ...boundary.units import parse_quantity
+from ..options.entries import parse_entries
 from ..terminal import print_rows
 from .problems import rig_problems
 
@@ -81,7 +81,7 @@ def rig_characterise(
     from rig import read_journal
 
     with rig_problems():
-        entries = _entries(specimen, "specimen", "wall_thickness_mm=1.6")
+        entries = parse_entries(specimen, "specimen", "wall_thickness_mm=1.6")
         rest, zero = (
             parse_quantity(rest_length, "length"),
             parse_quantity(zero_displacement, "length"),
@@ -91,8 +91,8 @@ def rig_characterise(
             read_journal(journal),
             read_machine_log(
                 log,
-                columns=_entries(log_columns, "log-columns", 'force="Load 2"'),
-                units=_entries(log_units, "log-units", "force=kN"),
+                columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
+                units=parse_entries(log_units, "log-units", "force=kN"),
                 decimal=log_decimal,
             ),
             rest_length=rest,
@@ -126,16 +126,3 @@ def report_test(found, paths: list[Path], output: Path, units: str, json_: bool)
         print("note:", note)
     print("written:", ", ".join(map(str, paths)))
     return 0
-
-
-def _entries(given: tuple[str, ...], option: str, example: str) -> dict[str, str]:
-    """Key and value of entries such as `wall_thickness_mm=1.6`."""
-    found: dict[str, str] = {}
-    for entry in given:
-        key, equals, value = (part.strip() for part in entry.partition("="))
-        if not (key and equals and value) or key in found:
-            raise InputError(
-                f"{option} {entry!r} must read key=value, once for each key, as in {example}"
-            )
-        found[key] = value
-    return found

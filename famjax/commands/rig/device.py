@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from ..options.entries import parse_entries
 from ..terminal import progress_bar
 from .problems import rig_problems
 
@@ -121,7 +122,7 @@ def rig_run(
 
     with rig_problems():
         test = read_plan(plan)
-        entries = _entries(meta)
+        entries = parse_entries(meta, "meta", "operator=NAME")
         print(
             f"Circuit of {test.circuit}, limit {test.pressure_limit / 1e3:.4g} kPa "
             f"({test.pressure_limit / 6894.757:.4g} psi). Make sure that:"
@@ -150,21 +151,6 @@ def rig_run(
             )
     print("written:", path)
     return 0
-
-
-def _entries(meta: tuple[str, ...]) -> dict[str, str]:
-    """Name and value of entries such as `operator=NAME`."""
-    from rig import RigError
-
-    found: dict[str, str] = {}
-    for entry in meta:
-        name, equals, value = (part.strip() for part in entry.partition("="))
-        if not (name and equals and value) or name in found:
-            raise RigError(
-                f"meta {entry!r} must read name=value, once for each name: operator=NAME"
-            )
-        found[name] = value
-    return found
 
 
 def _clock(seconds: float) -> str:
