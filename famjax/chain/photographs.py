@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,9 @@ def measure_pictures(
     provenance: dict[str, str],
     log: Path | None = None,
     log_offset: str | None = None,
+    log_columns: Mapping[str, str] | None = None,
+    log_units: Mapping[str, str] | None = None,
+    log_decimal: str | None = None,
     rest_length: str | None = None,
     workers: int | None = None,
     system: str = "us",
@@ -58,6 +61,9 @@ def measure_pictures(
         provenance: see `process`; the picture named as `ruler` in it is not measured.
         log: of the test machine.
         log_offset: what the machine's clock is ahead of the first picture, `12s`, within 10 s.
+        log_columns: as `columns` of `read_machine_log`.
+        log_units: as its `units`.
+        log_decimal: as its `decimal`.
         rest_length: `9.28in`; the longest measured picture if None.
         workers: number of processes.
         system: units of CSV and plots.
@@ -70,7 +76,12 @@ def measure_pictures(
         ImagingError: input that cannot be used.
     """
     paths = expand(photos, without=provenance.get("ruler"))
-    machine = None if log is None else read_machine_log(log, needed=_NEEDED, welcome=_WELCOME)
+    machine = None
+    if log is not None:
+        machine = read_machine_log(
+            log, columns=log_columns, units=log_units, decimal=log_decimal, needed=_NEEDED,
+            welcome=_WELCOME,
+        )  # fmt: skip
     guess = None if log_offset is None else parse_quantity(log_offset, "time")
     table = process(
         paths,

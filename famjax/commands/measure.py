@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .matplotlib_import import load_matplotlib
+from .options.entries import parse_entries
 from .options.recipe import RecipeOptions
 from .terminal import print_rows, progress_bar
 
@@ -20,6 +21,9 @@ def measure(
     how: RecipeOptions = _UNSAID,
     log: Path | None = None,
     log_offset: str | None = None,
+    log_columns: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    log_units: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    log_decimal: Literal[".", ","] | None = None,
     rest_length: str | None = None,
     workers: int | None = None,
     units: Literal["si", "metric", "us"] = "us",
@@ -47,6 +51,13 @@ def measure(
     log_offset
         What the machine's clock is ahead of the first picture, `12s`, within 10 s; needed where the
         motion repeats itself.
+    log_columns
+        Column of the log where its names do not tell, by its name or its number from 1,
+        `force="Load 2"`, repeatable: time, displacement, force, pressure.
+    log_units
+        Unit of a column in place of the log's, `force=kN`, repeatable.
+    log_decimal
+        The log's decimal sign where the numbers do not tell.
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given.
     workers
@@ -93,6 +104,9 @@ def measure(
                 provenance=provenance,
                 log=log,
                 log_offset=log_offset,
+                log_columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
+                log_units=parse_entries(log_units, "log-units", "force=kN"),
+                log_decimal=log_decimal,
                 rest_length=rest_length,
                 workers=workers,
                 system=units,

@@ -36,6 +36,10 @@ def csv_text(data: ForceData, system: str = "si") -> str:
     if data.force_limit is not None:
         limit = float(data.force_limit) / factor(units["force"], "force")
         lines.append(f"# specimen: force_limit_{units['force']} = {limit!r}")
+    for name, kind in (("pressure_tolerance", "pressure"), ("length_tolerance", "length")):
+        if (tolerance := getattr(data, name)) is not None:
+            scaled = float(tolerance) / factor(units[kind], kind)
+            lines.append(f"# level: {name}_{units[kind]} = {scaled!r}")
     columns = {
         f"{name}_{units[kind]}": getattr(data, name) / factor(units[kind], kind)
         for name, kind in COLUMNS.items()

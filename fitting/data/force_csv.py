@@ -77,8 +77,11 @@ def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> For
     The columns `force`, `pressure` and `length` must each be there once with their unit, as in
     `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. In the place of the
     length there may be a `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that
-    start with `# specimen:` give the specimen, `key_unit = value`; `force_limit_N` among them is
-    what the load cell reads at most.
+    units = {column.quantity: column.unit for column in columns}
+    return ForceData(
+        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
+        **tolerances,
+    )  # fmt: skip
 
     Args:
         path: the file, UTF-8, separated by comma, semicolon or tab.
@@ -102,7 +105,9 @@ def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> For
 
 def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceData:
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    known = _specimen_fields(line for _, line in numbered if line.lstrip().startswith("#"))
+    comments = [line for _, line in numbered if line.lstrip().startswith("#")]
+    known = parse_specimen(_entries(comments, "specimen"))
+    tolerances: dict[str, Any] = dict(_tolerance(entry) for entry in _entries(comments, "level"))
     rows = [(number, line) for number, line in numbered if not line.lstrip().startswith("#")]
     if not rows:
         raise InputError(
@@ -129,8 +134,9 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     complete, notes = _complete(known, arrays["length"], source)
     units = {column.quantity: column.unit for column in columns}
     return ForceData(
-        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit
-    )
+        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
+        **tolerances,
+    )  # fmt: skip
 
 
 def _number(cell: str, row: int, name: str) -> float:
@@ -176,10 +182,26 @@ def _lengths_of_contractions(arrays: dict[str, Any], known: Mapping[str, Any]) -
         arrays["length_std"] = rest * arrays.pop("contraction_std")
 
 
-def _specimen_fields(comments: Iterable[str]) -> dict[str, Any]:
-    """Fields of `Specimen` in SI from lines such as `# specimen: rest_length_mm = 296`."""
+def _entries(comments: Iterable[str], wanted: str) -> list[str]:
+    """The entries of lines such as `# specimen: rest_length_mm = 296`, by what stands before the colon."""
     parts = [line.lstrip("# \t").partition(":") for line in comments]
-    return parse_specimen(entry for label, _, entry in parts if label.strip() == "specimen")
+    return [entry.strip() for label, _, entry in parts if label.strip() == wanted]
+
+
+def _tolerance(entry: str) -> tuple[str, float]:
+    """Field of `ForceData` and SI value of `pressure_tolerance_kPa = 5`."""
+    key, _, value = (part.strip() for part in entry.partition("="))
+    name, _, unit = key.rpartition("_")
+    kind = name.removesuffix("_tolerance")
+    if name not in {"pressure_tolerance", "length_tolerance"}:
+        raise InputError(
+            f"level {entry!r} must read pressure_tolerance_kPa = 5 or length_tolerance_mm = 0.1"
+        )
+    try:
+        number = float(value)
+    except ValueError:
+        raise InputError(f"the level's {key} is {value!r}, not a number") from None
+    return name, to_si(number, unit, kind)
 
 
 def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:

@@ -33,6 +33,8 @@ the lengths beyond its map by a few per cent of the largest force."""
 PRIOR_FREEDOM = 1.5
 """Number of lengths left out that the prior counts as."""
 
+_NEAR = 1e-6  # variance of the spline one hundredth of the range from what is known
+
 
 @dataclasses.dataclass(frozen=True)
 class Along:
@@ -156,7 +158,7 @@ def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: fl
         mine = left_out.group == group
         own = np.unique(left_out.level[mine])
         others = levels[~np.isin(levels, own)]
-        expected = float(np.mean(spline_variance(others, own)))
+        expected = max(float(np.mean(spline_variance(others, own))), _NEAR)
         excess = max(float(np.mean(left_out.error[mine] ** 2)) - noise**2, 0.0)
         ratios.append(excess / expected)
     freedom = PRIOR_FREEDOM + len(ratios)

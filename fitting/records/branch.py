@@ -1,6 +1,7 @@
 """Branches of a stroke: force over length, where it ends, and the force held before it."""
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from famjax.boundary.errors import InputError
 
@@ -10,13 +11,22 @@ from .stroke import Stroke
 _AT_REST = 1e-3  # of the rest length: nearer than that the muscle is held at it
 _SHORTEST_HOLD = 0.5  # s
 _MISSING = 5  # usual intervals: rows that are further apart have others missing between them
+_BEND = 5  # degree of that polynomial, where there are values enough
 _STILL = 2e-5  # of the rest length: within that of the median it does not move
 
 
-def branch(record: IsobaricRecord, rows: slice, at: np.ndarray, width: float) -> np.ndarray:
-    """Force on the grid by local straight lines, each through the rows within `width` of its length."""
+def branch(
+    record: IsobaricRecord, rows: slice, at: np.ndarray, width: float, of: str = "force"
+) -> np.ndarray:
+    """A column on the grid by local straight lines, each through the rows within `width` of its length.
+
+    The lines are those of what a polynomial through all rows leaves: one through a bend would lie
+    beside it.
+    """
     order = np.argsort(record.length[rows], kind="stable")
-    x, y = record.length[rows][order], record.force[rows][order]
+    x, y = record.length[rows][order], getattr(record, of)[rows][order]
+    bend = bend_of(x, y)
+    y = y - bend(x)
     origin = x.mean()
     x = x - origin
     sums = np.cumsum(np.stack([np.ones_like(x), x, x * x, y, x * y]), axis=1)
@@ -32,7 +42,24 @@ def branch(record: IsobaricRecord, rows: slice, at: np.ndarray, width: float) ->
             f"{at[thin][0]:.5g} m: log faster, or take a coarser grid"
         )
     slope = (n * sxy - sx * sy) / spread
-    return (sy - slope * sx) / n + slope * (at - origin)
+    return (sy - slope * sx) / n + slope * (at - origin) + bend(at)
+
+
+def bend_of(x: np.ndarray, y: np.ndarray) -> Polynomial:
+    """The polynomial through a curve, about which its local means and lines are without bias."""
+    return Polynomial.fit(x, y, min(_BEND, x.size // 3))
+
+
+def pressure_variance(
+    record: IsobaricRecord, rows: slice, at: np.ndarray, width: float, about: np.ndarray
+) -> np.ndarray:
+    """Mean square [Pa2] of the pressure about a curve, in the rows within `width` of each length."""
+    order = np.argsort(record.length[rows], kind="stable")
+    x = record.length[rows][order]
+    left = record.pressure[rows][order] - np.interp(x, at[::-1], about[::-1])
+    sums = np.concatenate([[0.0], np.cumsum(left**2)])
+    low, high = (np.searchsorted(x, at + side * 1.0001 * width) for side in (-1, 1))
+    return (sums[high] - sums[low]) / (high - low)
 
 
 def hole(record: IsobaricRecord, rows: slice, grid: int) -> float:

@@ -7,7 +7,14 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 
-from .branch import branch, contraction_at_zero, force_at_rest, held_force, hole
+from .branch import (
+    branch,
+    contraction_at_zero,
+    force_at_rest,
+    held_force,
+    hole,
+    pressure_variance,
+)
 from .isobaric_record import IsobaricRecord
 from .stroke import Stroke, strokes
 
@@ -28,6 +35,10 @@ class Isobar:
         length: active lengths [m], falling from near the longest, shape (n,).
         shortening: F [N] of the concentric branch, shape (n,).
         lengthening: F [N] of the eccentric branch, shape (n,).
+        shortening_pressure, lengthening_pressure: measured there [Pa], shape (n,): the pressure dips
+            at a turn and rises at the other, so that no branch is at one pressure.
+        bin_pressure_std: scatter of the readings of the pressure about it, within a step of the grid
+            [Pa], shape (n,).
         force_std: scatter of the mean of both branches from stroke to stroke [N], shape (n,); nan
             for one stroke.
         blocked_force: mean F [N] while the muscle was held at rest before its first stroke, for half a
@@ -50,6 +61,9 @@ class Isobar:
     length: np.ndarray
     shortening: np.ndarray
     lengthening: np.ndarray
+    shortening_pressure: np.ndarray
+    lengthening_pressure: np.ndarray
+    bin_pressure_std: np.ndarray
     force_std: np.ndarray
     blocked_force: float
     blocked_force_std: float
@@ -193,6 +207,13 @@ def _isobar(record: IsobaricRecord, found: list[Stroke], grid: int) -> Isobar:
     down = np.array([branch(record, s.shortening, at, width) for s in found])
     up = np.array([branch(record, s.lengthening, at, width) for s in found])
     mean = (down + up) / 2
+    sides = [[s.shortening for s in found], [s.lengthening for s in found]]
+    pressures = [[branch(record, rows, at, width, "pressure") for rows in side] for side in sides]
+    variance = [
+        pressure_variance(record, rows, at, width, curve)
+        for side, curves in zip(sides, pressures, strict=True)
+        for rows, curve in zip(side, curves, strict=True)
+    ]
     held = held_force(record, found[0])
     free = np.array([_free_contraction(record, s, grid) for s in found])
     inside = np.concatenate(
@@ -209,6 +230,9 @@ def _isobar(record: IsobaricRecord, found: list[Stroke], grid: int) -> Isobar:
         length=at,
         shortening=down.mean(axis=0),
         lengthening=up.mean(axis=0),
+        shortening_pressure=np.mean(pressures[0], axis=0),
+        lengthening_pressure=np.mean(pressures[1], axis=0),
+        bin_pressure_std=np.sqrt(np.mean(variance, axis=0)),
         force_std=_scatter(mean),
         blocked_force=float(held.mean()) if held.size else float("nan"),
         blocked_force_std=float(held.std()) if held.size else float("nan"),

@@ -1,13 +1,20 @@
 """A characterisation as the table that `famjax fit` reads."""
 
-from collections.abc import Mapping
+import itertools
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from famjax.boundary.errors import InputError
 
-from .characterisation import Characterisation
+from .branch import bend_of
+from .characterisation import Characterisation, Isobar
+
+TURN = 0.03
+"""Part of a stroke after a turn that is left out: friction turns round there, so that the mean of both
+branches is not the muscle's own force."""
 
 
 def dataset_text(
@@ -15,18 +22,21 @@ def dataset_text(
     *,
     specimen: Mapping[str, object] | None = None,
     branch: str = "mean",
-    points: int = 40,
+    points: int = 30,
 ) -> str:
     """A table of pressure, length and force in SI, with the specimen in comment lines.
 
-    The pressure is the measured mean at each set pressure. Forces that are not positive stay in:
-    they say where the muscle is slack.
+    The lengths are common to all isobars, and each reading has the pressure that was measured there,
+    which dips and rises as the machine turns, with the scatter of its readings. The part `TURN` of
+    the stroke at either end is left out. Forces that are not positive stay in: they say where the
+    muscle is slack.
 
     Args:
         found: the characterisation.
         specimen: further entries, unit in the key, such as {"wall_thickness_mm": 1.6}.
         branch: the mean of both, or one of them.
-        points: lengths at each pressure.
+        points: lengths over the range of the longest isobar. With more than a third of the
+            characterisation's lengths, neighbours share rows and errors.
 
     Returns:
         The text of the file.
@@ -34,11 +44,30 @@ def dataset_text(
     Raises:
         InputError: an unknown branch, or fewer than two points.
     """
-    curves = {"mean": "force", "shortening": "shortening", "lengthening": "lengthening"}
-    if branch not in curves or points < 2:
+    if branch not in {"mean", "shortening", "lengthening"} or points < 2:
         raise InputError(
-            f"branch must be one of {', '.join(curves)} and points >= 2, got {branch!r}, {points}"
+            "branch must be one of mean, shortening, lengthening and points >= 2, "
+            f"got {branch!r}, {points}"
         )
+    turnless = _turnless(found.isobars)
+    own = [bar.length[use] for bar, use in zip(found.isobars, turnless, strict=True)]
+    common = np.linspace(max(at[0] for at in own), min(at[-1] for at in own), points)
+    readings = [
+        _readings(bar, use, common, branch)
+        for bar, use in zip(found.isobars, turnless, strict=True)
+    ]
+    lines = [f"# note: {note}" for note in found.notes]
+    lines += [f"# specimen: {key} = {value}" for key, value in _entries(found, specimen).items()]
+    tolerance = _tolerance([rows[:, 0] for rows in readings])
+    if tolerance is not None:
+        lines.append(f"# level: pressure_tolerance_Pa = {tolerance!r}")
+    lines.append("pressure_Pa,length_m,force_N,pressure_std_Pa")
+    lines += [",".join(map(repr, row)) for rows in readings for row in rows.tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(found: Characterisation, specimen: Mapping[str, object] | None) -> dict[str, str]:
+    """The specimen as text, with the record's rest length."""
     entries = {"rest_length_m": repr(found.rest_length)}
     for key, value in (specimen or {}).items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
@@ -50,17 +79,67 @@ def dataset_text(
         if "\n" in f"{key}{text}":
             raise InputError(f"the specimen's {key!r} holds a line end")
         entries[key] = text
-    lines = [f"# note: {note}" for note in found.notes]
-    lines += [f"# specimen: {key} = {value}" for key, value in entries.items()]
-    lines.append("pressure_Pa,length_m,force_N")
-    for bar in found.isobars:
-        at = np.linspace(bar.length[0], bar.length[-1], points)
-        force = np.interp(at, bar.length[::-1], getattr(bar, curves[branch])[::-1])
-        lines += [
-            f"{bar.pressure!r},{L!r},{F!r}"
-            for L, F in zip(at.tolist(), force.tolist(), strict=True)
-        ]
-    return "\n".join(lines) + "\n"
+    return entries
+
+
+def _turnless(isobars: Sequence[Isobar]) -> list[np.ndarray]:
+    """Which values of each isobar lie further than `TURN` of the longest stroke from its turns."""
+    turn = TURN * max(float(np.ptp(bar.length)) for bar in isobars)
+    found = []
+    for bar in isobars:
+        margin = min(turn, float(np.ptp(bar.length)) / 4)
+        inside = (bar.length <= bar.length[0] - margin) & (bar.length >= bar.length[-1] + margin)
+        found.append(inside)
+    return found
+
+
+def _readings(bar: Isobar, use: np.ndarray, common: np.ndarray, branch: str) -> np.ndarray:
+    """Pressure, length, force and scatter of the pressure at the common lengths, shape (n, 4).
+
+    Each is the mean of the isobar's own values within half a step of the common lengths, about a
+    polynomial through all of them, so that readings of short strokes are as precise as those of long
+    ones and a bend does not shift them.
+    """
+    pressure = {
+        "mean": _mean_pressure(bar, use),
+        "shortening": bar.shortening_pressure,
+        "lengthening": bar.lengthening_pressure,
+    }[branch]
+    force = bar.force if branch == "mean" else getattr(bar, branch)
+    own = bar.length[use]
+    reach = max(float(common[0] - common[1]) / 2, 1.01 * float(own[0] - own[1]))
+    at = common[(common <= own[0] + 1e-9) & (common >= own[-1] - 1e-9)]
+    at = at if at.size > 1 else own[[0, -1]]
+    near = np.abs(own - at[:, None]) <= reach
+    columns = []
+    for curve in (pressure[use], force[use]):
+        bend = bend_of(own, curve)
+        left = curve - bend(own)
+        columns.append(bend(at) + (near @ left) / near.sum(axis=1))
+    scatter = np.sqrt((near @ bar.bin_pressure_std[use] ** 2) / near.sum(axis=1))
+    return np.stack([columns[0], at, columns[1], scatter], axis=1)
+
+
+def _mean_pressure(bar: Isobar, use: np.ndarray) -> np.ndarray:
+    """The pressure [Pa] to which half the sum of both branches' forces belongs, shape (n,).
+
+    Where friction takes the part f of the force, F = D (P - P_d) gives
+    ((1 - f) F(P_s) + (1 + f) F(P_l))/2 = F(((1 - f) P_s + (1 + f) P_l)/2).
+    """
+    apart = np.abs(bar.lengthening_pressure - bar.shortening_pressure)
+    alike = use & (apart <= np.median(apart[use])) & (bar.shortening > 0) & (bar.lengthening > 0)
+    share = (bar.lengthening - bar.shortening)[alike] / (2 * bar.force[alike])
+    f = float(np.median(share)) if share.size else 0.0
+    return ((1 - f) * bar.shortening_pressure + (1 + f) * bar.lengthening_pressure) / 2
+
+
+def _tolerance(pressures: list[np.ndarray]) -> float | None:
+    """What divides the isobars' own pressures [Pa] from one another; None where nothing does."""
+    inside = sorted((np.sort(values) for values in pressures), key=lambda values: values[0])
+    within = max(float(np.diff(values).max()) for values in inside)
+    wide = max(float(np.ptp(values)) for values in inside)
+    between = min((float(b[0] - a[-1]) for a, b in itertools.pairwise(inside)), default=2 * wide)
+    return math.sqrt(within * between) if 0 < within < between > wide else None
 
 
 def write_dataset(
@@ -69,7 +148,7 @@ def write_dataset(
     *,
     specimen: Mapping[str, object] | None = None,
     branch: str = "mean",
-    points: int = 40,
+    points: int = 30,
 ) -> Path:
     """Write `dataset_text` to a file; one that is there is replaced.
 

@@ -35,6 +35,7 @@ _MORE = {
     "force": {"mN": 1e-3, "MN": 1e6, "daN": 10.0, "kip": 4448.2216152605, "gf": 9.80665e-3},
     "pressure": {"mbar": 100.0},
 }  # fmt: skip
+_LOOK = 200  # rows in which a decimal point is sought
 _BRACKETS = re.compile(r"^(.*?)[\s_,]*[(\[{<]\s*([^()\[\]{}<>]*)\s*[)\]}>]$")
 _BESIDE = re.compile(r"^(.*\S)(?:\s*/\s*|\s+in\s+|\s*,\s*|_|\s+)(\S+)$")
 
@@ -91,7 +92,8 @@ def columns(
         if not unit:
             raise InputError(
                 f"column {names[k]!r} has no unit, in its name or in a row below: give it, "
-                f'units={{"{quantity}": "{next(iter(UNITS[kind]))}"}}'
+                f'units={{"{quantity}": "{next(iter(UNITS[kind]))}"}} or '
+                f"--log-units {quantity}={next(iter(UNITS[kind]))}"
             )
         factor = unit_factor(unit, kind)
         if factor is None:
@@ -118,6 +120,7 @@ def _header(text: LogText) -> tuple[list[str], list[str]]:
     if not scores or max(scores) == 0:
         return [f"column {k + 1}" for k in range(n)], [""] * n
     at = scores.index(max(scores))  # the nearest to the numbers
+    _check_commas(text, above[at])
     units = [""] * n
     for row in above[:at]:
         bare = [_strip_brackets(cell) for cell in row]
@@ -127,6 +130,20 @@ def _header(text: LogText) -> tuple[list[str], list[str]]:
             units = bare
             break
     return above[at], units
+
+
+def _check_commas(text: LogText, header: list[str]) -> None:
+    """Refuse numbers with decimal commas between commas: more cells than names, and no point in any."""
+    line, cells = text.rows[text.first]
+    values, names = (len([cell for cell in row if cell]) for row in (cells, header))
+    block = text.rows[text.first : text.first + _LOOK]
+    if text.delimiter != "," or values <= names or any("." in c for _, row in block for c in row):
+        return
+    raise InputError(
+        f"line {line} has {values} numbers under {names} names ({', '.join(filter(None, header))}), all "
+        "separated by commas and none with a decimal point: are they decimal commas? Export the log "
+        "with semicolons or tabs between the columns, or with decimal points, or name every column"
+    )
 
 
 def _strip_brackets(cell: str) -> str:
@@ -174,14 +191,18 @@ def _column(
             matches = [int(wanted) - 1]
     else:
         matches = [k for k, (name, _) in enumerate(parsed) if _quantity(name) == quantity]
-        # Load and load rate, time and cycle time: the unit tells, or the plainer name.
-        matches = [k for k in matches if fitting_unit[k]] or matches
-        plain = [k for k in matches if parsed[k][0].casefold() in NAMES[quantity]]
-        matches = plain if len(plain) == 1 else matches
+        # Load and load rate: the unit tells. Time and cycle time: the plainer name does, but a second
+        # load is of the same kind, whatever it is called.
+        fitting = [k for k in matches if fitting_unit[k]]
+        plain = [k for k in fitting or matches if parsed[k][0].casefold() in NAMES[quantity]]
+        matches = fitting or matches
+        if len(plain) == 1 and (quantity == "time" or not fitting):
+            matches = plain
     if len(matches) != 1:
         what = "no column" if not matches else f"{len(matches)} columns"
+        which = f" ({', '.join(names[k] for k in matches)})" if matches else ""
         raise InputError(
-            f"{what} for {quantity}; the log has {', '.join(names)}: choose one by its name, "
-            f'columns={{"{quantity}": "..."}}, or by its number from 1'
+            f"{what} for {quantity}{which}; the log has {', '.join(names)}: choose one by its name, "
+            f'columns={{"{quantity}": "..."}} or --log-columns {quantity}=..., or by its number from 1'
         )
     return matches[0]

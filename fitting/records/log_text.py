@@ -181,5 +181,5 @@ def _check_decimal(found: LogText) -> None:
             if "," in cell and _GROUPED["."].fullmatch(cell):
                 raise InputError(
                     f"{cell!r} may be {cell.replace(',', '.')} or {cell.replace(',', '')}: give the "
-                    "decimal sign, decimal=',' or decimal='.'"
+                    "decimal sign, decimal=',' or decimal='.' (--log-decimal)"
                 )

@@ -2,6 +2,7 @@ from .monitor import Monitor as Monitor
 from .operator import (
     JOURNAL as JOURNAL,
     ports as ports,
+    prepare as prepare,
     record_test as record_test,
     run_test as run_test,
 )
@@ -23,6 +24,7 @@ from .plan_file import (
 from .plan_run import (
     Machine as Machine,
     calibrate_feed_forward as calibrate_feed_forward,
+    check_plan as check_plan,
     run as run,
 )
 from .rig import Rig as Rig

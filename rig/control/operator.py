@@ -1,6 +1,6 @@
 """A test on a port from start to end, recorded; what ports there are."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..calibration.whole_rig import Calibration, read_calibration
@@ -9,10 +9,12 @@ from ..journal.reader import read_journal
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.serial_link import Link, serial_opener
-from .plan import duration, next_block
+from .plan import duration
 from .plan_file import PlanFile
-from .plan_run import Machine, run
+from .plan_run import Machine, check_plan, run
+from .resumption import resumed_block
 from .rig import Rig
+from .set_up import limit_commands
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""
@@ -44,7 +46,9 @@ def run_test(
     *,
     baud: int = 115200,
     resume: bool = False,
+    meta: Mapping[str, str] | None = None,
     progress: Callable[[float, float], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Path:
     """Carry out a test on a real rig and record it.
 
@@ -54,26 +58,61 @@ def run_test(
         folder: for the journal.
         baud: of the firmware.
         resume: continue the existing journal with the block that was not completed.
+        meta: further entries of the journal, such as {"operator": "A. Name"}.
         progress: called about every second with the seconds done and the seconds planned.
+        tell: as for `run`.
 
     Returns:
         The journal.
 
     Raises:
-        RigError: the test names no calibration, or as `Rig` and `run`.
+        RigError: as `prepare`, `Rig` and `run`.
         RigFault: the test had to stop; the rig is vented.
+    """
+    calibration, first = prepare(test, folder, resume=resume)
+    path = Path(folder) / JOURNAL
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with Link(serial_opener(port, baud)) as link:
+        record_test(
+            test, link, calibration, path, first_block=first, append=resume, meta=meta,
+            progress=progress, tell=tell,
+        )  # fmt: skip
+    return path
+
+
+def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tuple[Calibration, int]:
+    """All that can be refused before a port is opened; nothing is written.
+
+    Args:
+        test: from its file.
+        folder: of the journal.
+        resume: continue the journal there.
+
+    Returns:
+        The calibration, and the block with which the test begins.
+
+    Raises:
+        RigError: the test names no calibration, or photographs, which nothing takes here; the limits
+            or a pressure cannot be; the journal there is of another test.
     """
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
-    calibration = read_calibration(test.calibration)
-    path = Path(folder) / JOURNAL
-    path.parent.mkdir(parents=True, exist_ok=True)
-    first = next_block(read_journal(path).notes) if resume else 0
-    with Link(serial_opener(port, baud)) as link:
-        record_test(
-            test, link, calibration, path, first_block=first, append=resume, progress=progress
+    if test.plan.photograph_every:
+        raise RigError(
+            f"[plan]: photograph_every_s = {test.plan.photograph_every:g} does nothing in a run from "
+            "the command line, which has no camera: leave it out, and trigger the camera yourself or "
+            "from Python, Rig(..., camera=...)"
         )
-    return path
+    calibration = read_calibration(test.calibration)
+    record = read_journal(Path(folder) / JOURNAL) if resume else None
+    first = 0 if record is None else resumed_block(record, test, calibration)
+    _check(test, calibration, first)
+    return calibration, first
+
+
+def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
+    limit_commands(calibration, test.pressure_limit, test.jump_limit)
+    check_plan(test.plan, calibration, test.pressure_limit, first_block)
 
 
 def record_test(
@@ -85,9 +124,13 @@ def record_test(
     machine: Machine | None = None,
     first_block: int = 0,
     append: bool = False,
+    meta: Mapping[str, str] | None = None,
     progress: Callable[[float, float], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> None:
     """Carry out a test over a link, real or virtual, and record it.
+
+    A test that is refused leaves no journal behind.
 
     Args:
         test: plan, limits and gains.
@@ -97,22 +140,40 @@ def record_test(
         machine: as for `run`.
         first_block: as for `run`.
         append: continue the existing journal.
+        meta: further entries of the journal.
         progress: as for `run`.
+        tell: as for `run`.
 
     Raises:
         RigError: as `Journal`, `Rig` and `run`.
         RigFault: the test had to stop; the rig is vented.
     """
+    _check(test, calibration, first_block)
     planned = duration(test.plan, first_block)
-    with (
-        Journal(path, lambda: link.now, append=append, plan_seconds=planned) as journal,
-        Rig(
-            link,
-            calibration,
-            pressure_limit=test.pressure_limit,
-            control=test.control,
-            jump_limit=test.jump_limit,
-            journal=journal,
-        ) as rig,
-    ):
-        run(rig, test.plan, machine=machine, first_block=first_block, progress=progress)
+    empty = False
+    try:
+        with Journal(path, lambda: link.now, append=append, plan_seconds=planned) as journal:
+            empty = not append
+            if meta:
+                journal.note("meta", entries=dict(meta))
+            with Rig(
+                link,
+                calibration,
+                pressure_limit=test.pressure_limit,
+                control=test.control,
+                jump_limit=test.jump_limit,
+                journal=journal,
+            ) as rig:
+                empty = False
+                run(
+                    rig,
+                    test.plan,
+                    machine=machine,
+                    first_block=first_block,
+                    progress=progress,
+                    tell=tell,
+                )
+    except RigError:
+        if empty:  # the device refused the test: nothing has run
+            path.unlink()
+        raise

@@ -1,6 +1,7 @@
 """PLAN.toml: what to do, on which circuit, under which limit; units in every key."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -50,6 +51,13 @@ class PlanFile:
     control: Control
     calibration: Path | None = None
     jump_limit: float = JUMP_LIMIT
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.pressure_limit) and self.pressure_limit >= 0):
+            raise RigError(
+                f"pressure_limit must be a pressure >= 0 and finite, got {self.pressure_limit} Pa; "
+                "give the muscle's or the circuit's, whichever is lower"
+            )
 
 
 def read_plan(path: str | Path) -> PlanFile:

@@ -3,10 +3,17 @@
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from famjax.boundary.units import UNITS
+
 from ..calibration.feed_forward import FeedForward, fit_feed_forward
+from ..calibration.whole_rig import Calibration
 from ..errors import RigError
 from .plan import Plan, Step, duration, highest_pressure
 from .rig import LOOK, Rig
+
+HELD = 1 * UNITS["pressure"]["psi"]
+"""How far from the set pressure [Pa] one still counts as held: three times what is measured of it."""
+_PSI = UNITS["pressure"]["psi"]
 
 PULSES = 16
 """Lengths of the sync pulse, by block."""
@@ -32,6 +39,7 @@ def run(
     machine: Machine | None = None,
     first_block: int = 0,
     progress: Callable[[float, float], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> None:
     """Carry out a plan from a block on and stop the rig.
 
@@ -41,28 +49,55 @@ def run(
         machine: makes the strokes; without one the plan waits for as long as they last.
         first_block: where to begin; `next_block` of a journal's notes resumes it.
         progress: called about every second of the rig's time with the seconds done and planned.
+        tell: called with what a person at the machine has to do: start the strokes.
 
     Raises:
-        RigError: a set pressure of the plan is at or above the rig's limit, or one that the
-            feed-forward does not know; nothing has been started then.
+        RigError: as `check_plan`; nothing has been started then.
         RigFault: the test had to stop.
     """
-    highest = highest_pressure(plan, first_block)
-    if highest >= rig.pressure_limit:
-        raise RigError(
-            f"the plan sets {highest:.0f} Pa, the limit is {rig.pressure_limit:.0f} Pa; lower the one "
-            "or, if muscle and circuit are rated for it, raise the other"
-        )
-    for step in plan.steps(first_block):
-        if step[0] == "set":
-            rig.calibration.feed_forward.output(step[1])
+    check_plan(plan, rig.calibration, rig.pressure_limit, first_block)
     planned = duration(plan, first_block)
     rig.note("plan", plan=repr(plan), first_block=first_block, seconds=planned)
     if progress is not None:
         rig.on_look = _every_second(progress, rig.link.now, planned)
     for step in plan.steps(first_block):
+        if tell is not None and step[0] == "strokes":
+            tell(_start_strokes(rig, step))
         _carry_out(rig, step, machine)
     rig.stop()
+
+
+def check_plan(
+    plan: Plan, calibration: Calibration, pressure_limit: float, first_block: int = 0
+) -> None:
+    """Refuse a plan that a rig cannot carry out, before anything is started.
+
+    Raises:
+        RigError: a set pressure of the plan is at or above the rig's limit [Pa], or one that the
+            feed-forward does not know.
+    """
+    highest = highest_pressure(plan, first_block)
+    if highest >= pressure_limit:
+        raise RigError(
+            f"the plan sets {highest:.0f} Pa, the limit is {pressure_limit:.0f} Pa; lower the one "
+            "or, if muscle and circuit are rated for it, raise the other"
+        )
+    for step in plan.steps(first_block):
+        if step[0] == "set":
+            calibration.feed_forward.output(step[1])
+
+
+def _start_strokes(rig: Rig, step: Step) -> str:
+    """What a person at the test machine is told, with the pressure that is measured."""
+    _, block, cycles, seconds, stroke, rate, _ = step
+    measured, wanted = rig.pressure, rig.set_point
+    held = abs(measured - wanted) <= HELD
+    return (
+        f"block {block}: pressure {'held' if held else 'NOT held'}, {measured / 1e3:.4g} kPa "
+        f"({measured / _PSI:.4g} psi) of {wanted / 1e3:.4g} kPa ({wanted / _PSI:.4g} psi): "
+        f"{'start the strokes' if held else 'do not start, or stop the run'}: {cycles} of "
+        f"{stroke * 1e3:.4g} mm at {rate * 1e3:.4g} mm/s, {seconds:.0f} s"
+    )
 
 
 def _every_second(

@@ -41,6 +41,7 @@ class Rig:
     Attributes:
         on_look: called with the link's time [s] at every look of a wait, or None.
         lost: records that the line lost.
+        set_point: the pressure that was set last [Pa], nan before.
 
     Raises:
         RigError: no pressure limit, or a limit that the transducer cannot see.
@@ -67,6 +68,7 @@ class Rig:
         self._journal = journal
         self._camera = camera
         limit_commands(calibration, pressure_limit, jump_limit)  # refused before the port is used
+        self.set_point = float("nan")
         self._active_from: int | None = None
         self._cancelled = False
 
@@ -108,7 +110,17 @@ class Rig:
         feed_forward = self.calibration.feed_forward.output(pressure)
         answer = self.link.command("set", pressure / _PSI, feed_forward)
         self.note("set", pressure_Pa=pressure, feed_forward_counts=feed_forward, seq=answer.seq)
+        self.set_point = pressure
         self._active("run")
+
+    @property
+    def pressure(self) -> float:
+        """The newest record's pressure [Pa gauge], nan where there is none."""
+        newest, settings = self.link.newest, self.link.session.settings
+        if newest is None or settings is None:
+            return float("nan")
+        counts = newest.pressure_sum * READINGS / settings.ticks_per_record
+        return float(self.calibration.pressure.value(counts))
 
     def manual(self, output: int) -> None:
         """Hold an output [counts, 0..255] with the controller off, for calibrations."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RigError
+from ..protocol.control_law import TICKS
 from ..protocol.messages import DeviceSettings, DeviceStatus, Sample
 from .journal_lines import Damage, JournalLines
 from .writer import FORMAT
@@ -38,7 +39,7 @@ class Record:
     Attributes:
         path: the file.
         rows: one row of counts for each record, columns as in `COLUMNS`, ordered by epoch and number,
-            int64, shape (n, 9).
+            int64, shape (n, 9). Ticks go on beyond the device's counter, which wraps.
         epoch: of each row, shape (n,): the device's boots in this file, counted from 0.
         notes: in their order.
         note_parts: the part of the recording of each note, counted from 0: a recording that was
@@ -142,7 +143,7 @@ def _in_order(
         _, first = np.unique(rows, axis=0, return_index=True)
         rows, epoch = rows[first], epoch[first]
     order = np.lexsort((rows[:, 1], epoch))
-    rows, epoch = rows[order], epoch[order]
+    rows, epoch = _unwrapped(rows[order], epoch[order]), epoch[order]
     same = (np.diff(epoch) == 0) & (np.diff(rows[:, 1]) == 0)
     equal = same & (rows[1:] == rows[:-1]).all(axis=1)
     keep = np.ones(len(rows), bool)
@@ -155,6 +156,19 @@ def _in_order(
     bad |= _off_grid(rows, epoch)
     refused = tuple(zip(epoch[bad].tolist(), rows[bad, 1].tolist(), strict=True))
     return rows[~bad], epoch[~bad], refused
+
+
+def _unwrapped(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows whose ticks go on where the device's counter began again from 0."""
+    back = -np.diff(rows[:, 2], prepend=rows[:1, 2]) / TICKS
+    wraps = np.where(np.diff(epoch, prepend=epoch[:1]) == 0, np.rint(back), 0).astype(np.int64)
+    total = np.cumsum(wraps)
+    if not total.any():
+        return rows
+    begins = np.searchsorted(epoch, epoch)  # what an epoch has wrapped does not concern the next
+    rows = rows.copy()
+    rows[:, 2] += TICKS * (total - total[begins])
+    return rows
 
 
 def _off_grid(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from famjax.boundary.units import UNITS
 from ..calibration.sensor import READINGS
 from ..calibration.whole_rig import Calibration, calibration_from_dict
 from ..errors import RigError
-from ..protocol.control_law import TICK_HZ
+from ..protocol.control_law import TICK_HZ, TICKS
 from .clock import ClockMap, fit_clock
 from .reader import Record, read_journal
 
@@ -102,14 +102,15 @@ def _clock_pairs(record: Record) -> list[tuple[int, int, float]]:
     epochs = record.epoch.tolist()
     parts = [record.epoch_parts[epoch] for epoch in epochs]
     boots, ticks = record.column("boot").tolist(), record.column("tick").tolist()
-    at = dict(zip(zip(parts, boots, ticks, strict=True), epochs, strict=True))
+    keys = zip(parts, boots, (tick % TICKS for tick in ticks), strict=True)
+    at = dict(zip(keys, zip(epochs, ticks, strict=True), strict=True))
     pairs = []
     for part, note in zip(record.note_parts, record.notes, strict=True):
         if (
             note["note"] == "clock"
-            and (epoch := at.get((part, note["boot"], note["tick"]))) is not None
+            and (record_at := at.get((part, note["boot"], note["tick"]))) is not None
         ):
-            pairs.append((epoch, note["tick"], note["arrival_s"]))
+            pairs.append((*record_at, note["arrival_s"]))
     return pairs
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from ..protocol.control_law import TICKS
 from ..protocol.messages import Sample
 from .events import Event, Lost, Reset
 from .gaps import Gaps
@@ -61,7 +62,7 @@ class RecordOrder:
             self.repeated += 1
             return
         ahead = sample.seq - newest.seq
-        on_grid = sample.tick - newest.tick == self._ticks * ahead
+        on_grid = (sample.tick - newest.tick - self._ticks * ahead) % TICKS == 0
         if not on_grid or (suspicious and _has_jumped(sample, newest)):
             near = on_grid or ahead <= self.gaps.ring
             if not self._is_confirmed(sample, line, now, late=late, near=near):
@@ -93,7 +94,7 @@ class RecordOrder:
         seq, newest = sample.seq, self.newest
         if newest is not None and seq > newest.seq:
             if seq == newest.seq + 1:
-                self._ticks = sample.tick - newest.tick
+                self._ticks = (sample.tick - newest.tick) % TICKS
             self.newest, self.line_bytes = sample, len(line) + 1
         if seq in self.gaps:
             self.gaps.fill(seq, now)
@@ -142,7 +143,7 @@ class RecordOrder:
         anew, self._begun = self._begun, True
         self.restart(sample.boot)
         self._next = 0 if anew else first.seq
-        self._ticks = (sample.tick - first.tick) // (sample.seq - first.seq)
+        self._ticks = (sample.tick - first.tick) % TICKS // (sample.seq - first.seq)
         self._accept(first, first_line, now)
         self.newest = first
         self._accept(sample, line, now)
@@ -180,7 +181,7 @@ def _has_jumped(sample: Sample, other: Sample) -> bool:
 
 def _follows(sample: Sample, before: Sample) -> bool:
     """Whether a record can be one that comes soon after another, at whatever rate of records."""
-    records, ticks = sample.seq - before.seq, sample.tick - before.tick
+    records, ticks = sample.seq - before.seq, (sample.tick - before.tick) % TICKS
     return (
         sample.boot == before.boot
         and 0 < records <= NEAR

@@ -1,5 +1,6 @@
 from .control_law import (
     TICK_HZ as TICK_HZ,
+    TICKS as TICKS,
     ControlLaw as ControlLaw,
     drive as drive,
     next_integral as next_integral,

@@ -9,6 +9,9 @@ from typing import NamedTuple
 TICK_HZ = 500
 """Ticks of the controller per second."""
 
+TICKS = 1 << 32
+"""A device counts its ticks modulo this: from 0 again after 99 days."""
+
 PRESSURE_UNIT = 128
 """Set point and error are in 1/128 psi."""
 

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from famjax.__main__ import main
 from rig.device import build_native, firmware_folder
 
 sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
 
 from avr import Avr, build_harness
+from rig_commands import write_plan
 
 
 @pytest.fixture(scope="session")
@@ -34,3 +36,23 @@ def harness(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def avr(harness: Path) -> Avr:
     """An Uno with the firmware that ships, just switched on."""
     return Avr(harness, firmware_folder() / "famrig.hex")
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of a simulated test of 40 and 80 psi."""
+    folder = tmp_path_factory.mktemp("simulated")
+    with pytest.raises(SystemExit) as stop:
+        main(
+            [
+                "rig",
+                "simulate",
+                str(write_plan(folder)),
+                "--output",
+                str(folder / "out"),
+                "--seed",
+                "4",
+            ]
+        )
+    assert not stop.value.code
+    return folder / "out"

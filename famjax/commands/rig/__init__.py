@@ -11,7 +11,7 @@ cycles = 3
 stroke_in = 3.4
 rate_in_per_s = 0.04
 settle_s = 10
-# photograph_every_s = 1
+# photograph_every_s = 1               # `simulate` and Python; `run` has no camera
 
 [rig]
 circuit = "air"                       # or "water"

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ...boundary.errors import InputError
 from ...boundary.units import parse_quantity
+from ..options.entries import parse_entries
 from ..terminal import print_rows
 from .problems import rig_problems
 
@@ -17,6 +17,9 @@ def rig_characterise(
     log: Path,
     *,
     rest_length: str,
+    log_columns: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    log_units: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    log_decimal: Literal[".", ","] | None = None,
     sync_column: str | None = None,
     near: str | None = None,
     near_within: str = "5s",
@@ -41,6 +44,13 @@ def rig_characterise(
         The machine's log: any delimited text with time, displacement and force with their units.
     rest_length
         Active length at zero contraction with its unit, `9.28125in`.
+    log_columns
+        Column of the log where its names do not tell, by its name or its number from 1,
+        `force="Load 2"`, repeatable: time, displacement, force.
+    log_units
+        Unit of a column in place of the log's, `force=kN`, repeatable.
+    log_decimal
+        The log's decimal sign where the numbers do not tell.
     sync_column
         Column of the log with the rig's sync pulses (`run` raises pin D7 at each pressure's first
         stroke); without it the load aligns the clocks.
@@ -71,7 +81,7 @@ def rig_characterise(
     from rig import read_journal
 
     with rig_problems():
-        entries = _entries(specimen)
+        entries = parse_entries(specimen, "specimen", "wall_thickness_mm=1.6")
         rest, zero = (
             parse_quantity(rest_length, "length"),
             parse_quantity(zero_displacement, "length"),
@@ -79,7 +89,12 @@ def rig_characterise(
         roughly = near and (parse_quantity(near, "time"), parse_quantity(near_within, "time"))
         found = analyse(
             read_journal(journal),
-            read_machine_log(log),
+            read_machine_log(
+                log,
+                columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
+                units=parse_entries(log_units, "log-units", "force=kN"),
+                decimal=log_decimal,
+            ),
             rest_length=rest,
             sync_column=sync_column,
             near=roughly or None,
@@ -111,17 +126,3 @@ def report_test(found, paths: list[Path], output: Path, units: str, json_: bool)
         print("note:", note)
     print("written:", ", ".join(map(str, paths)))
     return 0
-
-
-def _entries(specimen: tuple[str, ...]) -> dict[str, str]:
-    """Key and value of entries such as `wall_thickness_mm=1.6`."""
-    found: dict[str, str] = {}
-    for entry in specimen:
-        key, equals, value = (part.strip() for part in entry.partition("="))
-        if not (key and equals and value) or key in found:
-            raise InputError(
-                f"specimen {entry!r} must read key_unit=value, once for each key, as in "
-                "wall_thickness_mm=1.6"
-            )
-        found[key] = value
-    return found

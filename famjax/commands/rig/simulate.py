@@ -87,7 +87,7 @@ def _simulated_muscle(fit_json: Path | None):
     else:
         saved = load_fitting().load_fit(fit_json)
         muscle = saved.muscle
-        specimen = saved.document["specimen"]
+        specimen = saved.document["data"]["specimen"]
         known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
         known = {key: value for key, value in known.items() if value is not None}
     rest = float(muscle.geometry.rest_length)

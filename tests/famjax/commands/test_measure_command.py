@@ -120,6 +120,18 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
             "frame",
         ),
         (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "cannot read"),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-columns", "displacement=no"],
+            "no column for displacement",
+        ),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-units", "displacement=psi"],
+            "unknown unit 'psi'",
+        ),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-columns", "force"],
+            "must read name=value",
+        ),
         (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
         (["PHOTOS", "--scale", "56 px/in", "--ruler-placement", "0.01in"], "there is no ruler"),
@@ -131,7 +143,8 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
 def test_input_that_cannot_be_used_is_code_2_before_any_work(
     lab, tmp_path, capsys, arguments, match
 ):
-    names = {"PHOTOS": lab.photos, "RULER": lab.photos / "ruler.jpg", "NO": tmp_path / "no.csv"}
+    names = {"PHOTOS": lab.photos, "RULER": lab.photos / "ruler.jpg", "NO": tmp_path / "no.csv",
+             "LOG": lab.folder / "log.csv"}  # fmt: skip
     code = run(*(names.get(one, one) for one in arguments), "--output", tmp_path / "out")
     told = capsys.readouterr().err
     assert code == 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from famjax.commands.options.fits import parse_bounds, parse_specimen
-from fitting import ForceData, InputError, Specimen, load_bundled, read_csv
+from fitting import ForceData, InputError, Specimen, load_bundled, read_csv, write_csv
 
 
 def _spoil(path: Path, old: str, new: str) -> Path:
@@ -165,3 +165,22 @@ def test_bounds_that_cannot_be_read(entry: str, message: str) -> None:
         parse_bounds([entry])
     with pytest.raises(InputError, match="given twice"):
         parse_bounds(["E_1_MPa=1:2", "E_1_kPa=1:2"])
+
+
+def test_a_file_may_say_which_readings_are_at_one_level(tmp_path: Path) -> None:
+    path, again = tmp_path / "map.csv", tmp_path / "again.csv"
+    readings = "pressure_kPa,length_mm,force_N\n99,250,10\n103,250,11\n150,250,20\n152,240,18\n"
+    path.write_text("# level: pressure_tolerance_kPa = 5\n" + readings)
+    data = read_csv(path)
+    assert data.pressures.level.tolist() == [101e3, 101e3, 151e3, 151e3]
+    assert read_csv(write_csv(data, again, "us")).pressures.level.tolist() == pytest.approx(
+        data.pressures.level.tolist()
+    )
+    for line, message in (
+        ("pressure_kPa = 5", "must read pressure_tolerance_kPa = 5"),
+        ("pressure_tolerance_kPa = few", "is 'few', not a number"),
+        ("pressure_tolerance_mm = 5", "'mm' is not a known unit of pressure"),
+    ):
+        path.write_text(f"# level: {line}\n" + readings)
+        with pytest.raises(InputError, match=message):
+            read_csv(path)

@@ -1,5 +1,7 @@
 """Errors on what was left out, and the error of predictions that is made of them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -7,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from fitting import ForceData, Identification, identify, validate
 from fitting.choice.nested import without
 from fitting.evidence import ModelError
-from fitting.evidence.left_out import leave_out
+from fitting.evidence.left_out import LeftOut, leave_out
 from fitting.evidence.model_error import model_error, spline_variance, student
 
 
@@ -93,3 +95,15 @@ def test_few_lengths_are_said_to_be_a_priors(fitted20: Identification) -> None:
     found = model_error(fitted20.data, fitted20.residuals, {}, fitted20.n_parameters)
     assert "prior" in found.covers
     assert found.length.scale == pytest.approx(found.pressure.scale)
+
+
+def test_levels_that_all_but_coincide_have_an_error(fitted20: Identification) -> None:
+    """Lengths that differ by micrometres are known from one another to the last digit."""
+    data, residual = fitted20.data, fitted20.residuals
+    level = data.lengths.level[data.loaded] + 1e-9 * np.arange(residual.size)
+    twins = dataclasses.replace(
+        data, length=data.length + 1e-9 * np.arange(data.length.size), length_tolerance=1e-12
+    )
+    left = LeftOut("length", level, np.arange(residual.size), residual)
+    found = model_error(twins, residual, {"length": left}, 6)
+    assert np.isfinite(found.length.scale)

@@ -198,6 +198,30 @@ def test_two_loads_must_be_told_apart(tmp_path: Path) -> None:
     assert read_machine_log(path, columns={"force": "Load cell (N)"}).force[0] == 4000.0
 
 
+def test_a_plain_name_does_not_decide_between_two_loads(tmp_path: Path) -> None:
+    text = simple(header="Time (s),Extension (mm),Load (N)").splitlines()
+    text = [f"{line},{'Load 2 (N)' if k == 0 else '7'}" for k, line in enumerate(text)]
+    path = write(tmp_path, "\n".join(text))
+    with pytest.raises(InputError, match=r"2 columns for force \(Load \(N\), Load 2 \(N\)\)"):
+        read_machine_log(path)
+    assert read_machine_log(path, columns={"force": "Load 2"}).force[0] == 7.0
+
+
+def test_a_rate_beside_a_load_and_a_second_time_need_no_choice(tmp_path: Path) -> None:
+    text = simple(header="Time (s),Extension (mm),Load (N)").splitlines()
+    more = [",Load rate (N/s),Cycle time (s)", *[",1.5,0.5"] * (len(text) - 1)]
+    path = write(tmp_path, "\n".join(a + b for a, b in zip(text, more, strict=True)))
+    assert read_machine_log(path).force[0] == pytest.approx(4000.0)
+
+
+def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
+    text = "time_s,displacement_mm,force_N\n" + rows(
+        lambda t, x, F: f"{comma(t)},{comma(x * 1e3)},{comma(F)}"
+    )
+    with pytest.raises(InputError, match=r"line 2 has 6 numbers under 3 names .* decimal commas"):
+        read_machine_log(write(tmp_path, text))
+
+
 def test_mega_and_milli_are_not_confused(tmp_path: Path) -> None:
     for unit, scale in (("mN", 1e-3), ("MN", 1e6), ("KN", 1e3), ("kn", 1e3)):
         log = read_machine_log(

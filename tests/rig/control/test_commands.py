@@ -2,78 +2,19 @@
 
 import csv
 import json
-import signal
-import subprocess
-import sys
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rig_commands import run, write_plan
 
-from famjax.__main__ import main
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
 from famjax.commands.rig import HELP
 from fitting import read_csv
-from rig import audit, read_journal, read_plan
-from rig.calibration import write_calibration
+from rig import read_journal, read_plan
 from rig.control import Monitor
 from rig.protocol import Sample, frame
-from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
-
-PLAN = """
-[plan]
-pressures_psi = [{pressures}]
-cycles = 1
-stroke_in = {stroke}
-rate_in_per_s = 0.2
-settle_s = {settle}
-
-[rig]
-circuit = "{circuit}"
-{limit}
-proportional_counts_per_psi = 4
-integral_counts_per_psi_s = 2
-calibration = "calibration.toml"
-"""
-
-
-def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main(["rig", *map(str, arguments)])
-    captured = capsys.readouterr()
-    return int(stop.value.code or 0), captured.out, captured.err
-
-
-def write_plan(folder: Path, **changes: str) -> Path:
-    fields = {
-        "pressures": "40, 80", "circuit": "air", "limit": "pressure_limit_psi = 110", "settle": "3",
-        "stroke": "3.2",
-    }  # fmt: skip
-    path = folder / "plan.toml"
-    path.write_text(PLAN.format(**(fields | changes)))
-    return path
-
-
-@pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("simulated")
-    with pytest.raises(SystemExit) as stop:
-        main(
-            [
-                "rig",
-                "simulate",
-                str(write_plan(folder)),
-                "--output",
-                str(folder / "out"),
-                "--seed",
-                "4",
-            ]
-        )
-    assert not stop.value.code
-    return folder / "out"
 
 
 def test_simulate_writes_everything_that_a_fit_needs(simulated: Path) -> None:
@@ -128,6 +69,26 @@ def test_characterise_repeats_what_simulate_found(
     )
     assert ours == theirs
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
+
+
+def test_characterise_takes_columns_that_the_log_does_not_tell(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """A second load is refused by name; the option that the message asks for chooses."""
+    lines = (simulated / "machine.csv").read_text().splitlines()
+    more = [",Load 2", ",(N)", *[",7.5"] * (len(lines) - 2)]
+    log = tmp_path / "two.csv"
+    log.write_text("\n".join(a + b for a, b in zip(lines, more, strict=True)))
+    words = ("characterise", simulated / "test.fam", log, "--rest-length", "9.28125in",
+             "--output", tmp_path)  # fmt: skip
+    code, _, err = run(capsys, *words)
+    assert code == 2
+    assert "2 columns for force (Load, Load 2)" in err
+    assert "--log-columns force=" in err
+    assert run(capsys, *words, "--log-columns", "force=Load")[0] == 0
+    code, _, err = run(capsys, *words, "--log-columns", "force=Load", "--log-units", "force=psi")
+    assert code == 2
+    assert "unknown unit 'psi'" in err
 
 
 def test_characterise_aligns_by_the_pulses_of_the_run(
@@ -225,17 +186,6 @@ def test_replay_shows_a_line_for_every_second(
     assert lines[-1].endswith("SAFE")
 
 
-@pytest.mark.parametrize("circuit", ["air", "water"])
-def test_run_prints_what_no_software_can_see(
-    circuit: str, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    code, out, err = run(capsys, "run", write_plan(tmp_path, circuit=circuit))
-    assert code == 2
-    assert "dump valve" in out
-    assert ("relief valve" in out) == (circuit == "water")
-    assert "which port?" in err
-
-
 @pytest.mark.parametrize("command", ["run", "simulate"])
 def test_nothing_runs_without_a_pressure_limit(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture
@@ -271,88 +221,6 @@ def test_the_plan_in_the_help_is_one(tmp_path: Path) -> None:
     short, full = (read_plan(tmp_path / name) for name in ("plan.toml", "all.toml"))
     assert full.plan.photograph_every == 1.0
     assert (full.jump_limit, full.control) == (short.jump_limit, short.control)
-
-
-def wait_for_output(sim: SimulatedRig) -> None:
-    """Until the valve is driven."""
-    end = time.monotonic() + 60
-    while not sim.device.output and time.monotonic() < end:
-        time.sleep(0.05)
-    assert sim.device.output
-
-
-@pytest.mark.slow  # real time
-def test_a_cable_pulled_during_a_run_ends_in_a_sentence_and_a_sound_journal(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    sim = SimulatedRig(PneumaticCircuit(), baud=500000)
-    write_calibration(tmp_path / "calibration.toml", sim.calibration())
-    plan = write_plan(tmp_path, pressures="30", settle="60", stroke="0.2")
-    with RigServer(sim, "tcp") as server:
-
-        def unplug() -> None:
-            wait_for_output(sim)
-            time.sleep(1.0)
-            server.unplug()
-
-        pull = threading.Thread(target=unplug)
-        pull.start()
-        code, _, err = run(
-            capsys, "run", plan, "--port", server.address, "--baud", 500000, "--output", tmp_path
-        )
-        pull.join()
-    assert code == 1
-    assert "the device is silent for 1" in err
-    assert "look at the pressure before you touch the rig" in err
-    assert sim.device.output == 0
-    found = audit(read_journal(tmp_path / "test.fam"))
-    assert found.sound
-    assert found.ended is not None
-    assert found.ended.startswith("RigFault: the device is silent")
-
-
-@pytest.mark.slow  # real time
-@pytest.mark.skipif(sys.platform == "win32", reason="needs signals and pseudo-terminals")
-def test_a_run_that_is_told_to_end_vents_and_says_so(tmp_path: Path) -> None:
-    sim = SimulatedRig(PneumaticCircuit())
-    write_calibration(tmp_path / "calibration.toml", sim.calibration())
-    plan = write_plan(tmp_path, pressures="30", settle="600", stroke="0.2")
-    with RigServer(sim, "tcp") as server:
-        command = [sys.executable, "-m", "famjax", "rig", "run", str(plan), "--port"]
-        with subprocess.Popen(
-            [*command, server.address, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True
-        ) as process:
-            wait_for_output(sim)
-            process.send_signal(signal.SIGHUP)
-            _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "has been vented" in err
-    assert (sim.device.output, sim.device.dump_open) == (0, True)
-    record = read_journal(tmp_path / "test.fam")
-    assert record.notes_of("end")[-1]["reason"].startswith("KeyboardInterrupt")
-    assert record.notes_of("end")[-1]["confirmed"]
-
-
-@pytest.mark.slow  # real time
-def test_run_and_monitor_against_a_served_rig(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    sim = SimulatedRig(PneumaticCircuit())
-    write_calibration(tmp_path / "calibration.toml", sim.calibration())
-    plan = write_plan(tmp_path, pressures="30", settle="1", stroke="0.2")
-    with RigServer(sim, "tcp") as server:
-        code, out, _ = run(capsys, "monitor", server.address, "--seconds", 3)
-        assert code == 0
-        assert "SAFE" in out
-        code, out, _ = run(
-            capsys, "run", plan, "--port", server.address, "--output", tmp_path / "o"
-        )
-        assert code == 0
-        assert "written:" in out
-    assert sim.device.output == 0
-    record = read_journal(tmp_path / "o" / "test.fam")
-    assert record.notes_of("end")[-1]["reason"] == "complete"
-    assert len(record.rows) > 200
 
 
 def test_quantities_need_their_unit() -> None:

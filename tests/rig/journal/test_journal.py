@@ -18,8 +18,8 @@ from bare_rig import BareRig, Recorder
 
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal import Journal, Missing, read_journal, writer as _journal
-from rig.protocol import frame
+from rig.journal import Journal, Missing, clocks, read_journal, writer as _journal
+from rig.protocol import TICK_HZ, TICKS, Sample, frame
 
 PAGE = 4096
 
@@ -318,3 +318,20 @@ def test_notes_are_numbered_across_threads(tmp_path: Path) -> None:
         for thread in threads:
             thread.join()
     assert [note["n"] for note in read_journal(tmp_path / "t.fam").notes] == list(range(801))
+
+
+def test_time_goes_on_where_the_ticks_wrap(tmp_path: Path) -> None:
+    """After 99 days a device counts its ticks from 0 again; the records and their clock go on."""
+    path, begin = tmp_path / "long.fam", TICKS - 5 * 150
+    with Journal(path, lambda: 0.0, reserve_bytes=0) as journal:
+        for k in range(300):
+            tick = (begin + 5 * k) % TICKS
+            sample = Sample(0, 7000 + k, tick, 1000, 200, 2500, 0, 0, 0)
+            journal.lines(frame("T," + ",".join(map(str, sample))))
+            if k % 25 == 0:
+                journal.note("clock", boot=0, tick=tick, arrival_s=50 + 0.01 * k)
+    found = read_journal(path)
+    assert found.refused == found.missing == ()
+    (clock,) = clocks(found).values()
+    host = clock.host(found.column("tick") / TICK_HZ)
+    assert np.abs(host - (50 + 0.01 * np.arange(300))).max() < 1e-4

@@ -8,7 +8,7 @@ from rig.errors import RigError
 from rig.fault import RigFault
 from rig.link import Lost, Reset, Session, Silent, Timing
 from rig.link.session import ALIVE, HEARTBEAT
-from rig.protocol import Sample, frame
+from rig.protocol import TICKS, Sample, frame
 
 
 def record_line(seq: int, tick: int, **fields: int) -> bytes:
@@ -277,3 +277,11 @@ def test_the_earliest_arrival_of_each_quarter_second_is_told() -> None:
         quarter = [tick for tick in late if tick // 125 == event.tick // 125 and tick > 5]
         assert late[event.tick] == pytest.approx(min(late[t] for t in quarter), abs=1e-12)
     assert len(told) == 8
+
+
+def test_records_stay_in_order_where_the_ticks_wrap() -> None:
+    """After 99 days: the first record beyond is not doubtful, whatever comes next."""
+    session = Session()
+    lines = [record_line(7000 + k, (TICKS - 50 + 5 * k) % TICKS) for k in range(12)]
+    assert seqs(session.feed(b"".join(lines), 0.1)) == list(range(7000, 7012))
+    assert session.order.confirmed == 0

@@ -1,0 +1,78 @@
+"""What a fit of a simulated test's dataset says of the muscle that was simulated, by the command line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from famjax.__main__ import main
+from fitting import load_fit, read_csv
+
+PLAN = """
+[plan]
+pressures_kPa = [150, 250, 350, 450, 550]
+cycles = 3
+stroke_mm = 55
+rate_mm_per_s = 1.5
+settle_s = 5
+
+[rig]
+circuit = "air"
+pressure_limit_psi = 110
+proportional_counts_per_psi = 4
+integral_counts_per_psi_s = 2
+"""
+LAW = ["--law", "polynomial", "--order", "2"]
+PARAMETERS = ("thread_length", "deadband_pressure", "E_1", "E_2")
+
+
+def famjax(*words: object) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([str(word) for word in words])
+    assert not stop.value.code
+
+
+def fitted(data: object, folder: Path) -> dict:
+    famjax("fit", data, *LAW, "--output", folder)
+    return json.loads((folder / "fit.json").read_text())
+
+
+def entries(fit: dict) -> dict[str, dict]:
+    return fit["parameters"] | fit["derived"]
+
+
+@pytest.mark.slow
+def test_a_fit_of_the_dataset_returns_the_muscle_that_was_simulated(tmp_path: Path) -> None:
+    """Within three of its own standard errors; the forces within 1.6 N of the truth's."""
+    truth = entries(fitted("DMSP-20-300", tmp_path / "truth"))
+    muscle = load_fit(tmp_path / "truth" / "fit.json").muscle
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    for seed in range(3):
+        folder = tmp_path / f"seed{seed}"
+        famjax("rig", "simulate", plan, "--fit", tmp_path / "truth" / "fit.json",
+               "--seed", seed, "--output", folder)  # fmt: skip
+        found = entries(fitted(folder / "dataset.csv", folder))
+        for name in PARAMETERS:
+            error = found[name]["value"] - truth[name]["value"]
+            assert abs(error) < 3 * found[name]["stderr"], (seed, name)
+        data = read_csv(folder / "dataset.csv")
+        assert np.unique(data.pressures.level).size == 5
+        again = load_fit(folder / "fit.json").muscle
+        apart = [
+            float(again.force(L, P) - muscle.force(L, P))
+            for L, P in zip(data.length, data.pressure, strict=True)
+        ]
+        assert np.sqrt(np.mean(np.square(apart))) < 1.6
+
+
+@pytest.mark.slow
+def test_a_fit_that_chose_its_law_can_be_simulated(tmp_path: Path) -> None:
+    famjax("fit", "DMSP-20-300", "--output", tmp_path)
+    plan = tmp_path / "plan.toml"
+    plan.write_text(
+        PLAN.replace("[150, 250, 350, 450, 550]", "[300]").replace("cycles = 3", "cycles = 1")
+    )
+    famjax("rig", "simulate", plan, "--fit", tmp_path / "fit.json", "--output", tmp_path / "rig")
+    assert read_csv(tmp_path / "rig" / "dataset.csv").specimen.name == "DMSP-20-300"
