@@ -27,7 +27,7 @@ from sound_maps import random_map
 
 import fitting
 from famjax.boundary.errors import InputError
-from famjax.commands.fit_steps import Steps
+from famjax.commands.fits.steps import Steps
 from fitting import ForceData
 
 MUST_SHOW = ("units", "absolute", "sign", "mixed", "outliers", "thick wall", "wrong bore")

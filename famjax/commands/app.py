@@ -10,7 +10,7 @@ from . import rig
 _HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
 
 COMMANDS = {
-    "compare:compare": (
+    "fits.compare:compare": (
         "Fit every published static force model, and famjax's own, to one force map."
     ),
     "design:design": (
@@ -19,11 +19,11 @@ COMMANDS = {
     "doctor:doctor": (
         "Report versions, devices, precision and name clashes; exit code 1 if something is wrong."
     ),
-    "identify:fit": "Identify a muscle from a measured force map.",
+    "fits.identify:fit": "Identify a muscle from a measured force map.",
     "measure:measure": (
         "Measure the shape of a muscle in photographs, each picture with its errors."
     ),
-    "predict:predict": (
+    "fits.predict:predict": (
         "Predict the force of a fitted muscle, and the pressure at which it begins to pull."
     ),
     "ramps:ramps": (
@@ -32,10 +32,10 @@ COMMANDS = {
     "reproduce:reproduce": (
         "Compute the reference work's tables and put them beside its printed figures."
     ),
-    "series:series": (
+    "fits.series:series": (
         "Identify several muscles of a series together, to predict those of other lengths."
     ),
-    "sweep:sweep": (
+    "fits.sweep:sweep": (
         "Fit every permutation of order, pressure dependence and constraint at one geometry."
     ),
 }

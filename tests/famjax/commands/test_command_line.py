@@ -192,7 +192,7 @@ def test_numbers_out_of_range_are_refused_before_any_work(
         raise AssertionError("the library is loaded for a command that cannot run")
 
     for module in ("identify", "sweep", "compare", "series"):
-        monkeypatch.setattr(f"famjax.commands.{module}.load_fitting", load)
+        monkeypatch.setattr(f"famjax.commands.fits.{module}.load_fitting", load)
     code, out, err = run(capsys, *arguments, "--output", tmp_path / "o")
     assert (code, out) == (2, "")
     assert message in err

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from .loading import load_fitting, load_map
-from .matplotlib_import import load_matplotlib
-from .options.whole_numbers import Seed, Starts
-from .terminal import print_rows, progress_bar
+from ..loading import load_fitting, load_map
+from ..matplotlib_import import load_matplotlib
+from ..options.whole_numbers import Seed, Starts
+from ..terminal import print_rows, progress_bar
 
 
 def compare(

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .loading import with_tolerances
-from .terminal import print_rows
+from ..loading import with_tolerances
+from ..terminal import print_rows
 
 if TYPE_CHECKING:
     from fitting import ForceData

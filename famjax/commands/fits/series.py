@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from .loading import load_fitting, load_map
-from .options.whole_numbers import Seed, Starts
-from .terminal import print_rows, progress_bar
+from ..loading import load_fitting, load_map
+from ..options.whole_numbers import Seed, Starts
+from ..terminal import print_rows, progress_bar
 
 
 def series(

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from ..loading import load_fitting, load_map
+from ..matplotlib_import import load_matplotlib
+from ..options.whole_numbers import Order, Replicates, Seed, Starts
+from ..terminal import print_table, progress_bar
 from .hysteresis import load_ramps, one_map, with_hysteresis
-from .loading import load_fitting, load_map
-from .matplotlib_import import load_matplotlib
-from .options.whole_numbers import Order, Replicates, Seed, Starts
-from .terminal import print_table, progress_bar
 
 if TYPE_CHECKING:
     from fitting.evidence import Evidence
 
-    from .fit_steps import Steps
+    from .steps import Steps
 
 
 def fit(
@@ -147,7 +147,7 @@ def fit(
     )
     from fitting.saved import write_fit
 
-    from .fit_steps import Steps
+    from .steps import Steps
 
     check_output(output)
     if posterior:

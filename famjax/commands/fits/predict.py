@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ..loading import load_fitting
+from ..terminal import print_rows
 from .hysteresis import print_history
-from .loading import load_fitting
-from .terminal import print_rows
 
 
 def predict(

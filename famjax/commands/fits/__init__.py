@@ -1,0 +1,1 @@
+"""Commands that fit force maps, and what they share."""
