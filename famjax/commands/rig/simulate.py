@@ -81,22 +81,24 @@ def _simulated_muscle(fit_json: Path | None):
         braid = Braid(9.89 * units.INCH, 1.09, 0.011 * units.INCH)
         bladder = Bladder(9.28125 * units.INCH, 0.875 * units.INCH, 0.0625 * units.INCH)
         latex = PolynomialMaterial(jnp.array([257.8, -57.9, 32.7]) * units.PSI)
-        muscle = Muscle(EstimatedGeometry(braid, bladder), latex)
+        muscle, others = Muscle(EstimatedGeometry(braid, bladder), latex), ()
         known = {"name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
                  "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875}  # fmt: skip
     else:
         saved = load_fitting().load_fit(fit_json)
-        muscle = saved.muscle
+        muscle, others = saved.muscle, tuple(one.muscle for one in saved.others)
         specimen = saved.document["data"]["specimen"]
         known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
         known = {key: value for key, value in known.items() if value is not None}
-    rest = float(muscle.geometry.rest_length)
-    low = float(muscle.geometry.length_range()[0])
+    members = (muscle, *others)  # a chosen model may be the mean of several
+    rest = min(float(one.geometry.rest_length) for one in members)
+    low = max(float(one.geometry.length_range()[0]) for one in members)
     lengths, pressures = np.linspace(low, rest, 201), np.linspace(0.0, 125.0 * units.PSI, 26)
 
     def state(length, pressure):
         at = muscle.geometry.dimensions(length, pressure)
-        return muscle.force(length, pressure), at.volume - at.bladder_volume
+        force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))
+        return force, at.volume - at.bladder_volume
 
     over = jax.vmap(jax.vmap(state, (None, 0)), (0, None))
     force, volume = jax.jit(over)(lengths, pressures)
