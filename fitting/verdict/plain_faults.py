@@ -87,8 +87,9 @@ def small_contraction(data: ForceData, least: float) -> Iterator[Suspicion]:
         yield Suspicion(
             "the contractions are fractions, not percent",
             f"The force falls by {steepness(data):.0f} % for a contraction of 1 %, ten times as fast "
-            "as that of a muscle: were it that the contractions are fractions, not percent, the "
-            f"misfit would be {better:.2%} of the largest force; it is {least:.2%}.",
+            "as that of a muscle. It seems that the contractions are fractions, not percent: read so, "
+            f"the misfit is {100 * better:.2g} % of the largest force; as the file stands, it is "
+            f"{100 * least:.2g} %.",
             better,
         )
 

@@ -44,8 +44,8 @@ def named(cause: str, here: float, better: float, *, grave: bool = True) -> Susp
     """
     return Suspicion(
         cause,
-        f"The data look wrong: were it that {cause}, the misfit would be {better:.2%} of the largest "
-        f"force and not {here:.2%}.",
+        f"The data look wrong. It seems that {cause}: read so, the misfit is {100 * better:.2g} % of "
+        f"the largest force; as the file stands, it is {100 * here:.2g} %.",
         better,
         grave,
     )

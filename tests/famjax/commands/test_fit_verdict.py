@@ -55,7 +55,7 @@ def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit: Fit, sound: Force
     assert code == 1
     assert written(folder) == FILES
     (last,) = [line for line in out.splitlines() if line.startswith("Not identified: ")]
-    assert last.startswith("Not identified: The data look wrong: were it that the forces are in ")
+    assert last.startswith("Not identified: The data look wrong. It seems that the forces are in ")
     assert "kgf, not N" in out
     saved = json.loads((folder / "fit.json").read_text())
     assert saved["verdict"] == "not identified"
