@@ -13,7 +13,6 @@ from ..hysteresis.slip_fit import HysteresisFit
 from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hysteresis_warnings
 from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
 from ..posterior.result import Posterior
-from ..posterior.sampling import sample
 from ..search.result import Identification
 from .left_out import groups_of, leave_out
 from .likelihood import LEVELS, Profile, profile
@@ -133,6 +132,8 @@ def gather(
         )
     sampled = None
     if posterior:
+        from ..posterior.sampling import sample  # noqa: PLC0415 -- most fits ask for none
+
         sampled = sample(
             result, noise=noise, seed=seed, progress=lambda d, t: progress("posterior", d, t)
         )

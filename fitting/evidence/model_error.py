@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import stdtrit
 
 from famjax.boundary.units import si_unit
 
@@ -100,6 +99,7 @@ class ModelError:
         """JSON-ready, SI."""
         return {
             "noise_N": self.noise,
+            "factor_95": self.factor(),
             **{
                 name: {
                     f"levels_{si_unit(name)}": along.levels.tolist(),
@@ -193,4 +193,6 @@ def spline_variance(
 
 def student(coverage: float, freedom: float) -> float:
     """Standard deviations on either side of Student's interval."""
+    from scipy.special import stdtrit  # noqa: PLC0415 -- 0.1 s, which a prediction need not pay
+
     return float(stdtrit(freedom, (1 + coverage) / 2))

@@ -5,7 +5,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from scipy.stats import rankdata
 
 from famjax.boundary.units import factor, unit_system
 
@@ -87,6 +86,8 @@ def _draw_pair(axes: Axes, x: np.ndarray, y: np.ndarray, divergent: np.ndarray) 
 
 
 def _draw_ranks(axes: Axes, values: np.ndarray, label: str, row: int, count: int) -> None:
+    from scipy.stats import rankdata  # noqa: PLC0415 -- as in diagnostics
+
     ranks = rankdata(values).reshape(values.shape) / values.size
     expected = values.shape[1] / _BINS
     for chain, of_chain in enumerate(ranks):

@@ -198,7 +198,8 @@ def _band(
         # One specimen does not tell how specimens differ, nor its braid from its rig.
         return std, factor, band
     elif fit.error is not None:
-        model, factor = fit.error.std(length, pressure), fit.error.factor()
+        model = fit.error.std(length, pressure)
+        factor = fit.document["model_error"]["factor_95"]
         if _by_what_was_left_out(fit):
             std, band = np.hypot(model, found.std), "left out"
         else:

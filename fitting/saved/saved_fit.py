@@ -115,6 +115,7 @@ def _check(document: dict[str, Any], muscle: famjax.Muscle) -> None:
             _numbers(document, "spread.directions", ("directions", count))
     if document.get("model_error") is not None:
         _numbers(document, "model_error.noise_N", ())
+        _numbers(document, "model_error.factor_95", ())
         for name, unit in (("length", "m"), ("pressure", "Pa")):
             _numbers(document, f"model_error.{name}.levels_{unit}", ("n",))
             _numbers(document, f"model_error.{name}.scale_N", ())
