@@ -13,6 +13,7 @@ from ..engine.descent import End, descend_many
 from ..engine.problem import Problem
 from ..evidence.left_out import LeftOut, grouped, groups_of, leave_out
 from ..evidence.model_error import ModelError, model_error
+from ..evidence.refit import force_error
 from ..families.parameters import Parameter
 from ..search.checks import check_starts
 from ..search.identification import solve
@@ -52,7 +53,7 @@ class Choice:
 
     @property
     def chosen(self) -> Identification:
-        """The plainest of those that are as good as the best."""
+        """The first on the ladder of those that are as good as the best."""
         return self.members[0]
 
     @property
@@ -69,14 +70,14 @@ class Choice:
             return f"Only one family can be carried by this map: {name}."
         if len(others) == 1:
             second = self.tried[1]
-            factor = np.exp(second.behind[0])
+            least = "" if second.left_out or not self.left_out else "at least "
             return (
                 f"Clear: {name} predicts what it has not seen best; the next, "
-                f"{second.candidate.name}, errs {factor:.2g} times as much."
+                f"{second.candidate.name}, errs {least}{np.exp(second.behind[0]):.2g} times as much."
             )
         return (
             f"Not clear: {len(others)} families predict alike, within one standard error or a tenth; "
-            f"{name} is the plainest of them"
+            f"{name} comes first on the ladder"
             + (f", and predictions are the mean of {len(self.members)}." if len(self.members) > 1
                else ".")
         )  # fmt: skip
@@ -104,8 +105,10 @@ def choose(
     """The model of a force map, from a ladder of families, by what each predicts of readings left out.
 
     Each family is fitted to all readings and again without each length and without groups of
-    neighbouring pressures. Families within one standard error of the best are as good as it: the
-    plainest of them is chosen, and predictions are the mean of the best few.
+    neighbouring pressures. Families within one standard error of the best, or a tenth, are as good as
+    it: the first of them on the ladder is chosen, and predictions are the mean of the best few of its
+    law. Nothing is left out of a family that errs more on what it has seen than another on what it
+    has not.
 
     Args:
         data: the map.
@@ -222,15 +225,6 @@ def fit_candidate(
     return problem, descended(problem, starts, seed)
 
 
-def fit_error(data: ForceData, candidate: Candidate) -> float:
-    """RMSE [N] of a family fitted to a map.
-
-    Raises:
-        InputError: as `fit_candidate`.
-    """
-    return rmse_of(*fit_candidate(data, candidate))
-
-
 def descended(problem: Problem, starts: int, seed: int) -> End:
     """The best end of a few descents, as near to an optimum as a comparison needs."""
     cube = latin_hypercube(len(problem.free), starts, seed)
@@ -240,8 +234,7 @@ def descended(problem: Problem, starts: int, seed: int) -> End:
 
 def rmse_of(problem: Problem, end: End) -> float:
     """Root mean square error [N] of a fit over its readings."""
-    residual = end.point.residual[: problem.force.size] / problem.weight
-    return float(np.sqrt(np.mean(residual**2)))
+    return float(np.sqrt(np.mean(force_error(problem, end) ** 2)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -264,7 +257,7 @@ def _fitted(
         end = descended(problem, starts, seed)
     except InputError:
         return None
-    error = end.point.residual[: problem.force.size] / problem.weight
+    error = force_error(problem, end)
     groups = {
         kind: one
         for kind, count in _kinds(problem)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..data.force_data import ForceData
-from ..families.laws import law_named
+from ..families.laws import Law, law_named
 from ..families.parameters import Parameter
 
 EXPONENT_PRIOR = (0.0, 5.0)
@@ -19,7 +19,7 @@ MODEL_ERROR = 0.005
 is made of rubber and threads. It is added to that of the readings: what is known to 0.1 N does not
 count a hundred times more than what is known to 1 N where the law itself is good to 3 N."""
 
-_LAWS: dict[str, dict[str, Any]] = {
+LAWS: dict[str, dict[str, Any]] = {
     "ogden": {"law": "ogden"},
     "mooney-rivlin": {"law": "mooney-rivlin"},
     "linear": {"law": "polynomial", "order": 1},
@@ -28,10 +28,6 @@ _LAWS: dict[str, dict[str, Any]] = {
 }
 """In the order in which they are believed of a map that cannot tell: the laws of rubber before those
 that only describe, and of either the one of fewer coefficients first."""
-_COEFFICIENTS = {"linear": 1, "mooney-rivlin": 2, "ogden": 1, "saturating": 2, "cubic": 3}
-_SHAPES = {"linear": 0, "mooney-rivlin": 0, "ogden": 0, "saturating": 1, "cubic": 0}
-"""Shape parameters that the readings have to determine; a prior is as good as a reading."""
-
 _WORDS = {
     "end_factor": "rounded ends",
     "braid_compliance": "compliant braid",
@@ -109,17 +105,18 @@ def ladder(
     pressures = np.unique(data.pressures.level[loaded]).size
     strained = np.unique(data.lengths.level[data.strained]).size
     told = lengths * min(pressures, 2) - 1
-    of_any_law = set().union(*map(_rows, _LAWS))
+    of_any_law = set().union(*map(_rows, LAWS))
     found, dropped, large = [], [], 0
-    for law in _LAWS:
+    for law in LAWS:
+        made = law_of(law)
         lacking = sorted((said.names & of_any_law) - _rows(law))
         if lacking:
             dropped.append(f"The {law} law has no {', '.join(lacking)}, which was given.")
             continue
-        if _COEFFICIENTS[law] > strained:
+        if len(made.coefficients) > strained:
             dropped.append(
-                f"The {law} law needs {_COEFFICIENTS[law]} lengths at which the bladder is strained; "
-                f"the map has {strained}."
+                f"The {law} law needs {len(made.coefficients)} lengths at which the bladder is "
+                f"strained; the map has {strained}."
             )
             continue
         for extras, deadband in _FAMILIES:
@@ -164,11 +161,11 @@ def _candidate(
     if "end_length" in said.names:
         del parameters["end_factor"]
     given = {name: one for name, one in parameters.items() if name not in said.bounds}
-    unknowns = _GEOMETRY + deadband + _COEFFICIENTS[law] + _SHAPES[law] + len(free)
+    unknowns = numbers_of(law) + deadband + len(free)
     # Every muscle has a deadband: of families that predict alike, one without is believed last.
-    rank = list(_LAWS).index(law), 1 - deadband, unknowns
+    rank = list(LAWS).index(law), 1 - deadband, unknowns
     return Candidate(
-        law, free, deadband, _LAWS[law], said.bounds, {**given, **said.parameters}, unknowns, rank
+        law, free, deadband, LAWS[law], said.bounds, {**given, **said.parameters}, unknowns, rank
     )
 
 
@@ -184,10 +181,23 @@ class _Said:
         return {*self.bounds, *self.parameters}
 
 
+def law_of(law: str) -> Law:
+    """The family of a law of the ladder."""
+    return law_named(LAWS[law]["law"], LAWS[law].get("order"))
+
+
+def numbers_of(law: str) -> int:
+    """How many numbers of law and geometry the readings have to determine.
+
+    A shape parameter of the law is one, unless it has a prior, which is as good as a reading.
+    """
+    made = law_of(law)
+    return _GEOMETRY + len(made.coefficients) + len({*made.shape} - {"ogden_exponent"})
+
+
 def _rows(law: str) -> set[str]:
     """Names of the parameters of a law."""
-    options = _LAWS[law]
-    made = law_named(options["law"], options.get("order"))
+    made = law_of(law)
     return {*made.shape, *made.coefficients}
 
 

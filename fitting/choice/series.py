@@ -8,7 +8,6 @@ whatever distinguishes one short muscle, and the rig's compliance must then be w
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -25,17 +24,11 @@ from ..search.identification import solve
 from ..search.posing import Posed, pose_together
 from ..search.result import Identification
 from .choose import descended, rmse_of
-from .ladder import EXPONENT_PRIOR, Candidate
+from .ladder import EXPONENT_PRIOR, LAWS, Candidate, numbers_of
 from .ranking import Tried, first_on_ladder, ranked
 
-SERIES_LAWS: dict[str, dict[str, Any]] = {
-    "linear": {"law": "polynomial", "order": 1},
-    "mooney-rivlin": {"law": "mooney-rivlin"},
-    "ogden": {"law": "ogden"},
-    "cubic": {"law": "polynomial", "order": 3},
-    "saturating": {"law": "saturating"},
-}
-"""Laws that a series may have, by name: options of `identify_together`."""
+SERIES_LAWS = ("linear", "mooney-rivlin", "ogden", "cubic", "saturating")
+"""Names of the laws that a series may have, in the order in which they are believed."""
 
 DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
 
@@ -43,9 +36,7 @@ BETWEEN = 0.02
 """Standard deviation, in parts of the largest force, by which specimens of a series differ. All
 readings of one specimen are off together, so each specimen counts the same, however many it has."""
 
-_NUMBERS = {"linear": 1, "mooney-rivlin": 2, "ogden": 2, "cubic": 3, "saturating": 3}
 _WORSE = 1.5  # times the error on specimens left out: one rig, not the mean of both
-_GEOMETRY = 2  # braid diameter and angle
 _NO_DEADBAND = Parameter(value=0.0, vary=False, unit="Pa")
 _EQUAL = (
     "Each specimen counts the same, whatever the number of its readings and their standard "
@@ -273,9 +264,9 @@ def _families(laws: Sequence[str], said: Mapping[str, Parameter]) -> list[tuple[
             found.append(
                 tuple(
                     Candidate(
-                        law=law, free=tuple(rig), deadband=deadband, options=SERIES_LAWS[law],
+                        law=law, free=tuple(rig), deadband=deadband, options=LAWS[law],
                         bounds={}, parameters={**base, **rig, **said},
-                        unknowns=_GEOMETRY + _NUMBERS[law] + deadband + len(rig),
+                        unknowns=numbers_of(law) + deadband + len(rig),
                         rank=(rank, 1 - deadband, 0),
                     )
                     for rig in rigs
