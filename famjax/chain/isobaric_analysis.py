@@ -95,20 +95,35 @@ def analyse(
         # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
         resolution = log.interval / math.sqrt(12) * math.sqrt(2)
         alignment = align_by_pulses(ours, theirs, resolution=resolution)
-    sets = [(float(note["at"]), float(note["pressure_Pa"])) for note in journal.notes_of("set")]
-    ends = [(float(note["at"]), float("nan")) for note in journal.notes_of("end")]
     record = combine(
         log,
         alignment,
         time,
         pressure,
-        sorted(sets + ends),
+        _set_pressures(journal),
         rest_length=rest_length,
         shortening_positive=shortening_positive,
         zero_displacement=zero_displacement,
         pushing_positive=pushing_positive,
     )
     return Analysis(alignment, record, characterise(record, skip_cycles=skip_cycles))
+
+
+def _set_pressures(journal: Record) -> list[tuple[float, float]]:
+    """Times [s] and what was set from then on [Pa]: nan after an end, and in a block left or repeated."""
+    found: list[tuple[float, float]] = []
+    for note in journal.notes:
+        at = float(note["at"])
+        match note["note"]:
+            case "set":
+                found.append((at, float(note["pressure_Pa"])))
+            case "end":
+                found.append((at, math.nan))
+            case "skipped" | "repeated":
+                if found:
+                    found[-1] = (found[-1][0], math.nan)
+                found.append((at, math.nan))
+    return sorted(found)
 
 
 def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:

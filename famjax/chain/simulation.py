@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fitting.records import read_machine_log, write_dataset
-from rig.control import JOURNAL, PlanFile, record_test
+from rig.control import JOURNAL, PlanFile, Watcher, record_test
 from rig.device import Device, NativeDevice
 from rig.errors import RigError
 from rig.journal import read_journal
@@ -100,8 +100,9 @@ def simulate(
         seed=seed,
     )
     record_test(
-        test, VirtualLink(rig), rig.calibration(), paths[0], machine=machine, progress=progress
-    )
+        test, VirtualLink(rig), rig.calibration(), paths[0], machine=machine,
+        attendant=None if progress is None else Watcher(progress),
+    )  # fmt: skip
     machine.write_log(paths[1])
     found = analyse(
         read_journal(paths[0]), read_machine_log(paths[1]), rest_length=muscle.rest_length

@@ -1,3 +1,11 @@
+from .attendant import (
+    Attendant as Attendant,
+    Request as Request,
+    Situation as Situation,
+    Watcher as Watcher,
+)
+from .camera_command import CameraCommand as CameraCommand
+from .first_stroke import LoadChange as LoadChange, Start as Start
 from .monitor import Monitor as Monitor
 from .operator import (
     JOURNAL as JOURNAL,
@@ -6,6 +14,7 @@ from .operator import (
     record_test as record_test,
     run_test as run_test,
 )
+from .output_steps import calibrate_feed_forward as calibrate_feed_forward
 from .plan import (
     Isobaric as Isobaric,
     Plan as Plan,
@@ -23,7 +32,6 @@ from .plan_file import (
 )
 from .plan_run import (
     Machine as Machine,
-    calibrate_feed_forward as calibrate_feed_forward,
     check_plan as check_plan,
     run as run,
 )

@@ -66,15 +66,16 @@ class Monitor:
             self._columns.append(self._sum / self._count)
             self._sum, self._count = 0.0, 0
 
-    def line(self) -> str:
-        """The newest values, units beside them."""
+    def line(self, set_point: float | None = None) -> str:
+        """The newest values, units beside them, with the set pressure [Pa] where one is given."""
         sample = self._last
         if sample is None:
             return "no record yet"
         pressure, force = self._values(sample)
         fault = f"  fault: {FAULTS[sample.fault]}" if sample.fault else ""
+        wanted = "" if set_point is None else f" of {set_point / self._scales[0]:.5g}"
         return (
-            f"record {sample.seq}  pressure {pressure:.5g} {self._units[0]}  "
+            f"record {sample.seq}  pressure {pressure:.5g}{wanted} {self._units[0]}  "
             f"force {force:.5g} {self._units[1]}  output {sample.output}  "
             f"{STATES[sample.state]}{fault}"
         )

@@ -9,6 +9,9 @@ from ..journal.reader import read_journal
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.serial_link import Link, serial_opener
+from .attendant import Attendant
+from .camera_command import CameraCommand
+from .first_stroke import Start
 from .plan import duration
 from .plan_file import PlanFile
 from .plan_run import Machine, check_plan, run
@@ -47,8 +50,9 @@ def run_test(
     baud: int = 115200,
     resume: bool = False,
     meta: Mapping[str, str] | None = None,
-    progress: Callable[[float, float], None] | None = None,
-    tell: Callable[[str], None] | None = None,
+    attendant: Attendant | None = None,
+    start: Start = "at once",
+    camera: CameraCommand | None = None,
 ) -> Path:
     """Carry out a test on a real rig and record it.
 
@@ -59,8 +63,9 @@ def run_test(
         baud: of the firmware.
         resume: continue the existing journal with the block that was not completed.
         meta: further entries of the journal, such as {"operator": "A. Name"}.
-        progress: called about every second with the seconds done and the seconds planned.
-        tell: as for `run`.
+        attendant: as for `run`.
+        start: as for `run`.
+        camera: takes the photographs of the plan.
 
     Returns:
         The journal.
@@ -69,39 +74,46 @@ def run_test(
         RigError: as `prepare`, `Rig` and `run`.
         RigFault: the test had to stop; the rig is vented.
     """
-    calibration, first = prepare(test, folder, resume=resume)
+    calibration, first = prepare(test, folder, resume=resume, camera=camera)
     path = Path(folder) / JOURNAL
     path.parent.mkdir(parents=True, exist_ok=True)
     with Link(serial_opener(port, baud)) as link:
         record_test(
             test, link, calibration, path, first_block=first, append=resume, meta=meta,
-            progress=progress, tell=tell,
+            attendant=attendant, start=start, camera=camera,
         )  # fmt: skip
     return path
 
 
-def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tuple[Calibration, int]:
+def prepare(
+    test: PlanFile,
+    folder: str | Path,
+    *,
+    resume: bool = False,
+    camera: CameraCommand | None = None,
+) -> tuple[Calibration, int]:
     """All that can be refused before a port is opened; nothing is written.
 
     Args:
         test: from its file.
         folder: of the journal.
         resume: continue the journal there.
+        camera: takes the photographs of the plan.
 
     Returns:
         The calibration, and the block with which the test begins.
 
     Raises:
-        RigError: the test names no calibration, or photographs, which nothing takes here; the limits
+        RigError: the test names no calibration, or photographs and there is no camera; the limits
             or a pressure cannot be; the journal there is of another test.
     """
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
-    if test.plan.photograph_every:
+    if test.plan.photograph_every and camera is None:
         raise RigError(
-            f"[plan]: photograph_every_s = {test.plan.photograph_every:g} does nothing in a run from "
-            "the command line, which has no camera: leave it out, and trigger the camera yourself or "
-            "from Python, Rig(..., camera=...)"
+            f"[plan]: photograph_every_s = {test.plan.photograph_every:g} needs a camera: --camera "
+            "with the command that takes a photograph, or leave the key out and trigger the camera "
+            "yourself"
         )
     calibration = read_calibration(test.calibration)
     record = read_journal(Path(folder) / JOURNAL) if resume else None
@@ -125,8 +137,9 @@ def record_test(
     first_block: int = 0,
     append: bool = False,
     meta: Mapping[str, str] | None = None,
-    progress: Callable[[float, float], None] | None = None,
-    tell: Callable[[str], None] | None = None,
+    attendant: Attendant | None = None,
+    start: Start = "at once",
+    camera: Callable[[str], None] | None = None,
 ) -> None:
     """Carry out a test over a link, real or virtual, and record it.
 
@@ -141,8 +154,9 @@ def record_test(
         first_block: as for `run`.
         append: continue the existing journal.
         meta: further entries of the journal.
-        progress: as for `run`.
-        tell: as for `run`.
+        attendant: as for `run`.
+        start: as for `run`.
+        camera: called with a name to take a photograph, or None.
 
     Raises:
         RigError: as `Journal`, `Rig` and `run`.
@@ -163,6 +177,7 @@ def record_test(
                 control=test.control,
                 jump_limit=test.jump_limit,
                 journal=journal,
+                camera=camera,
             ) as rig:
                 empty = False
                 run(
@@ -170,8 +185,8 @@ def record_test(
                     test.plan,
                     machine=machine,
                     first_block=first_block,
-                    progress=progress,
-                    tell=tell,
+                    attendant=attendant,
+                    start=start,
                 )
     except RigError:
         if empty:  # the device refused the test: nothing has run

@@ -111,7 +111,8 @@ def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
     >>> next_block([{"note": "done", "block": 0}, {"note": "block", "block": 1}])
     1
     """
-    return max((note["block"] + 1 for note in notes if note["note"] == "done"), default=0)
+    passed = (note["block"] + 1 for note in notes if note["note"] in {"done", "skipped"})
+    return max(passed, default=0)
 
 
 def describe(plan: Plan, first_block: int = 0) -> list[str]:

@@ -1,14 +1,15 @@
-"""A plan carried out on a rig, and the pump stepped for its feed-forward."""
+"""A plan carried out on a rig, block by block, with somebody who may steer it."""
 
-from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from famjax.boundary.units import UNITS
 
-from ..calibration.feed_forward import FeedForward, fit_feed_forward
+from ..calibration.sensor import READINGS
 from ..calibration.whole_rig import Calibration
 from ..errors import RigError
-from .plan import Plan, Step, duration, highest_pressure
+from .attendant import Attendant, Phase, Request, Situation
+from .first_stroke import LoadChange, Start
+from .plan import Plan, Step, duration, highest_pressure, seconds_of
 from .rig import LOOK, Rig
 
 HELD = 1 * UNITS["pressure"]["psi"]
@@ -38,32 +39,29 @@ def run(
     *,
     machine: Machine | None = None,
     first_block: int = 0,
-    progress: Callable[[float, float], None] | None = None,
-    tell: Callable[[str], None] | None = None,
+    attendant: Attendant | None = None,
+    start: Start = "at once",
 ) -> None:
     """Carry out a plan from a block on and stop the rig.
+
+    The pressure is held while a run is paused, and while it waits for the first stroke. A block
+    that the attendant leaves or repeats is noted, and no analysis takes what was recorded of it.
 
     Args:
         rig: entered, so that it vents whatever happens.
         plan: what to do.
         machine: makes the strokes; without one the plan waits for as long as they last.
         first_block: where to begin; `next_block` of a journal's notes resumes it.
-        progress: called about every second of the rig's time with the seconds done and planned.
-        tell: called with what a person at the machine has to do: start the strokes.
+        attendant: is told when to start the strokes, sees the rig at every look, may steer.
+        start: without a machine, when the strokes of a block count as begun.
 
     Raises:
         RigError: as `check_plan`; nothing has been started then.
         RigFault: the test had to stop.
     """
     check_plan(plan, rig.calibration, rig.pressure_limit, first_block)
-    planned = duration(plan, first_block)
-    rig.note("plan", plan=repr(plan), first_block=first_block, seconds=planned)
-    if progress is not None:
-        rig.on_look = _every_second(progress, rig.link.now, planned)
-    for step in plan.steps(first_block):
-        if tell is not None and step[0] == "strokes":
-            tell(_start_strokes(rig, step))
-        _carry_out(rig, step, machine)
+    rig.note("plan", plan=repr(plan), first_block=first_block, seconds=duration(plan, first_block))
+    _Run(rig, plan, machine, attendant or Attendant(), start).carry_out(first_block)
     rig.stop()
 
 
@@ -87,66 +85,6 @@ def check_plan(
             calibration.feed_forward.output(step[1])
 
 
-def _start_strokes(rig: Rig, step: Step) -> str:
-    """What a person at the test machine is told, with the pressure that is measured."""
-    _, block, cycles, seconds, stroke, rate, _ = step
-    measured, wanted = rig.pressure, rig.set_point
-    held = abs(measured - wanted) <= HELD
-    return (
-        f"block {block}: pressure {'held' if held else 'NOT held'}, {measured / 1e3:.4g} kPa "
-        f"({measured / _PSI:.4g} psi) of {wanted / 1e3:.4g} kPa ({wanted / _PSI:.4g} psi): "
-        f"{'start the strokes' if held else 'do not start, or stop the run'}: {cycles} of "
-        f"{stroke * 1e3:.4g} mm at {rate * 1e3:.4g} mm/s, {seconds:.0f} s"
-    )
-
-
-def _every_second(
-    progress: Callable[[float, float], None], begin: float, planned: float
-) -> Callable[[float], None]:
-    """Reports progress at times that are a second apart at least."""
-    due = begin
-
-    def report(now: float) -> None:
-        nonlocal due
-        if now >= due:
-            due = now + 1.0
-            progress(min(now - begin, planned), planned)
-
-    return report
-
-
-def _carry_out(rig: Rig, step: Step, machine: Machine | None) -> None:
-    match step:
-        case ("block", block, pressure):
-            rig.note("block", block=block, pressure_Pa=pressure)
-        case ("set", pressure):
-            rig.set_pressure(pressure)
-        case ("wait", seconds):
-            rig.wait(seconds)
-        case ("strokes", block, cycles, seconds, stroke, rate, every):
-            rig.note(
-                "strokes",
-                block=block,
-                cycles=cycles,
-                seconds=seconds,
-                stroke_m=stroke,
-                rate_m_per_s=rate,
-            )
-            rig.sync(sync_seconds(block))
-            if machine is not None:
-                machine.start(cycles, rate, stroke=stroke)
-            _wait_for_strokes(rig, block, seconds, every, machine)
-            rig.note("strokes_end", block=block)
-        case ("trigger", name):
-            rig.trigger(name)
-        case ("note", kind, fields):
-            rig.note(kind, **fields)
-        case ("done", block):
-            rig.note("done", block=block)
-        case _:
-            raise RigError(f"unknown step {step!r} of a plan")
-
-
 def sync_seconds(block: int) -> float:
     """How long the sync pin is high at the first stroke of a block [s].
 
@@ -160,48 +98,175 @@ def sync_seconds(block: int) -> float:
     return 0.51 + 0.26 * (block % PULSES)
 
 
-def _wait_for_strokes(
-    rig: Rig, block: int, seconds: float, every: float, machine: Machine | None
-) -> None:
-    """Until the machine is done, or for as long as its strokes last; triggers at equal distances."""
-    start, photographs = rig.link.now, 0
-    while True:
-        passed = rig.link.now - start
-        if every and passed >= photographs * every - 1e-9:
-            rig.trigger(f"block{block:02d}-{photographs:05d}")
-            photographs += 1
-        if (not machine.busy) if machine is not None else passed >= seconds - 1e-9:
-            return
-        ends = [LOOK if machine is not None else seconds - passed]
-        if every:
-            ends.append(photographs * every - passed)
-        rig.wait(max(min(ends), 1e-3))
+class _BlockLeft(Exception):  # noqa: N818 -- no error: what ends the steps of a block
+    """The attendant leaves this block, and goes on with another."""
+
+    def __init__(self, following: int) -> None:
+        super().__init__(following)
+        self.following = following
 
 
-def calibrate_feed_forward(
-    rig: Rig, outputs: Sequence[int], *, settle: float = 3.0, average: float = 1.0
-) -> FeedForward:
-    """The feed-forward from steps of the pump or valve, the controller off.
+class _Run:
+    """One run of a plan.
 
     Args:
         rig: entered.
-        outputs: steps [counts, 0..255]; going up and down again shows hysteresis as scatter.
-        settle: time after each step [s].
-        average: time of each mean [s].
-
-    Returns:
-        The cubic through the steps, with its error.
-
-    Raises:
-        RigError: the pressure does not rise with the output.
-        RigFault: the test had to stop, as where a step reaches the pressure limit.
+        plan: what to do.
+        machine: makes the strokes, or None.
+        attendant: sees and steers.
+        start: without a machine, when strokes count as begun.
     """
-    pressures = []
-    for output in outputs:
-        rig.manual(int(output))
-        rig.wait(settle)
-        counts, _ = rig.average(average)
-        pressures.append(float(rig.calibration.pressure.value(counts)))
-        rig.note("step", output=int(output), pressure_Pa=pressures[-1])
-    rig.stop()
-    return fit_feed_forward(pressures, outputs)
+
+    def __init__(
+        self, rig: Rig, plan: Plan, machine: Machine | None, attendant: Attendant, start: Start
+    ) -> None:
+        self._rig, self._plan, self._machine = rig, plan, machine
+        self._attendant, self._start = attendant, start
+        self._last = max((step[1] for step in plan.steps() if step[0] == "block"), default=0)
+        self._block, self._paused = 0, False
+        self._done = self._left = 0.0
+
+    def carry_out(self, first_block: int) -> None:
+        """All blocks from one on."""
+        following: int | None = first_block
+        while following is not None:
+            following = self._blocks(following)
+
+    def _blocks(self, first: int) -> int | None:
+        """The steps of a block and of those behind it; the block with which to begin anew, if any."""
+        self._left = duration(self._plan, first)
+        try:
+            for step in self._plan.steps(first):
+                before = self._left
+                self._carry_out(step)
+                passed = seconds_of(step)
+                self._left = before - passed
+        except _BlockLeft as left:
+            return left.following
+        return None
+
+    def _carry_out(self, step: Step) -> None:
+        rig = self._rig
+        match step:
+            case ("block", block, pressure):
+                self._block = block
+                rig.note("block", block=block, pressure_Pa=pressure)
+            case ("set", pressure):
+                rig.set_pressure(pressure)
+            case ("wait", seconds):
+                end = self._done + seconds
+                while self._done < end - 1e-9:
+                    self._look("settling", end - self._done)
+            case ("strokes", *_):
+                self._strokes(step)
+            case ("trigger", name):
+                rig.trigger(name)
+            case ("note", kind, fields):
+                rig.note(kind, **fields)
+            case ("done", block):
+                rig.note("done", block=block)
+            case _:
+                raise RigError(f"unknown step {step!r} of a plan")
+
+    def _strokes(self, step: Step) -> None:
+        """Until the machine is done, or for as long as its strokes last, with photographs."""
+        rig, machine = self._rig, self._machine
+        _, block, cycles, seconds, stroke, rate, every = step
+        self._wait_for_the_first(step)
+        rig.note(
+            "strokes", block=block, cycles=cycles, seconds=seconds, stroke_m=stroke,
+            rate_m_per_s=rate, pressure_Pa=rig.pressure, held=self._held,
+        )  # fmt: skip
+        rig.sync(sync_seconds(block))
+        if machine is not None:
+            machine.start(cycles, rate, stroke=stroke)
+        begin, photographs = self._done, 0
+        while True:
+            passed = self._done - begin
+            if every and passed >= photographs * every - 1e-9:
+                rig.trigger(f"block{block:02d}-{photographs:05d}")
+                photographs += 1
+            if (not machine.busy) if machine is not None else passed >= seconds - 1e-9:
+                break
+            ends = [LOOK if machine is not None else seconds - passed]
+            if every:
+                ends.append(photographs * every - passed)
+            cycle = min(1 + int(passed / seconds * cycles), cycles)
+            self._look("strokes", max(min(ends), 1e-3), cycle, cycles)
+        rig.note("strokes_end", block=block)
+
+    def _wait_for_the_first(self, step: Step) -> None:
+        """Ask for the strokes, and hold the pressure until they have begun."""
+        _, block, cycles, seconds, stroke, rate, _ = step
+        self._attendant.tell(_start_strokes(self._rig, block, cycles, seconds, stroke, rate))
+        if self._machine is not None or self._start == "at once":
+            return
+        rig, held = self._rig, self._held
+        change = LoadChange(abs(rig.calibration.force.gain) * READINGS)
+        while True:
+            asked = self._look("ready", LOOK, 0, cycles)
+            if not held and self._held:
+                held = True
+                self._attendant.tell(_start_strokes(rig, block, cycles, seconds, stroke, rate))
+            if self._start == "load" and change.seen(rig.force):
+                return
+            if asked == "go" and held:  # the first stroke itself may disturb the pressure
+                return
+            if asked == "go":
+                self._attendant.tell("not yet: the pressure is not held; wait, skip or stop")
+
+    @property
+    def _held(self) -> bool:
+        return abs(self._rig.pressure - self._rig.set_point) <= HELD
+
+    def _look(self, phase: Phase, seconds: float, cycle: int = 0, cycles: int = 0) -> Request:
+        """Wait for a look at most and do what the attendant asks.
+
+        The plan stands while it is paused or waits for the first stroke.
+        """
+        rig, before = self._rig, self._rig.link.now
+        rig.wait(min(seconds, LOOK))
+        if phase != "ready" and not self._paused:
+            passed = rig.link.now - before
+            self._done, self._left = self._done + passed, self._left - passed
+        asked = self._attendant.look(
+            Situation(
+                "paused" if self._paused else phase, self._block, self._last, cycle, cycles,
+                rig.pressure, rig.set_point, self._done, max(self._left, 0.0), rig.link.newest,
+            )
+        )  # fmt: skip
+        if asked == "go" and self._paused:
+            asked = "pause"
+        self._obey(asked)
+        return asked
+
+    def _obey(self, asked: Request) -> None:
+        match asked:
+            case "pause":
+                self._paused = not self._paused
+                self._rig.note("paused" if self._paused else "went_on", block=self._block)
+                self._attendant.tell(
+                    f"block {self._block}: paused, the pressure is held; stop the strokes"
+                    if self._paused
+                    else f"block {self._block}: goes on"
+                )
+            case "skip" | "repeat":
+                self._paused = False
+                what = "skipped" if asked == "skip" else "repeated"
+                self._rig.note(what, block=self._block)
+                self._attendant.tell(f"block {self._block} is {what}: stop the strokes")
+                raise _BlockLeft(self._block + (asked == "skip"))
+
+
+def _start_strokes(
+    rig: Rig, block: int, cycles: int, seconds: float, stroke: float, rate: float
+) -> str:
+    """What a person at the test machine is told, with the pressure that is measured."""
+    measured, wanted = rig.pressure, rig.set_point
+    held = abs(measured - wanted) <= HELD
+    return (
+        f"block {block}: pressure {'held' if held else 'NOT held'}, {measured / 1e3:.4g} kPa "
+        f"({measured / _PSI:.4g} psi) of {wanted / 1e3:.4g} kPa ({wanted / _PSI:.4g} psi): "
+        f"{'start the strokes' if held else 'do not start, or stop the run'}: {cycles} of "
+        f"{stroke * 1e3:.4g} mm at {rate * 1e3:.4g} mm/s, {seconds:.0f} s"
+    )

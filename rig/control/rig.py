@@ -39,7 +39,6 @@ class Rig:
         camera: called with a name to take a photograph, or None.
 
     Attributes:
-        on_look: called with the link's time [s] at every look of a wait, or None.
         lost: records that the line lost.
         set_point: the pressure that was set last [Pa], nan before.
 
@@ -64,7 +63,6 @@ class Rig:
         self.pressure_limit = pressure_limit
         self.jump_limit = jump_limit
         self.lost = 0
-        self.on_look: Callable[[float], None] | None = None
         self._journal = journal
         self._camera = camera
         limit_commands(calibration, pressure_limit, jump_limit)  # refused before the port is used
@@ -116,11 +114,19 @@ class Rig:
     @property
     def pressure(self) -> float:
         """The newest record's pressure [Pa gauge], nan where there is none."""
+        return float(self.calibration.pressure.value(self._newest("pressure_sum")))
+
+    @property
+    def force(self) -> float:
+        """The newest record's force [N], nan where there is none."""
+        return float(self.calibration.force.value(self._newest("force_sum")))
+
+    def _newest(self, name: str) -> float:
+        """Sum of five readings in the newest record [counts], nan where there is none."""
         newest, settings = self.link.newest, self.link.session.settings
         if newest is None or settings is None:
             return float("nan")
-        counts = newest.pressure_sum * READINGS / settings.ticks_per_record
-        return float(self.calibration.pressure.value(counts))
+        return getattr(newest, name) * READINGS / settings.ticks_per_record
 
     def manual(self, output: int) -> None:
         """Hold an output [counts, 0..255] with the controller off, for calibrations."""
@@ -144,8 +150,6 @@ class Rig:
             self.link.sleep(min(LOOK, left))
             self.link.kick()
             self.check()
-            if self.on_look is not None:
-                self.on_look(self.link.now)
 
     def check(self) -> None:
         """Look at the device, the link and the recorder once; see `wait`."""

@@ -11,7 +11,7 @@ cycles = 3
 stroke_in = 3.4
 rate_in_per_s = 0.04
 settle_s = 10
-# photograph_every_s = 1               # `simulate` and Python; `run` has no camera
+# photograph_every_s = 1               # `run` needs --camera for it
 
 [rig]
 circuit = "air"                       # or "water"
@@ -40,7 +40,7 @@ COMMANDS = {
     ),
     "device:rig_ports": "List the serial ports of this computer.",
     "recorded:rig_replay": "Show a recorded test as `monitor` would have, faster.",
-    "device:rig_run": (
+    "run:rig_run": (
         "Carry out a test at constant pressures and record it; the rig vents however this ends."
     ),
     "simulate:rig_serve": (

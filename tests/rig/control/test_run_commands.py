@@ -1,6 +1,9 @@
 """`famjax rig run` as a person types it: what it asks, refuses, says and leaves behind."""
 
+import contextlib
 import io
+import os
+import select
 import signal
 import subprocess
 import sys
@@ -130,6 +133,56 @@ def test_run_and_monitor_against_a_served_rig(
     assert "is complete" in err
 
 
+@pytest.mark.slow  # real time
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
+def test_a_person_at_a_terminal_starts_pauses_and_skips(tmp_path: Path) -> None:
+    """What is typed, and what it is the answer to."""
+    script = [
+        ("Type yes to pressurise the muscle: ", b"yes\n"), ("waits for the first stroke", b"\n"),
+        ("strokes 1 of 1", b"p"), ("paused, the pressure is held", b"p"), ("goes on", b"s"),
+        ("leaves this block for good", b"s"), ("block 1: pressure held", b"\n"),
+    ]  # fmt: skip
+    sim = SimulatedRig(PneumaticCircuit())
+    write_calibration(tmp_path / "calibration.toml", sim.calibration())
+    plan = write_plan(tmp_path, pressures="20, 30", settle="2", stroke="0.2")
+    with RigServer(sim, "tcp") as server:
+        ours, theirs = os.openpty()
+        command = [
+            sys.executable,
+            "-m",
+            "famjax",
+            "rig",
+            "run",
+            str(plan),
+            "--port",
+            server.address,
+        ]
+        surroundings = os.environ | {"TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
+        with subprocess.Popen(
+            [*command, "--output", str(tmp_path)], stdin=theirs, stdout=theirs, stderr=theirs,
+            env=surroundings, start_new_session=True,
+        ) as process:  # fmt: skip
+            os.close(theirs)
+            shown, end = "", time.monotonic() + 90
+            while process.poll() is None and time.monotonic() < end:
+                if select.select([ours], [], [], 0.1)[0]:
+                    with contextlib.suppress(OSError):  # the other side has been closed
+                        shown += os.read(ours, 4096).decode(errors="ignore")
+                if script and script[0][0] in shown:
+                    shown = shown.partition(script[0][0])[2]
+                    os.write(ours, script.pop(0)[1])
+            process.kill()
+        os.close(ours)
+    assert not script
+    assert process.returncode == 0
+    assert "pressure 3" in shown
+    assert "of 30 psi" in shown
+    record = read_journal(tmp_path / "test.fam")
+    kinds = [note["note"] for note in record.notes]
+    assert kinds.index("paused") < kinds.index("went_on") < kinds.index("skipped")
+    assert [note["block"] for note in record.notes_of("done")] == [1]
+
+
 def test_a_dry_run_prints_the_plan_and_its_duration(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
@@ -176,7 +229,11 @@ class Typed(io.StringIO):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("settle_s", "photograph_every_s = 1\nsettle_s", "photograph_every_s = 1 does nothing"),
+        (
+            "settle_s",
+            "photograph_every_s = 1\nsettle_s",
+            "photograph_every_s = 1 needs a camera: --camera",
+        ),
         ("pressure_limit_psi = 110", "pressure_limit_psi = inf", ">= 0 and finite, got inf"),
         ("pressure_limit_psi = 110", "pressure_limit_psi = 1e308", ">= 0 and finite, got inf"),
         ("pressure_limit_psi = 110", "pressure_limit_psi = 60", "the limit is 413685 Pa"),

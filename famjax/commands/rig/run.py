@@ -1,0 +1,149 @@
+"""The command of a test on a rig: what it asks, shows, and leaves."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from ..keys import has_keys
+from ..options.entries import parse_entries
+from .problems import rig_problems
+
+if TYPE_CHECKING:
+    from rig.control import CameraCommand, Start
+
+
+def rig_run(
+    plan: Path,
+    *,
+    port: str | None = None,
+    baud: int = 115200,
+    output: Path = Path("famjax-rig"),
+    resume: Annotated[bool, Parameter(negative=())] = False,
+    dry_run: Annotated[bool, Parameter(negative=())] = False,
+    yes: Annotated[bool, Parameter(negative=())] = False,
+    meta: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    start: Literal["asked", "load", "at-once"] | None = None,
+    camera: str | None = None,
+    units: Literal["si", "metric", "us"] = "us",
+) -> int:
+    """Carry out a test at constant pressures and record it; the rig vents however this ends.
+
+    First prints what software cannot check, relief valve and dump valve, and asks for a
+    confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
+    measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
+    shows pressure, force, stroke and the time that is left, and takes keys: Enter when the strokes
+    have begun, p to pause with the pressure held, s to skip a pressure, r to repeat it.
+
+    Parameters
+    ----------
+    plan
+        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+    port
+        A serial port or socket://host:port.
+    baud
+        Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
+    output
+        Folder for the journal, made if need be.
+    resume
+        Continue the existing journal with the pressure that was not completed; only with the same
+        plan, limits, gains and calibration.
+    dry_run
+        Print the steps of the plan and how long they last, and end.
+    yes
+        Start without asking, for scripts.
+    meta
+        An entry of the journal, `operator=NAME`, repeatable.
+    start
+        When strokes count as begun: `asked`, when Enter is pressed; `load`, when the force at the
+        load cell changes; `at-once`, when they are asked for, as without a terminal.
+    camera
+        Command that takes a photograph, `{name}` in it for its name; for photograph_every_s.
+    units
+        Of the values: si, metric or us.
+    """
+    from rig import read_plan
+    from rig.control import PRECONDITIONS, CameraCommand, describe, duration, prepare, run_test
+
+    from .attended import attended, clock, new_monitor
+
+    with rig_problems():
+        test = read_plan(plan)
+        entries = parse_entries(meta, "meta", "operator=NAME")
+        print(
+            f"Circuit of {test.circuit}, limit {test.pressure_limit / 1e3:.4g} kPa "
+            f"({test.pressure_limit / 6894.757:.4g} psi). Make sure that:"
+        )
+        for sentence in PRECONDITIONS[test.circuit]:
+            print(f"- {sentence}")
+        port = port if dry_run else _known_port(port)
+        photographer = None if camera is None else CameraCommand(camera)
+        calibration, first = prepare(test, output, resume=resume, camera=photographer)
+        if port is None or dry_run:
+            print(*describe(test.plan, first), sep="\n")
+            print(f"lasts {clock(duration(test.plan, first))}, besides the device's answers")
+            return 0
+        if not yes:
+            _confirm(f"{clock(duration(test.plan, first))} of strokes and rests")
+        with attended(new_monitor(calibration, units)) as attendant:
+            path = run_test(
+                test,
+                port,
+                output,
+                baud=baud,
+                resume=resume,
+                meta=entries,
+                attendant=attendant,
+                start=_start(start),
+                camera=photographer,
+            )
+    _report_photographs(photographer)
+    print("written:", path)
+    return 0
+
+
+def _start(asked: str | None) -> "Start":
+    """When strokes count as begun; who cannot press a key is not waited for."""
+    from rig import RigError
+
+    if asked == "asked" and not has_keys():
+        raise RigError("--start asked waits for a key, and here is no terminal: load or at-once")
+    known: dict[str | None, Start] = {"asked": "asked", "load": "load", "at-once": "at once"}
+    return known.get(asked, "asked" if has_keys() else "at once")
+
+
+def _report_photographs(camera: "CameraCommand | None") -> None:
+    """Say which photographs were not taken."""
+    if camera is None:
+        return
+    camera.close()
+    print(f"photographs: {camera.taken}, of which {len(camera.failed)} failed")
+    for name, why in camera.failed.items():
+        print(f"- {name}: {why}", file=sys.stderr)
+
+
+def _confirm(what: str) -> None:
+    """Ask whether to start, and end the command unless the answer is yes."""
+    from rig import RigError
+
+    if not sys.stdin.isatty():
+        raise RigError(
+            "a run waits for a person's yes, and standard input is no terminal: in a script, whose "
+            "author answers for all of the above, give --yes"
+        )
+    if input(f"{what}. Type yes to pressurise the muscle: ").strip().lower() != "yes":
+        raise RigError("not started: the answer was not yes")
+
+
+def _known_port(port: str | None) -> str:
+    """The port, or an error that lists what there is to choose from."""
+    from rig import RigError
+    from rig.control import ports
+
+    if port is not None:
+        return port
+    known = ", ".join(f"{row['port']} ({row['description']})" for row in ports())
+    raise RigError(
+        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
+    )
