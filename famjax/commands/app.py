@@ -60,6 +60,6 @@ def command_line(arguments: Sequence[str]) -> App:
 
 def _register(app: App, package: str, commands: Mapping[str, str], asked: str) -> None:
     for path, sentence in commands.items():
-        name = path.partition(":")[2].removeprefix("rig_")
+        name = path.partition(":")[2].removeprefix("rig_").replace("_", "-")
         # A sentence given here would replace the whole help.
         app.command(f"{package}.{path}", name=name, help=None if name == asked else sentence)

@@ -5,5 +5,6 @@ from .whole_rig import (
     calibration_as_dict as calibration_as_dict,
     calibration_from_dict as calibration_from_dict,
     read_calibration as read_calibration,
+    update_calibration as update_calibration,
     write_calibration as write_calibration,
 )

@@ -98,9 +98,30 @@ def read_calibration(path: str | Path) -> Calibration:
 
 def write_calibration(path: str | Path, calibration: Calibration) -> None:
     """Write the calibration as TOML; reading it back gives the same numbers."""
-    text = toml_text(calibration_as_dict(calibration))
+    _write(path, calibration_as_dict(calibration))
+
+
+def update_calibration(path: str | Path, name: str, part: Sensor | FeedForward) -> None:
+    """Put one part into a calibration's file and keep its other parts; the file is made if need be.
+
+    Args:
+        path: of the file.
+        name: pressure, force or feed_forward.
+        part: what was found.
+
+    Raises:
+        RigError: the file cannot be read, or the calibration cannot be.
+    """
+    known = read_toml(path, "calibration", RigError) if Path(path).exists() else {}
+    content = known | {name: to_entries(part, _FORMS[name])}
+    if {"pressure", "force"} <= content.keys():
+        calibration_from_dict(content, where=f"{path}: ")
+    _write(path, {name: content[name] for name in _FORMS if name in content})
+
+
+def _write(path: str | Path, content: dict[str, Any]) -> None:
     heading = "# value = gain (counts - zero), counts: sum of five readings, 0..5115\n"
-    Path(path).write_text(heading + text, encoding="utf-8")
+    Path(path).write_text(heading + toml_text(content), encoding="utf-8")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,6 +6,7 @@ from .attendant import (
 )
 from .camera_command import CameraCommand as CameraCommand
 from .first_stroke import LoadChange as LoadChange, Start as Start
+from .mean_counts import mean_counts as mean_counts
 from .monitor import Monitor as Monitor
 from .operator import (
     JOURNAL as JOURNAL,
@@ -14,7 +15,10 @@ from .operator import (
     record_test as record_test,
     run_test as run_test,
 )
-from .output_steps import calibrate_feed_forward as calibrate_feed_forward
+from .output_steps import (
+    calibrate_feed_forward as calibrate_feed_forward,
+    calibrate_pump as calibrate_pump,
+)
 from .plan import (
     Isobaric as Isobaric,
     Plan as Plan,

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import NoReturn, Self
 
-import numpy as np
-
 from famjax.boundary.units import UNITS
 
 from ..calibration.sensor import READINGS
@@ -15,7 +13,8 @@ from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
 from ..protocol.control_law import TICK_HZ
-from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, Sample
+from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES
+from .mean_counts import mean_counts
 from .set_up import greet, limit_commands, set_up
 from .settings import JUMP_LIMIT, Control
 
@@ -186,19 +185,9 @@ class Rig:
         """Mean sums of five readings of pressure and force [counts] over a time [s].
 
         Raises:
-            RigFault: as `wait`; or no record came.
+            RigFault: as `wait` and `mean_counts`.
         """
-        sums: list[Sample] = []
-        self.link.watch = sums.append
-        try:
-            self.wait(seconds)
-        finally:
-            self.link.watch = None
-        if not sums or self.link.session.settings is None:
-            raise RigFault(f"no record came in {seconds:g} s; check the cable")
-        scale = READINGS / self.link.session.settings.ticks_per_record
-        mean = scale * np.mean([(s.pressure_sum, s.force_sum) for s in sums], axis=0)
-        return float(mean[0]), float(mean[1])
+        return mean_counts(self.link, seconds, self.wait)
 
     def sync(self, seconds: float) -> None:
         """Raise the sync pin for a time [s], in whole records, and note with which one it begins.

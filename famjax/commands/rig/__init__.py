@@ -26,6 +26,12 @@ calibration = "calibration.toml"      # of the sensors; `simulate` needs none
 """The help of the group."""
 
 COMMANDS = {
+    "calibrate:rig_calibrate_pump": (
+        "Step the pump of a water circuit with the controller off, for the output that holds a pressure."
+    ),
+    "calibrate:rig_calibrate_sensor": (
+        "Calibrate the pressure transducer or the load cell at known references, into a rig's file."
+    ),
     "characterise:rig_characterise": (
         "Turn a test's journal and the test machine's log into curves, figures and a dataset to fit."
     ),

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from ..keys import has_keys
 from ..options.entries import parse_entries
+from .asking import confirm, known_port, tell_preconditions
 from .problems import rig_problems
 
 if TYPE_CHECKING:
@@ -64,28 +65,22 @@ def rig_run(
         Of the values: si, metric or us.
     """
     from rig import read_plan
-    from rig.control import PRECONDITIONS, CameraCommand, describe, duration, prepare, run_test
+    from rig.control import CameraCommand, describe, duration, prepare, run_test
 
     from .attended import attended, clock, new_monitor
 
     with rig_problems():
         test = read_plan(plan)
         entries = parse_entries(meta, "meta", "operator=NAME")
-        print(
-            f"Circuit of {test.circuit}, limit {test.pressure_limit / 1e3:.4g} kPa "
-            f"({test.pressure_limit / 6894.757:.4g} psi). Make sure that:"
-        )
-        for sentence in PRECONDITIONS[test.circuit]:
-            print(f"- {sentence}")
-        port = port if dry_run else _known_port(port)
+        tell_preconditions(test)
+        port = port if dry_run else known_port(port)
         photographer = None if camera is None else CameraCommand(camera)
         calibration, first = prepare(test, output, resume=resume, camera=photographer)
         if port is None or dry_run:
             print(*describe(test.plan, first), sep="\n")
             print(f"lasts {clock(duration(test.plan, first))}, besides the device's answers")
             return 0
-        if not yes:
-            _confirm(f"{clock(duration(test.plan, first))} of strokes and rests")
+        confirm(f"{clock(duration(test.plan, first))} of strokes and rests", yes=yes)
         with attended(new_monitor(calibration, units)) as attendant:
             path = run_test(
                 test,
@@ -121,29 +116,3 @@ def _report_photographs(camera: "CameraCommand | None") -> None:
     print(f"photographs: {camera.taken}, of which {len(camera.failed)} failed")
     for name, why in camera.failed.items():
         print(f"- {name}: {why}", file=sys.stderr)
-
-
-def _confirm(what: str) -> None:
-    """Ask whether to start, and end the command unless the answer is yes."""
-    from rig import RigError
-
-    if not sys.stdin.isatty():
-        raise RigError(
-            "a run waits for a person's yes, and standard input is no terminal: in a script, whose "
-            "author answers for all of the above, give --yes"
-        )
-    if input(f"{what}. Type yes to pressurise the muscle: ").strip().lower() != "yes":
-        raise RigError("not started: the answer was not yes")
-
-
-def _known_port(port: str | None) -> str:
-    """The port, or an error that lists what there is to choose from."""
-    from rig import RigError
-    from rig.control import ports
-
-    if port is not None:
-        return port
-    known = ", ".join(f"{row['port']} ({row['description']})" for row in ports())
-    raise RigError(
-        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
-    )

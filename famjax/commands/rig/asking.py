@@ -1,0 +1,53 @@
+"""What the commands of a rig ask a person before they do it."""
+
+import sys
+
+
+def known_port(port: str | None) -> str:
+    """The port, or an error that lists what there is to choose from."""
+    from rig import RigError
+    from rig.control import ports
+
+    if port is not None:
+        return port
+    known = ", ".join(f"{row['port']} ({row['description']})" for row in ports())
+    raise RigError(
+        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
+    )
+
+
+def typed(question: str) -> str:
+    """The answer that a person types."""
+    from rig import RigError
+
+    try:
+        return input(question)
+    except EOFError:
+        raise RigError("standard input ended before the question was answered") from None
+
+
+def tell_preconditions(test) -> None:
+    """Print what must hold before the circuit of a test is pressurised and software cannot check."""
+    from rig.control import PRECONDITIONS
+
+    print(
+        f"Circuit of {test.circuit}, limit {test.pressure_limit / 1e3:.4g} kPa "
+        f"({test.pressure_limit / 6894.757:.4g} psi). Make sure that:"
+    )
+    for sentence in PRECONDITIONS[test.circuit]:
+        print(f"- {sentence}")
+
+
+def confirm(what: str, *, yes: bool) -> None:
+    """Ask whether to start, and end the command unless the answer is yes."""
+    from rig import RigError
+
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise RigError(
+            "a run waits for a person's yes, and standard input is no terminal: in a script, whose "
+            "author answers for all of the above, give --yes"
+        )
+    if typed(f"{what}. Type yes to pressurise the muscle: ").strip().lower() != "yes":
+        raise RigError("not started: the answer was not yes")
