@@ -40,7 +40,11 @@ def commands() -> list[tuple[tuple[str, ...], str, str]]:
         (("rig",), "famjax.commands.rig.", rig.COMMANDS),
     ]
     return [
-        ((*group, path.partition(":")[2].removeprefix("rig_")), package + path, sentence)
+        (
+            (*group, path.partition(":")[2].removeprefix("rig_").replace("_", "-")),
+            package + path,
+            sentence,
+        )
         for group, package, table in every
         for path, sentence in table.items()
     ]
