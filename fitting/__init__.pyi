@@ -13,6 +13,7 @@ from . import (
     rubber as rubber,
     saved as saved,
     search as search,
+    shapes as shapes,
     sweeps as sweeps,
     trace as trace,
     verdict as verdict,
@@ -38,6 +39,7 @@ from .saved.report import write_fit as write_fit
 from .saved.saved_fit import load_fit as load_fit
 from .search.identification import identify as identify, identify_together as identify_together
 from .search.result import Identification as Identification
+from .shapes.surface import shape_surface as shape_surface
 from .sweeps.all_forms import sweep as sweep
 
 __famjax__: str

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool
 
 from .._types import Real, RealArray, as_real
 from ..braids.inextensible import AbstractBraid
-from ..profiles.family import MeasuredFamily
+from ..profiles.family import AbstractMeasuredFamily
 from .bladder import Bladder
 from .dimensions import AbstractGeometry, Dimensions
 from .estimated import cylinder_dimensions
@@ -37,7 +37,7 @@ class MeasuredGeometry(AbstractGeometry):
         Chambers 2021, chapter 6, "measured".
     """
 
-    family: MeasuredFamily
+    family: AbstractMeasuredFamily
     bladder: Bladder
     order: int = eqx.field(static=True, default=QUADRATURE_ORDER)
 
@@ -45,7 +45,7 @@ class MeasuredGeometry(AbstractGeometry):
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
             return
         lengths = jnp.linspace(*self.length_range(), 33)
-        self.dimensions(lengths, self.family.reference_pressure)
+        self.dimensions(lengths, self.family.middle_pressure())
 
     @property
     def braid(self) -> AbstractBraid:
@@ -96,7 +96,7 @@ class AverageDiameterGeometry(AbstractGeometry):
         Chambers 2021, chapter 6, "measured average diameter".
     """
 
-    family: MeasuredFamily
+    family: AbstractMeasuredFamily
     bladder: Bladder
     order: int = eqx.field(static=True, default=QUADRATURE_ORDER)
 
@@ -125,7 +125,7 @@ class AverageDiameterGeometry(AbstractGeometry):
 
 
 def _states(
-    family: MeasuredFamily, length: Real, pressure: Real
+    family: AbstractMeasuredFamily, length: Real, pressure: Real
 ) -> tuple[RealArray, RealArray, RealArray, Bool[Array, "..."]]:
     """Lengths [m], pressures [Pa], thread lengths [m], and where the shape is known.
 
@@ -137,14 +137,18 @@ def _states(
     found = family.braid.thread_length(at, pressure)
     reached = family.knows(length) & (at < found)
     at = jnp.where(reached, at, middle)
-    measured = jax.lax.stop_gradient(family.reference_pressure)
+    measured = jax.lax.stop_gradient(family.middle_pressure())
     thread_length = jnp.where(reached, found, 2 * at)
     return at, jnp.where(reached, pressure, measured), thread_length, reached
 
 
 @eqx.filter_jit
 def _measures(
-    family: MeasuredFamily, bladder: Bladder, order: int, length: RealArray, pressure: RealArray
+    family: AbstractMeasuredFamily,
+    bladder: Bladder,
+    order: int,
+    length: RealArray,
+    pressure: RealArray,
 ) -> tuple[RealArray, ...]:
     """Mean diameter [m], thickness [m], axial strain, hoop strain at the stations, volume [m3]."""
     inset = 0.0 if bladder.embedded else family.braid.thickness
@@ -166,7 +170,7 @@ def _measures(
 
 @eqx.filter_jit
 def _mean_diameter(
-    family: MeasuredFamily, order: int, length: RealArray, pressure: RealArray
+    family: AbstractMeasuredFamily, order: int, length: RealArray, pressure: RealArray
 ) -> RealArray:
     """Average diameter [m] over the axis."""
     x, weights = quadrature(family.kinks, order)

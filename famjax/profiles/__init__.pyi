@@ -10,9 +10,11 @@ from .assumed_shapes import (
     tondu_lopez_length as tondu_lopez_length,
 )
 from .family import (
+    AbstractMeasuredFamily as AbstractMeasuredFamily,
     AbstractProfileFamily as AbstractProfileFamily,
     AssumedShapeFamily as AssumedShapeFamily,
     IsobaricProfile as IsobaricProfile,
     MeasuredFamily as MeasuredFamily,
 )
 from .profile import AbstractProfile as AbstractProfile, FourierProfile as FourierProfile
+from .sampled_surface import SampledSurface as SampledSurface

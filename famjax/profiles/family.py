@@ -15,6 +15,7 @@ from ..braids.inextensible import AbstractBraid, diameter_from_length
 from ..parameters import Parametrised, number
 from .assumed_shapes import AbstractAssumedShape
 from .profile import AbstractProfile
+from .spline import cardinal_splines, slope_matrix
 
 
 class AbstractProfileFamily(Parametrised):
@@ -80,7 +81,41 @@ class AssumedShapeFamily(AbstractProfileFamily):
         return eqx.tree_at(lambda shape: shape.middle_diameter, self.shape, middle)
 
 
-class MeasuredFamily(AbstractProfileFamily):
+class AbstractMeasuredFamily(AbstractProfileFamily):
+    """Profiles that were measured over a range of lengths, and are not known beyond.
+
+    Attributes:
+        lengths: active lengths L [m] that were measured, decreasing.
+        braid: gives B(L, P).
+    """
+
+    lengths: eqx.AbstractVar[Float[Array, " profiles"]]
+    braid: eqx.AbstractVar[AbstractBraid]
+
+    @abc.abstractmethod
+    def middle_pressure(self) -> RealArray:
+        """A pressure [Pa] at which the shape is known."""
+
+    @property
+    @abc.abstractmethod
+    def kinks(self) -> Float[Array, " kinks"]:
+        """Positions x [-] at which any of the profiles has a kink, increasing."""
+
+    @abc.abstractmethod
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Shortest and longest length [m] at which the shape is known."""
+
+    @abc.abstractmethod
+    def knows(self, length: Real) -> Bool[Array, "..."]:
+        """Whether the shape is known at a length [m]."""
+
+    def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
+        """Positions x [-] of the kinks of all profiles, the same at every length and pressure."""
+        del length, pressure
+        return self.kinks
+
+
+class MeasuredFamily(AbstractMeasuredFamily):
     """Profiles measured at one pressure and several lengths, and what lies between.
 
     D(x, L, P) = (sum over k of phi_k(L) D_k(x)) D_braid(L, B(L, P)) / D_braid(L, B(L, P_ref))
@@ -147,7 +182,7 @@ class MeasuredFamily(AbstractProfileFamily):
                 "the lengths of a family must decrease from profile to profile, as the muscle "
                 f"contracts, got {np.asarray(self.lengths)}"
             )
-        self._slopes = _slope_matrix(self._knots())
+        self._slopes = slope_matrix(self._knots())
 
     def __check_init__(self) -> None:
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
@@ -191,10 +226,9 @@ class MeasuredFamily(AbstractProfileFamily):
         )
         return interpolated * scale
 
-    def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
-        """Positions x [-] of the kinks of all profiles, the same at every length and pressure."""
-        del length, pressure
-        return self.kinks
+    def middle_pressure(self) -> RealArray:
+        """P_ref [Pa]."""
+        return self.reference_pressure
 
     @property
     def kinks(self) -> Float[Array, " kinks"]:
@@ -222,17 +256,8 @@ class MeasuredFamily(AbstractProfileFamily):
 
     def _cardinals(self, length: RealArray) -> Float[Array, "... profiles"]:
         """phi_k(L), shape (..., profiles): 1 at its own length, 0 at the others."""
-        knots = self._knots()
         at = (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
-        cell = jnp.clip(jnp.searchsorted(knots, at, side="right") - 1, 0, knots.shape[0] - 2)
-        step = (knots[cell + 1] - knots[cell])[..., None]
-        t = (at - knots[cell])[..., None] / step
-        unit = jnp.eye(knots.shape[0], dtype=knots.dtype)
-        cardinals = (
-            (1 + 2 * t) * (1 - t) ** 2 * unit[cell]
-            + t**2 * (3 - 2 * t) * unit[cell + 1]
-            + step * t * (1 - t) * ((1 - t) * self._slopes[cell] - t * self._slopes[cell + 1])
-        )
+        cardinals = cardinal_splines(self._knots(), self._slopes, at)
         return jnp.where(self.knows(length)[..., None], cardinals, jnp.nan)
 
 
@@ -240,39 +265,3 @@ class MeasuredFamily(AbstractProfileFamily):
 def _diameters(family: MeasuredFamily, x: RealArray, lengths: RealArray) -> RealArray:
     """Diameters [m] at the reference pressure, shape (lengths, positions)."""
     return family.diameter(x, lengths[:, None], family.reference_pressure)
-
-
-@jax.jit
-def _slope_matrix(knots: Float[Array, " knots"]) -> Float[Array, "knots knots"]:
-    """Slopes of the interpolating spline at its knots, as a matrix on the values there."""
-    n = knots.shape[0]
-    step = jnp.diff(knots)
-    unit = jnp.eye(n, dtype=knots.dtype)
-    secant = (unit[1:] - unit[:-1]) / step[:, None]
-    if n == 2:
-        return jnp.concatenate([secant, secant])
-    left, right = step[:-1, None], step[1:, None]
-    # Continuity of the second derivative at the inner knots.
-    inner = right * unit[:-2] + 2 * (left + right) * unit[1:-1] + left * unit[2:]
-    inner_values = 3 * (right * secant[:-1] + left * secant[1:])
-    first, first_value = _end_condition(unit[:3], step[:2], secant[:2])
-    last, last_value = _end_condition(unit[:-4:-1], step[:-3:-1], secant[:-3:-1])
-    system = jnp.concatenate([first[None], inner, last[None]])
-    values = jnp.concatenate([first_value[None], inner_values, last_value[None]])
-    return jnp.linalg.solve(system, values)
-
-
-def _end_condition(
-    unit: Float[Array, "3 knots"], step: Float[Array, " 2"], secant: Float[Array, "2 knots"]
-) -> tuple[Float[Array, " knots"], Float[Array, " knots"]]:
-    """The spline's condition at one end, seen from it: a row on the slopes, and its value.
-
-    Not-a-knot: the third derivative is continuous at the second knot. Of three knots there is only
-    one such condition; there the end cubic is a parabola instead.
-    """
-    near, next_ = step
-    if unit.shape[-1] == 3:
-        return unit[0] + unit[1], 2 * secant[0]
-    both = near + next_
-    value = ((near + 2 * both) * next_ * secant[0] + near**2 * secant[1]) / both
-    return next_ * unit[0] + both * unit[1], value

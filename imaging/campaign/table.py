@@ -30,6 +30,9 @@ _FIRST = (
     "volume", "volume_stderr", "contraction", "contraction_stderr",
 )  # fmt: skip
 
+SCALE_STDERR = "scale_relative_stderr"
+"""Entry of the provenance: relative standard error of px/m, common to all lengths and diameters."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -119,7 +122,7 @@ class Table:
             time_origin=origin,
             stamp_resolution=resolution,
             notes=(note, *_stamp_notes(rows, resolution)),
-            provenance=dict(provenance or {}),
+            provenance={**(provenance or {}), SCALE_STDERR: f"{scale_relative_stderr:.6g}"},
         )
 
     def in_units(self, name: str, system: str) -> np.ndarray:

@@ -41,6 +41,7 @@ def fit(
     bootstrap: Replicates = 0,
     posterior: Annotated[bool, Parameter(negative=())] = False,
     hysteresis: Annotated[bool, Parameter(negative=())] = False,
+    shape: Path | None = None,
     atmosphere: str | None = None,
     columns: str | None = None,
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
@@ -114,6 +115,10 @@ def fit(
         --noise-N for the noise of a reading where it is known.
     hysteresis
         Also fit both branches of raw ramps, about their static map, and predict those left out.
+    shape
+        The muscle's shape as photographs show it, the `measurements.nc` of `famjax measure`, in place
+        of a cylinder; the turns of the threads are identified, or held: `--bounds turns=1.09`. The
+        law is the polynomial one unless --law names another.
     atmosphere
         Of raw ramps: what the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each
         record in which the muscle is vented, `0s:0.5s`.
@@ -155,6 +160,7 @@ def fit(
     if law is not None and ":" in law:
         sys.path.insert(0, str(Path.cwd()))  # where a law of the user's own lies
     kinds = parameter_kinds(law) if bounds or free or prior else {}
+    kinds |= {} if shape is None else {"turns": "number"}
     tolerances = {"pressure": pressure_tolerance, "length": length_tolerance}
     known = parse_specimen(specimen)
     measured, pairs = (
@@ -172,9 +178,19 @@ def fit(
         "starts": starts,
         "seed": seed,
     }
+    if shape is not None:
+        from .measured_shape import with_shape
+
+        measured, options = with_shape(measured, shape, options)
     with progress_bar() as progress:
         steps = Steps(measured, options, progress)
-        if law is None and order is None and dependence == "fixed" and not censored:
+        if (
+            law is None
+            and order is None
+            and dependence == "fixed"
+            and not censored
+            and shape is None
+        ):
             steps.choose()
         else:
             steps.identify(

@@ -50,6 +50,15 @@ def family_of_two() -> famjax.profiles.MeasuredFamily:
     return famjax.profiles.MeasuredFamily([L0, 0.73 * L0], [NARROW, PROFILES[-1]], 100.0, KEVLAR)
 
 
+def surface() -> famjax.profiles.SampledSurface:
+    """A shape that swells with the pressure."""
+    x, lengths = np.linspace(0, 1, 9), L0 * np.array([1.0, 0.86, 0.72])
+    bulge = 1 + 0.3 * np.arange(3)[:, None] * np.sin(np.pi * x)
+    return famjax.profiles.SampledSurface(
+        lengths, [20.0, 90.0], np.stack([bulge, 1.01 * bulge]), KEVLAR, 0.02
+    )
+
+
 LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
 GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
     "inelastic": lambda: INELASTIC,
@@ -59,6 +68,7 @@ GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
         BRAID, dataclasses.replace(BLADDER, embedded=True)
     ),
     "measured": lambda: famjax.MeasuredGeometry(family_of_two(), BLADDER, 8),
+    "photographed": lambda: famjax.MeasuredGeometry(surface(), BLADDER, 8),
     "average": lambda: famjax.geometries.AverageDiameterGeometry(family(), BLADDER),
     "compliant": lambda: famjax.EstimatedGeometry(
         famjax.braids.CompliantBraid(9.89, 1.09, 0.011, 4.5e-6), BLADDER

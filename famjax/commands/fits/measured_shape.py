@@ -1,0 +1,46 @@
+"""A fit with the shape that photographs show: `famjax fit MAP.csv --shape measurements.nc`."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import fitting
+from fitting.families import Parameter
+
+TURNS = "turns"
+WITHIN = 0.15
+"""Part by which the turns may differ from those of the pictures' triangle where they are identified."""
+
+
+def with_shape(
+    data: fitting.ForceData, pictures: Path, options: Mapping[str, Any]
+) -> tuple[fitting.ForceData, dict[str, Any]]:
+    """The map with what is told of the shape, and the options of a fit with that geometry.
+
+    The turns of the threads are identified unless they are named: the force tells them, and the
+    diameters alone do not.
+
+    Raises:
+        InputError: the pictures give no surface, or the map leaves its lengths.
+    """
+    surface = fitting.shape_surface(pictures)
+    geometry = surface.geometry(data.specimen)
+    low, high = (float(one) for one in geometry.length_range())
+    outside = (data.length < low) | (data.length > high)
+    if outside.any():
+        raise fitting.InputError(
+            f"{int(outside.sum())} readings of {data.source} lie outside the lengths of the pictures, "
+            f"{low * 1e3:.4g} to {high * 1e3:.4g} mm: photograph the whole stroke, or leave them out"
+        )
+    named = {*options["bounds"], *options["parameters"]}
+    turns = surface.threads.turns
+    free = (
+        {}
+        if TURNS in named
+        else {TURNS: Parameter(min=turns * (1 - WITHIN), max=turns * (1 + WITHIN))}
+    )
+    told = dataclasses.replace(data, notes=(*data.notes, *surface.told()))
+    return told, {
+        **options, "geometry": geometry, "parameters": {**options["parameters"], **free},
+    }  # fmt: skip
