@@ -10,6 +10,15 @@ from . import rig
 _HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
 
 COMMANDS = {
+    "characterise:characterise": (
+        "Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report."
+    ),
+    "characterise:new": (
+        "Write the sheet of a new characterisation folder, with a comment on every entry."
+    ),
+    "characterise:twin": (
+        "Make a characterisation folder of a known muscle, with the simulated rig and camera."
+    ),
     "fits.compare:compare": (
         "Fit every published static force model, and famjax's own, to one force map."
     ),

@@ -1,0 +1,11 @@
+from .cached_steps import Step as Step, run_steps as run_steps
+from .evaluation import evaluation_steps as evaluation_steps
+from .report import first_run as first_run, report_step as report_step
+from .sheet import (
+    RESULTS as RESULTS,
+    SHEET as SHEET,
+    SKELETON as SKELETON,
+    Sheet as Sheet,
+    read_sheet as read_sheet,
+)
+from .twin import TwinMuscle as TwinMuscle, write_twin as write_twin

@@ -1,0 +1,294 @@
+"""The steps from what lies in a folder to fitted muscles: force, pictures, shape, fits."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import famjax
+import fitting
+from famjax.boundary.errors import InputError
+from famjax.boundary.origin import Origin
+from fitting.data.force_data import COLUMNS
+from fitting.evidence import Evidence
+from fitting.families import Parameter
+from fitting.records import read_machine_log, write_dataset
+from fitting.saved import write_fit
+from rig.journal import read_journal
+
+from ..isobaric_analysis import analyse
+from ..isobaric_figures import figures
+from ..isobaric_pictures import plot_characterisation
+from ..photographs import measure_pictures
+from .cached_steps import Step
+from .sheet import RESULTS, Photographs, Sheet
+
+RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
+CYLINDER, AVERAGE, MEASURED, WORK = "cylinder", "average-diameter", "measured", "virtual-work"
+GEOMETRIES = {
+    CYLINDER: "cylinder of the braid's triangle",
+    AVERAGE: "cylinder of the measured average diameter",
+    MEASURED: "measured shape",
+    WORK: "measured shape, braid by virtual work",
+}
+"""Geometries that are fitted, and what they are."""
+FORCE_MAP = "dataset.csv"
+WITHIN = 0.15
+"""Part by which the turns may differ from the pictures' triangle where they are identified."""
+SHAPE_DRAWS = 8
+"""Surfaces as probable as the measured one with which the fit is repeated."""
+
+Recipes = Callable[[Photographs, Path], tuple[Any, dict[str, str]]]
+"""From the photographs' table and the folder to `imaging.Recipe` and its provenance."""
+
+
+def evaluation_steps(
+    sheet: Sheet, recipes: Recipes, *, jobs: int | None, origin: Origin, system: str
+) -> list[Step]:
+    """The steps of a folder, in their order, but for its report.
+
+    Args:
+        sheet: of the folder.
+        recipes: reads how pictures are measured.
+        jobs: processes for the pictures.
+        origin: of the first run of the folder, for the files.
+        system: of units in pictures and tables.
+
+    Raises:
+        InputError: a file that the sheet names is not there.
+    """
+    records = sheet.records
+    about = {"specimen": dict(sheet.entries), "system": system}
+    inputs = [
+        sheet.path(name)
+        for name in (records.journal, records.machine_log, records.force_map)
+        if name is not None
+    ]
+    steps = [
+        Step(RECORDS, inputs, {**about, **dataclasses.asdict(records)}, (),
+             lambda place: _force(sheet, place, system)),
+    ]  # fmt: skip
+    names = [CYLINDER]
+    photographs = sheet.photographs
+    if photographs is not None:
+        recipe, provenance = recipes(photographs, sheet.folder)
+        shown = _pictures(sheet, photographs)
+        given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
+        steps += [
+            Step(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
+                 {"recipe": repr(recipe), **given, **dataclasses.asdict(photographs)}, (),
+                 lambda place: _measure(sheet, photographs, recipe, provenance, jobs, place, system),
+                 resumes=True),
+            Step(SHAPE, [], about, (PICTURES,), lambda place: _shape(sheet, place)),
+        ]  # fmt: skip
+        names += [AVERAGE, MEASURED, WORK]
+    for name in names:
+        after = (RECORDS,) if name == CYLINDER else (RECORDS, SHAPE)
+        options = {"fit": dataclasses.asdict(sheet.fit), "turns": sheet.turns, **about}
+        steps.append(Step(name, [], options, after, _fitting(sheet, name, origin, system)))
+    return steps
+
+
+def read_map(sheet: Sheet) -> fitting.ForceData:
+    """The force map that the first step made."""
+    return fitting.read_csv(_results(sheet) / RECORDS / FORCE_MAP, {})
+
+
+def _results(sheet: Sheet) -> Path:
+    return sheet.folder / RESULTS
+
+
+def _force(sheet: Sheet, place: Path, system: str) -> None:
+    """Journal and log, or a map, to a force map with the specimen in its header."""
+    records = sheet.records
+    if records.force_map is not None:
+        known = dataclasses.asdict(sheet.specimen)
+        data = fitting.read_csv(sheet.path(records.force_map), known)
+        fitting.write_csv(data, place / FORCE_MAP)
+        return
+    assert records.journal is not None
+    assert records.machine_log is not None
+    rest = sheet.specimen.rest_length
+    found = analyse(
+        read_journal(sheet.path(records.journal)),
+        read_machine_log(sheet.path(records.machine_log)),
+        rest_length=rest,
+        sync_column=records.sync_column,
+        near=None if records.near is None else (records.near, 5.0),
+        skip_cycles=records.skip_cycles,
+        shortening_positive=records.shortening_positive,
+        zero_displacement=records.zero_displacement,
+        pushing_positive=records.pushing_positive,
+    )
+    entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
+    write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
+    numbers = json.dumps(figures(found), indent=1, allow_nan=False)
+    (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
+    picture = plot_characterisation(found, system)
+    picture.savefig(place / "characterisation.svg", metadata={"Date": None})
+
+
+def _pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
+    from imaging.campaign import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
+
+    given = sheet.folder / photographs.pictures
+    without = None if photographs.ruler is None else str(sheet.folder / photographs.ruler)
+    return [Path(path) for path in expand([str(given)], without=without)]
+
+
+def _measure(
+    sheet: Sheet,
+    photographs: Photographs,
+    recipe: Any,
+    provenance: Mapping[str, str],
+    jobs: int | None,
+    place: Path,
+    system: str,
+) -> None:
+    log, offset = sheet.records.machine_log, photographs.log_offset
+    outcome = measure_pictures(
+        [str(sheet.folder / photographs.pictures)],
+        recipe=recipe,
+        provenance=dict(provenance),
+        log=None if log is None else sheet.path(log),
+        log_offset=None if offset is None else f"{offset}s",
+        rest_length=f"{sheet.specimen.rest_length!r}m",
+        workers=jobs,
+        system=system,
+        output=place,
+    )
+    if not outcome.table.ok.any():
+        reasons = "; ".join(sorted({error.partition(":")[0] for error in outcome.table.error}))
+        raise InputError(
+            f"no picture of {photographs.pictures} could be measured ({reasons}): see "
+            f"{place / 'measurements.csv'}, or leave [photographs] out"
+        )
+
+
+def _shape(sheet: Sheet, place: Path) -> None:
+    """The surface, tested; its figures as JSON. The fits make it anew, which takes a tenth of a second."""
+    surface = measured_surface(sheet)
+    test, threads = surface.held_out, surface.threads
+    content = {
+        "form": surface.form._asdict(),
+        "pictures": len(surface.used),
+        "left_out": list(surface.left_out),
+        "held_out": dataclasses.asdict(test),
+        "lengths_m": surface.lengths.tolist(),
+        "mean_diameter_m": surface.diameters[0].mean(axis=1).tolist(),
+        "mean_diameter_std_m": surface.draws[:, 0].mean(axis=2).std(axis=0, ddof=1).tolist(),
+        "triangle": dataclasses.asdict(threads),
+        "told": list(surface.told()),
+    }
+    (place / "shape.json").write_text(
+        json.dumps(content, indent=1, default=float) + "\n", encoding="utf-8"
+    )
+
+
+def measured_surface(sheet: Sheet) -> fitting.shapes.ShapeSurface:
+    """The surface through the pictures that were measured."""
+    return fitting.shape_surface(_results(sheet) / PICTURES / "measurements.nc")
+
+
+def _fitting(sheet: Sheet, name: str, origin: Origin, system: str) -> Callable[[Path], None]:
+    def run(place: Path) -> None:
+        data = read_map(sheet)
+        surface = None if name == CYLINDER else measured_surface(sheet)
+        result = fit_with(sheet, data, name, surface)
+        evidence = fitting.evidence.gather(
+            result, validation=True, profiles=False, replicates=0, seed=sheet.fit.seed,
+            progress=lambda *_: None,
+        )  # fmt: skip
+        write_fit(result, place, system, evidence, origin)
+        _add_figures(sheet, result, evidence, surface, name, place)
+
+    return run
+
+
+def fit_with(
+    sheet: Sheet,
+    data: fitting.ForceData,
+    name: str,
+    surface: fitting.shapes.ShapeSurface | None,
+    draw: int | None = None,
+) -> fitting.Identification:
+    """The law identified with one of the geometries; with a draw of the shape, if it is given."""
+    fit = sheet.fit
+    options: dict[str, Any] = {
+        "law": fit.law, "constraint": fit.constraint, "starts": fit.starts, "seed": fit.seed,
+    }  # fmt: skip
+    if fit.law == "polynomial":
+        options["order"] = fit.order
+    if surface is None:
+        return fitting.identify(data, **options)
+    turns = surface.threads.turns if sheet.turns is None else sheet.turns
+    braid = famjax.Braid(surface.threads.length, turns, sheet.specimen.braid_thickness)
+    geometry = surface.geometry(sheet.specimen, braid=braid, draw=draw)
+    if name == AVERAGE:
+        geometry = famjax.geometries.AverageDiameterGeometry(geometry.family, geometry.bladder)
+    if name == WORK:
+        options["terms"] = famjax.terms.VirtualWork(0.0)
+    if sheet.turns is None and name != WORK:
+        bounds = Parameter(min=turns * (1 - WITHIN), max=turns * (1 + WITHIN))
+        options["parameters"] = {"turns": bounds}
+    return fitting.identify(_within(data, geometry), geometry=geometry, **options)
+
+
+def _within(
+    data: fitting.ForceData, geometry: famjax.geometries.AbstractGeometry
+) -> fitting.ForceData:
+    """The readings at lengths that the pictures show, and a note on the others."""
+    low, high = (float(end) for end in geometry.length_range())
+    inside = (data.length >= low) & (data.length <= high)
+    if inside.all():
+        return data
+    if inside.sum() < 8:
+        raise InputError(
+            f"only {int(inside.sum())} readings of the force lie within the lengths of the pictures, "
+            f"{low * 1e3:.4g} to {high * 1e3:.4g} mm: photographs and force are not of one stroke"
+        )
+    note = (
+        f"{int((~inside).sum())} readings outside the lengths of the pictures, {low * 1e3:.4g} to "
+        f"{high * 1e3:.4g} mm, are left out."
+    )
+    columns = {
+        name: None if (values := getattr(data, name)) is None else values[inside]
+        for name in COLUMNS
+    }
+    return dataclasses.replace(data, **columns, notes=(*data.notes, note))
+
+
+def _add_figures(
+    sheet: Sheet,
+    result: fitting.Identification,
+    evidence: Evidence,
+    surface: fitting.shapes.ShapeSurface | None,
+    name: str,
+    place: Path,
+) -> None:
+    """What the comparison of the geometries needs beside the fit's own file."""
+    errors = result.errors
+    values = {one.name: float(one.value) for one in result.estimates}
+    std = {one.name: float(one.stderr) for one in result.estimates}
+    content: dict[str, Any] = {
+        "rmse_N": float(errors.rmse), "largest_N": float(errors.max),
+        "largest_force_N": float(errors.max_force), "values": values, "std": std,
+        **{f"left_out_{one.groups}_N": float(one.rmse) for one in evidence.validations},
+    }  # fmt: skip
+    if surface is not None and name == MEASURED:
+        drawn = [
+            {
+                one.name: float(one.value)
+                for one in fit_with(sheet, result.data, name, surface, k).estimates
+            }
+            for k in range(SHAPE_DRAWS)
+        ]
+        content["std_of_shape"] = {
+            key: float(np.std([one[key] for one in drawn], ddof=1)) for key in values
+        }
+    (place / "figures.json").write_text(
+        json.dumps(content, indent=1, allow_nan=True) + "\n", encoding="utf-8"
+    )

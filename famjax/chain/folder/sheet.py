@@ -1,0 +1,201 @@
+"""characterisation.toml: what lies in a folder, and how it is evaluated; units in every key."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
+from fitting.data import Specimen, parse_specimen
+
+SHEET = "characterisation.toml"
+"""Name of the file."""
+RESULTS = "results"
+"""Folder of what is computed."""
+
+SKELETON = """\
+# A muscle's characterisation: what lies in this folder, and how it is evaluated.
+# Every key that is a quantity ends with its unit: mm, in, kPa, psi, N, s, ... Remove what you lack.
+
+[specimen]
+name = "my muscle"
+rest_length_mm = 250.0            # active length at zero contraction, between the end-fittings
+wall_thickness_mm = 1.6           # of the bladder at rest
+bladder_diameter_mm = 22.2        # outside, at rest; leave out where the bladder fills the braid
+braid_thickness_mm = 0.28
+# turns = 1.09                    # of one thread from fitting to fitting; identified unless given
+
+[records]                         # of one test: both, or a force map alone
+journal = "test.fam"              # of `famjax rig run`
+machine_log = "machine.csv"       # time, displacement and force, with units
+# force_map = "map.csv"           # pressure, length, force: instead of both
+# sync_column = "Sync"            # of the log, with the rig's pulses; else the load aligns
+# near_s = 12.0                   # what the journal is ahead of the log, where strokes are alike
+# skip_cycles = 1                 # first strokes at each pressure that are left out
+# zero_displacement_mm = 0.0      # what the machine shows at the rest length
+# shortening_positive = true      # the displacement grows as the muscle shortens
+# pushing_positive = true         # the force is positive in compression
+
+[photographs]                     # of the same test; without them the shape is a cylinder's
+pictures = "photographs"          # folder, or a pattern such as "DSC_*.JPG"
+ruler = "ruler.jpg"               # in the plane of the muscle's axis, from the same camera
+distance_mm = 1524.0              # camera to muscle
+pitch_mm = 3.175                  # of the ruler's marks
+ruler_placement_mm = 0.25         # standard error of its distance from the plane of the axis
+# scale = "226.63+-0.02 px/in"    # instead of a ruler
+# log_offset_s = 12.0             # what the log is ahead of the first picture, where strokes repeat
+
+[fit]
+law = "polynomial"
+order = 3
+constraint = "drucker"
+starts = 16
+seed = 0
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Records:
+    """The force of the test: journal and machine's log, or a force map."""
+
+    journal: Text | None = None
+    machine_log: Text | None = None
+    force_map: Text | None = None
+    sync_column: Text | None = None
+    near: float | None = None
+    skip_cycles: int = 0
+    zero_displacement: float = 0.0
+    shortening_positive: bool = False
+    pushing_positive: bool = False
+
+    def __post_init__(self) -> None:
+        both = (self.journal is None, self.machine_log is None)
+        if self.force_map is None and any(both):
+            raise ValueError(
+                "the force is in journal and machine_log, both of one test, or in a force_map alone"
+            )
+        if self.force_map is not None and not all(both):
+            raise ValueError("force_map stands in the place of journal and machine_log: keep one")
+        if self.skip_cycles < 0:
+            raise ValueError(f"skip_cycles must be >= 0, got {self.skip_cycles}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Photographs:
+    """The pictures of the test; options as those of `famjax measure`."""
+
+    pictures: Text
+    ruler: Text | None = None
+    scale: Text | None = None
+    distance: Positive | None = None
+    pitch: Positive | None = None
+    ruler_placement: NotNegative | None = None
+    tape_diameter: Positive | None = None
+    recipe: Text | None = None
+    orientation: Literal["vertical", "horizontal", "auto"] | None = None
+    log_offset: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """How the law is identified."""
+
+    law: Text = "polynomial"
+    order: int | None = None
+    constraint: Literal["none", "positive", "slope", "drucker"] = "drucker"
+    starts: int = 16
+    seed: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Sheet:
+    """The file as read.
+
+    Attributes:
+        folder: where it lies.
+        specimen: of the muscle.
+        entries: of the specimen as they stand in the file, without the turns.
+        turns: of one thread; None where they are identified.
+        records: force.
+        photographs: shape, or None.
+        fit: how.
+    """
+
+    folder: Path
+    specimen: Specimen
+    entries: Mapping[str, object]
+    turns: float | None
+    records: Records
+    photographs: Photographs | None
+    fit: Fit
+
+    def path(self, name: str) -> Path:
+        """A file of the folder.
+
+        Raises:
+            InputError: it is not there.
+        """
+        path = self.folder / name
+        if not path.exists():
+            raise InputError(f"{self.folder / SHEET} names {name}, which is not in {self.folder}")
+        return path
+
+
+_RECORDS = Form(kinds={"near": "time", "zero_displacement": "length"})
+_PHOTOGRAPHS = Form(
+    kinds=dict.fromkeys(("distance", "pitch", "ruler_placement", "tape_diameter"), "length")
+    | {"log_offset": "time"}
+)
+_FORMS: dict[str, tuple[Any, Form]] = {
+    "records": (Records, _RECORDS),
+    "photographs": (Photographs, _PHOTOGRAPHS),
+    "fit": (Fit, Form()),
+}
+
+
+def read_sheet(folder: Path) -> Sheet:
+    """The sheet of a folder.
+
+    Raises:
+        InputError: there is none, or what is wrong with it, with the place.
+    """
+    path = folder / SHEET
+    if not path.exists():
+        raise InputError(f"{folder} has no {SHEET}: `famjax new {folder}` writes one to fill in")
+    content = read_toml(path, "sheet")
+    unknown = content.keys() - {"specimen", *_FORMS}
+    missing = {"specimen", "records"} - content.keys()
+    if unknown or missing or not all(isinstance(table, dict) for table in content.values()):
+        raise InputError(
+            f"{path}: a sheet has the tables [specimen], [records], and where there are pictures "
+            f"[photographs], and [fit]; got {', '.join(content) or 'none'}"
+        )
+    tables = {
+        name: from_entries(kind, content[name], form, where=f"{path}: [{name}]: ")
+        for name, (kind, form) in _FORMS.items()
+        if name in content
+    }
+    entries = dict(content["specimen"])
+    turns = entries.pop("turns", None)
+    if turns is not None and not (isinstance(turns, int | float) and turns > 0):
+        raise InputError(f"{path}: [specimen]: turns must be a number > 0, got {turns!r}")
+    try:
+        known = parse_specimen(
+            f"{key}={str(value).lower() if isinstance(value, bool) else value}"
+            for key, value in entries.items()
+        )
+        known.pop("force_limit", None)  # of the map's readings, and in its header
+        specimen = Specimen(**known)
+    except (InputError, TypeError) as error:
+        raise InputError(f"{path}: [specimen]: {_in_words(error)}") from None
+    return Sheet(
+        folder, specimen, entries, None if turns is None else float(turns), tables["records"],
+        tables.get("photographs"), tables.get("fit", Fit()),
+    )  # fmt: skip
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, TypeError):
+        return "name, rest_length_<unit> and wall_thickness_<unit> are needed"
+    return str(error)

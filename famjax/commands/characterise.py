@@ -1,0 +1,166 @@
+"""`famjax new`, `famjax characterise` and `famjax twin`: a characterisation folder end to end."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from .loading import load_fitting
+from .matplotlib_import import load_matplotlib
+from .options.whole_numbers import Seed
+from .terminal import progress_bar
+
+
+def new(folder: Path) -> int:
+    """Write the sheet of a new characterisation folder, with a comment on every entry.
+
+    Fill in `characterisation.toml`, lay journal, log, pictures and ruler beside it, and run
+    `famjax characterise FOLDER`.
+
+    Parameters
+    ----------
+    folder
+        Made if need be; must not have a sheet yet.
+    """
+    from famjax.boundary.errors import InputError
+    from famjax.boundary.files import check_output
+    from famjax.chain.folder import SHEET, SKELETON
+
+    check_output(folder)
+    path = folder / SHEET
+    if path.exists():
+        raise InputError(f"{path} is there already: edit it, or give another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(SKELETON, encoding="utf-8")
+    print(
+        f"written: {path}; fill it in, lay the files beside it, then: famjax characterise {folder}"
+    )
+    return 0
+
+
+def characterise(
+    folder: Path,
+    *,
+    only: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    force: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    jobs: int | None = None,
+    units: Literal["si", "metric", "us"] = "us",
+) -> int:
+    """Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report.
+
+    What lies in the folder says its `characterisation.toml`; `famjax new` writes one. A step that
+    was done with the same files and options is not done again, and stopped work goes on.
+
+    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. Exit code 3 when
+    some pictures could not be measured: they are in the table with the reason.
+
+    Parameters
+    ----------
+    folder
+        With a `characterisation.toml`.
+    only
+        Steps to carry out, repeatable: records, pictures, shape, cylinder, average-diameter,
+        measured, virtual-work, report.
+    force
+        Steps to carry out again, repeatable.
+    jobs
+        Number of processes for the pictures; one for each core unless given.
+    units
+        Of tables and pictures: si, metric or us.
+    """
+    load_fitting()
+    load_matplotlib()
+    from famjax.boundary.origin import Origin
+    from famjax.chain.folder import (
+        RESULTS,
+        evaluation_steps,
+        first_run,
+        read_sheet,
+        report_step,
+        run_steps,
+    )
+
+    sheet = read_sheet(folder)
+    results = folder / RESULTS
+    results.mkdir(exist_ok=True)
+    origin = first_run(results, Origin.of_this_command())
+    try:
+        steps = evaluation_steps(sheet, _recipe, jobs=jobs, origin=origin, system=units)
+        steps.append(report_step(sheet, steps, origin=origin, system=units))
+        run_steps(
+            steps, results, only=only, force=force,
+            tell=lambda text: print(text, file=sys.stderr, flush=True),
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        print("famjax: stopped; run the same command again to go on", file=sys.stderr)
+        return 130
+    report = results / "report" / "report.html"
+    if report.exists():
+        print("written:", report)
+    return 0
+
+
+def twin(
+    folder: Path,
+    *,
+    seed: Seed = 0,
+    size: Literal["small", "large"] = "small",
+    flawed: bool = True,
+) -> int:
+    """Make a characterisation folder of a known muscle, with the simulated rig and camera.
+
+    To try `famjax characterise` without a laboratory, and to see how near it comes: `truth.json`
+    holds what the folder was made from. With noise, jitter of the shutter and drift of the clocks.
+
+    Parameters
+    ----------
+    folder
+        Made if need be; must not have a sheet yet.
+    seed
+        Of the muscle and of all noise.
+    size
+        small: three pressures, 36 pictures; large: ten pressures, three cycles, 200 pictures.
+    flawed
+        Damage a picture, and take a second out of the machine's log.
+    """
+    load_fitting()
+    from famjax.boundary.files import check_output
+    from famjax.chain.folder import write_twin
+
+    check_output(folder)
+    with progress_bar() as progress:
+        task = progress.add_task("simulating the test", total=None)
+        write_twin(
+            folder, seed=seed, size=size, flawed=flawed,
+            progress=lambda what, done, total: progress.update(
+                task, description=what, completed=done, total=total
+            ),
+        )  # fmt: skip
+    print(f"written: {folder}; evaluate it with: famjax characterise {folder}")
+    return 0
+
+
+def _recipe(photographs: Any, folder: Path) -> tuple[Any, dict[str, str]]:
+    """How the pictures of a folder are measured, read as the options of `famjax measure` are."""
+    from .options.photographs import command_recipe
+    from .options.recipe import RecipeOptions
+
+    def length(value: float | None) -> str | None:
+        return None if value is None else f"{value!r}m"
+
+    def path(name: str | None) -> Path | None:
+        return None if name is None else folder / name
+
+    return command_recipe(
+        RecipeOptions(
+            ruler=path(photographs.ruler),
+            recipe=path(photographs.recipe),
+            scale=photographs.scale,
+            distance=length(photographs.distance),
+            pitch=length(photographs.pitch),
+            ruler_placement=length(photographs.ruler_placement),
+            tape_diameter=length(photographs.tape_diameter),
+            orientation=photographs.orientation,
+        )
+    )
