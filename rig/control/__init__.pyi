@@ -1,3 +1,4 @@
+from .guard_settings import Guards as Guards, floor_counts as floor_counts
 from .monitor import Monitor as Monitor
 from .operator import (
     JOURNAL as JOURNAL,
@@ -29,3 +30,4 @@ from .plan_run import (
 )
 from .rig import Rig as Rig
 from .settings import Control as Control
+from .tripped import acknowledge as acknowledge, trip_text as trip_text, unseen as unseen

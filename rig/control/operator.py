@@ -111,7 +111,7 @@ def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tupl
 
 
 def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
-    limit_commands(calibration, test.pressure_limit, test.jump_limit)
+    limit_commands(calibration, test.pressure_limit, test.jump_limit, test.guards)
     check_plan(test.plan, calibration, test.pressure_limit, first_block)
 
 
@@ -162,6 +162,7 @@ def record_test(
                 pressure_limit=test.pressure_limit,
                 control=test.control,
                 jump_limit=test.jump_limit,
+                guards=test.guards,
                 journal=journal,
             ) as rig:
                 empty = False

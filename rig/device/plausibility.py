@@ -1,0 +1,157 @@
+"""Does a reading tell anything? What a pressure does at rest and under an output, and a frozen one not."""
+
+from ..protocol.control_law import INTEGRAL_UNIT, PRESSURE_UNIT, ControlLaw, pressure_error
+
+CLOSE_BAND = 1  # counts within which a reading that varies does not stay for 0.1 s
+WIDE_BAND = 2  # the same for a second
+REST_BAND = 3  # left often by a reading that is alive, at rest
+WATCH_TICKS = 1000  # for which the reading is watched at rest
+WATCH_DRIFT = 8  # counts: more is a pressure that falls, not noise
+ALIVE_MOVES = 8  # times that it leaves its band in that time, at least
+LIVELY_MOVES = 16  # so often, and `still` is enough; with fewer it takes longer
+ANSWER = 5  # counts by which a pressure answers the controller
+PUSH_LIMIT = 75  # PWM counts above the holding output that count at most
+MOST_PUSH = 65000  # PWM counts * ticks
+HEADROOM = 20 * PRESSURE_UNIT  # with less below the limit less push is allowed
+CLOSE_TICKS = 60  # for which a reading that is alive is never within CLOSE_BAND
+SETTLED_SHIFT = 7  # the settled one, which knows nothing of a wound integral, of 128
+HELD_SHIFT = 9  # the holding output follows with a time constant of 512 records
+
+NOT_KNOWN, QUIET, ALIVE = range(3)
+"""Whether the reading was seen to vary at rest, as that of a transducer with noise does."""
+
+
+class Band:
+    """Readings from which the present one has not moved away."""
+
+    __slots__ = ("high", "low")
+
+    def __init__(self) -> None:
+        self.low = self.high = 0
+
+    def left(self, reading: int, width: int) -> bool:
+        """Whether the reading has left the band, which then begins anew with it."""
+        if reading < self.low:
+            self.low = reading
+        elif reading > self.high:
+            self.high = reading
+        if self.high - self.low <= width:
+            return False
+        self.low = self.high = reading
+        return True
+
+
+class Plausibility:
+    """Watches the readings at rest, and in RUN whether they follow the output.
+
+    Attributes:
+        still: ticks within `WIDE_BAND` that trip, of a reading that is alive; a less lively one has longer.
+        frozen: PWM counts by which the output may exceed the one that held the pressure.
+        frozen_ticks: ticks at twice that output that trip; fewer at a higher one.
+        alive: `NOT_KNOWN`, `QUIET` or `ALIVE`.
+    """
+
+    def __init__(self) -> None:
+        self.still, self.frozen, self.frozen_ticks = 500, 4, 375
+        self.alive, self._liveliness = NOT_KNOWN, LIVELY_MOVES
+        self._close, self._wide = Band(), Band()
+        self._held = self._settled = self._answer_held = 0
+        self._headroom = self._still_ticks = self._close_ticks = 0
+        self._push = self._wound_push = self._answer_push = self._answer_sum = 0
+        self._watch_ticks = self._watch_from = self._moves = 0
+        self._answer_due, self._answer_div = False, 0
+
+    def enter(self) -> None:
+        """The output comes on."""
+        self._held = self._settled = self._still_ticks = self._close_ticks = 0
+        self._push = self._wound_push = 0
+        self._expect_answer(0)
+
+    def rest(self) -> None:
+        """The output goes off: what was watched before does not count."""
+        self._watch_ticks = 0
+
+    def change(self, before: ControlLaw, law: ControlLaw, trip: int, integral: int) -> None:
+        """Another law governs, or another limit; an answer is due to a higher set point."""
+        if law.set_point > before.set_point and not self._answer_due:
+            self._expect_answer(integral)
+        self._headroom = -pressure_error(law, trip)
+
+    def watch(self, reading: int) -> None:
+        """One reading at rest: does noise move it? Only one that is alive can be seen to freeze."""
+        if self._watch_ticks == 0:
+            self._watch_from, self._moves = reading, 0
+        self._moves += self._wide.left(reading, REST_BAND)
+        self._watch_ticks += 1
+        if self._watch_ticks == WATCH_TICKS:
+            self._watch_ticks = 0
+            if abs(reading - self._watch_from) <= WATCH_DRIFT:
+                self.alive = ALIVE if self._moves >= ALIVE_MOVES else QUIET
+                self._liveliness = min(self._moves, LIVELY_MOVES)
+
+    def stands_still(self, reading: int) -> bool:
+        """Whether a reading that is alive has not varied for too long."""
+        self._still_ticks = 0 if self._wide.left(reading, WIDE_BAND) else self._still_ticks + 1
+        enough = self._still_ticks * self._liveliness >= self.still * LIVELY_MOVES
+        return enough and self.alive != QUIET
+
+    def is_frozen(
+        self, reading: int, error: int, output: int, integral: int, law: ControlLaw, *, record: bool
+    ) -> bool:
+        """Whether the output has pushed more than a reading that has not moved can bear.
+
+        Args:
+            reading: counts.
+            error: of this tick [1/128 psi].
+            output: PWM counts.
+            integral: of the controller [1/32768 PWM count].
+            law: which governs.
+            record: whether a record ends with this tick.
+        """
+        self._close_ticks += 1
+        if self._close.left(reading, CLOSE_BAND):
+            self._held = integral
+            self._close_ticks = self._push = self._wound_push = 0
+        self._push = self._pushed(self._push, output, self._held, law)
+        least = min(self._settled, self._held)
+        self._wound_push = self._pushed(self._wound_push, output, least, law)
+        if record:
+            self._held += (integral - self._held) >> HELD_SHIFT
+            self._settled += (integral - self._settled) >> SETTLED_SHIFT
+        wound = self.alive != QUIET and self._close_ticks >= CLOSE_TICKS
+        push = max(self._push, self._wound_push) if wound else self._push
+        half = error // 2 if error >= 0 else -(-error // 2)  # as C divides
+        headroom = max(min(self._headroom + half, HEADROOM), HEADROOM // 4)
+        return push * HEADROOM >= self.frozen * self.frozen_ticks * headroom
+
+    def no_answer(self, output: int, error: int, law: ControlLaw, record: tuple[int, int]) -> bool:
+        """Whether the mean pressure does not follow a start or a higher set point.
+
+        Args:
+            output: PWM counts.
+            error: of this tick [1/128 psi].
+            law: which governs.
+            record: sum of the counts and ticks of the record that ends, ticks 0 where none does.
+        """
+        if not self._answer_due:
+            return False
+        self._answer_push = self._pushed(self._answer_push, output, self._answer_held, law)
+        if self._answer_push >= self.frozen * self.frozen_ticks:
+            return True
+        total, ticks = record
+        if ticks:
+            if self._answer_div != ticks:
+                self._answer_div, self._answer_sum = ticks, total
+            answered = abs(total - self._answer_sum) >= ANSWER * ticks
+            self._answer_due = not answered and error > (law.span * ANSWER) >> 9
+        return False
+
+    def _expect_answer(self, integral: int) -> None:
+        self._answer_due, self._answer_push, self._answer_div = True, 0, 0
+        self._answer_held = integral
+
+    def _pushed(self, push: int, output: int, held: int, law: ControlLaw) -> int:
+        """What the output has pushed so far [counts * ticks], from what exceeds the one that held."""
+        holding = (law.feed_forward * PRESSURE_UNIT + held + INTEGRAL_UNIT // 2) // INTEGRAL_UNIT
+        excess = min(output - self.frozen - holding, PUSH_LIMIT)
+        return push if excess >= 0 and push >= MOST_PUSH else max(push + excess, 0)
