@@ -4,7 +4,9 @@ Faults: no counts, full scale, frozen at its last reading, stuck at another one,
 than a count; before the start, while the pressure rises, while it is held; random set pressures,
 limits and gains; air, and water without its relief valve. A fault passes where the true pressure
 exceeds neither the limit by 2 % nor the set pressure by 25 psi, whether the test is refused, trips or
-goes on. Sound tests have the published gains, random pressures and strokes: none may trip.
+goes on. A combination that exceeds them with a sound transducer too (water, a large step and a large
+integral gain) is no fault's doing: it is replaced by the next one and counted as unsound. Sound tests
+have the published gains, random pressures and strokes: none may trip.
 
     python benchmarks/rig_faults.py [--cases 1000] [--sound 200] [--seed 0] [--json FILE]
 """
@@ -122,8 +124,14 @@ def fault_of(
     }[case.kind]
 
 
-def try_case(case: Case, library: Path) -> tuple[float, float, str]:
-    """Highest true pressure over set pressure and over limit [Pa], and what happened."""
+def try_case(case: Case, library: Path, *, sound: bool = False) -> tuple[float, float, str]:
+    """Highest true pressure over set pressure and over limit [Pa], and what happened.
+
+    Args:
+        case: the fault.
+        library: from `build_native`.
+        sound: leave the fault out.
+    """
     circuit = PneumaticCircuit() if case.fluid == "air" else HydraulicCircuit(relief=None)
     device = LyingDevice(library)
     sim = SimulatedRig(circuit, device=device, seed=case.seed)
@@ -139,7 +147,7 @@ def try_case(case: Case, library: Path) -> tuple[float, float, str]:
     control = Control.per_psi(*case.gains)
     limit, wanted = case.limit_psi * PSI, case.set_psi * PSI
     begin = 0.0
-    if case.when == "before":
+    if case.when == "before" and not sound:
         device.lie = fault_of(case, device, sim.pressure_sensor.counts)
     try:
         rig = Rig(VirtualLink(sim), sim.calibration(), pressure_limit=limit, control=control)
@@ -152,8 +160,8 @@ def try_case(case: Case, library: Path) -> tuple[float, float, str]:
             begin = sim.now
             if case.when != "before":
                 rig.wait(case.after_s)
-                device.lie = fault_of(case, device, sim.pressure_sensor.counts)
-                peak = 0.0 if case.when == "held" else peak
+                if not sound:
+                    device.lie = fault_of(case, device, sim.pressure_sensor.counts)
             rig.wait(HELD)
             said = "went on"
     except (RigError, RigFault) as error:
@@ -192,6 +200,38 @@ def sound_test(number: int, seed: int, library: Path) -> str:
     return ""
 
 
+def exceeds(case: Case, over_set: float, over_limit: float) -> bool:
+    """Whether the true pressure was higher than it may be [Pa]."""
+    return over_set > OVER_SET or over_limit > OVER_LIMIT * case.limit_psi * PSI
+
+
+def try_faults(
+    number: int, seed: int, library: Path, tell: Callable[[str], None]
+) -> dict[str, Any]:
+    """So many faults: the highest pressures, how many exceeded what they may, and how they ended."""
+    rng = np.random.default_rng(seed)
+    outcomes: collections.Counter[str] = collections.Counter()
+    found: dict[str, Any] = {"cases": 0, "exceeded": 0, "unsound": 0}
+    over_set, over_limit = [], []
+    while found["cases"] < number:
+        case = random_case(rng, int(rng.integers(1 << 30)))
+        by_set, by_limit, said = try_case(case, library)
+        if exceeds(case, by_set, by_limit):
+            without = try_case(case, library, sound=True)
+            if exceeds(case, *without[:2]) or "TRIP" in without[2]:
+                found["unsound"] += 1
+                continue
+            found["exceeded"] += 1
+            tell(f"EXCEEDED by {by_set / PSI:.1f} psi: {case}: {said}")
+        found["cases"] += 1
+        outcomes[said.split(" at ")[0].split(";")[0][:50]] += 1
+        over_set.append(by_set / PSI)
+        over_limit.append(by_limit / PSI / case.limit_psi)
+    for said, cases in outcomes.most_common():
+        tell(f"{cases:6d}  {said}")
+    return found | {"over_set_psi": max(over_set), "over_limit": max(over_limit)}
+
+
 def main() -> None:
     """Run all of it; exit status 1 where a pressure was exceeded or a sound test tripped."""
     parser = argparse.ArgumentParser(
@@ -202,43 +242,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    rng = np.random.default_rng(options.seed)
-    outcomes: collections.Counter[str] = collections.Counter()
-    worst = [-np.inf, -np.inf]
-    exceeded = 0
+
+    def tell(text: str) -> None:
+        print(text, flush=True)
+
     with tempfile.TemporaryDirectory() as folder:
         library = build_native(folder)
-        for number in range(options.cases):
-            case = random_case(rng, number)
-            over_set, over_limit, said = try_case(case, library)
-            outcomes[said.split("[")[0].split(";")[0][:60]] += 1
-            worst = [
-                max(worst[0], over_set / PSI),
-                max(worst[1], over_limit / case.limit_psi / PSI),
-            ]
-            if over_set > OVER_SET or over_limit > OVER_LIMIT * case.limit_psi * PSI:
-                exceeded += 1
-                print(f"EXCEEDED by {over_set / PSI:.1f} psi: {case}: {said}", flush=True)
-        tripped = [
-            t for t in (sound_test(n, options.seed, library) for n in range(options.sound)) if t
-        ]
+        found = {"faults": try_faults(options.cases, options.seed, library, tell)}
+        tests = (sound_test(number, options.seed, library) for number in range(options.sound))
+        tripped = list(filter(None, tests))
     for text in tripped:
-        print(f"SOUND TEST TRIPPED: {text}")
-    for said, number in outcomes.most_common():
-        print(f"{number:6d}  {said}")
-    found: dict[str, Any] = {
-        "faults": {
-            "cases": options.cases,
-            "exceeded": exceeded,
-            "over_set_psi": worst[0],
-            "over_limit": worst[1],
-        },
-        "sound": {"tests": options.sound, "tripped": len(tripped)},
-    }
-    print(json.dumps(found))
+        tell(f"A SOUND TEST STOPPED: {text}")
+    found["sound"] = {"tests": options.sound, "tripped": len(tripped)}
+    tell(json.dumps(found, indent=2))
     if options.json:
         options.json.write_text(json.dumps(found, indent=2) + "\n")
-    sys.exit(bool(exceeded or tripped))
+    sys.exit(bool(found["faults"]["exceeded"] or tripped))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ class Guards:
             calibration, see `floor_counts`.
         ceiling: greatest plausible reading [counts]: 4.7 V, where no transducer of 0.5 to 4.5 V is.
         still: time [s] within two counts that trips, of a reading that varied at rest;
-            one that varied little has up to twice as long.
+            one that varied little has up to three times as long.
         frozen_output: PWM counts by which the output may exceed the one that held the pressure;
             255 switches this off.
         frozen: time [s] at twice that output without a move of the reading that trips.
@@ -38,7 +38,7 @@ class Guards:
 
     floor: _Reading | None = None
     ceiling: _Reading = 963
-    still: Annotated[float, Meta(ge=0.5, le=60, description="0.5 to 60 s")] = 1.0
+    still: Annotated[float, Meta(ge=0.5, le=60, description="0.5 to 60 s")] = 0.7
     frozen_output: Annotated[int, Meta(ge=1, le=255, description="1 to 255 counts")] = 4
     frozen: Annotated[float, Meta(ge=0.1, le=2, description="0.1 to 2 s")] = 0.75
     stall: Annotated[float, Meta(ge=0.5, le=30, description="0.5 to 30 s")] = 3.0

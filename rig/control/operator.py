@@ -15,6 +15,7 @@ from .plan_run import Machine, check_plan, run
 from .resumption import resumed_block
 from .rig import Rig
 from .set_up import limit_commands
+from .settings import check_feed_forward
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""
@@ -111,6 +112,7 @@ def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tupl
 
 
 def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
+    check_feed_forward(test.circuit, calibration)
     limit_commands(calibration, test.pressure_limit, test.jump_limit, test.guards)
     check_plan(test.plan, calibration, test.pressure_limit, first_block)
 

@@ -82,7 +82,7 @@ def read_plan(path: str | Path) -> PlanFile:
 
     [rig] may have integral_limits_counts = [-128, 128], and jump_limit_psi = 15: a change within
     10 ms that trips; and the guards against a reading that cannot be true, see `Guards`:
-    reading_floor_counts, reading_ceiling_counts = 963, still_s = 1, frozen_output_counts = 4,
+    reading_floor_counts, reading_ceiling_counts = 963, still_s = 0.7, frozen_output_counts = 4,
     frozen_s = 0.75, stall_s = 3.
 
     Raises:

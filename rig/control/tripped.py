@@ -11,7 +11,7 @@ from ..protocol.messages import FAULTS, TRIP, DeviceStatus
 from .guard_settings import floor_counts
 
 _PSI = UNITS["pressure"]["psi"]
-REST_PRESSURE = 10 * _PSI
+REST_PRESSURE = 5 * _PSI
 """Reading [Pa], up or down, that a vented rig may still have: offset and drift of a transducer."""
 REST_TIME = 8.0
 """Longest time [s] for which the reading is watched at rest; two seconds at rest suffice."""

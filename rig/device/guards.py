@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from ..protocol.control_law import INTEGRAL_UNIT, ControlLaw, drive, next_integral, pressure_error
 from ..protocol.messages import DRIVEN, MANUAL, RUN, SAFE, TRIP
-from .plausibility import Plausibility
+from .plausibility import Plausibility, Tick
 
 SILENCE, OVER_PRESSURE, JUMP, STALL, WATCHDOG, RANGE, FROZEN, NO_RESPONSE = range(1, 9)  # of FAULTS
 TRIPS = (OVER_PRESSURE, JUMP, STALL, RANGE, FROZEN, NO_RESPONSE)
@@ -129,7 +129,9 @@ class DeviceControl:
         self._sum_p = self._sum_f = 0
         if self.changed:
             self.changed = False
-            self.plausibility.change(self.law, self.next_law, self.trip, self._integral)
+            self.plausibility.change(
+                self.law, self.next_law, self.trip, self._integral, self._history
+            )
             self.law, self.div, self.since = self.next_law, self.next_div, self.seq
             self.report_settings = True
         if self._next_state != SAFE:
@@ -145,7 +147,7 @@ class DeviceControl:
         self._manual = self._next_manual
         self._integral = 0
         self._over = self._jumped = self._outside = self._stall_ticks = 0
-        self.plausibility.enter()
+        self.plausibility.enter(self._history)
         self.report_state = True
 
     def leave(self, state: int, fault: int, pressure: int = 0) -> None:
@@ -186,14 +188,13 @@ class DeviceControl:
                 law, self._integral, pressure_error(law, self._sum_p, self.div)
             )
         self.output = output = drive(law, self._integral, error)
-        sum_ = (self._sum_p, self.div) if record else (0, 0)
+        oldest = self._history[self._oldest]
+        now = Tick(pressure, oldest, error, output, self._integral, record)
         if self._stalls(pressure, error):
             self.leave(TRIP, STALL, pressure)
-        elif self.plausibility.is_frozen(
-            pressure, error, output, self._integral, law, record=record
-        ):
+        elif self.plausibility.is_frozen(now, law):
             self.leave(TRIP, FROZEN, pressure)
-        elif self.plausibility.no_answer(output, error, law, sum_):
+        elif self.plausibility.no_answer(now, law, self._history):
             self.leave(TRIP, NO_RESPONSE, pressure)
 
     def _stalls(self, pressure: int, error: int) -> bool:

@@ -13,9 +13,13 @@
 #define WATCH_TICKS 1000   /* for which the reading is watched at rest */
 #define WATCH_DRIFT 8      /* counts: more is a pressure that falls, not noise */
 #define ALIVE_MOVES 8      /* times that it leaves its band in that time, at least */
-#define LIVELY_MOVES 16    /* so often, and `still` is enough; with fewer it takes longer */
-#define ANSWER 5           /* counts by which a pressure answers the controller */
+#define LIVELY_MOVES 24    /* so often, and `still` is enough; with fewer it takes longer */
+#define ANSWER 5           /* counts by which a pressure answers the controller, in the mean */
+#define QUICK_CHANGE 8     /* counts in four ticks: faster than strokes move a pressure */
+#define QUICK_TICKS 500    /* for which less push is allowed after that, a start or a step */
+#define OFF 255            /* of `frozen` */
 #define PUSH_LIMIT 75      /* PWM counts above the holding output that count at most */
+#define FIRST_LIMIT 50     /* the same before the circuit has answered: how slow it is is not known */
 #define MOST_PUSH 65000    /* PWM counts * ticks */
 #define HEADROOM 2560      /* 1/128 psi: with less below the limit less push is allowed */
 #define HELD_SHIFT 9       /* the holding output follows with a time constant of 512 records */
@@ -53,7 +57,7 @@ void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch)
     d->silent = 500;
     d->floor = 51;
     d->ceiling = 963;
-    d->still = 500;
+    d->still = 350;
     d->liveliness = LIVELY_MOVES;
     d->frozen = 4;
     d->frozen_ticks = 375;
@@ -119,13 +123,22 @@ static void leave(famrig *d, uint8_t state, uint8_t fault, uint16_t pressure)
     d->tell_state = true;
 }
 
-/* From here on the pressure has to answer; one that is within reach of its set point need not. */
-static void expect_answer(famrig *d)
+static uint16_t recent_sum(const famrig *d)
 {
-    d->answer_due = true;
+    uint16_t sum = 0;
+    for (uint8_t at = 0; at < FR_JUMP_TICKS; at++)
+        sum += d->history[at];
+    return sum;
+}
+
+/* From here on the pressure has to answer; one that is within reach of its set point need not. */
+static void expect_answer(famrig *d, uint8_t to)
+{
+    d->asked = to;
     d->answer_push = 0;
-    d->answer_div = 0;
     d->answer_held = d->integral;
+    d->answer_sum = recent_sum(d);
+    d->quick_ticks = QUICK_TICKS;
 }
 
 static void enter(famrig *d)
@@ -138,7 +151,7 @@ static void enter(famrig *d)
     d->over = d->jumped = d->outside = 0;
     d->stall_ticks = d->still_ticks = d->close_ticks = d->push = d->wound_push = 0;
     d->tell_state = true;
-    expect_answer(d);
+    expect_answer(d, FR_A_START);
 }
 
 /* What commands have staged acts from the first tick of a record. */
@@ -147,8 +160,8 @@ static void begin_record(famrig *d)
     d->pressure_sum = d->force_sum = 0;
     if (d->changed) {
         d->changed = false;
-        if (d->next_law.set_point > d->law.set_point && !d->answer_due)
-            expect_answer(d);
+        if (d->next_law.set_point > d->law.set_point && d->asked == FR_NOTHING)
+            expect_answer(d, FR_A_STEP);
         d->law = d->next_law;
         d->div = d->next_div;
         d->since = d->seq;
@@ -218,12 +231,13 @@ static void watch(famrig *d, uint16_t pressure)
 }
 
 /* What the output has pushed so far [counts * ticks], from what exceeds the one that held. */
-static uint16_t pushed(const famrig *d, uint16_t push, int32_t held)
+static uint16_t pushed(const famrig *d, uint16_t push, int32_t held, uint8_t slack)
 {
     int16_t holding = (int16_t)((d->law.feed_forward * INT32_C(128) + held + ONE_COUNT / 2) >> 15);
-    int16_t excess = d->output - d->frozen - holding;
-    if (excess > PUSH_LIMIT)
-        excess = PUSH_LIMIT;
+    int16_t excess = d->output - slack - holding;
+    int16_t limit = d->asked == FR_A_START ? FIRST_LIMIT : PUSH_LIMIT;
+    if (excess > limit)
+        excess = limit;
     if (excess < 0)
         return push < (uint16_t)-excess ? 0 : push + excess;
     return push < MOST_PUSH ? push + excess : push;
@@ -231,7 +245,9 @@ static uint16_t pushed(const famrig *d, uint16_t push, int32_t held)
 
 static uint32_t push_budget(const famrig *d) { return d->frozen * (uint32_t)d->frozen_ticks; }
 
-/* Whether that is more than a pressure bears that does not move: less where its limit is near. */
+/* Whether that is more than a pressure bears that does not move: less where its limit is near, more
+ * where nothing has happened for a while, so that strokes explain it, and of a quiet reading, which
+ * rests on its way between two counts. */
 static bool too_much(const famrig *d, uint16_t push, int32_t error)
 {
     int32_t headroom = d->headroom + error / 2;
@@ -239,7 +255,8 @@ static bool too_much(const famrig *d, uint16_t push, int32_t error)
         headroom = HEADROOM;
     if (headroom < HEADROOM / 4)
         headroom = HEADROOM / 4;
-    return push * (uint32_t)HEADROOM >= push_budget(d) * (uint32_t)headroom;
+    uint8_t share = (d->quick_ticks ? 1 : 2) << (d->alive == FR_QUIET && d->asked != FR_A_START);
+    return push * (uint32_t)HEADROOM >= push_budget(d) * share * (uint32_t)headroom;
 }
 
 /* A pressure follows an output that is above the holding one; a reading that does not is frozen. */
@@ -250,8 +267,13 @@ static void check_movement(famrig *d, uint16_t pressure, int32_t error)
         d->held = d->integral;
         d->close_ticks = d->push = d->wound_push = 0;
     }
-    d->push = pushed(d, d->push, d->held);
-    d->wound_push = pushed(d, d->wound_push, d->settled < d->held ? d->settled : d->held);
+    if (distance(pressure, d->history[d->oldest]) >= QUICK_CHANGE)
+        d->quick_ticks = QUICK_TICKS;
+    else if (d->quick_ticks)
+        d->quick_ticks--;
+    int32_t least = d->settled < d->held ? d->settled : d->held;
+    d->push = pushed(d, d->push, d->held, d->frozen);
+    d->wound_push = pushed(d, d->wound_push, least, d->frozen);
     if (d->phase == d->div) {
         d->held += (d->integral - d->held) >> HELD_SHIFT;
         d->settled += (d->integral - d->settled) >> SETTLED_SHIFT;
@@ -261,23 +283,20 @@ static void check_movement(famrig *d, uint16_t pressure, int32_t error)
         leave(d, FR_TRIP, FR_FROZEN, pressure);
 }
 
-/* After a start and a higher set point: noise is no answer, the mean of a record has to move. */
+/* After a start and a higher set point: noise is no answer, the mean of some readings has to move. One
+ * that is quiet at rest may be frozen already: little is granted to it. */
 static void check_answer(famrig *d, uint16_t pressure, int32_t error)
 {
-    if (!d->answer_due)
+    if (d->asked == FR_NOTHING)
         return;
-    d->answer_push = pushed(d, d->answer_push, d->answer_held);
-    if (d->answer_push >= push_budget(d))
+    bool quiet = d->alive == FR_QUIET;
+    uint8_t slack = quiet && d->frozen != OFF ? d->frozen / 4 : d->frozen;
+    d->answer_push = pushed(d, d->answer_push, d->answer_held, slack);
+    if (d->answer_push >= push_budget(d) << (d->asked == FR_A_STEP))
         leave(d, FR_TRIP, FR_NO_RESPONSE, pressure);
-    if (d->phase != d->div)
-        return;
-    if (d->answer_div != d->div) {
-        d->answer_div = d->div;
-        d->answer_sum = d->pressure_sum;
-    }
-    if (distance(d->pressure_sum, d->answer_sum) >= ANSWER * d->div ||
-        error <= ((d->law.span * INT32_C(ANSWER)) >> 9))
-        d->answer_due = false;
+    if (distance(recent_sum(d), d->answer_sum) >= ANSWER * FR_JUMP_TICKS ||
+        (d->phase == d->div && error <= (d->law.span * (int32_t)(quiet ? 1 : ANSWER)) >> 9))
+        d->asked = FR_NOTHING;
 }
 
 /* Output or integral at the end of its range, and still no rise. */

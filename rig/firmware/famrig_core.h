@@ -60,6 +60,9 @@ typedef struct {
     uint16_t span;                 /* 1/64 psi per 1024 counts */
 } fr_law;
 
+/* What the pressure has to answer. */
+enum fr_asked { FR_NOTHING, FR_A_STEP, FR_A_START };
+
 /* Readings from which the present one has not moved away. */
 typedef struct {
     uint16_t low, high;
@@ -98,10 +101,9 @@ typedef struct {
     fr_band close, wide;
     int32_t held, settled, answer_held; /* integral terms that held it, 1/32768 PWM count */
     int32_t headroom;              /* from the set point to the limit, 1/128 psi */
-    uint16_t still_ticks, close_ticks, push, wound_push, answer_push, answer_sum;
+    uint16_t still_ticks, close_ticks, quick_ticks, push, wound_push, answer_push, answer_sum;
     uint16_t watch_ticks, watch_from, moves;
-    uint8_t alive, liveliness, answer_div;
-    bool answer_due;
+    uint8_t alive, liveliness, asked;
     fr_latch latch;
     uint32_t tripped_at;
     /* what is to be told */
