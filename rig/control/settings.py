@@ -91,9 +91,14 @@ def jump_counts(calibration: Calibration, limit: float) -> int:
 
 
 def device_calibration(calibration: Calibration) -> tuple[float, float]:
-    """Zero [counts of one reading] and span [psi per 1024 counts], as the device takes them."""
+    """Zero [counts of one reading] and span [psi per 1024 counts], as the device takes them.
+
+    A transducer of 0 to 5 V has its zero half a count below the converter's end, which rounds down:
+    less than a count below counts as 0.
+    """
     sensor = calibration.pressure
     zero, span = sensor.zero / READINGS, sensor.gain * READINGS * 1024 / _PSI
+    zero = 0.0 if -1 < zero < 0 else zero
     if not (0 <= zero < 1023.9 and 1 / 64 <= span < 1023.9):
         raise RigError(
             f"the device takes a zero of 0 to 1023.9 counts and a span of 0.02 to 1023.9 psi, the "
