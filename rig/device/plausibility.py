@@ -20,7 +20,7 @@ PUSH_LIMIT = 75  # PWM counts above the holding output that count at most
 FIRST_LIMIT = 50  # the same before the circuit has answered: how slow it is is not known
 MOST_PUSH = 65000  # PWM counts * ticks
 HEADROOM = 20 * PRESSURE_UNIT  # with less below the limit less push is allowed
-CLOSE_TICKS = 60  # for which a reading that is alive is never within CLOSE_BAND
+CLOSE_TICKS = 50  # for which a lively reading is never within CLOSE_BAND
 SETTLED_SHIFT = 7  # the settled one, which knows nothing of a wound integral, of 128
 HELD_SHIFT = 9  # the holding output follows with a time constant of 512 records
 
@@ -145,11 +145,13 @@ class Plausibility:
             self._quick_ticks -= 1
         least = min(self._settled, self._held)
         self._push = self._pushed(self._push, now.output, self._held, law, self.frozen)
-        self._wound_push = self._pushed(self._wound_push, now.output, least, law, self.frozen)
+        slack = OFF if self.frozen == OFF else 0
+        self._wound_push = self._pushed(self._wound_push, now.output, least, law, slack)
         if now.record:
             self._held += (now.integral - self._held) >> HELD_SHIFT
             self._settled += (now.integral - self._settled) >> SETTLED_SHIFT
-        wound = self.alive != QUIET and self._close_ticks >= CLOSE_TICKS
+        rests = self._close_ticks * self._liveliness >= CLOSE_TICKS * LIVELY_MOVES
+        wound = self.alive != QUIET and rests
         push = max(self._push, self._wound_push) if wound else self._push
         half = now.error // 2 if now.error >= 0 else -(-now.error // 2)  # as C divides
         headroom = max(min(self._headroom + half, HEADROOM), HEADROOM // 4)

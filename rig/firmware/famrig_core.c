@@ -24,7 +24,7 @@
 #define HEADROOM 2560      /* 1/128 psi: with less below the limit less push is allowed */
 #define HELD_SHIFT 9       /* the holding output follows with a time constant of 512 records */
 #define SETTLED_SHIFT 7    /* the settled one, which knows nothing of a wound integral, of 128 */
-#define CLOSE_TICKS 60     /* for which a reading that is alive is never within CLOSE_BAND */
+#define CLOSE_TICKS 50     /* for which a lively reading is never within CLOSE_BAND */
 #define MAX_ERROR 32767    /* 1/128 psi that the proportional term sees at most */
 #define ONE_COUNT INT32_C(32768) /* of the integral */
 #define COMMENT_TICKS 100
@@ -273,12 +273,13 @@ static void check_movement(famrig *d, uint16_t pressure, int32_t error)
         d->quick_ticks--;
     int32_t least = d->settled < d->held ? d->settled : d->held;
     d->push = pushed(d, d->push, d->held, d->frozen);
-    d->wound_push = pushed(d, d->wound_push, least, d->frozen);
+    d->wound_push = pushed(d, d->wound_push, least, d->frozen == OFF ? OFF : 0);
     if (d->phase == d->div) {
         d->held += (d->integral - d->held) >> HELD_SHIFT;
         d->settled += (d->integral - d->settled) >> SETTLED_SHIFT;
     }
-    bool wound = d->alive != FR_QUIET && d->close_ticks >= CLOSE_TICKS;
+    bool wound = d->alive != FR_QUIET &&
+                 d->close_ticks * (uint32_t)d->liveliness >= CLOSE_TICKS * LIVELY_MOVES;
     if (too_much(d, d->push, error) || (wound && too_much(d, d->wound_push, error)))
         leave(d, FR_TRIP, FR_FROZEN, pressure);
 }
