@@ -229,7 +229,10 @@ def try_faults(
         over_limit.append(by_limit / PSI / case.limit_psi)
     for said, cases in outcomes.most_common():
         tell(f"{cases:6d}  {said}")
-    return found | {"over_set_psi": max(over_set), "over_limit": max(over_limit)}
+    return found | {
+        "over_set_psi": max(over_set, default=0.0),
+        "over_limit": max(over_limit, default=0.0),
+    }
 
 
 def main() -> None:
