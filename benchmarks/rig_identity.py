@@ -32,7 +32,7 @@ from rig.device import Device, NativeDevice, build_native, firmware_folder
 
 CHUNK = 100_000  # ticks of one seed
 TICK = 2e-3  # s
-TARGETS_S = {"over_pressure": 7e-3, "hang": 0.27}
+TARGETS_S = {"over_pressure": 6.5e-3, "hang": 0.27}
 SILENCE_S, SILENCE_TOLERANCE_S = 1.0, 5e-3
 
 

@@ -6,6 +6,7 @@ from .attendant import (
 )
 from .camera_command import CameraCommand as CameraCommand
 from .first_stroke import LoadChange as LoadChange, Start as Start
+from .guard_settings import Guards as Guards, floor_counts as floor_counts
 from .mean_counts import mean_counts as mean_counts
 from .monitor import Monitor as Monitor
 from .operator import (
@@ -41,3 +42,9 @@ from .plan_run import (
 )
 from .rig import Rig as Rig
 from .settings import Control as Control
+from .tripped import (
+    acknowledge as acknowledge,
+    device_status as device_status,
+    trip_text as trip_text,
+    unseen as unseen,
+)

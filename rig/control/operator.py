@@ -18,6 +18,7 @@ from .plan_run import Machine, check_plan, run
 from .resumption import resumed_block
 from .rig import Rig
 from .set_up import limit_commands
+from .settings import check_feed_forward
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""
@@ -123,7 +124,8 @@ def prepare(
 
 
 def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
-    limit_commands(calibration, test.pressure_limit, test.jump_limit)
+    check_feed_forward(test.circuit, calibration)
+    limit_commands(calibration, test.pressure_limit, test.jump_limit, test.guards)
     check_plan(test.plan, calibration, test.pressure_limit, first_block)
 
 
@@ -176,6 +178,7 @@ def record_test(
                 pressure_limit=test.pressure_limit,
                 control=test.control,
                 jump_limit=test.jump_limit,
+                guards=test.guards,
                 journal=journal,
                 camera=camera,
             ) as rig:

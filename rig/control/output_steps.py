@@ -86,7 +86,7 @@ def calibrate_pump(
     calibration = read_calibration(test.calibration)
     with Rig(
         link, calibration, pressure_limit=test.pressure_limit, control=test.control,
-        jump_limit=test.jump_limit,
+        jump_limit=test.jump_limit, guards=test.guards,
     ) as rig:  # fmt: skip
         found = calibrate_feed_forward(rig, outputs, settle=settle, tell=tell)
     update_calibration(test.calibration, "feed_forward", found)

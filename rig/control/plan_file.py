@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from famjax.boundary.toml_file import Form, NotNegative, Text, from_entries, read_toml
+from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
 
 from ..errors import RigError
+from .guard_settings import Guards
 from .plan import Isobaric
 from .settings import JUMP_LIMIT, Control
 
@@ -43,6 +44,7 @@ class PlanFile:
         control: gains.
         calibration: path of the calibration, absolute; None where the file names none.
         jump_limit: change of the pressure within 10 ms that trips [Pa].
+        guards: when the device takes its reading for one that cannot be true.
     """
 
     plan: Isobaric
@@ -51,6 +53,7 @@ class PlanFile:
     control: Control
     calibration: Path | None = None
     jump_limit: float = JUMP_LIMIT
+    guards: Guards = dataclasses.field(default_factory=Guards)
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.pressure_limit) and self.pressure_limit >= 0):
@@ -78,7 +81,9 @@ def read_plan(path: str | Path) -> PlanFile:
     calibration = "calibration.toml"
 
     [rig] may have integral_limits_counts = [-128, 128], and jump_limit_psi = 15: a change within
-    10 ms that trips.
+    10 ms that trips; and the guards against a reading that cannot be true, see `Guards`:
+    reading_floor_counts, reading_ceiling_counts = 963, still_s = 0.7, frozen_output_counts = 4,
+    frozen_s = 0.75, stall_s = 3.
 
     Raises:
         RigError: what is wrong with the file; a missing pressure limit above all.
@@ -98,6 +103,14 @@ def read_plan(path: str | Path) -> PlanFile:
         control=dataclasses.replace(gains, integral_limits=rig.integral_limits_counts),
         calibration=Path(path).parent.absolute() / rig.calibration if rig.calibration else None,
         jump_limit=rig.jump_limit,
+        guards=Guards(
+            rig.reading_floor_counts,
+            rig.reading_ceiling_counts,
+            rig.still,
+            rig.frozen_output_counts,
+            rig.frozen,
+            rig.stall,
+        ),
     )
 
 
@@ -144,6 +157,20 @@ class _RigTable:
     ] = Control.integral_limits
     calibration: Text | None = None
     jump_limit: NotNegative = JUMP_LIMIT
+    reading_floor_counts: int | None = Guards.floor
+    reading_ceiling_counts: int = Guards.ceiling
+    still: Positive = Guards.still
+    frozen_output_counts: int = Guards.frozen_output
+    frozen: Positive = Guards.frozen
+    stall: Positive = Guards.stall
 
 
-_RIG_FORM = Form(kinds={"pressure_limit": "pressure", "jump_limit": "pressure"})
+_RIG_FORM = Form(
+    kinds={
+        "pressure_limit": "pressure",
+        "jump_limit": "pressure",
+        "still": "time",
+        "frozen": "time",
+        "stall": "time",
+    }
+)

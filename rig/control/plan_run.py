@@ -1,5 +1,7 @@
 """A plan carried out on a rig, block by block, with somebody who may steer it."""
 
+import math
+from collections import deque
 from typing import Protocol
 
 from famjax.boundary.units import UNITS
@@ -16,6 +18,7 @@ HELD = 1 * UNITS["pressure"]["psi"]
 """How far from the set pressure [Pa] one still counts as held: three times what is measured of it."""
 _PSI = UNITS["pressure"]["psi"]
 
+_SECOND = 20  # looks
 PULSES = 16
 """Lengths of the sync pulse, by block."""
 
@@ -125,6 +128,7 @@ class _Run:
         self._last = max((step[1] for step in plan.steps() if step[0] == "block"), default=0)
         self._block, self._paused = 0, False
         self._done = self._left = 0.0
+        self._pressures: deque[float] = deque(maxlen=_SECOND)
 
     def carry_out(self, first_block: int) -> None:
         """All blocks from one on."""
@@ -198,7 +202,7 @@ class _Run:
     def _wait_for_the_first(self, step: Step) -> None:
         """Ask for the strokes, and hold the pressure until they have begun."""
         _, block, cycles, seconds, stroke, rate, _ = step
-        self._attendant.tell(_start_strokes(self._rig, block, cycles, seconds, stroke, rate))
+        self._attendant.tell(self._start_strokes(block, cycles, seconds, stroke, rate))
         if self._machine is not None or self._start == "at once":
             return
         rig, held = self._rig, self._held
@@ -207,7 +211,7 @@ class _Run:
             asked = self._look("ready", LOOK, 0, cycles)
             if not held and self._held:
                 held = True
-                self._attendant.tell(_start_strokes(rig, block, cycles, seconds, stroke, rate))
+                self._attendant.tell(self._start_strokes(block, cycles, seconds, stroke, rate))
             if self._start == "load" and change.seen(rig.force):
                 return
             if asked == "go" and held:  # the first stroke itself may disturb the pressure
@@ -217,7 +221,9 @@ class _Run:
 
     @property
     def _held(self) -> bool:
-        return abs(self._rig.pressure - self._rig.set_point) <= HELD
+        """Whether the pressure of the last second is the set one."""
+        seen = self._pressures or [self._rig.pressure]
+        return abs(math.fsum(seen) / len(seen) - self._rig.set_point) <= HELD
 
     def _look(self, phase: Phase, seconds: float, cycle: int = 0, cycles: int = 0) -> Request:
         """Wait for a look at most and do what the attendant asks.
@@ -226,6 +232,7 @@ class _Run:
         """
         rig, before = self._rig, self._rig.link.now
         rig.wait(min(seconds, LOOK))
+        self._pressures.append(rig.pressure)
         if phase != "ready" and not self._paused:
             passed = rig.link.now - before
             self._done, self._left = self._done + passed, self._left - passed
@@ -257,16 +264,15 @@ class _Run:
                 self._attendant.tell(f"block {self._block} is {what}: stop the strokes")
                 raise _BlockLeft(self._block + (asked == "skip"))
 
-
-def _start_strokes(
-    rig: Rig, block: int, cycles: int, seconds: float, stroke: float, rate: float
-) -> str:
-    """What a person at the test machine is told, with the pressure that is measured."""
-    measured, wanted = rig.pressure, rig.set_point
-    held = abs(measured - wanted) <= HELD
-    return (
-        f"block {block}: pressure {'held' if held else 'NOT held'}, {measured / 1e3:.4g} kPa "
-        f"({measured / _PSI:.4g} psi) of {wanted / 1e3:.4g} kPa ({wanted / _PSI:.4g} psi): "
-        f"{'start the strokes' if held else 'do not start, or stop the run'}: {cycles} of "
-        f"{stroke * 1e3:.4g} mm at {rate * 1e3:.4g} mm/s, {seconds:.0f} s"
-    )
+    def _start_strokes(
+        self, block: int, cycles: int, seconds: float, stroke: float, rate: float
+    ) -> str:
+        """What a person at the test machine is told, with the pressure that is measured."""
+        measured, wanted = self._rig.pressure, self._rig.set_point
+        held = self._held
+        return (
+            f"block {block}: pressure {'held' if held else 'NOT held'}, {measured / 1e3:.4g} kPa "
+            f"({measured / _PSI:.4g} psi) of {wanted / 1e3:.4g} kPa ({wanted / _PSI:.4g} psi): "
+            f"{'start the strokes' if held else 'do not start, or stop the run'}: {cycles} of "
+            f"{stroke * 1e3:.4g} mm at {rate * 1e3:.4g} mm/s, {seconds:.0f} s"
+        )

@@ -24,6 +24,7 @@ def resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> i
     now = {
         "pressure_limit_Pa": test.pressure_limit,
         "jump_limit_Pa": test.jump_limit,
+        "guards": dataclasses.asdict(test.guards),
         "control": dataclasses.asdict(test.control),
         "calibration": calibration_as_dict(calibration),
     }

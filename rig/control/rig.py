@@ -13,10 +13,12 @@ from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
 from ..protocol.control_law import TICK_HZ
-from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES
+from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, TRIP, Sample
+from .guard_settings import Guards
 from .mean_counts import mean_counts
 from .set_up import greet, limit_commands, set_up
 from .settings import JUMP_LIMIT, Control
+from .tripped import at_trip
 
 LOOK = 0.05
 """Time [s] between two looks at the device's state during a wait."""
@@ -34,6 +36,7 @@ class Rig:
         pressure_limit: at which the device trips [Pa gauge]; there is no default.
         control: gains.
         jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
+        guards: when the device takes its reading for one that cannot be true.
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
 
@@ -53,6 +56,7 @@ class Rig:
         pressure_limit: float,
         control: Control,
         jump_limit: float = JUMP_LIMIT,
+        guards: Guards | None = None,
         journal: Journal | None = None,
         camera: Callable[[str], None] | None = None,
     ) -> None:
@@ -64,7 +68,10 @@ class Rig:
         self.lost = 0
         self._journal = journal
         self._camera = camera
-        limit_commands(calibration, pressure_limit, jump_limit)  # refused before the port is used
+        self.guards = guards or Guards()
+        limit_commands(
+            calibration, pressure_limit, jump_limit, self.guards
+        )  # refused before the port is used
         self.set_point = float("nan")
         self._active_from: int | None = None
         self._cancelled = False
@@ -74,8 +81,9 @@ class Rig:
         try:
             greet(self.link)
             found = set_up(
-                self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit
-            )
+                self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit,
+                self.guards,
+            )  # fmt: skip
             self.note("rig", **found)
         except BaseException as error:
             self._leave(error)
@@ -169,11 +177,7 @@ class Rig:
                     )
         newest, since = self.link.newest, self._active_from
         if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
-            fault = FAULTS[newest.fault]
-            self._fault(
-                f"the device went to {STATES[newest.state]} by itself: {fault}; it has vented. "
-                + ADVICE.get(fault, "").capitalize()
-            )
+            self._left_by_itself(newest)
         if self._cancelled:
             self._fault("the test was stopped on request")
 
@@ -208,11 +212,31 @@ class Rig:
         if self._camera is not None:
             self._camera(name)
 
-    def _fault(self, what: str) -> NoReturn:
+    def _left_by_itself(self, record: Sample) -> NoReturn:
+        """Report why, for a trip with the reading and the output at that moment."""
+        self._active_from = None
+        self.link.sleep(LOOK)  # the status follows the record
+        fault, status = FAULTS[record.fault], self.link.session.status
+        at, trip = "", {}
+        if record.state == TRIP and status is not None and status.state == TRIP:
+            at = at_trip(status, self.calibration)
+            trip = {
+                "cause": fault,
+                "tick": status.tripped_at,
+                "counts": status.tripped_count,
+                "output": status.tripped_output,
+            }
+        self._fault(
+            f"the device went to {STATES[record.state]} by itself: {fault}{at}; it has vented. "
+            + ADVICE.get(fault, "").capitalize(),
+            **trip,
+        )
+
+    def _fault(self, what: str, **trip: object) -> NoReturn:
         """Stop the heartbeats and raise; a fault is reported once."""
         self._active_from = None
         self.link.rest()
-        self.note("fault", what=what)
+        self.note("fault", what=what, **trip)
         raise RigFault(what)
 
     def _active(self, verb: str, *values: float) -> None:

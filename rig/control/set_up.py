@@ -9,7 +9,9 @@ from ..errors import RigError
 from ..fault import RigFault
 from ..link.abstract_link import AbstractLink
 from ..protocol.messages import PROTOCOL
+from .guard_settings import Guards
 from .settings import Control, device_calibration, jump_counts, trip_counts
+from .tripped import refuse_tripped, unseen, watch_rest
 
 HELLOS = 5
 """Times that a device is greeted: a board that was reset by opening its port starts in two seconds."""
@@ -18,17 +20,19 @@ _PSI = UNITS["pressure"]["psi"]
 
 
 def limit_commands(
-    calibration: Calibration, pressure_limit: float, jump_limit: float
+    calibration: Calibration, pressure_limit: float, jump_limit: float, guards: Guards
 ) -> list[tuple[str, tuple[float, ...]]]:
     """The commands that set a device's transducer and limits.
 
     Raises:
         RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
     """
+    trip = trip_counts(calibration, pressure_limit)
     return [
         ("cal", device_calibration(calibration)),
-        ("trip", (trip_counts(calibration, pressure_limit),)),
+        ("trip", (trip,)),
         ("jump", (jump_counts(calibration, jump_limit),)),
+        *guards.commands(calibration, trip),
     ]
 
 
@@ -67,6 +71,7 @@ def set_up(
     control: Control,
     pressure_limit: float,
     jump_limit: float,
+    guards: Guards,
 ) -> dict[str, object]:
     """Send a device all that it controls with.
 
@@ -74,23 +79,29 @@ def set_up(
         What governs the test, for the journal: units in the keys.
 
     Raises:
-        RigError: as `limit_commands`, or the device refuses it.
+        RigError: as `limit_commands`, the device refuses it, it is tripped, or its transducer reads
+            a pressure that does not vent.
         RigFault: it does not answer.
     """
-    commands = limit_commands(calibration, pressure_limit, jump_limit)
+    commands = limit_commands(calibration, pressure_limit, jump_limit, guards)
     gains = control.proportional * _PSI, control.integral * _PSI
     commands += [("gain", gains), ("ilim", control.integral_limits)]
-    for verb, values in [("stop", ()), ("clear", ()), *commands]:
+    link.command("stop")
+    refuse_tripped(link, calibration)
+    for verb, values in commands:
         link.command(verb, *values)
     session, until = link.session, link.now + 1.0
     while not session.settings_known:
         if link.now > until:
             raise RigFault("the device does not report its settings; check the cable")
         link.sleep(_LOOK)
+    alive = watch_rest(link, calibration)
     hello, settings = session.hello, session.settings
     return {
         "pressure_limit_Pa": pressure_limit,
         "jump_limit_Pa": jump_limit,
+        "guards": dataclasses.asdict(guards),
+        "unseen": unseen(calibration, alive=alive),
         "trip_counts": settings.trip if settings else None,
         "jump_counts": settings.jump if settings else None,
         "calibration": calibration_as_dict(calibration),

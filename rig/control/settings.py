@@ -55,6 +55,25 @@ def trip_counts(calibration: Calibration, limit: float | None) -> int:
     return counts
 
 
+def check_feed_forward(circuit: str, calibration: Calibration) -> None:
+    """Refuse a water circuit with one output for every pressure, which is an air valve's bias.
+
+    A pump at half speed holds some pressure of its own, whatever is set: 39 psi in the simulated
+    circuit, for which the integral has to make up while the pressure has risen already.
+
+    Raises:
+        RigError: the circuit is "water" and the feed-forward does not depend on the pressure.
+    """
+    if circuit == "water" and not any(calibration.feed_forward.coefficients[1:]):
+        output = calibration.feed_forward.coefficients[0]
+        raise RigError(
+            f"a water circuit needs a feed-forward that rises with the pressure, got {output:g} counts "
+            "at every pressure, the bias of an air valve: the pump would raise a pressure that is not "
+            "set. Step the pump against the needle valve (calibrate_feed_forward) and write the result "
+            "into the calibration"
+        )
+
+
 def jump_counts(calibration: Calibration, limit: float) -> int:
     """The change within five ticks that trips, in counts of one reading, rounded.
 
@@ -72,9 +91,14 @@ def jump_counts(calibration: Calibration, limit: float) -> int:
 
 
 def device_calibration(calibration: Calibration) -> tuple[float, float]:
-    """Zero [counts of one reading] and span [psi per 1024 counts], as the device takes them."""
+    """Zero [counts of one reading] and span [psi per 1024 counts], as the device takes them.
+
+    A transducer of 0 to 5 V has its zero half a count below the converter's end, which rounds down:
+    less than a count below counts as 0.
+    """
     sensor = calibration.pressure
     zero, span = sensor.zero / READINGS, sensor.gain * READINGS * 1024 / _PSI
+    zero = 0.0 if -1 < zero < 0 else zero
     if not (0 <= zero < 1023.9 and 1 / 64 <= span < 1023.9):
         raise RigError(
             f"the device takes a zero of 0 to 1023.9 counts and a span of 0.02 to 1023.9 psi, the "

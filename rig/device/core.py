@@ -11,6 +11,7 @@ from .guards import (
     VERB,
     WATCHDOG,
     DeviceControl,
+    Latch,
     StoredRecord,
 )
 from .host_line import (
@@ -22,7 +23,7 @@ from .host_line import (
     split_command,
 )
 
-FIRMWARE = 1
+FIRMWARE = 2
 """Version of the firmware that this is the port of."""
 
 POWER_ON, RESET_PIN, BROWN_OUT, WATCHDOG_RESET = 1, 2, 4, 8
@@ -31,12 +32,15 @@ POWER_ON, RESET_PIN, BROWN_OUT, WATCHDOG_RESET = 1, 2, 4, 8
 BAUD_RATES = {115200: (21, 64), 500000: (91, 32)}
 """Baud rates of the firmware: bytes sent in a tick and records in the ring, as in its Makefile."""
 
+TRIP_CEILING = 900
+"""Highest pressure limit [counts] that the firmware takes, unless built with another: 4.4 V."""
+
 RECEIVE_LIMIT = 127
 """Bytes received and not yet read that the device can hold."""
 
 _LIMIT = 200  # bytes to send that the device can hold
 _SAMPLE = 68  # room that a record needs; what else is sent leaves as much
-_ANSWER, _REPEAT, _REPORT = _SAMPLE + 50, 2 * _SAMPLE, _SAMPLE + 100
+_ANSWER, _REPEAT, _REPORT, _SETTINGS = _SAMPLE + 50, 2 * _SAMPLE, _SAMPLE + 100, _SAMPLE + 120
 _COMMENT_TICKS = 100
 _FUTURE = 1 << 31  # a record this old is one that is still to come
 _LINE_END = (b"\r", b"\n")
@@ -49,16 +53,18 @@ class Device:
     tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
 
     Args:
-        eeprom: two bytes that outlive a reset, the boot counter; blank where none is given.
+        eeprom: six bytes that outlive the device: boot counter, and the trip that is latched (fault,
+            output, counts); with two, the counter alone. Blank where none is given.
         ring: records that can be repeated, 1 to 1024.
         bytes_per_tick: sent in 2 ms: 21 at 115200 baud, 91 at 500000.
+        trip_ceiling: highest pressure limit that `trip` sets [counts], 1 to 1020.
 
     Attributes:
         output: PWM counts, 0 to 255; 0 is the safe output.
         boot: the boot counter.
 
     Raises:
-        ValueError: `ring` or `bytes_per_tick` is out of range.
+        ValueError: `ring`, `bytes_per_tick` or `trip_ceiling` is out of range.
 
     >>> device = Device()
     >>> device.feed(b"trip 600\n")
@@ -69,13 +75,21 @@ class Device:
     """
 
     def __init__(
-        self, eeprom: bytearray | None = None, *, ring: int = 64, bytes_per_tick: int = 21
+        self,
+        eeprom: bytearray | None = None,
+        *,
+        ring: int = 64,
+        bytes_per_tick: int = 21,
+        trip_ceiling: int = TRIP_CEILING,
     ) -> None:
         if not 1 <= ring <= 1024:
             raise ValueError(f"ring must be 1 to 1024 records, got {ring}")
         if not 2 <= bytes_per_tick <= 200:
             raise ValueError(f"bytes_per_tick must be 2 to 200, got {bytes_per_tick}")
-        self._eeprom = bytearray(b"\xff\xff") if eeprom is None else eeprom
+        if not 1 <= trip_ceiling <= 1020:
+            raise ValueError(f"trip_ceiling must be 1 to 1020 counts, got {trip_ceiling}")
+        self._memory = Memory(eeprom)
+        self._trip_ceiling = trip_ceiling
         self._size = ring
         self._budget = bytes_per_tick
         self._out = bytearray()
@@ -83,11 +97,17 @@ class Device:
 
     def reset(self, cause: int) -> None:
         """Start again: output off, dump valve open, boot counter advanced; unsent bytes are lost."""
-        self.boot = (int.from_bytes(self._eeprom[:2], "little") + 1) & 0xFFFF
-        self._eeprom[:2] = self.boot.to_bytes(2, "little")
+        self.boot = (self._memory.boot + 1) & 0xFFFF
         self._cause = cause
         fault = WATCHDOG if cause & WATCHDOG_RESET else 0
-        self._control = DeviceControl(fault, least_div=-(-_SAMPLE // self._budget))
+        self._control = DeviceControl(
+            fault,
+            least_div=-(-_SAMPLE // self._budget),
+            trip_ceiling=self._trip_ceiling,
+            latch=self._memory.latch,
+        )
+        self._latched = self._control.latch
+        self._memory.store(self.boot, self._latched)
         self._ring: list[StoredRecord] = []
         self._received, self._line = bytearray(), bytearray()
         self._sending = bytearray(b"\n")  # ends the line that the reset has cut
@@ -153,6 +173,9 @@ class Device:
             if len(self._ring) > self._size:
                 del self._ring[0]
             self._send_record((control.seq - 1) & COUNTER, record)
+        if control.latch is not self._latched:
+            self._latched = control.latch
+            self._memory.store(self.boot, control.latch)
         if control.tick % TICK_HZ == 0:
             control.report_state = control.report_settings = True
         if self._human and control.tick % _COMMENT_TICKS == 0:
@@ -182,7 +205,8 @@ class Device:
     def _report(self) -> None:
         """One of the lines that are due, where there is room."""
         control = self._control
-        if self._room() < _REPORT:
+        settings = not (self._hello or control.report_state) and control.report_settings
+        if self._room() < (_SETTINGS if settings else _REPORT):
             return
         if self._hello:
             self._hello = False
@@ -200,17 +224,21 @@ class Device:
     def _send_hello(self) -> None:
         c = self._control
         reset = self.boot, self._cause
-        self._send("H,famrig", PROTOCOL, FIRMWARE, *reset, TICK_HZ, c.div, self._size, self._budget)
+        built = self._size, self._budget, self._trip_ceiling
+        self._send("H,famrig", PROTOCOL, FIRMWARE, *reset, TICK_HZ, c.div, *built)
 
     def _send_status(self) -> None:
         c = self._control
         counters = self._bad, self._good, self._overrun, self._dropped, 0
-        self._send("S", self.boot, c.seq, c.tick, c.state, c.fault, c.count, *counters)
+        trip = c.tripped_at, c.latch.reading, c.latch.output
+        now = self.boot, c.seq, c.tick, c.state, c.fault, c.count
+        self._send("S", *now, *counters, *trip, c.plausibility.alive)
 
     def _send_settings(self) -> None:
         c = self._control
-        guards = c.div, c.trip, c.jump, c.stall, c.silent
-        self._send("P", self.boot, c.since, *c.law, *guards)
+        guards = c.div, c.trip, c.jump, c.stall, c.silent, c.floor, c.ceiling
+        frozen = c.plausibility.still, c.plausibility.frozen, c.plausibility.frozen_ticks
+        self._send("P", self.boot, c.since, *c.law, *guards, *frozen)
 
     def _send_comment(self) -> None:
         c = self._control
@@ -292,6 +320,35 @@ class Device:
             case _:
                 return self._control.execute(verb, values)
         return OK
+
+
+class Memory:
+    """What outlives a reset: boot counter, and the trip that is latched.
+
+    Args:
+        eeprom: where it is kept; what does not fit into it lives as long as the device.
+    """
+
+    def __init__(self, eeprom: bytearray | None) -> None:
+        self._eeprom = bytearray() if eeprom is None else eeprom
+        self._bytes = self._eeprom + b"\xff" * (6 - len(self._eeprom))
+
+    @property
+    def boot(self) -> int:
+        """The boot counter."""
+        return int.from_bytes(self._bytes[:2], "little")
+
+    @property
+    def latch(self) -> Latch:
+        """The trip: fault, output, counts."""
+        return Latch(self._bytes[2], self._bytes[3], int.from_bytes(self._bytes[4:], "little"))
+
+    def store(self, boot: int, latch: Latch) -> None:
+        """Keep both."""
+        fault, output, count = latch
+        numbers = boot.to_bytes(2, "little"), bytes((fault, output)), count.to_bytes(2, "little")
+        self._bytes = bytearray(b"".join(numbers))
+        self._eeprom[:] = self._bytes[: len(self._eeprom)]
 
 
 def _record_line(boot: int, seq: int, record: StoredRecord) -> bytes:

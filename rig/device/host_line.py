@@ -44,6 +44,10 @@ ARGUMENTS: dict[bytes, tuple[int, tuple[Number, ...]]] = {
     b"jump": (1, (Number(1, 1, 1023),)),
     b"stall": (1, (Number(1, 500, 30000),)),
     b"hbms": (1, (Number(1, 100, 10000),)),
+    b"floor": (1, (Number(1, 0, 1022),)),
+    b"ceiling": (1, (Number(1, 1, 1023),)),
+    b"still": (1, (Number(1, 500, 60000),)),
+    b"frozen": (2, (Number(1, 1, 255), Number(1, 100, 2000))),
 }
 """Verb: how many numbers it needs, and the numbers that it takes."""
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from ..errors import RigError
 from ..protocol.messages import DRIVEN
-from .core import POWER_ON
+from .core import POWER_ON, TRIP_CEILING, Memory
+from .guards import Latch
 
 _SOURCES = ("famrig_core.c", "famrig_text.c", "famrig_host.c")
 _SENT = 256
@@ -19,13 +20,20 @@ def firmware_folder() -> Path:
     return Path(str(resources.files("rig"))) / "firmware"
 
 
-def build_native(folder: str | Path, *, ring: int = 64, bytes_per_tick: int = 21) -> Path:
+def build_native(
+    folder: str | Path,
+    *,
+    ring: int = 64,
+    bytes_per_tick: int = 21,
+    trip_ceiling: int = TRIP_CEILING,
+) -> Path:
     """The core as a shared library, compiled into `folder` by the C compiler `cc`.
 
     Args:
         folder: an existing folder that may be written.
         ring: as for `Device`.
         bytes_per_tick: as for `Device`.
+        trip_ceiling: as for `Device`.
 
     Raises:
         RigError: there is no C compiler, or it fails.
@@ -33,8 +41,12 @@ def build_native(folder: str | Path, *, ring: int = 64, bytes_per_tick: int = 21
     compiler = shutil.which("cc")
     if compiler is None:
         raise RigError("a C compiler is needed on the path as 'cc'; `Device` does the same without")
-    library = Path(folder) / f"famrig_{ring}_{bytes_per_tick}.so"
-    options = [f"-DFR_RING={ring}", f"-DFR_BYTES_PER_TICK={bytes_per_tick}"]
+    library = Path(folder) / f"famrig_{ring}_{bytes_per_tick}_{trip_ceiling}.so"
+    options = [
+        f"-DFR_RING={ring}",
+        f"-DFR_BYTES_PER_TICK={bytes_per_tick}",
+        f"-DFR_TRIP_CEILING={trip_ceiling}",
+    ]
     sources = [str(firmware_folder() / name) for name in _SOURCES]
     command = [compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror"]
     command += [*options, *sources, "-o", str(library)]
@@ -60,18 +72,21 @@ class NativeDevice:
         self._state = (ctypes.c_uint64 * (core.famrig_host_size() // 8 + 1))()
         self._pointer = ctypes.byref(self._state)
         self._sent = ctypes.create_string_buffer(_SENT)
-        self._looked = (ctypes.c_int * 4)()
+        self._looked = (ctypes.c_int * 7)()
         self._out = bytearray()
         self._tick = core.famrig_host_tick
-        self._eeprom = bytearray(b"\xff\xff") if eeprom is None else eeprom
+        self._memory = Memory(eeprom)
         self.reset(POWER_ON)
 
     def reset(self, cause: int) -> None:
         """As `Device.reset`."""
-        boot = int.from_bytes(self._eeprom[:2], "little")
-        self._core.famrig_reset(self._pointer, ctypes.c_uint8(cause), ctypes.c_uint16(boot))
+        boot, (fault, output, count) = self._memory.boot, self._memory.latch
+        latch = bytes((fault, output)) + count.to_bytes(2, "little")
+        self._core.famrig_host_reset(
+            self._pointer, ctypes.c_uint8(cause), ctypes.c_uint16(boot), latch
+        )
         self._core.famrig_host_look(self._pointer, self._looked)
-        self._eeprom[:2] = self.boot.to_bytes(2, "little")
+        self._store()
 
     def feed(self, data: bytes) -> None:
         """As `Device.feed`."""
@@ -88,8 +103,14 @@ class NativeDevice:
         if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
             raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
         number = self._tick(self._pointer, pressure_counts, force_counts, self._sent, self._looked)
+        if self._looked[4] != self._latched:
+            self._store()
         if number:
             self._out += ctypes.string_at(self._sent, number)
+
+    def _store(self) -> None:
+        self._latched = self._looked[4]
+        self._memory.store(self.boot, Latch(*self._looked[4:7]))
 
     @property
     def output(self) -> int:

@@ -6,8 +6,25 @@
 #include <string.h>
 
 #define IN_A_ROW 3         /* conversions beyond a limit that trip */
-#define STALL_ERROR 640    /* 1/128 psi: 5 psi */
 #define STALL_RISE 5       /* counts that count as a rise */
+#define CLOSE_BAND 1       /* counts within which a reading that varies does not stay for 0.1 s */
+#define WIDE_BAND 2        /* the same for a second */
+#define REST_BAND 3        /* left often by a reading that is alive, at rest */
+#define WATCH_TICKS 1000   /* for which the reading is watched at rest */
+#define WATCH_DRIFT 8      /* counts: more is a pressure that falls, not noise */
+#define ALIVE_MOVES 8      /* times that it leaves its band in that time, at least */
+#define LIVELY_MOVES 24    /* so often, and `still` is enough; with fewer it takes longer */
+#define ANSWER 5           /* counts by which a pressure answers the controller, in the mean */
+#define QUICK_CHANGE 8     /* counts in four ticks: faster than strokes move a pressure */
+#define QUICK_TICKS 500    /* for which less push is allowed after that, a start or a step */
+#define OFF 255            /* of `frozen` */
+#define PUSH_LIMIT 75      /* PWM counts above the holding output that count at most */
+#define FIRST_LIMIT 50     /* the same before the circuit has answered: how slow it is is not known */
+#define MOST_PUSH 65000    /* PWM counts * ticks */
+#define HEADROOM 2560      /* 1/128 psi: with less below the limit less push is allowed */
+#define HELD_SHIFT 9       /* the holding output follows with a time constant of 512 records */
+#define SETTLED_SHIFT 7    /* the settled one, which knows nothing of a wound integral, of 128 */
+#define CLOSE_TICKS 50     /* for which a lively reading is never within CLOSE_BAND */
 #define MAX_ERROR 32767    /* 1/128 psi that the proportional term sees at most */
 #define ONE_COUNT INT32_C(32768) /* of the integral */
 #define COMMENT_TICKS 100
@@ -15,10 +32,16 @@
 #define ANSWER_ROOM (SAMPLE_ROOM + 50)
 #define REPEAT_ROOM (2 * SAMPLE_ROOM)
 #define REPORT_ROOM (SAMPLE_ROOM + 100)
+#define SETTINGS_ROOM (SAMPLE_ROOM + 120)
 
 static uint16_t distance(uint16_t a, uint16_t b) { return a > b ? a - b : b - a; }
 
-void famrig_reset(famrig *d, uint8_t cause, uint16_t boot)
+static bool is_trip(uint8_t fault)
+{
+    return fault >= FR_OVER_PRESSURE && fault <= FR_NO_RESPONSE && fault != FR_WATCHDOG;
+}
+
+void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch)
 {
     memset(d, 0, sizeof *d);
     d->boot = boot + 1u;
@@ -32,6 +55,17 @@ void famrig_reset(famrig *d, uint8_t cause, uint16_t boot)
     d->jump = 77;
     d->stall = 1500;
     d->silent = 500;
+    d->floor = 51;
+    d->ceiling = 963;
+    d->still = 350;
+    d->liveliness = LIVELY_MOVES;
+    d->frozen = 4;
+    d->frozen_ticks = 375;
+    if (is_trip(latch.fault)) {
+        d->latch = latch;
+        d->state = FR_TRIP;
+        d->fault = latch.fault;
+    }
     d->tell_hello = d->tell_state = d->tell_settings = true;
     d->sending[d->sending_head++] = '\n'; /* ends what the reset has torn */
 }
@@ -72,14 +106,39 @@ static uint8_t drive(const fr_law *law, int32_t integral, int32_t error)
 
 /* ---- states and guards ---- */
 
-static void leave(famrig *d, uint8_t state, uint8_t fault)
+static void leave(famrig *d, uint8_t state, uint8_t fault, uint16_t pressure)
 {
+    if (state == FR_TRIP) {
+        d->latch.fault = fault;
+        d->latch.output = d->output;
+        d->latch.count = pressure;
+        d->tripped_at = d->tick;
+    }
     d->state = state;
     d->fault = fault;
     d->next_state = FR_SAFE;
     d->output = 0;
     d->integral = 0;
+    d->watch_ticks = 0;
     d->tell_state = true;
+}
+
+static uint16_t recent_sum(const famrig *d)
+{
+    uint16_t sum = 0;
+    for (uint8_t at = 0; at < FR_JUMP_TICKS; at++)
+        sum += d->history[at];
+    return sum;
+}
+
+/* From here on the pressure has to answer; one that is within reach of its set point need not. */
+static void expect_answer(famrig *d, uint8_t to)
+{
+    d->asked = to;
+    d->answer_push = 0;
+    d->answer_held = d->integral;
+    d->answer_sum = recent_sum(d);
+    d->quick_ticks = QUICK_TICKS;
 }
 
 static void enter(famrig *d)
@@ -88,10 +147,11 @@ static void enter(famrig *d)
     d->fault = FR_NO_FAULT;
     d->next_state = FR_SAFE;
     d->manual = d->next_manual;
-    d->integral = 0;
-    d->over = d->jumped = 0;
-    d->stall_ticks = 0;
+    d->integral = d->held = d->settled = 0;
+    d->over = d->jumped = d->outside = 0;
+    d->stall_ticks = d->still_ticks = d->close_ticks = d->push = d->wound_push = 0;
     d->tell_state = true;
+    expect_answer(d, FR_A_START);
 }
 
 /* What commands have staged acts from the first tick of a record. */
@@ -100,10 +160,13 @@ static void begin_record(famrig *d)
     d->pressure_sum = d->force_sum = 0;
     if (d->changed) {
         d->changed = false;
+        if (d->next_law.set_point > d->law.set_point && d->asked == FR_NOTHING)
+            expect_answer(d, FR_A_STEP);
         d->law = d->next_law;
         d->div = d->next_div;
         d->since = d->seq;
         d->tell_settings = true;
+        d->headroom = -pressure_error(&d->law, d->trip, 1);
     }
     if (d->next_state != FR_SAFE)
         enter(d);
@@ -115,17 +178,142 @@ static void begin_record(famrig *d)
     d->sync_left -= d->sync;
 }
 
+static bool out_of_range(const famrig *d, uint16_t pressure)
+{
+    return pressure < d->floor || pressure > d->ceiling;
+}
+
 static void guard(famrig *d, uint16_t pressure)
 {
+    d->outside = out_of_range(d, pressure) ? d->outside + 1 : 0;
     d->over = pressure >= d->trip ? d->over + 1 : 0;
     d->jumped = distance(pressure, d->history[d->oldest]) > d->jump ? d->jumped + 1 : 0;
     d->silence++;
     if (d->over >= IN_A_ROW)
-        leave(d, FR_TRIP, FR_OVER_PRESSURE);
+        leave(d, FR_TRIP, FR_OVER_PRESSURE, pressure);
+    else if (d->outside >= IN_A_ROW)
+        leave(d, FR_TRIP, FR_RANGE, pressure);
     else if (d->jumped >= IN_A_ROW)
-        leave(d, FR_TRIP, FR_JUMP);
+        leave(d, FR_TRIP, FR_JUMP, pressure);
     else if (d->silence >= d->silent)
-        leave(d, FR_SAFE, FR_SILENCE);
+        leave(d, FR_SAFE, FR_SILENCE, pressure);
+    else if (d->alive != FR_QUIET &&
+             d->still_ticks * (uint32_t)d->liveliness >= d->still * (uint32_t)LIVELY_MOVES)
+        leave(d, FR_TRIP, FR_FROZEN, pressure);
+}
+
+/* Whether the reading has left the band, which then begins anew with it. */
+static bool moved(fr_band *band, uint16_t pressure, uint8_t width)
+{
+    uint16_t low = pressure < band->low ? pressure : band->low;
+    uint16_t high = pressure > band->high ? pressure : band->high;
+    bool left = high - low > width;
+    band->low = left ? pressure : low;
+    band->high = left ? pressure : high;
+    return left;
+}
+
+/* At rest: does noise move the reading? Only of one that is alive can it be said that it froze. */
+static void watch(famrig *d, uint16_t pressure)
+{
+    if (d->watch_ticks == 0) {
+        d->watch_from = pressure;
+        d->moves = 0;
+    }
+    d->moves += moved(&d->wide, pressure, REST_BAND);
+    if (++d->watch_ticks < WATCH_TICKS)
+        return;
+    d->watch_ticks = 0;
+    if (distance(pressure, d->watch_from) > WATCH_DRIFT)
+        return;
+    d->alive = d->moves >= ALIVE_MOVES ? FR_ALIVE : FR_QUIET;
+    d->liveliness = d->moves > LIVELY_MOVES ? LIVELY_MOVES : (uint8_t)d->moves;
+}
+
+/* What the output has pushed so far [counts * ticks], from what exceeds the one that held. */
+static uint16_t pushed(const famrig *d, uint16_t push, int32_t held, uint8_t slack)
+{
+    int16_t holding = (int16_t)((d->law.feed_forward * INT32_C(128) + held + ONE_COUNT / 2) >> 15);
+    int16_t excess = d->output - slack - holding;
+    int16_t limit = d->asked == FR_A_START ? FIRST_LIMIT : PUSH_LIMIT;
+    if (excess > limit)
+        excess = limit;
+    if (excess < 0)
+        return push < (uint16_t)-excess ? 0 : push + excess;
+    return push < MOST_PUSH ? push + excess : push;
+}
+
+static uint32_t push_budget(const famrig *d) { return d->frozen * (uint32_t)d->frozen_ticks; }
+
+/* Whether that is more than a pressure bears that does not move: less where its limit is near, more
+ * where nothing has happened for a while, so that strokes explain it, and of a quiet reading, which
+ * rests on its way between two counts. */
+static bool too_much(const famrig *d, uint16_t push, int32_t error)
+{
+    int32_t headroom = d->headroom + error / 2;
+    if (headroom > HEADROOM)
+        headroom = HEADROOM;
+    if (headroom < HEADROOM / 4)
+        headroom = HEADROOM / 4;
+    uint8_t share = (d->quick_ticks ? 1 : 2) << (d->alive == FR_QUIET && d->asked != FR_A_START);
+    return push * (uint32_t)HEADROOM >= push_budget(d) * share * (uint32_t)headroom;
+}
+
+/* A pressure follows an output that is above the holding one; a reading that does not is frozen. */
+static void check_movement(famrig *d, uint16_t pressure, int32_t error)
+{
+    d->close_ticks++;
+    if (moved(&d->close, pressure, CLOSE_BAND)) {
+        d->held = d->integral;
+        d->close_ticks = d->push = d->wound_push = 0;
+    }
+    if (distance(pressure, d->history[d->oldest]) >= QUICK_CHANGE)
+        d->quick_ticks = QUICK_TICKS;
+    else if (d->quick_ticks)
+        d->quick_ticks--;
+    int32_t least = d->settled < d->held ? d->settled : d->held;
+    d->push = pushed(d, d->push, d->held, d->frozen);
+    d->wound_push = pushed(d, d->wound_push, least, d->frozen == OFF ? OFF : 0);
+    if (d->phase == d->div) {
+        d->held += (d->integral - d->held) >> HELD_SHIFT;
+        d->settled += (d->integral - d->settled) >> SETTLED_SHIFT;
+    }
+    bool wound = d->alive != FR_QUIET &&
+                 d->close_ticks * (uint32_t)d->liveliness >= CLOSE_TICKS * LIVELY_MOVES;
+    if (too_much(d, d->push, error) || (wound && too_much(d, d->wound_push, error)))
+        leave(d, FR_TRIP, FR_FROZEN, pressure);
+}
+
+/* After a start and a higher set point: noise is no answer, the mean of some readings has to move. One
+ * that is quiet at rest may be frozen already: little is granted to it. */
+static void check_answer(famrig *d, uint16_t pressure, int32_t error)
+{
+    if (d->asked == FR_NOTHING)
+        return;
+    bool quiet = d->alive == FR_QUIET;
+    uint8_t slack = quiet && d->frozen != OFF ? d->frozen / 4 : d->frozen;
+    d->answer_push = pushed(d, d->answer_push, d->answer_held, slack);
+    if (d->answer_push >= push_budget(d) << (d->asked == FR_A_STEP))
+        leave(d, FR_TRIP, FR_NO_RESPONSE, pressure);
+    if (distance(recent_sum(d), d->answer_sum) >= ANSWER * FR_JUMP_TICKS ||
+        (d->phase == d->div && error <= (d->law.span * (int32_t)(quiet ? 1 : ANSWER)) >> 9))
+        d->asked = FR_NOTHING;
+}
+
+/* Output or integral at the end of its range, and still no rise. */
+static void check_stall(famrig *d, uint16_t pressure, int32_t error)
+{
+    bool wound = d->law.high > 0 && d->integral >= d->law.high * ONE_COUNT;
+    if (error <= 0 || !(d->output == 255 || wound)) {
+        d->stall_ticks = 0;
+        return;
+    }
+    if (d->stall_ticks == 0 || pressure >= d->stall_from + STALL_RISE) {
+        d->stall_from = pressure;
+        d->stall_ticks = 0;
+    }
+    if (++d->stall_ticks >= d->stall)
+        leave(d, FR_TRIP, FR_STALL, pressure);
 }
 
 static void regulate(famrig *d, uint16_t pressure)
@@ -135,16 +323,11 @@ static void regulate(famrig *d, uint16_t pressure)
         d->integral = next_integral(&d->law, d->integral,
                                     pressure_error(&d->law, d->pressure_sum, d->div));
     d->output = drive(&d->law, d->integral, error);
-    if (d->output < 255 || error <= STALL_ERROR) {
-        d->stall_ticks = 0;
-        return;
-    }
-    if (d->stall_ticks == 0 || pressure >= d->stall_from + STALL_RISE) {
-        d->stall_from = pressure;
-        d->stall_ticks = 0;
-    }
-    if (++d->stall_ticks >= d->stall)
-        leave(d, FR_TRIP, FR_STALL);
+    check_stall(d, pressure, error);
+    if (d->state == FR_RUN)
+        check_movement(d, pressure, error);
+    if (d->state == FR_RUN)
+        check_answer(d, pressure, error);
 }
 
 static void end_record(famrig *d)
@@ -168,8 +351,12 @@ void famrig_step(famrig *d, uint16_t pressure, uint16_t force)
     d->tick++;
     if (d->phase == 0)
         begin_record(d);
-    if (!famrig_dump_open(d))
+    if (famrig_dump_open(d)) {
+        watch(d, pressure);
+    } else {
+        d->still_ticks = moved(&d->wide, pressure, WIDE_BAND) ? 0 : d->still_ticks + 1;
         guard(d, pressure);
+    }
     d->count = d->history[d->oldest] = pressure;
     d->oldest = d->oldest + 1 == FR_JUMP_TICKS ? 0 : d->oldest + 1;
     d->pressure_sum += pressure;
@@ -202,6 +389,8 @@ static uint8_t change_state(famrig *d, uint8_t verb, const int32_t *values)
             return FR_TRIPPED;
         if (d->trip == 0)
             return FR_NO_LIMIT;
+        if (out_of_range(d, d->count))
+            return FR_OUTSIDE;
         d->next_state = verb == FR_VERB_RUN ? FR_RUN : FR_MANUAL;
         d->next_manual = verb == FR_VERB_RUN ? 0 : (uint8_t)values[0];
         if (verb == FR_VERB_RUN && d->state == FR_RUN)
@@ -210,14 +399,17 @@ static uint8_t change_state(famrig *d, uint8_t verb, const int32_t *values)
     case FR_VERB_STOP:
         d->next_state = FR_SAFE;
         if (!famrig_dump_open(d))
-            leave(d, FR_SAFE, FR_NO_FAULT);
+            leave(d, FR_SAFE, FR_NO_FAULT, d->count);
         break;
     case FR_VERB_CLEAR:
         if (!famrig_dump_open(d))
             return FR_RUNNING;
-        if (d->state == FR_TRIP && d->count >= d->trip)
+        if (d->state == FR_TRIP && d->trip && d->count >= d->trip)
             return FR_PRESSURE;
-        leave(d, FR_SAFE, FR_NO_FAULT);
+        if (d->state == FR_TRIP && out_of_range(d, d->count))
+            return FR_OUTSIDE;
+        d->latch.fault = FR_NO_FAULT;
+        leave(d, FR_SAFE, FR_NO_FAULT, d->count);
         break;
     case FR_VERB_SYNC:
         d->next_sync = (uint16_t)values[0];
@@ -254,7 +446,22 @@ static uint8_t change_settings(famrig *d, uint8_t verb, const int32_t *values, u
         d->next_div = (uint8_t)values[0];
         break;
     case FR_VERB_TRIP:
+        if (values[0] > FR_TRIP_CEILING)
+            return FR_ABOVE_CEILING;
         d->trip = (uint16_t)values[0];
+        break;
+    case FR_VERB_FLOOR:
+        d->floor = (uint16_t)values[0];
+        break;
+    case FR_VERB_CEILING:
+        d->ceiling = (uint16_t)values[0];
+        break;
+    case FR_VERB_STILL:
+        d->still = (uint16_t)(values[0] / 2);
+        break;
+    case FR_VERB_FROZEN:
+        d->frozen = (uint8_t)values[0];
+        d->frozen_ticks = (uint16_t)(values[1] / 2);
         break;
     case FR_VERB_JUMP:
         d->jump = (uint16_t)values[0];
@@ -336,6 +543,7 @@ static void send_hello(famrig *d)
     fr_field(d, d->div);
     fr_field(d, FR_RING);
     fr_field(d, FR_BYTES_PER_TICK);
+    fr_field(d, FR_TRIP_CEILING);
     fr_end(d);
 }
 
@@ -353,6 +561,10 @@ static void send_status(famrig *d)
     fr_field(d, d->overrun);
     fr_field(d, d->dropped);
     fr_field(d, d->late);
+    fr_field(d, d->tripped_at);
+    fr_field(d, d->latch.count);
+    fr_field(d, d->latch.output);
+    fr_field(d, d->alive);
     fr_end(d);
 }
 
@@ -375,6 +587,11 @@ static void send_settings(famrig *d)
     fr_field(d, d->jump);
     fr_field(d, d->stall);
     fr_field(d, d->silent);
+    fr_field(d, d->floor);
+    fr_field(d, d->ceiling);
+    fr_field(d, d->still);
+    fr_field(d, d->frozen);
+    fr_field(d, d->frozen_ticks);
     fr_end(d);
 }
 
@@ -453,7 +670,8 @@ static void tell(famrig *d)
 static void report(famrig *d)
 {
     if (d->tell_hello || d->tell_state || d->tell_settings || d->tell_comment) {
-        if (room(d) >= REPORT_ROOM)
+        bool settings = !d->tell_hello && !d->tell_state && d->tell_settings;
+        if (room(d) >= (settings ? SETTINGS_ROOM : REPORT_ROOM))
             tell(d);
     } else if ((d->mask_low || d->mask_high) && room(d) >= REPEAT_ROOM) {
         repeat(d);

@@ -15,9 +15,15 @@
 #ifndef FR_BYTES_PER_TICK
 #define FR_BYTES_PER_TICK 21 /* sent in 2 ms: the line carries 23 at 115200 baud */
 #endif
+#ifndef FR_TRIP_CEILING
+#define FR_TRIP_CEILING 900 /* counts: no host can set a pressure limit above this; 4.4 V */
+#endif
+#if FR_TRIP_CEILING < 1 || FR_TRIP_CEILING > 1020
+#error "FR_TRIP_CEILING is 1 to 1020 counts: a limit at the converter's end is never seen"
+#endif
 
-#define FR_PROTOCOL 1
-#define FR_FIRMWARE 1
+#define FR_PROTOCOL 2
+#define FR_FIRMWARE 2
 #define FR_TICK_HZ 500
 #define FR_LINE_LIMIT 63
 #define FR_RECEIVE_SIZE 128 /* a power of two; one byte stays free */
@@ -35,7 +41,12 @@ typedef uint16_t fr_index;
 #define FR_JUMP_TICKS 5
 
 enum fr_state { FR_SAFE, FR_RUN, FR_MANUAL, FR_TRIP };
-enum fr_fault { FR_NO_FAULT, FR_SILENCE, FR_OVER_PRESSURE, FR_JUMP, FR_STALL, FR_WATCHDOG };
+enum fr_fault {
+    FR_NO_FAULT, FR_SILENCE, FR_OVER_PRESSURE, FR_JUMP, FR_STALL, FR_WATCHDOG, FR_RANGE, FR_FROZEN,
+    FR_NO_RESPONSE
+};
+/* Whether the reading was seen to vary at rest, as that of a transducer with noise does. */
+enum fr_alive { FR_NOT_KNOWN, FR_QUIET, FR_ALIVE };
 enum fr_cause { FR_POWER_ON = 1, FR_RESET_PIN = 2, FR_BROWN_OUT = 4, FR_WATCHDOG_RESET = 8 };
 
 /* What the controller controls with; units as in rig/protocol/control_law.py. */
@@ -48,6 +59,21 @@ typedef struct {
     uint16_t zero;                 /* 1/16 count */
     uint16_t span;                 /* 1/64 psi per 1024 counts */
 } fr_law;
+
+/* What the pressure has to answer. */
+enum fr_asked { FR_NOTHING, FR_A_STEP, FR_A_START };
+
+/* Readings from which the present one has not moved away. */
+typedef struct {
+    uint16_t low, high;
+} fr_band;
+
+/* What a trip leaves behind, also over a reset: a port keeps it where power does not matter. */
+typedef struct {
+    uint8_t fault;                 /* of FR_TRIP; anything else: nothing is latched */
+    uint8_t output;                /* PWM counts before it was taken off */
+    uint16_t count;                /* the reading that tripped */
+} fr_latch;
 
 typedef struct {
     int32_t integral;              /* 1/32768 PWM count */
@@ -62,13 +88,24 @@ typedef struct {
     fr_law law, next_law;
     int32_t integral;
     uint16_t trip, jump, stall, silent;
+    uint16_t floor, ceiling, still, frozen_ticks;
+    uint8_t frozen;
     uint16_t count, pressure_sum, force_sum;
     uint16_t history[FR_JUMP_TICKS];
     uint16_t silence, stall_ticks, stall_from, sync_left, next_sync;
     uint8_t state, next_state, fault, output;
     uint8_t div, next_div, phase, oldest;
-    uint8_t over, jumped, manual, next_manual;
+    uint8_t over, jumped, outside, manual, next_manual;
     bool sync, changed, fresh;
+    /* does the reading tell anything? */
+    fr_band close, wide;
+    int32_t held, settled, answer_held; /* integral terms that held it, 1/32768 PWM count */
+    int32_t headroom;              /* from the set point to the limit, 1/128 psi */
+    uint16_t still_ticks, close_ticks, quick_ticks, push, wound_push, answer_push, answer_sum;
+    uint16_t watch_ticks, watch_from, moves;
+    uint8_t alive, liveliness, asked;
+    fr_latch latch;
+    uint32_t tripped_at;
     /* what is to be told */
     bool tell_hello, tell_state, tell_settings, tell_comment;
     bool strict, human, told_limits;
@@ -87,8 +124,9 @@ typedef struct {
     fr_record ring[FR_RING];
 } famrig;
 
-/* Start, output off. `boot` is the counter as stored: the new one, to be stored, is in `boot`. */
-void famrig_reset(famrig *d, uint8_t cause, uint16_t boot);
+/* Start, output off, in TRIP where one is latched. `boot` is the counter as stored: the new one, to
+ * be stored, is in `boot`; a port also stores `latch` whenever it has changed. */
+void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch);
 
 /* A byte has arrived. May interrupt everything but itself and famrig_mark. */
 void famrig_receive(famrig *d, uint8_t byte);

@@ -7,6 +7,7 @@ size_t famrig_host_size(void) { return sizeof(famrig); }
 
 /* Ring, bytes per tick: what this library was built with. */
 int famrig_host_ring(void) { return FR_RING; }
+int famrig_host_trip_ceiling(void) { return FR_TRIP_CEILING; }
 int famrig_host_bytes_per_tick(void) { return FR_BYTES_PER_TICK; }
 
 void famrig_host_feed(famrig *d, const uint8_t *bytes, size_t number)
@@ -15,13 +16,21 @@ void famrig_host_feed(famrig *d, const uint8_t *bytes, size_t number)
         famrig_receive(d, *bytes++);
 }
 
-/* Output, state, sync and the boot counter. */
+void famrig_host_reset(famrig *d, uint8_t cause, uint16_t boot, const uint8_t *latch)
+{
+    famrig_reset(d, cause, boot, (fr_latch){latch[0], latch[1], latch[2] | latch[3] << 8});
+}
+
+/* Output, state, sync, the boot counter, and the latch: fault, output, count. */
 void famrig_host_look(const famrig *d, int *values)
 {
     values[0] = d->output;
     values[1] = d->state;
     values[2] = d->sync;
     values[3] = d->boot;
+    values[4] = d->latch.fault;
+    values[5] = d->latch.output;
+    values[6] = d->latch.count;
 }
 
 /* A tick, and a look; writes what it sent, at most FR_BYTES_PER_TICK bytes, and says how many. */

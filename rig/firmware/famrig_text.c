@@ -6,7 +6,7 @@ typedef struct {
 } number_kind;
 
 typedef struct {
-    char name[7];
+    char name[8];
     int8_t least, most; /* numbers */
     number_kind numbers[FR_MAX_NUMBERS];
 } command_kind;
@@ -32,6 +32,10 @@ static const FR_FLASH command_kind commands[FR_VERB_UNKNOWN] = {
     [FR_VERB_JUMP] = {"jump", 1, 1, {{1, 1, 1023}}},
     [FR_VERB_STALL] = {"stall", 1, 1, {{1, 500, 30000}}},
     [FR_VERB_HBMS] = {"hbms", 1, 1, {{1, 100, 10000}}},
+    [FR_VERB_FLOOR] = {"floor", 1, 1, {{1, 0, 1022}}},
+    [FR_VERB_CEILING] = {"ceiling", 1, 1, {{1, 1, 1023}}},
+    [FR_VERB_STILL] = {"still", 1, 1, {{1, 500, 60000}}},
+    [FR_VERB_FROZEN] = {"frozen", 2, 2, {{1, 1, 255}, {1, 100, 2000}}},
 };
 
 static const FR_FLASH char reasons[][31] = {
@@ -43,6 +47,8 @@ static const FR_FLASH char reasons[][31] = {
     [FR_PRESSURE] = "pressure above trip",
     [FR_RUNNING] = "running: stop first",
     [FR_BAUD] = "too fast for this baud",
+    [FR_OUTSIDE] = "reading out of range",
+    [FR_ABOVE_CEILING] = "above the compiled-in ceiling",
 };
 
 static const FR_FLASH char labels[][8] = {

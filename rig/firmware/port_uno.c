@@ -25,6 +25,12 @@
 #error "FR_BYTES_PER_TICK is more than FR_BAUD_RATE carries"
 #endif
 
+#ifdef FR_AREF_EXTERNAL
+#define REFERENCE 0 /* the voltage at the pin AREF */
+#else
+#define REFERENCE _BV(REFS0) /* AVCC: with USB alone 4.75 to 5.25 V, see README.md */
+#endif
+
 #define PRESSURE_INPUT 0 /* A0 */
 #define FORCE_INPUT 1    /* A1 */
 #define DUMP_CLOSED PD4  /* high: the normally open dump valve is closed */
@@ -36,9 +42,10 @@
 static famrig device;
 static volatile uint8_t ticks;
 static volatile uint16_t pressure, force;
-static volatile bool converted;
+static volatile bool converted, settled;
 static uint8_t reset_cause __attribute__((section(".noinit")));
 static uint16_t boot_counter EEMEM = 0xFFFF;
+static fr_latch latch EEMEM = {0xFF, 0xFF, 0xFFFF};
 
 /* After a reset by the watchdog it runs on, at 16 ms: stop it before anything else. */
 void save_cause(void) __attribute__((naked, used, section(".init3")));
@@ -51,7 +58,8 @@ void save_cause(void)
 
 static void start_conversion(uint8_t input)
 {
-    ADMUX = _BV(REFS0) | input;
+    settled = (ADMUX & 15) == input;
+    ADMUX = REFERENCE | input;
     ADCSRA |= _BV(ADSC);
 }
 
@@ -62,14 +70,24 @@ ISR(TIMER1_COMPA_vect)
     ticks++;
 }
 
+/* The first conversion after a change of the input is not used: the sampling capacitor still holds
+ * the other one's voltage, and through 1 Mohm it takes more than one conversion to forget it. That of
+ * the pressure is made as soon as the force is known, so that the next tick can begin with a good one. */
 ISR(ADC_vect)
 {
-    if ((ADMUX & 15) == PRESSURE_INPUT) {
+    bool good = settled;
+    uint8_t input = ADMUX & 15;
+    if (!good && input == PRESSURE_INPUT)
+        return;
+    if (!good) {
+        start_conversion(input);
+    } else if (input == PRESSURE_INPUT) {
         pressure = ADC;
         start_conversion(FORCE_INPUT);
     } else {
         force = ADC;
         converted = true;
+        start_conversion(PRESSURE_INPUT);
     }
 }
 
@@ -89,7 +107,9 @@ static void start(void)
     PORTD = _BV(PD0); /* pull-up: an open line is a quiet one */
     DDRD = _BV(DUMP_CLOSED) | _BV(PWM) | _BV(SYNC);
     DDRB = _BV(LIGHT);
-    famrig_reset(&device, reset_cause, eeprom_read_word(&boot_counter));
+    fr_latch kept;
+    eeprom_read_block(&kept, &latch, sizeof kept);
+    famrig_reset(&device, reset_cause, eeprom_read_word(&boot_counter), kept);
     eeprom_update_word(&boot_counter, device.boot);
     DIDR0 = _BV(ADC0D) | _BV(ADC1D);
     ADCSRA = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0); /* 125 kHz */
@@ -106,6 +126,15 @@ static void start(void)
     wdt_enable(WDTO_250MS);
     set_sleep_mode(SLEEP_MODE_IDLE);
     sei();
+}
+
+/* A byte of the latch per tick at most, and only where it has changed: writing takes 3.4 ms, by itself. */
+static void keep_latch(void)
+{
+    const uint8_t *bytes = (const uint8_t *)&device.latch;
+    for (uint8_t at = 0; at < sizeof latch; at++)
+        if (eeprom_is_ready() && eeprom_read_byte((uint8_t *)&latch + at) != bytes[at])
+            eeprom_write_byte((uint8_t *)&latch + at, bytes[at]);
 }
 
 static void set_pin(volatile uint8_t *port, uint8_t pin, bool high)
@@ -152,6 +181,7 @@ int main(void)
         set_outputs();
         famrig_serve(&device);
         set_outputs(); /* it may have been told to stop */
+        keep_latch();
         cli();
         famrig_release(&device);
         sei();

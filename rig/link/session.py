@@ -27,8 +27,11 @@ SUSPICION = 10.0
 """Time [s] after a damaged line during which odd records must come twice."""
 _QUARTER = TICK_HZ // 4
 _CHANGES_SETTINGS = frozenset(
-    {"set", "gain", "ilim", "cal", "tele", "trip", "jump", "stall", "hbms"}
-)
+    {
+        "set", "gain", "ilim", "cal", "tele", "trip", "jump", "stall", "hbms", "floor", "ceiling",
+        "still", "frozen",
+    }
+)  # fmt: skip
 
 
 class Session:

@@ -106,35 +106,46 @@ _SAMPLE = re.compile(
 _INTEGER = re.compile(rb"-?\d{1,10}").fullmatch
 
 
-def _integers(fields: bytes, number: int) -> list[int] | None:
+def _integers(fields: bytes, numbers: tuple[int, ...]) -> list[int] | None:
+    """The integers of a line that has one of these numbers of fields."""
     parts = fields.split(b",")
-    if len(parts) != number or not all(map(_INTEGER, parts)):
+    if len(parts) not in numbers or not all(map(_INTEGER, parts)):
         return None
     return [int(part) for part in parts]
 
 
+def _lengths(kind: type[tuple], more: int = 0) -> tuple[int, ...]:
+    """Fields of a line of this protocol and of protocol 1, which has none of those with a default."""
+    names, added = kind._fields, kind._field_defaults  # pyright: ignore[reportAttributeAccessIssue]
+    return len(names) + more, len(names) - len(added) + more
+
+
 def _integers_of(kind: type[DeviceStatus | StoredRange]) -> Callable[[bytes], Message | None]:
     """What reads a line whose fields are those of the tuple."""
+    lengths = _lengths(kind)
 
     def read(fields: bytes) -> Message | None:
-        values = _integers(fields, len(kind._fields))
+        values = _integers(fields, lengths)
         return kind(*values) if values else None
 
     return read
 
 
+_LAW = len(ControlLaw._fields)
+_SETTINGS_LENGTHS, _HELLO_LENGTHS = _lengths(DeviceSettings, _LAW - 1), _lengths(Hello)
+
+
 def _settings(fields: bytes) -> DeviceSettings | None:
-    values = _integers(fields, 2 + len(ControlLaw._fields) + 5)
+    values = _integers(fields, _SETTINGS_LENGTHS)
     if values is None:
         return None
     boot, since, *rest = values
-    law, guards = ControlLaw(*rest[:-5]), rest[-5:]
-    return DeviceSettings(boot, since, law, *guards)
+    return DeviceSettings(boot, since, ControlLaw(*rest[:_LAW]), *rest[_LAW:])
 
 
 def _hello(fields: bytes) -> Hello | None:
     name, _, rest = fields.partition(b",")
-    values = _integers(rest, len(Hello._fields))
+    values = _integers(rest, _HELLO_LENGTHS)
     return Hello(*values) if name == b"famrig" and values else None
 
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from .control_law import ControlLaw
 
-PROTOCOL = 1
+PROTOCOL = 2
 """Version of the protocol, field `proto` of the hello line."""
 
 SAFE, RUN, MANUAL, TRIP = range(4)
@@ -15,7 +15,17 @@ DRIVEN = (RUN, MANUAL)
 
 STATES = ("SAFE", "RUN", "MAN", "TRIP")
 
-FAULTS = ("none", "silence", "over-pressure", "jump", "stall", "watchdog")
+FAULTS = (
+    "none",
+    "silence",
+    "over-pressure",
+    "jump",
+    "stall",
+    "watchdog",
+    "range",
+    "frozen",
+    "no response",
+)
 """Why the device left RUN or MAN on its own, or started with the output off."""
 
 
@@ -61,7 +71,9 @@ class Sample(NamedTuple):
 
 
 class DeviceStatus(NamedTuple):
-    """`S,boot,seq,tick,state,fault,p,bad,good,overrun,dropped,late`; counters wrap at 65536.
+    """`S,boot,seq,tick,state,fault,p,bad,good,overrun,dropped,late,at,counts,u,alive`.
+
+    Counters wrap at 65536. Lines of protocol 1 end with `late`.
 
     Attributes:
         boot: the boot counter.
@@ -75,6 +87,10 @@ class DeviceStatus(NamedTuple):
         overrun: bytes of the host for which there was no room.
         dropped: lines of the device for which there was no room.
         late: ticks that came late.
+        tripped_at: tick of the last trip since the boot, 0 where there was none or it is older.
+        tripped_count: the pressure count that tripped.
+        tripped_output: the output [PWM counts] before it was taken off.
+        alive: whether the reading varied at rest: 0 not known yet, 1 quiet, 2 alive.
     """
 
     boot: int
@@ -88,10 +104,17 @@ class DeviceStatus(NamedTuple):
     overrun: int
     dropped: int
     late: int
+    tripped_at: int = 0
+    tripped_count: int = 0
+    tripped_output: int = 0
+    alive: int = 0
 
 
 class DeviceSettings(NamedTuple):
-    """What governs the records from `since` on: `P,boot,since,<law>,div,trip,jump,stall,silence`.
+    """What governs the records from `since` on.
+
+    `P,boot,since,<law>,div,trip,jump,stall,silence,floor,ceiling,still,frozen,frozen_ticks`; lines of
+    protocol 1 end with `silence`.
 
     Attributes:
         boot: the boot counter.
@@ -100,8 +123,13 @@ class DeviceSettings(NamedTuple):
         ticks_per_record: as set by `tele`.
         trip: over-pressure limit [counts]; 0 where none has been set.
         jump: limit of the change over 5 ticks [counts].
-        stall: ticks at full output, 5 psi low, without rise.
+        stall: ticks with output or integral at its upper limit without a rise.
         silence: ticks without an accepted line.
+        floor: least reading that is plausible [counts].
+        ceiling: greatest one.
+        still: ticks within two counts of a reading that varied at rest.
+        frozen: PWM counts by which the output may exceed the one that held the pressure.
+        frozen_ticks: ticks at twice that output without a move of the reading.
     """
 
     boot: int
@@ -112,10 +140,15 @@ class DeviceSettings(NamedTuple):
     jump: int
     stall: int
     silence: int
+    floor: int = 0
+    ceiling: int = 1023
+    still: int = 0
+    frozen: int = 0
+    frozen_ticks: int = 0
 
 
 class Hello(NamedTuple):
-    """`H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget`.
+    """`H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget,limit`; protocol 1 ends with `budget`.
 
     Attributes:
         protocol: `PROTOCOL`.
@@ -126,6 +159,7 @@ class Hello(NamedTuple):
         ticks_per_record: as set by `tele`.
         ring: records that the device can still repeat.
         bytes_per_tick: bytes that it can send in a tick.
+        trip_ceiling: highest pressure limit that it takes [counts].
     """
 
     protocol: int
@@ -136,6 +170,7 @@ class Hello(NamedTuple):
     ticks_per_record: int
     ring: int
     bytes_per_tick: int
+    trip_ceiling: int = 1023
 
 
 class Ack(NamedTuple):

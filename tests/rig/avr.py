@@ -102,9 +102,11 @@ GOOD_PRESSURE, OVER_PRESSURE, TRIP = 200, 700, 600  # counts
 
 
 def start_manual(avr: Avr, output: int = 131) -> None:
-    """Reset, and drive the output by hand with a trip limit set; the jump guard is out of the way."""
+    """Reset, acknowledge, drive the output by hand; the pressure may jump and rest."""
     avr.reset(2)
-    for body in (f"1 trip {TRIP}", "2 jump 1023", f"3 man {output}"):
+    avr.run(0.004, GOOD_PRESSURE)
+    commands = "1 clear", f"2 trip {TRIP}", "3 jump 1023", "4 still 60000", f"5 man {output}"
+    for body in commands:
         avr.feed(frame(body))
         avr.run(0.004, GOOD_PRESSURE)
     for _ in range(20):

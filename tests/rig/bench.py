@@ -8,6 +8,10 @@ from rig.protocol import Ack, Message, Sample, Splitter, command_body, frame, pa
 AnyMessage = TypeVar("AnyMessage", bound=Message)
 
 
+REST = (("floor", 0), ("still", 60000), ("frozen", 255, 2000), ("stall", 30000))
+"""A constant reading may stay so while the output is high: there is no plant on the bench."""
+
+
 class Bench:
     """Drives a device and keeps what it said, in order; only a reset tears a line."""
 
@@ -45,10 +49,11 @@ class Bench:
         return answers[0]
 
     def start(self, *, gains: tuple[float, float] = (4, 2), set_psi: float = 40.0) -> None:
-        """Running at a set point, feed-forward 128, trip at 600 counts, no jump guard."""
+        """Running at a set point, feed-forward 128, trip at 600 counts; a reading may jump and rest."""
         for verb, *values in (
             ("trip", 600),
             ("jump", 1023),
+            *REST,
             ("gain", *gains),
             ("set", set_psi, 128),
             ("run",),

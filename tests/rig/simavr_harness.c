@@ -20,7 +20,8 @@ typedef struct {
     avr_t *avr;
     avr_irq_t *adc, *uart;
     uint32_t counts[2], latched; /* pressure and force; the force of the tick under way */
-    int ticked; /* the firmware has started a conversion of channel 0 */
+    int ticked; /* the firmware has started a conversion of channel 0 that counts */
+    unsigned source; /* of the last conversion */
     uint8_t out[OUT_SIZE], in[IN_SIZE];
     size_t out_length, in_head, in_tail;
     avr_cycle_count_t byte_cycles, changed, lowest_stack;
@@ -48,13 +49,19 @@ static void present(harness *h, int channel, uint32_t counts)
     avr_raise_irq(h->adc + ADC_IRQ_ADC0 + channel, (counts * 5000 + 1022) / 1023);
 }
 
-/* A conversion starts. That of the force follows within the tick, when the next may be known. */
+/* A conversion starts. That of the force follows within the tick, when the next may be known. The
+ * first one after a change of the channel is not used: it is given the other channel's counts. */
 static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
 {
     harness *h = param;
     union { uint32_t value; avr_adc_mux_t mux; } conversion = {.value = value};
     unsigned source = conversion.mux.src;
     (void)irq;
+    if (source != h->source) {
+        h->source = source;
+        present(h, (int)source, source == 0 ? h->latched : h->counts[0]);
+        return;
+    }
     present(h, (int)source, source == 0 ? h->counts[0] : h->latched);
     if (source == 0) {
         h->latched = h->counts[1];
@@ -141,6 +148,7 @@ static int one_step(harness *h)
 int harness_reset(harness *h, uint8_t cause)
 {
     h->in_tail = h->in_head;
+    h->source = 0;
     avr_reset(h->avr);
     h->avr->data[MCUSR] = cause;
     h->avr->data[UCSR0B] = 0;

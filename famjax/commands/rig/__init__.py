@@ -26,6 +26,9 @@ calibration = "calibration.toml"      # of the sensors; `simulate` needs none
 """The help of the group."""
 
 COMMANDS = {
+    "device:rig_acknowledge": (
+        "Acknowledge a trip, after its cause was found; nothing else clears one."
+    ),
     "calibrate:rig_calibrate_pump": (
         "Step the pump of a water circuit with the controller off, for the output that holds a pressure."
     ),

@@ -38,16 +38,25 @@ def tell_preconditions(test) -> None:
         print(f"- {sentence}")
 
 
+def said_yes(question: str) -> bool:
+    """Whether a person at a terminal types yes.
+
+    Raises:
+        RigError: there is no terminal.
+    """
+    from rig import RigError
+
+    if not sys.stdin.isatty():
+        raise RigError(
+            "a person's yes is waited for, and standard input is no terminal: in a script, whose "
+            "author answers for what is asked, give --yes"
+        )
+    return typed(question).strip().lower() == "yes"
+
+
 def confirm(what: str, *, yes: bool) -> None:
     """Ask whether to start, and end the command unless the answer is yes."""
     from rig import RigError
 
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise RigError(
-            "a run waits for a person's yes, and standard input is no terminal: in a script, whose "
-            "author answers for all of the above, give --yes"
-        )
-    if typed(f"{what}. Type yes to pressurise the muscle: ").strip().lower() != "yes":
+    if not yes and not said_yes(f"{what}. Type yes to pressurise the muscle: "):
         raise RigError("not started: the answer was not yes")

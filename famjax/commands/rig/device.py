@@ -1,10 +1,12 @@
 """Commands on a device at a port: list the ports, live values."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+from cyclopts import Parameter
 from rich.console import Console
 
+from .asking import said_yes
 from .problems import rig_problems
 
 
@@ -73,4 +75,47 @@ def rig_monitor(
                         print(view.line(), flush=True)
         finally:
             link.close()
+    return 0
+
+
+def rig_acknowledge(
+    port: str,
+    *,
+    calibration: Path | None = None,
+    baud: int = 115200,
+    yes: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
+    """Acknowledge a trip, after its cause was found; nothing else clears one.
+
+    Shows why the device tripped, at which reading and output, and asks whether the cause was found.
+    The device refuses while the pressure is at the limit or the reading out of range.
+
+    Parameters
+    ----------
+    port
+        A serial port or socket://host:port.
+    calibration
+        TOML file of the rig's sensors, for the reading in pressure; counts are shown without one.
+    baud
+        Of the firmware.
+    yes
+        Acknowledge without asking, for scripts.
+    """
+    from rig import Link, RigError, read_calibration
+    from rig.control import acknowledge, device_status, trip_text
+    from rig.link import serial_opener
+    from rig.protocol import TRIP
+
+    with rig_problems():
+        known = None if calibration is None else read_calibration(calibration)
+        with Link(serial_opener(port, baud)) as link:
+            status = device_status(link)
+            if status.state != TRIP:
+                print("the device is not tripped")
+                return 0
+            print(f"tripped: {trip_text(status, known)}")
+            if not yes and not said_yes("Was the cause found? Type yes to acknowledge: "):
+                raise RigError("not acknowledged: the answer was not yes")
+            acknowledge(link, known)
+    print("acknowledged: the device is in SAFE, its dump valve open")
     return 0

@@ -33,7 +33,7 @@ PHASES = 24  # between two ticks, at which an event may fall
 TICK = 2e-3  # s
 PSI = 6894.757293168361  # Pa
 HELD = 0.5 * PSI  # of the mean, in strokes at four times the reference work's rate
-STATIC_RAM_END = 0x0100 + 1507  # .data and .bss, as `avr-size` says
+STATIC_RAM_END = 0x0100 + 1576  # .data and .bss, as `avr-size` says
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -46,11 +46,20 @@ def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr: Avr) -> None:
     fuzz = Fuzz(5, resets=False)
     lines = Splitter()
     last = None
-    for body in ("1 human 1", "2 tele 4", "3 trip 1023", "4 jump 1023", "5 gain 4 2", "6 run"):
+    rest = "7 still 60000", "8 frozen 255 2000", "9 stall 30000"
+    for body in (
+        "1 human 1",
+        "2 tele 4",
+        "3 trip 900",
+        "4 jump 1023",
+        "5 gain 4 2",
+        *rest,
+        "6 run",
+    ):
         avr.feed(frame(body))
         avr.tick(GOOD_PRESSURE, 0)
         avr.tick(GOOD_PRESSURE, 0)
-    for number, tick in enumerate(fuzz.ticks(3000)):
+    for number, tick in enumerate(fuzz.ticks(3030)):
         if number % 4 == 0:
             avr.feed(frame(f"{number % 60000 + 10} set {number % 100}.1234 128.5")[:19])
         elif number % 4 == 1:
@@ -71,9 +80,9 @@ def test_stack_keeps_clear_of_the_variables(avr: Avr) -> None:
     assert avr.lowest_stack > STATIC_RAM_END + 200  # bytes never touched
 
 
-def test_over_pressure_takes_the_output_off_within_7_ms(avr: Avr) -> None:
+def test_over_pressure_takes_the_output_off_within_6_5_ms(avr: Avr) -> None:
     delays = [over_pressure_delay(avr, TICK * k / PHASES) for k in range(PHASES)]
-    assert max(delays) <= 7e-3
+    assert max(delays) <= 6.5e-3
     assert min(delays) > 2 * TICK  # three conversions, not one
 
 

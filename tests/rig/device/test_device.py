@@ -44,7 +44,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 def test_starts_safe_and_says_who_it_is(bench: Bench) -> None:
     bench.ticks(30)
     assert (bench.device.output, bench.device.dump_open, bench.device.state) == (0, True, SAFE)
-    assert bench.of(Hello) == [Hello(1, 1, 0, 1, 500, 5, 64, 21)]
+    assert bench.of(Hello) == [Hello(2, 2, 0, 1, 500, 5, 64, 21, 900)]
     assert bench.of(DeviceStatus)[0].fault == 0
     assert bench.of(DeviceSettings)[0].trip == 0
 
@@ -152,11 +152,30 @@ def test_full_output_without_rise_trips_after_the_stall_time(bench: Bench) -> No
     assert bench.of(DeviceStatus)[-1].fault == 4
 
 
-@pytest.mark.parametrize(("set_psi", "state"), [(24.53125, RUN), (24.5391, TRIP)])
-def test_stall_needs_more_than_5_psi_of_error(set_psi: float, state: int, bench: Bench) -> None:
-    bench.start(gains=(127, 0), set_psi=set_psi)  # at 100 counts, 19.53125 psi
-    bench.beat(1600)
-    assert (bench.device.state, bench.device.output) == (state, 255 if state == RUN else 0)
+@pytest.mark.parametrize("set_psi", [20.0, 24.5, 90.0])
+def test_stall_needs_no_error_of_a_certain_size(set_psi: float, bench: Bench) -> None:
+    """At 100 counts, 19.53 psi: a sensor stuck a little below the set pressure is a stall too."""
+    bench.start(gains=(0, 127), set_psi=set_psi)
+    bench.command("stall", 1000)
+    bench.beat(3000)
+    assert (bench.device.state, bench.of(DeviceStatus)[-1].fault) == (TRIP, 4)
+
+
+def test_an_integral_at_its_limit_is_a_stall_below_full_output(bench: Bench) -> None:
+    bench.start(gains=(0, 20))
+    bench.command("ilim", -50, 50)
+    bench.command("stall", 1000)
+    bench.beat(400)
+    assert (bench.device.state, bench.device.output) == (RUN, 178)
+    bench.beat(400)
+    assert (bench.device.state, bench.of(DeviceStatus)[-1].fault) == (TRIP, 4)
+
+
+def test_a_pressure_at_its_set_point_does_not_stall_at_any_output(bench: Bench) -> None:
+    bench.start(gains=(0, 127), set_psi=19.5)
+    bench.command("stall", 500)
+    bench.beat(3000, 100)
+    assert bench.device.state == RUN
 
 
 def test_a_rise_at_full_output_is_no_stall(bench: Bench) -> None:
@@ -274,6 +293,11 @@ def test_calibration_is_not_changed_under_a_running_controller(bench: Bench) -> 
         ("man", ("1.5",)),
         ("trip", (0,)),
         ("trip", (1024,)),
+        ("floor", (1023,)),
+        ("ceiling", (0,)),
+        ("still", (499,)),
+        ("frozen", (4,)),
+        ("frozen", (256, 750)),
         ("tele", (51,)),
         ("hbms", (99,)),
         ("hbms", (10001,)),

@@ -169,7 +169,7 @@ def test_a_reset_is_told_and_what_waited_is_not_done_afterwards() -> None:
     recorder = Recorder(BareRig())
     recorder.run(1.0)
     recorder.rig.to_device.cut = True  # the command never arrives
-    waiting = recorder.link.session.command("trip", 900)
+    waiting = recorder.link.session.command("trip", 800)
     recorder.link.sleep(0.1)
     recorder.rig.reset(cause=2)
     recorder.rig.to_device.cut = False
@@ -220,10 +220,10 @@ def test_a_command_whose_answer_was_lost_is_obeyed_once() -> None:
 def test_a_command_that_is_never_answered_fails_and_the_next_goes_on() -> None:
     recorder = Recorder(BareRig())
     recorder.rig.to_device.cut = True
-    with pytest.raises(RigFault, match=r"'trip 900' failed: .* not answer for 2 s"):
-        recorder.link.command("trip", 900)
+    with pytest.raises(RigFault, match=r"'trip 800' failed: .* not answer for 2 s"):
+        recorder.link.command("trip", 800)
     recorder.rig.to_device.cut = False
-    assert recorder.link.command("trip", 901).seq is not None
+    assert recorder.link.command("trip", 801).seq is not None
 
 
 def test_what_the_device_refuses_is_said_and_nonsense_is_not_sent() -> None:

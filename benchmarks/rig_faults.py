@@ -1,0 +1,267 @@
+"""A transducer that lies, and sound tests beside it: does the rig trip in time, and only then?
+
+Faults: no counts, full scale, frozen at its last reading, stuck at another one, not varying by more
+than a count; before the start, while the pressure rises, while it is held; random set pressures,
+limits and gains; air, and water without its relief valve. A fault passes where the true pressure
+exceeds neither the limit by 2 % nor the set pressure by 25 psi, whether the test is refused, trips or
+goes on. A combination that exceeds them with a sound transducer too (water, a large step and a large
+integral gain) is no fault's doing: it is replaced by the next one and counted as unsound. Sound tests
+have the published gains, random pressures and strokes: none may trip.
+
+    python benchmarks/rig_faults.py [--cases 1000] [--sound 200] [--seed 0] [--json FILE]
+"""
+
+import argparse
+import collections
+import dataclasses
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.control import Control, Rig
+from rig.device import NativeDevice, build_native
+from rig.errors import RigError
+from rig.fault import RigFault
+from rig.link import VirtualLink
+from rig.simulation import HydraulicCircuit, PneumaticCircuit, SimulatedRig
+
+PSI, INCH = 6894.757293168361, 0.0254
+KINDS = ("no counts", "full scale", "frozen", "stuck", "not varying")
+WHEN = ("before", "rising", "held", "stepping")
+GAINS = {"air": (4.0, 2.0), "water": (0.0, 5.0)}
+"""Table 3.2 of the reference work, 7/8 in: Kp [counts/psi], Ki [counts/(psi s)]."""
+HELD = 12.0
+"""Time [s] under a fault."""
+OVER_LIMIT, OVER_SET = 0.02, 25 * PSI
+MIXED_SEED = 7919
+
+
+class LyingDevice(NativeDevice):
+    """The firmware behind a transducer that lies from a moment on.
+
+    Attributes:
+        lie: from the true counts to what is read, or None while it is sound.
+        last: what was read last.
+    """
+
+    lie: Callable[[int], int] | None = None
+    last = 0
+
+    def tick(self, pressure_counts: int, force_counts: int) -> None:
+        """As `NativeDevice.tick`, with what the transducer says."""
+        self.last = pressure_counts if self.lie is None else self.lie(pressure_counts)
+        super().tick(self.last, force_counts)
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One fault.
+
+    Attributes:
+        fluid: "air" or "water".
+        kind: of `KINDS`.
+        when: of `WHEN`.
+        set_psi: what is held.
+        limit_psi: of the rig.
+        gains: Kp [counts/psi], Ki [counts/(psi s)].
+        after_s: from the start, or from the higher set pressure, to the fault.
+        below_psi: how far below the set pressure a stuck one reads.
+        seed: of noise.
+    """
+
+    fluid: str
+    kind: str
+    when: str
+    set_psi: float
+    limit_psi: float
+    gains: tuple[float, float]
+    after_s: float
+    below_psi: float
+    seed: int
+
+
+def random_case(rng: np.random.Generator, seed: int) -> Case:
+    """A combination of everything, small set pressures as frequent as large ones."""
+    fluid = str(rng.choice(["air", "water"]))
+    limit = float(rng.choice([60.0, 110.0]))
+    low = 2.0 if fluid == "air" else 5.0  # from where the feed-forward is known
+    when = str(rng.choice(WHEN))
+    air = rng.uniform(1, 8), rng.uniform(0.5, 6)
+    water = rng.uniform(0, 3), rng.uniform(1, 8)
+    return Case(
+        fluid=fluid,
+        kind=str(rng.choice(KINDS)),
+        when=when,
+        set_psi=float(np.exp(rng.uniform(np.log(low), np.log(0.85 * limit)))),
+        limit_psi=limit,
+        gains=air if fluid == "air" else water,
+        after_s=float(
+            rng.uniform(0, 0.4) if when in {"rising", "stepping"} else rng.uniform(0.5, 8)
+        ),
+        below_psi=float(rng.uniform(-5, 25)),
+        seed=seed,
+    )
+
+
+def fault_of(
+    case: Case, device: LyingDevice, counts: Callable[[float], int]
+) -> Callable[[int], int]:
+    """What the transducer says from now on."""
+    rng = np.random.default_rng(case.seed)
+    stuck = counts((case.set_psi - case.below_psi) * PSI)
+    last = device.last or counts(0.0)
+    return {
+        "no counts": lambda _: 0,
+        "full scale": lambda _: 1023,
+        "frozen": lambda _: last,
+        "stuck": lambda _: stuck,
+        "not varying": lambda _: last + int(rng.integers(0, 2)),
+    }[case.kind]
+
+
+def try_case(case: Case, library: Path, *, sound: bool = False) -> tuple[float, float, str]:
+    """Highest true pressure over set pressure and over limit [Pa], and what happened.
+
+    Args:
+        case: the fault.
+        library: from `build_native`.
+        sound: leave the fault out.
+    """
+    circuit = PneumaticCircuit() if case.fluid == "air" else HydraulicCircuit(relief=None)
+    device = LyingDevice(library)
+    sim = SimulatedRig(circuit, device=device, seed=case.seed)
+    peak = 0.0
+    step = sim.plant.step
+
+    def watched(now: float, dt: float, output: int, dump_open: bool) -> None:
+        nonlocal peak
+        step(now, dt, output, dump_open)
+        peak = max(peak, sim.pressure)
+
+    sim.plant.step = watched
+    control = Control.per_psi(*case.gains)
+    limit, wanted = case.limit_psi * PSI, case.set_psi * PSI
+    begin = 0.0
+    if case.when == "before" and not sound:
+        device.lie = fault_of(case, device, sim.pressure_sensor.counts)
+    try:
+        rig = Rig(VirtualLink(sim), sim.calibration(), pressure_limit=limit, control=control)
+        with rig:
+            if case.when == "stepping":
+                lowest = 0.0 if case.fluid == "air" else 5 * PSI
+                rig.set_pressure(max(wanted / 2, lowest))
+                rig.wait(2.0)
+            rig.set_pressure(wanted)
+            begin = sim.now
+            if case.when != "before":
+                rig.wait(case.after_s)
+                if not sound:
+                    device.lie = fault_of(case, device, sim.pressure_sensor.counts)
+            rig.wait(HELD)
+            said = "went on"
+    except (RigError, RigFault) as error:
+        said = type(error).__name__ + ": " + str(error)
+    sim.advance(0.5)
+    return peak - wanted, peak - limit, f"{said} [{sim.now - begin:.2f} s]"
+
+
+def sound_test(number: int, seed: int, library: Path) -> str:
+    """What happened in a test with nothing wrong: published gains, random pressures, strokes."""
+    rng = np.random.default_rng([seed, MIXED_SEED, number])
+    fluid = ("air", "water")[number % 2]
+    circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit()
+    device = NativeDevice(library)
+    sim = SimulatedRig(circuit, device=device, seed=int(rng.integers(1 << 30)))
+    rate = float(rng.choice([0.02, 0.04] if fluid == "water" else [0.02, 0.04, 0.2])) * INCH
+    control = Control.per_psi(*GAINS[fluid])
+    pressures = rng.uniform(0, 100, 3)
+    if fluid == "water":  # with Kp = 0 a step from rest to a high pressure overshoots the limit
+        pressures = np.clip(np.cumsum(rng.uniform([5, -20, -20], 35)), 5, 100)
+    try:
+        with Rig(
+            VirtualLink(sim), sim.calibration(), pressure_limit=110 * PSI, control=control
+        ) as rig:
+            for pressure in pressures:
+                rig.set_pressure(float(pressure) * PSI)
+                rig.wait(float(rng.uniform(2, 6)))
+                stroke = float(rng.uniform(0.3, 3.0)) * INCH
+                if stroke / rate > 60.0:
+                    stroke = 60.0 * rate
+                sim.machine.start(2, rate, stroke=stroke)
+                while sim.machine.busy:
+                    rig.wait(0.5)
+    except (RigError, RigFault) as error:
+        return f"{fluid} {np.round(pressures, 1)} {rate / INCH:g} in/s {sim.now:.2f} s: {error}"
+    return ""
+
+
+def exceeds(case: Case, over_set: float, over_limit: float) -> bool:
+    """Whether the true pressure was higher than it may be [Pa]."""
+    return over_set > OVER_SET or over_limit > OVER_LIMIT * case.limit_psi * PSI
+
+
+def try_faults(
+    number: int, seed: int, library: Path, tell: Callable[[str], None]
+) -> dict[str, Any]:
+    """So many faults: the highest pressures, how many exceeded what they may, and how they ended."""
+    rng = np.random.default_rng(seed)
+    outcomes: collections.Counter[str] = collections.Counter()
+    found: dict[str, Any] = {"cases": 0, "exceeded": 0, "unsound": 0}
+    over_set, over_limit = [], []
+    while found["cases"] < number:
+        case = random_case(rng, int(rng.integers(1 << 30)))
+        by_set, by_limit, said = try_case(case, library)
+        if exceeds(case, by_set, by_limit):
+            without = try_case(case, library, sound=True)
+            if exceeds(case, *without[:2]) or "TRIP" in without[2]:
+                found["unsound"] += 1
+                continue
+            found["exceeded"] += 1
+            tell(f"EXCEEDED by {by_set / PSI:.1f} psi: {case}: {said}")
+        found["cases"] += 1
+        outcomes[said.split(" at ")[0].split(";")[0][:50]] += 1
+        over_set.append(by_set / PSI)
+        over_limit.append(by_limit / PSI / case.limit_psi)
+    for said, cases in outcomes.most_common():
+        tell(f"{cases:6d}  {said}")
+    return found | {
+        "over_set_psi": max(over_set, default=0.0),
+        "over_limit": max(over_limit, default=0.0),
+    }
+
+
+def main() -> None:
+    """Run all of it; exit status 1 where a pressure was exceeded or a sound test tripped."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cases", type=int, default=1000)
+    parser.add_argument("--sound", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+
+    def tell(text: str) -> None:
+        print(text, flush=True)
+
+    with tempfile.TemporaryDirectory() as folder:
+        library = build_native(folder)
+        found = {"faults": try_faults(options.cases, options.seed, library, tell)}
+        tests = (sound_test(number, options.seed, library) for number in range(options.sound))
+        tripped = list(filter(None, tests))
+    for text in tripped:
+        tell(f"A SOUND TEST STOPPED: {text}")
+    found["sound"] = {"tests": options.sound, "tripped": len(tripped)}
+    tell(json.dumps(found, indent=2))
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2) + "\n")
+    sys.exit(bool(found["faults"]["exceeded"] or tripped))
+
+
+if __name__ == "__main__":
+    main()
