@@ -20,7 +20,7 @@ from imaging.campaign import CampaignChanged, workers
 from imaging.errors import MixedSizes, NoMuscle
 from imaging.synthetic import published_scene, render
 
-RECIPE = Recipe(Scale.manual(8922.0, 0.1))
+RECIPE = Recipe(Scale.manual(8922.0, 0.1), distance=1.524)
 SMALL = (500, 220)
 REST = 9.28125 * 0.0254
 
