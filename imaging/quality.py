@@ -144,7 +144,8 @@ _CHECKS: tuple[tuple[str, type[ImagingError], str], ...] = (
     ("residual_rms", DamagedImage,
      "the outline must be smooth: is the picture damaged, or the muscle's edge covered?"),
     ("kappa", Underexposed,
-     "a limb is as dark as the cloth: light the muscle from both sides"),
+     "a limb is as dark as the cloth: light the muscle from both sides; if it is lit, it moved: expose "
+     "shorter, and take the picture again"),
     ("axis_deviation", NoMuscle,
      "the two sides must mirror each other: is one in the shade, or covered?"),
     ("axis_kink", DamagedImage,
