@@ -161,6 +161,8 @@ def _recipe(photographs: Any, folder: Path) -> tuple[Any, dict[str, str]]:
             pitch=length(photographs.pitch),
             ruler_placement=length(photographs.ruler_placement),
             tape_diameter=length(photographs.tape_diameter),
+            k1=photographs.k1,
+            tone=photographs.tone,
             orientation=photographs.orientation,
         )
     )

@@ -34,6 +34,7 @@ class Row:
         seconds: when it was taken, by the camera's clock [s since 1970]; nan if it does not say.
         resolution: of the time stamp [s].
         sha256: of the file; empty where it could not be read.
+        warnings: of the measurement, on one line; empty where there are none.
         size: of the file [bytes]; -1 where it could not be read.
         modified: when the file was last changed [ns since 1970].
     """
@@ -46,6 +47,7 @@ class Row:
     seconds: float = math.nan
     resolution: float = math.nan
     sha256: str = ""
+    warnings: str = ""
     size: int = -1
     modified: int = -1
 
@@ -83,7 +85,8 @@ def measured_rows(
             name: np.interp(POSITION, z, getattr(found, name)).tolist()
             for name in ("diameter", "diameter_stderr")
         }
-        rows.append(Row(path, numbers=_numbers(found), **profiles, **facts))
+        warnings = " | ".join(found.warnings)
+        rows.append(Row(path, numbers=_numbers(found), warnings=warnings, **profiles, **facts))
     return rows
 
 
@@ -91,11 +94,13 @@ def _numbers(found: Any) -> dict[str, float]:
     """The columns of a measurement in SI, its quality figures after them."""
     names = (
         "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "maximum_diameter",
-        "volume", "volume_stderr", "px_per_m", "roll", "x0",
+        "volume", "volume_stderr", "px_per_m", "roll", "x0", "distance", "distance_stderr", "tilt",
+        "bow",
     )  # fmt: skip
     numbers = {name: getattr(found, name) for name in names} | dataclasses.asdict(found.quality)
-    columns = {"maximum_diameter": "max_diameter", "roll": "roll_deg"}
-    numbers["roll"] = math.degrees(numbers["roll"])
+    columns = {"maximum_diameter": "max_diameter", "roll": "roll_deg", "tilt": "tilt_deg"}
+    for angle in ("roll", "tilt"):
+        numbers[angle] = math.degrees(numbers[angle])
     return {columns.get(name, name): float(value) for name, value in numbers.items()}
 
 

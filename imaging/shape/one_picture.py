@@ -1,5 +1,6 @@
 """From one photograph to a muscle's shape."""
 
+import dataclasses
 import math
 from os import PathLike, fspath
 
@@ -19,6 +20,7 @@ from ..segment.segmentation import Segmentation, segment
 from ..segment.tape_colour import hue_of, hues_apart
 from ..tape.diameter import check_tape_diameter
 from ..tape.ring import Ring, find_ring
+from .axis import axis_of, distance_by_tapes, ends_aside
 from .measurement import Measurement
 from .photograph import Photograph
 from .pixel_method import measure_pixels
@@ -91,7 +93,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         raise NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
     outline = find_outline(
         photo.rgb,
-        amount_of_luma(recipe.tone, coarse.cloth, coarse.braid),
+        amount_of_luma(recipe.tone_curve, coarse.cloth, coarse.braid),
         coarse.rows,
         coarse.left,
         coarse.right,
@@ -99,16 +101,41 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         method=recipe.method,
         blur=recipe.blur_px,
     )
-    body = _body(photo.camera, outline, recipe.edge_offset_px)
-    upper, lower = (
-        _ring(photo, coarse, body, recipe, lower=lower, blur=outline.blur)
-        for lower in (False, True)
-    )
+    body, upper, lower = _placed(photo, coarse, outline, recipe)
+    if recipe.distance is None:
+        distance = distance_by_tapes(body, upper, lower, photo.camera.distance)
+        if distance != photo.camera.distance:
+            camera = photo.camera.moved(distance)
+            if recipe.k1 is not None:
+                camera = dataclasses.replace(camera, k1=recipe.k1)
+            photo = dataclasses.replace(photo, camera=camera)
+            body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, outline, upper, lower, recipe)
     quality.check(recipe.limits)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo.rgb, coarse, body, photo.camera, recipe, recipe.tape_diameter)
-    return measurement_of_body(photo, outline, body, upper, lower, recipe, quality)
+    stated = recipe.distance is not None
+    axis = axis_of(photo.camera, outline, body, upper, lower, stated=stated)
+    return measurement_of_body(photo, outline, body, upper, lower, recipe, quality, axis)
+
+
+def _placed(
+    photo: Photograph, coarse: Segmentation, outline: Outline, recipe: Recipe
+) -> tuple[Silhouette, Ring, Ring]:
+    """The body behind the outline, and the edges of its upper and lower tape."""
+    body = _body(photo.camera, outline, recipe.edge_offset_px)
+    upper, lower = (
+        _ring(
+            photo,
+            coarse,
+            dataclasses.replace(body, x0=body.x0 + aside),
+            recipe,
+            lower=lower,
+            blur=outline.blur,
+        )
+        for lower, aside in zip((False, True), ends_aside(photo.camera, outline), strict=True)
+    )
+    return body, upper, lower
 
 
 def _body(camera: Camera, outline: Outline, offset: float) -> Silhouette:
@@ -136,7 +163,7 @@ def _ring(
     y = float(ring_position(photo.camera, u, v, radius, body.x0, body.roll))
     colours = coarse.tape, coarse.braid
     return find_ring(
-        photo.rgb, recipe.tone, photo.camera, colours, body, y=y, lower=lower, blur=blur
+        photo.rgb, recipe.tone_curve, photo.camera, colours, body, y=y, lower=lower, blur=blur
     )
 
 
@@ -155,6 +182,8 @@ def _quality(
         axis_deviation=axis_deviation(*columns),
         axis_kink=axis_kink(*columns),
         misfit=outline.misfit,
+        flank=outline.flank,
+        rim=outline.rim,
         outlier_fraction=max(side.outliers for side in sides),
         residual_rms=max(side.residual for side in sides),
         tape_sd_px=max(upper.spread, lower.spread),

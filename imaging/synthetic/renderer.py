@@ -16,7 +16,7 @@ def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating
 
     seen = np.asarray(light, np.float32)
     if lens.motion_px > 0:
-        seen = cv2.filter2D(seen, -1, _box(lens.motion_px)[:, None])
+        seen = cv2.filter2D(seen, -1, _way(lens.motion_px, np.deg2rad(lens.motion_deg)))
     if lens.defocus_px > 0:
         seen = cv2.filter2D(seen, -1, _disk(lens.defocus_px))
     if lens.blur_px > 0:
@@ -27,11 +27,13 @@ def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating
     return np.asarray(seen, np.float32)
 
 
-def _box(width: float) -> NDArray[np.floating]:
-    """A box of any width [px], sampled by the part of each pixel that it covers."""
-    reach = int(np.ceil(width / 2 + 0.5))
-    k = np.arange(-reach, reach + 1)
-    part = np.clip(width / 2 + 0.5 - np.abs(k), 0, 1)
+def _way(length: float, angle: float) -> NDArray[np.floating]:
+    """A straight way [px] at an angle [rad] to the vertical, by the part of it that each pixel has."""
+    reach = int(np.ceil(length / 2)) + 1
+    at = ((np.arange(512 * reach) + 0.5) / (512 * reach) - 0.5) * length
+    part = np.zeros((2 * reach + 1, 2 * reach + 1))
+    u, v = (np.rint(reach + at * turn).astype(int) for turn in (np.sin(angle), np.cos(angle)))
+    np.add.at(part, (v, u), 1.0)
     return (part / part.sum()).astype(np.float32)
 
 

@@ -65,7 +65,7 @@ def _page(sheet: Sheet, names: Sequence[str], origin: Origin, system: str) -> st
         *_isobars(results, system),
         _errors(fits, system),
         _parameters(fits, best),
-        *_onsets(sheet, results, fits, best, system),
+        *_onsets(sheet, results, fits, system),
     ]
     figures = [*_figures(sheet, results, names, best, system)]
     template = importlib.resources.files("famjax") / "templates" / "characterisation.html"
@@ -203,9 +203,7 @@ def _parameters(fits: dict[str, Any], best: str) -> Table:
     return "Parameters", header, rows
 
 
-def _onsets(
-    sheet: Sheet, results: Path, fits: dict[str, Any], best: str, system: str
-) -> list[Table]:
+def _onsets(sheet: Sheet, results: Path, fits: dict[str, Any], system: str) -> list[Table]:
     """Blocked force and free contraction by pressure, measured and of every geometry."""
     path = results / RECORDS / "characterisation.json"
     if not path.exists():

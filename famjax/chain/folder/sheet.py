@@ -44,6 +44,8 @@ distance_mm = 1524.0              # camera to muscle
 pitch_mm = 3.175                  # of the ruler's marks
 ruler_placement_mm = 0.25         # standard error of its distance from the plane of the axis
 # scale = "226.63+-0.02 px/in"    # instead of a ruler
+# k1 = 0.0                        # radial distortion of the lens; read off the ruler unless given
+# tone = "srgb"                   # the camera's curve, where it is known; it is in the errors unless given
 # log_offset_s = 12.0             # what the log is ahead of the first picture, where strokes repeat
 
 [fit]
@@ -93,6 +95,8 @@ class Photographs:
     ruler_placement: NotNegative | None = None
     tape_diameter: Positive | None = None
     recipe: Text | None = None
+    k1: float | None = None
+    tone: Literal["srgb"] | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None
     log_offset: float | None = None
 
