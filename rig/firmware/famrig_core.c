@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define IN_A_ROW 3         /* conversions beyond a limit that trip */
+#define STEP 384           /* 1/128 psi, 3 psi: a smaller one need not be answered, strokes hide it */
 #define STALL_RISE 5       /* counts that count as a rise */
 #define MAX_ERROR 32767    /* 1/128 psi that the proportional term sees at most */
 #define ONE_COUNT INT32_C(32768) /* of the integral */
@@ -125,7 +126,7 @@ static void begin_record(famrig *d)
     d->pressure_sum = d->force_sum = 0;
     if (d->changed) {
         d->changed = false;
-        if (d->next_law.set_point > d->law.set_point && d->asked == FR_NOTHING)
+        if (d->next_law.set_point >= d->law.set_point + STEP && d->asked == FR_NOTHING)
             fr_expect_answer(d, FR_A_STEP);
         d->law = d->next_law;
         d->div = d->next_div;
