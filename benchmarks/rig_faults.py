@@ -37,6 +37,8 @@ GAINS = {"air": (4.0, 2.0), "water": (0.0, 5.0)}
 """Table 3.2 of the reference work, 7/8 in: Kp [counts/psi], Ki [counts/(psi s)]."""
 HELD = 12.0
 """Time [s] under a fault."""
+FULL, SHORT = 80.0, 15.0
+"""Time [s] of a stroke in every tenth sound test, and in the others."""
 OVER_LIMIT, OVER_SET = 0.02, 25 * PSI
 MIXED_SEED = 7919
 
@@ -190,8 +192,7 @@ def sound_test(number: int, seed: int, library: Path) -> str:
                 rig.set_pressure(float(pressure) * PSI)
                 rig.wait(float(rng.uniform(2, 6)))
                 stroke = float(rng.uniform(0.3, 3.0)) * INCH
-                if stroke / rate > 60.0:
-                    stroke = 60.0 * rate
+                stroke = min(stroke, rate * (FULL if number % 10 == 0 else SHORT))
                 sim.machine.start(2, rate, stroke=stroke)
                 while sim.machine.busy:
                     rig.wait(0.5)

@@ -11,7 +11,7 @@ from ..protocol.messages import DRIVEN
 from .core import POWER_ON, TRIP_CEILING, Memory
 from .guards import Latch
 
-_SOURCES = ("famrig_core.c", "famrig_text.c", "famrig_host.c")
+_SOURCES = ("famrig_core.c", "famrig_plausibility.c", "famrig_text.c", "famrig_host.c")
 _SENT = 256
 
 

@@ -13,6 +13,7 @@ WATCH_DRIFT = 8  # counts: more is a pressure that falls, not noise
 ALIVE_MOVES = 8  # times that it leaves its band in that time, at least
 LIVELY_MOVES = 24  # so often, and `still` is enough; with fewer it takes longer
 ANSWER = 5  # counts by which a pressure answers the controller, in the mean
+STEP_SIZE = 3 * PRESSURE_UNIT  # a smaller one need not be answered: strokes hide it
 QUICK_CHANGE = 8  # counts in four ticks: faster than strokes move a pressure
 QUICK_TICKS = 500  # for which less push is allowed after that, a start or a step
 OFF = 255  # of `frozen`
@@ -111,7 +112,7 @@ class Plausibility:
         recent: Sequence[int],
     ) -> None:
         """Another law governs, or another limit; an answer is due to a higher set point."""
-        if law.set_point > before.set_point and self._asked == NOTHING:
+        if law.set_point >= before.set_point + STEP_SIZE and self._asked == NOTHING:
             self._expect_answer(STEP, integral, recent)
         self._headroom = -pressure_error(law, trip)
 

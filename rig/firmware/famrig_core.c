@@ -1,30 +1,14 @@
 /* Guards, controller, commands, records. Text and numbers are in famrig_text.c. */
 #include "famrig_core.h"
+#include "famrig_plausibility.h"
 #include "famrig_text.h"
 
 #include <stddef.h>
 #include <string.h>
 
 #define IN_A_ROW 3         /* conversions beyond a limit that trip */
+#define STEP 384           /* 1/128 psi, 3 psi: a smaller one need not be answered, strokes hide it */
 #define STALL_RISE 5       /* counts that count as a rise */
-#define CLOSE_BAND 1       /* counts within which a reading that varies does not stay for 0.1 s */
-#define WIDE_BAND 2        /* the same for a second */
-#define REST_BAND 3        /* left often by a reading that is alive, at rest */
-#define WATCH_TICKS 1000   /* for which the reading is watched at rest */
-#define WATCH_DRIFT 8      /* counts: more is a pressure that falls, not noise */
-#define ALIVE_MOVES 8      /* times that it leaves its band in that time, at least */
-#define LIVELY_MOVES 24    /* so often, and `still` is enough; with fewer it takes longer */
-#define ANSWER 5           /* counts by which a pressure answers the controller, in the mean */
-#define QUICK_CHANGE 8     /* counts in four ticks: faster than strokes move a pressure */
-#define QUICK_TICKS 500    /* for which less push is allowed after that, a start or a step */
-#define OFF 255            /* of `frozen` */
-#define PUSH_LIMIT 75      /* PWM counts above the holding output that count at most */
-#define FIRST_LIMIT 50     /* the same before the circuit has answered: how slow it is is not known */
-#define MOST_PUSH 65000    /* PWM counts * ticks */
-#define HEADROOM 2560      /* 1/128 psi: with less below the limit less push is allowed */
-#define HELD_SHIFT 9       /* the holding output follows with a time constant of 512 records */
-#define SETTLED_SHIFT 7    /* the settled one, which knows nothing of a wound integral, of 128 */
-#define CLOSE_TICKS 50     /* for which a lively reading is never within CLOSE_BAND */
 #define MAX_ERROR 32767    /* 1/128 psi that the proportional term sees at most */
 #define ONE_COUNT INT32_C(32768) /* of the integral */
 #define COMMENT_TICKS 100
@@ -58,7 +42,7 @@ void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch)
     d->floor = 51;
     d->ceiling = 963;
     d->still = 350;
-    d->liveliness = LIVELY_MOVES;
+    d->liveliness = FR_LIVELY_MOVES;
     d->frozen = 4;
     d->frozen_ticks = 375;
     if (is_trip(latch.fault)) {
@@ -123,24 +107,6 @@ static void leave(famrig *d, uint8_t state, uint8_t fault, uint16_t pressure)
     d->tell_state = true;
 }
 
-static uint16_t recent_sum(const famrig *d)
-{
-    uint16_t sum = 0;
-    for (uint8_t at = 0; at < FR_JUMP_TICKS; at++)
-        sum += d->history[at];
-    return sum;
-}
-
-/* From here on the pressure has to answer; one that is within reach of its set point need not. */
-static void expect_answer(famrig *d, uint8_t to)
-{
-    d->asked = to;
-    d->answer_push = 0;
-    d->answer_held = d->integral;
-    d->answer_sum = recent_sum(d);
-    d->quick_ticks = QUICK_TICKS;
-}
-
 static void enter(famrig *d)
 {
     d->state = d->next_state;
@@ -151,7 +117,7 @@ static void enter(famrig *d)
     d->over = d->jumped = d->outside = 0;
     d->stall_ticks = d->still_ticks = d->close_ticks = d->push = d->wound_push = 0;
     d->tell_state = true;
-    expect_answer(d, FR_A_START);
+    fr_expect_answer(d, FR_A_START);
 }
 
 /* What commands have staged acts from the first tick of a record. */
@@ -160,8 +126,8 @@ static void begin_record(famrig *d)
     d->pressure_sum = d->force_sum = 0;
     if (d->changed) {
         d->changed = false;
-        if (d->next_law.set_point > d->law.set_point && d->asked == FR_NOTHING)
-            expect_answer(d, FR_A_STEP);
+        if (d->next_law.set_point >= d->law.set_point + STEP && d->asked == FR_NOTHING)
+            fr_expect_answer(d, FR_A_STEP);
         d->law = d->next_law;
         d->div = d->next_div;
         d->since = d->seq;
@@ -185,6 +151,7 @@ static bool out_of_range(const famrig *d, uint16_t pressure)
 
 static void guard(famrig *d, uint16_t pressure)
 {
+    bool still = fr_stands_still(d, pressure);
     d->outside = out_of_range(d, pressure) ? d->outside + 1 : 0;
     d->over = pressure >= d->trip ? d->over + 1 : 0;
     d->jumped = distance(pressure, d->history[d->oldest]) > d->jump ? d->jumped + 1 : 0;
@@ -197,107 +164,8 @@ static void guard(famrig *d, uint16_t pressure)
         leave(d, FR_TRIP, FR_JUMP, pressure);
     else if (d->silence >= d->silent)
         leave(d, FR_SAFE, FR_SILENCE, pressure);
-    else if (d->alive != FR_QUIET &&
-             d->still_ticks * (uint32_t)d->liveliness >= d->still * (uint32_t)LIVELY_MOVES)
+    else if (still)
         leave(d, FR_TRIP, FR_FROZEN, pressure);
-}
-
-/* Whether the reading has left the band, which then begins anew with it. */
-static bool moved(fr_band *band, uint16_t pressure, uint8_t width)
-{
-    uint16_t low = pressure < band->low ? pressure : band->low;
-    uint16_t high = pressure > band->high ? pressure : band->high;
-    bool left = high - low > width;
-    band->low = left ? pressure : low;
-    band->high = left ? pressure : high;
-    return left;
-}
-
-/* At rest: does noise move the reading? Only of one that is alive can it be said that it froze. */
-static void watch(famrig *d, uint16_t pressure)
-{
-    if (d->watch_ticks == 0) {
-        d->watch_from = pressure;
-        d->moves = 0;
-    }
-    d->moves += moved(&d->wide, pressure, REST_BAND);
-    if (++d->watch_ticks < WATCH_TICKS)
-        return;
-    d->watch_ticks = 0;
-    if (distance(pressure, d->watch_from) > WATCH_DRIFT)
-        return;
-    d->alive = d->moves >= ALIVE_MOVES ? FR_ALIVE : FR_QUIET;
-    d->liveliness = d->moves > LIVELY_MOVES ? LIVELY_MOVES : (uint8_t)d->moves;
-}
-
-/* What the output has pushed so far [counts * ticks], from what exceeds the one that held. */
-static uint16_t pushed(const famrig *d, uint16_t push, int32_t held, uint8_t slack)
-{
-    int16_t holding = (int16_t)((d->law.feed_forward * INT32_C(128) + held + ONE_COUNT / 2) >> 15);
-    int16_t excess = d->output - slack - holding;
-    int16_t limit = d->asked == FR_A_START ? FIRST_LIMIT : PUSH_LIMIT;
-    if (excess > limit)
-        excess = limit;
-    if (excess < 0)
-        return push < (uint16_t)-excess ? 0 : push + excess;
-    return push < MOST_PUSH ? push + excess : push;
-}
-
-static uint32_t push_budget(const famrig *d) { return d->frozen * (uint32_t)d->frozen_ticks; }
-
-/* Whether that is more than a pressure bears that does not move: less where its limit is near, more
- * where nothing has happened for a while, so that strokes explain it, and of a quiet reading, which
- * rests on its way between two counts. */
-static bool too_much(const famrig *d, uint16_t push, int32_t error)
-{
-    int32_t headroom = d->headroom + error / 2;
-    if (headroom > HEADROOM)
-        headroom = HEADROOM;
-    if (headroom < HEADROOM / 4)
-        headroom = HEADROOM / 4;
-    uint8_t share = (d->quick_ticks ? 1 : 2) << (d->alive == FR_QUIET && d->asked != FR_A_START);
-    return push * (uint32_t)HEADROOM >= push_budget(d) * share * (uint32_t)headroom;
-}
-
-/* A pressure follows an output that is above the holding one; a reading that does not is frozen. */
-static void check_movement(famrig *d, uint16_t pressure, int32_t error)
-{
-    d->close_ticks++;
-    if (moved(&d->close, pressure, CLOSE_BAND)) {
-        d->held = d->integral;
-        d->close_ticks = d->push = d->wound_push = 0;
-    }
-    if (distance(pressure, d->history[d->oldest]) >= QUICK_CHANGE)
-        d->quick_ticks = QUICK_TICKS;
-    else if (d->quick_ticks)
-        d->quick_ticks--;
-    int32_t least = d->settled < d->held ? d->settled : d->held;
-    d->push = pushed(d, d->push, d->held, d->frozen);
-    d->wound_push = pushed(d, d->wound_push, least, d->frozen == OFF ? OFF : 0);
-    if (d->phase == d->div) {
-        d->held += (d->integral - d->held) >> HELD_SHIFT;
-        d->settled += (d->integral - d->settled) >> SETTLED_SHIFT;
-    }
-    bool wound = d->alive != FR_QUIET &&
-                 d->close_ticks * (uint32_t)d->liveliness >= CLOSE_TICKS * LIVELY_MOVES;
-    if (too_much(d, d->push, error) || (wound && too_much(d, d->wound_push, error)))
-        leave(d, FR_TRIP, FR_FROZEN, pressure);
-}
-
-/* After a start and a higher set point: noise is no answer, the mean of some readings has to move. One
- * that is quiet at rest may be frozen already: little is granted to it. */
-static void check_answer(famrig *d, uint16_t pressure, int32_t error)
-{
-    if (d->asked == FR_NOTHING)
-        return;
-    bool quiet = d->alive == FR_QUIET;
-    uint8_t slack = quiet && d->frozen != OFF ? d->frozen / 4 : d->frozen;
-    d->answer_push = pushed(d, d->answer_push, d->answer_held, slack);
-    if (d->answer_push >= push_budget(d) << (d->asked == FR_A_STEP))
-        leave(d, FR_TRIP, FR_NO_RESPONSE, pressure);
-    if (distance(recent_sum(d), d->answer_sum) >= ANSWER * FR_JUMP_TICKS ||
-        (d->phase == d->div && error <= (d->law.span * (int32_t)(quiet ? 1 : ANSWER)) >> 9))
-        d->asked = FR_NOTHING;
 }
 
 /* Output or integral at the end of its range, and still no rise. */
@@ -324,10 +192,12 @@ static void regulate(famrig *d, uint16_t pressure)
                                     pressure_error(&d->law, d->pressure_sum, d->div));
     d->output = drive(&d->law, d->integral, error);
     check_stall(d, pressure, error);
-    if (d->state == FR_RUN)
-        check_movement(d, pressure, error);
-    if (d->state == FR_RUN)
-        check_answer(d, pressure, error);
+    if (d->state != FR_RUN)
+        return;
+    if (fr_is_frozen(d, pressure, error))
+        leave(d, FR_TRIP, FR_FROZEN, pressure);
+    else if (fr_no_answer(d, error))
+        leave(d, FR_TRIP, FR_NO_RESPONSE, pressure);
 }
 
 static void end_record(famrig *d)
@@ -352,9 +222,8 @@ void famrig_step(famrig *d, uint16_t pressure, uint16_t force)
     if (d->phase == 0)
         begin_record(d);
     if (famrig_dump_open(d)) {
-        watch(d, pressure);
+        fr_watch(d, pressure);
     } else {
-        d->still_ticks = moved(&d->wide, pressure, WIDE_BAND) ? 0 : d->still_ticks + 1;
         guard(d, pressure);
     }
     d->count = d->history[d->oldest] = pressure;

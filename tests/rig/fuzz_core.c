@@ -1,7 +1,8 @@
 /* The core under a host that sends anything, and any readings: nothing undefined, nothing unsafe.
  *
  *     cc -std=c99 -g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -I rig/firmware \
- *         tests/rig/fuzz_core.c rig/firmware/famrig_core.c rig/firmware/famrig_text.c -o fuzz
+ *         tests/rig/fuzz_core.c rig/firmware/famrig_core.c \
+ *         rig/firmware/famrig_plausibility.c rig/firmware/famrig_text.c -o fuzz
  *     ./fuzz SEED TICKS        random lines, right, nearly right and not at all
  *     ./fuzz < FILE            what a fuzzer that changes files gives (AFL)
  * With clang -fsanitize=fuzzer,address,undefined -DLIBFUZZER it is a target of libFuzzer. */

@@ -21,7 +21,8 @@ def fuzz(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler 'cc' on the path")
     program = tmp_path_factory.mktemp("fuzz") / "fuzz"
-    core = [str(firmware_folder() / name) for name in ("famrig_core.c", "famrig_text.c")]
+    names = "famrig_core.c", "famrig_plausibility.c", "famrig_text.c"
+    core = [str(firmware_folder() / name) for name in names]
     warnings = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{firmware_folder()}"]
     command = ["cc", *warnings, *SANITIZERS, str(TARGET), *core, "-o", str(program)]
     built = subprocess.run(command, capture_output=True, text=True, check=False)
