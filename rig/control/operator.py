@@ -183,6 +183,9 @@ def record_test(
                 camera=camera,
             ) as rig:
                 empty = False
+                if attendant is not None:
+                    for sentence in rig.unseen:
+                        attendant.tell(f"note: {sentence}")
                 run(
                     rig,
                     test.plan,

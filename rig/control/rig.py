@@ -42,6 +42,7 @@ class Rig:
 
     Attributes:
         lost: records that the line lost.
+        unseen: what the device cannot tell about its transducer, in sentences; known once entered.
         set_point: the pressure that was set last [Pa], nan before.
 
     Raises:
@@ -66,6 +67,7 @@ class Rig:
         self.pressure_limit = pressure_limit
         self.jump_limit = jump_limit
         self.lost = 0
+        self.unseen: tuple[str, ...] = ()
         self._journal = journal
         self._camera = camera
         self.guards = guards or Guards()
@@ -84,6 +86,7 @@ class Rig:
                 self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit,
                 self.guards,
             )  # fmt: skip
+            self.unseen = found["unseen"]
             self.note("rig", **found)
         except BaseException as error:
             self._leave(error)

@@ -1,6 +1,7 @@
 """Before a test: greet the device, then send its transducer, its limits and its gains."""
 
 import dataclasses
+from typing import Any
 
 from famjax.boundary.units import UNITS
 
@@ -72,7 +73,7 @@ def set_up(
     pressure_limit: float,
     jump_limit: float,
     guards: Guards,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Send a device all that it controls with.
 
     Returns:
@@ -101,7 +102,7 @@ def set_up(
         "pressure_limit_Pa": pressure_limit,
         "jump_limit_Pa": jump_limit,
         "guards": dataclasses.asdict(guards),
-        "unseen": unseen(calibration, alive=alive),
+        "unseen": tuple(unseen(calibration, alive=alive)),
         "trip_counts": settings.trip if settings else None,
         "jump_counts": settings.jump if settings else None,
         "calibration": calibration_as_dict(calibration),

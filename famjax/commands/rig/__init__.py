@@ -21,6 +21,10 @@ integral_counts_per_psi_s = 2
 calibration = "calibration.toml"      # of the sensors; `simulate` needs none
 # jump_limit_psi = 15                 # a change in 10 ms that trips
 # integral_limits_counts = [-128, 128]
+# reading_floor_counts = 61            # of one conversion; of the calibration unless given
+# reading_ceiling_counts = 963         # 4.7 V
+# stall_s = 3                          # at the output's limit without a rise
+# frozen_s = 0.75                      # without a move while the output moves
 ```
 """
 """The help of the group."""
