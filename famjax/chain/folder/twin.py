@@ -139,12 +139,12 @@ def write_twin(
     )  # fmt: skip
     (folder / "dataset.csv").unlink()  # the evaluation makes its own
     record = made.analysis.record
-    scene = _photographs(folder, record, scope, rng, seed, show)
+    shown = _photographs(folder, record, scope, rng, seed, show)
     if flawed:
         _flaw(folder, rng)
     (folder / SHEET).write_text(_sheet(seed), encoding="utf-8")
     truth = {
-        **dataclasses.asdict(true), "seed": seed, "size": size, "px_per_in": scene,
+        **dataclasses.asdict(true), "seed": seed, "size": size, "lengths_m": shown,
         "clock": dataclasses.asdict(clock),
     }  # fmt: skip
     (folder / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
@@ -175,8 +175,8 @@ def _photographs(
     rng: np.random.Generator,
     seed: int,
     show: Callable[[str, float, float], None],
-) -> float:
-    """Pictures over the strokes of the test, and the ruler; the scale [px/in]."""
+) -> dict[str, float]:
+    """Pictures over the strokes of the test, and the ruler; the true length [m] by picture."""
     from imaging.synthetic import (  # noqa: PLC0415 -- OpenCV, where a twin is made
         published_ruler,
         published_scene,
@@ -192,7 +192,7 @@ def _photographs(
     held = np.flatnonzero(np.isfinite(record.set_pressure))
     times = np.linspace(record.time[held[0]] + 2, record.time[held[-1]] - 2, scope.pictures)
     taken = times + 0.01 * rng.standard_normal(times.size)
-    lengths = np.interp(taken, record.time, record.length)
+    lengths = np.minimum(np.interp(taken, record.time, record.length), _REST)
     ahead, rate = float(rng.uniform(-300, 300)), 1 + float(rng.uniform(-30e-6, 30e-6))
     (folder / "photographs").mkdir(exist_ok=True)
     end = float(scene.muscle.diameter(0.0))
@@ -206,7 +206,7 @@ def _photographs(
         stamp = _START + datetime.timedelta(seconds=ahead + rate * float(time))
         picture = dataclasses.replace(scene, muscle=now, time=stamp)
         render(picture, seed + 100 + k).save(folder / "photographs" / f"DSC_{k:04d}.JPG")
-    return float(scene.camera.px_per_m * INCH)
+    return {f"DSC_{k:04d}.JPG": float(length) for k, length in enumerate(lengths)}
 
 
 def _flaw(folder: Path, rng: np.random.Generator) -> None:
