@@ -1,5 +1,6 @@
 """From one photograph to a muscle's shape."""
 
+import dataclasses
 import math
 from os import PathLike, fspath
 
@@ -19,6 +20,7 @@ from ..segment.segmentation import Segmentation, segment
 from ..segment.tape_colour import hue_of, hues_apart
 from ..tape.diameter import check_tape_diameter
 from ..tape.ring import Ring, find_ring
+from ..weave.angle import braid_angle, yarn_lines
 from .measurement import Measurement
 from .photograph import Photograph
 from .pixel_method import measure_pixels
@@ -108,7 +110,32 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     quality.check(recipe.limits)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo.rgb, coarse, body, photo.camera, recipe, recipe.tape_diameter)
-    return measurement_of_body(photo, outline, body, upper, lower, recipe, quality)
+    found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality)
+    return _with_braid(found, photo, body, upper, lower, recipe) if recipe.braid_angle else found
+
+
+def _with_braid(
+    found: Measurement,
+    photo: Photograph,
+    body: Silhouette,
+    upper: Ring,
+    lower: Ring,
+    recipe: Recipe,
+) -> Measurement:
+    """The measurement with the braid angle, on which an error of the scale has no influence."""
+    braid = braid_angle(
+        photo.rgb,
+        photo.camera,
+        body,
+        upper.y,
+        lower.y,
+        relative_stderr=found.errors.edge / found.mean_diameter,
+        n_threads=recipe.n_threads,
+    )
+    yarns = tuple(yarn_lines(photo.camera, body, upper.y, braid))
+    return dataclasses.replace(
+        found, braid=braid, trace=dataclasses.replace(found.trace, yarns=yarns)
+    )
 
 
 def _body(camera: Camera, outline: Outline, offset: float) -> Silhouette:

@@ -148,12 +148,15 @@ def _angle(text: str, name: str) -> float:
         ) from None
 
 
-_READ: dict[str, Callable[[str, str], Any]] = {
+_READ: dict[str, Callable[[Any, str], Any]] = {
     "distance": _length,
     "tape_diameter": _length,
     "crop_offset": _pair,
     "frame_size": _whole_pair,
     "tape_hue": _angle,
     "method": lambda text, _: text,
+    "braid_angle": lambda given, _: given,
+    "n_threads": lambda given, _: given,
+    "turns": lambda given, _: given,
     "orientation": lambda text, _: text,
 }
