@@ -117,6 +117,7 @@ class Photo(_Shows[T]):
 
 _BLOCK_ROWS = 128
 _WHITE = (1 << 16) - 1
+_DENOISED_PX = 2.0  # standard deviation of the bilateral filter in space
 _EXACT_POISSON_BELOW = 4.0  # electrons; above, a normal deviate with Poisson's skewness
 
 
@@ -153,10 +154,12 @@ def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -
         rgb16 = cv2.demosaicing(read_out, cv2.COLOR_BayerBG2RGB_EA)
         read_out = np.asarray(rgb16, np.uint16)
     levels = np.arange(_WHITE + 1) / _WHITE
-    if sensor.sharpening == 0:
+    if sensor.sharpening == sensor.denoising == 0:
         rgb = np.rint(255 * sensor.encoded(levels)).astype(np.uint8)[read_out]
     else:
         encoded = sensor.encoded(levels).astype(np.float32)[read_out]
+        if sensor.denoising > 0:
+            encoded = cv2.bilateralFilter(encoded, 0, sensor.denoising, _DENOISED_PX)
         soft = cv2.GaussianBlur(encoded, (0, 0), sensor.sharpening_px)
         sharp = np.clip(encoded + sensor.sharpening * (encoded - soft), 0, 1)
         rgb = np.rint(255 * sharp).astype(np.uint8)

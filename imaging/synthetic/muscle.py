@@ -52,12 +52,15 @@ class MuscleScene:
     Attributes:
         profile: D(x) [m], a function of x = z/L in [0, 1], upper tape's edge to lower; or a pair of
             arrays (x, D), joined by a cubic spline.
-        length: L, between the inner edges of the tapes along the axis [m].
+        length: between the inner edges of the tapes along the straight line through their middles
+            [m]; the truth's length L of a bowed muscle is its axis' own.
         x0: distance of the axis from the optical axis, positive to the right [m].
         y0: middle of the braid along the axis, from the foot of the optical axis, downwards [m].
         roll: turn of the axis in the picture [rad], positive clockwise.
         bow: largest deviation of the axis from the straight line between its ends [m] to the right
             (half a sine wave); `bow_depth` the same, away from the camera.
+        tilt: turn of axis and lamps in depth about the braid's middle [rad], the lower end away from
+            the camera.
         strands: strands of each of the two helix families, a multiple of 4.
         turns: turns of a strand about the axis over the length [-].
         albedo: reflectance of the threads, linear RGB.
@@ -65,7 +68,8 @@ class MuscleScene:
         flecks: part of the crossings that are of black thread [-].
         relief: height of a yarn's crest over the valley beside it [m]. The profile is that of the
             mean outline: between the crests that a calliper touches and the valleys.
-        sheen: part of the light that fabric adds at grazing sight, sheen (1 - n_z)^3 [-].
+        sheen: part of the light that fabric adds at grazing sight, sheen (1 - n_z)^p [-].
+        sheen_power: p [-]; 3 for cloth, 8 and more for the narrow rim of a glossy thread.
         sparkle: part of the crossings that shine three times as bright [-].
         weave_seed: seed of the strands' reflectances, flecks and sparkles.
         upper, lower: the tapes; None leaves the fitting bare.
@@ -84,6 +88,7 @@ class MuscleScene:
     roll: float = 0.0
     bow: float = 0.0
     bow_depth: float = 0.0
+    tilt: float = 0.0
     strands: int = 36
     turns: float = 1.09
     albedo: tuple[float, float, float] = TAN
@@ -91,6 +96,7 @@ class MuscleScene:
     flecks: float = 0.0
     relief: float = 0.002 * INCH
     sheen: float = 0.0
+    sheen_power: float = 3.0
     sparkle: float = 0.04
     weave_seed: int = 0
     upper: Tape | None = dataclasses.field(default_factory=Tape)

@@ -16,7 +16,7 @@ def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating
 
     seen = np.asarray(light, np.float32)
     if lens.motion_px > 0:
-        seen = cv2.filter2D(seen, -1, _box(lens.motion_px)[:, None])
+        seen = cv2.filter2D(seen, -1, _way(lens.motion_px, np.deg2rad(lens.motion_deg)))
     if lens.defocus_px > 0:
         seen = cv2.filter2D(seen, -1, _disk(lens.defocus_px))
     if lens.blur_px > 0:
@@ -27,11 +27,17 @@ def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating
     return np.asarray(seen, np.float32)
 
 
-def _box(width: float) -> NDArray[np.floating]:
-    """A box of any width [px], sampled by the part of each pixel that it covers."""
-    reach = int(np.ceil(width / 2 + 0.5))
-    k = np.arange(-reach, reach + 1)
-    part = np.clip(width / 2 + 0.5 - np.abs(k), 0, 1)
+def _way(length: float, angle: float) -> NDArray[np.floating]:
+    """A straight way [px] at an angle [rad] to the vertical, its points shared by the four pixels next."""
+    reach = int(np.ceil(length / 2)) + 1
+    at = ((np.arange(64 * reach) + 0.5) / (64 * reach) - 0.5) * length
+    part = np.zeros((2 * reach + 1, 2 * reach + 1))
+    u, v = (reach + at * turn for turn in (np.sin(angle), np.cos(angle)))
+    i, j = np.floor(v).astype(int), np.floor(u).astype(int)
+    for di, dj in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        share = (1 - np.abs(v - i - di)) * (1 - np.abs(u - j - dj))
+        inside = (i + di <= 2 * reach) & (j + dj <= 2 * reach)
+        np.add.at(part, ((i + di)[inside], (j + dj)[inside]), share[inside])
     return (part / part.sum()).astype(np.float32)
 
 

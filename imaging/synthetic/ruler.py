@@ -31,13 +31,16 @@ class RulerScene(Setting):
         x0: its middle to the right of the optical axis [m]; `y0` below it.
         width: of the strip [m].
         mark_width: width of a mark [m].
-        mark_lengths: lengths of the marks at every pitch, every 2nd, 4th and 8th [m].
+        mark_lengths: lengths of the marks at every pitch, at a quarter of the way from number to
+            number, at half of it and at the numbers [m].
         print_error: standard deviation of the marks' places [m], drawn by `print_seed`.
         edge: which edge the marks start from, "left", "right" or "both".
         other_pitch: pitch of the right edge's marks where `edge` is "both", such as a millimetre
             beside an eighth of an inch [m]; None takes `pitch`.
         worn: part of the marks that cannot be seen any more [-], drawn by `print_seed`.
-        numbers: every 8th mark has a number printed beside it.
+        numbers: every `per_number`-th mark has a number printed beside it.
+        per_number: marks from number to number, and from one longest mark to the next, 8 or 16 of
+            an inch, 10 of a centimetre.
         face, ink: reflectance of the strip and of its marks, linear RGB.
         camera, size, light, lens, sensor, jpeg, time, lying: as in `Setting`.
     """
@@ -61,6 +64,7 @@ class RulerScene(Setting):
     other_pitch: float | None = None
     worn: float = 0.0
     numbers: bool = True
+    per_number: int = 8
     face: tuple[float, float, float] = STEEL
     ink: tuple[float, float, float] = INK
 
@@ -127,8 +131,10 @@ class Ruler:
         n = int((scene.marks - 1) * scene.pitch / pitch + 1e-9) + 1
         first = -(scene.marks - 1) / 2 * scene.pitch
         places = first + np.arange(n) * pitch + scene.print_error * random.standard_normal(n)
-        level = np.where(np.arange(n) % 2, 0, np.where(np.arange(n) % 4, 1, 2))
-        level[::8] = 3
+        level = np.zeros(n, int)
+        for longer, part in enumerate((4, 2, 1), start=1):
+            if scene.per_number % part == 0:
+                level[:: scene.per_number // part] = longer
         lengths = np.array(scene.mark_lengths)[level]
         visible = np.where(random.random(n) < scene.worn, 0.0, lengths)
         return _Row(side, pitch, places, lengths, visible)
@@ -143,10 +149,12 @@ class Ruler:
         raster = np.zeros((rows, columns), np.uint8)
         size = 0.4 * scene.width * _NUMBERS_PER_M / 22  # Hershey's digits are 22 px high
         column = 0.22 if scene.edge == "right" else 0.45
-        for k in range(0, scene.marks if scene.numbers else 0, 8):
+        for k in range(0, scene.marks if scene.numbers else 0, scene.per_number):
             row = (self.rows[0].places[k] + self.half) * _NUMBERS_PER_M
             place = (int(column * columns), int(row + 9 * size))
-            cv2.putText(raster, str(k // 8), place, 0, 0.8 * size, 255, max(1, int(2 * size)))
+            cv2.putText(
+                raster, str(k // scene.per_number), place, 0, 0.8 * size, 255, max(1, int(2 * size))
+            )
         return np.asarray(cv2.GaussianBlur(raster, (0, 0), 1.5), float) / 255
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:

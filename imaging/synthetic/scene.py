@@ -143,7 +143,8 @@ class Lens:
         defocus_px: radius of the disk of a defocused lens [px].
         halo: part of the light that is spread over a Gaussian of `halo_px` [-].
         halo_px: its standard deviation [px].
-        motion_px: way of the muscle along the picture's vertical during the exposure [px].
+        motion_px: way of the muscle during the exposure, at constant speed [px].
+        motion_deg: its direction, from the picture's vertical to the right [deg]; 90 is across.
     """
 
     blur_px: float = 0.9
@@ -151,6 +152,7 @@ class Lens:
     halo: float = 0.0
     halo_px: float = 6.0
     motion_px: float = 0.0
+    motion_deg: float = 0.0
 
     def __post_init__(self) -> None:
         widths = (self.blur_px, self.defocus_px, self.halo_px, self.motion_px)
@@ -172,6 +174,8 @@ class Sensor:
         s_curve: steepness that a picture style adds to the middle of the encoded sRGB values [-]:
             e + s e (1 - e) (2 e - 1), -2 to 1.
         gamma: exponent on the encoded values [-], 1 is sRGB.
+        denoising: range of a bilateral filter on the encoded picture, as phones have one [-], of
+            white; its spatial standard deviation is 2 px. It comes before the sharpening.
     """
 
     full_well: float = 1900.0
@@ -182,14 +186,16 @@ class Sensor:
     sharpening_px: float = 1.0
     s_curve: float = 0.0
     gamma: float = 1.0
+    denoising: float = 0.0
 
     def __post_init__(self) -> None:
         positive = min(self.full_well, self.exposure, self.sharpening_px, self.gamma) > 0
-        noisy = min(self.read_noise, self.sharpening) >= 0
+        noisy = min(self.read_noise, self.sharpening, self.denoising) >= 0
         if not (positive and noisy and -2 <= self.s_curve <= 1):
             raise ValueError(
-                "a sensor has full_well, exposure, sharpening_px and gamma > 0, read_noise and "
-                f"sharpening >= 0, and a curve that never falls, s_curve in [-2, 1]; got {self}"
+                "a sensor has full_well, exposure, sharpening_px and gamma > 0, read_noise, "
+                "sharpening and denoising >= 0, and a curve that never falls, s_curve in [-2, 1]; "
+                f"got {self}"
             )
 
     def encoded(self, light: NDArray[np.floating]) -> Array:

@@ -90,8 +90,8 @@ def true_figures(world: World) -> Truth:
     first = max(side.x[0] for side in sides)
     last = min(side.x[-1] for side in sides)
     rows = np.arange(np.ceil(first), np.floor(last) + 1)
-    z = np.linspace(0, muscle.length, _POINTS)
-    D = muscle.diameter(z / muscle.length)
+    z = np.linspace(0, world.length, _POINTS)
+    D = muscle.diameter(z / world.length)
     lower = world.axis.first + muscle.length
     along = world.axis.first + z
     return Truth(
@@ -100,9 +100,9 @@ def true_figures(world: World) -> Truth:
         right=sides[1](rows),
         z=z,
         diameter=D,
-        length=muscle.length,
+        length=world.length,
         volume=float(simpson(np.pi / 4 * D**2, x=z)),
-        mean_diameter=float(simpson(D, x=z)) / muscle.length,
+        mean_diameter=float(simpson(D, x=z)) / world.length,
         maximum_diameter=float(D.max()),
         braid_angle=np.arctan2(1, np.interp(along, world.y, world.weave.cotangent)),
         turns=float(np.ptp(world.weave.twist)) / (2 * np.pi),

@@ -2,6 +2,7 @@
 
 import colorsys
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,12 +177,17 @@ class World:
 
     def __init__(self, muscle: MuscleScene, light: Light, camera: Camera) -> None:
         self.muscle, self.light, self.camera = muscle, light, camera
-        first = muscle.y0 - muscle.length / 2
+        y0, depth = _leaned(muscle.y0, camera.distance, muscle.tilt)
+        first = y0 - muscle.length / 2
         last = first + muscle.length
         bow = muscle.bow, muscle.bow_depth
-        self.axis = Axis(muscle.x0, camera.distance, first, muscle.length, *bow)
+        self.axis = Axis(muscle.x0, depth, first, muscle.length, *bow)
         self.y = np.linspace(first, last, _POINTS)
-        self.R = muscle.diameter((self.y - first) / muscle.length) / 2
+        _, across, _, away = self.axis.at(self.y)
+        self.length = float(np.trapezoid(np.sqrt(1 + across**2 + away**2), self.y))
+        # The circles lie in planes of one y: square to a bowed axis they are narrower.
+        diameter = muscle.diameter((self.y - first) / muscle.length) * np.hypot(1, across)
+        self.R = diameter / 2
         self.slope = np.gradient(self.R, self.y)
         self.weave = Weave(muscle, self.y, self.R, self.slope)
         self.offset = np.stack(
@@ -215,8 +221,8 @@ class World:
         sides = []
         for phi, offset, sign in zip(self._tangent_azimuths(), self.offset, (-1, 1), strict=True):
             X = xc + self.R * np.cos(phi) + sign * offset
-            x, y = turned(X, self.y, self.muscle.roll)
-            sides.append(self.camera.pixels(x, y, zc - self.R * np.sin(phi)))
+            x, y, z = self._placed(X, self.y, zc - self.R * np.sin(phi))
+            sides.append(self.camera.pixels(x, y, z))
         return sides
 
     def ring(self, y: float, radius: float) -> Array:
@@ -225,8 +231,14 @@ class World:
         psi = np.arcsin(radius / np.hypot(xc[0], zc[0]))
         alpha = np.arctan2(xc[0], zc[0])
         phi = np.linspace(np.pi - psi + alpha, psi + alpha, 361)
-        X, Y = turned(xc + radius * np.cos(phi), np.full(phi.size, y), self.muscle.roll)
-        return np.stack(self.camera.pixels(X, Y, zc - radius * np.sin(phi)), axis=1)
+        height = np.full(phi.size, y)
+        place = self._placed(xc + radius * np.cos(phi), height, zc - radius * np.sin(phi))
+        return np.stack(self.camera.pixels(*place), axis=1)
+
+    def _placed(self, X: Array, y: Array, Z: Array) -> tuple[Array, Array, Array]:
+        """Points beside the axis in the camera's own directions."""
+        Y, Z = _leaned(y, Z, -self.muscle.tilt)
+        return *turned(X, Y, self.muscle.roll), Z
 
     def edge_radius(self, tape: Tape | None, end: int) -> float:
         """Radius of the tape's inner edge at the upper (0) or lower (-1) end of the braid [m]."""
@@ -281,6 +293,8 @@ class World:
             light: linear RGB that the bodies send, zero for the cloth, shape (n, 3).
         """
         a, b = turned(*self.camera.rays(u, v), -self.muscle.roll)
+        b, away = _leaned(b, np.ones_like(b), self.muscle.tilt)
+        a, b = a / away, b / away
         nearest = np.full(u.shape, np.inf)
         which = np.full(u.shape, -1, np.int8)
         low, high = b.min() * self.axis.depth, b.max() * self.axis.depth
@@ -318,7 +332,7 @@ class World:
             skew = np.einsum("ij,ij->i", fibre, _unit(sight + lamp.towards))
             lit += _FIBRE_GLOSS * lamp.irradiance(hits.normal) * np.clip(1 - skew**2, 0, 1) ** 12
         facing = np.clip(np.einsum("ij,ij->i", hits.normal, sight), 0, 1)
-        lit += self.muscle.sheen * (1 - facing) ** 3
+        lit += self.muscle.sheen * (1 - facing) ** self.muscle.sheen_power
         return (lit * self.weave.reflectance(at))[:, None] * np.array(self.muscle.albedo)
 
     def _glossy(
@@ -333,6 +347,12 @@ class World:
             shine = np.clip(np.einsum("ij,ij->i", hits.normal, half), 0, 1)
             glare += lamp.strength * gloss * shine**exponent
         return diffuse[:, None] * albedo + glare[:, None]
+
+
+def _leaned(y: Any, z: Any, tilt: float) -> tuple[Any, Any]:
+    """The directions down and away, turned about the camera by an angle [rad]."""
+    c, s = np.cos(tilt), np.sin(tilt)
+    return y * c + z * s, z * c - y * s
 
 
 def _unit(vectors: Array) -> Array:
