@@ -93,7 +93,7 @@ def true_figures(world: World) -> Truth:
     z = np.linspace(0, world.length, _POINTS)
     D = muscle.diameter(z / world.length)
     lower = world.axis.first + muscle.length
-    along = world.axis.first + z
+    along = world.axis.first + z * muscle.length / world.length
     return Truth(
         rows=rows,
         left=sides[0](rows),
