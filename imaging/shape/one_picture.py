@@ -10,12 +10,12 @@ from ..arrays import Image
 from ..camera.pinhole import Camera, ring_position
 from ..camera.read import Reader, read_image
 from ..camera.silhouette import Silhouette, profile_from_silhouette
-from ..camera.tone import amount_of_luma
-from ..errors import ImagingError, NoMuscle, WrongOrientation
+from ..errors import DamagedImage, ImagingError, NoMuscle, WrongOrientation
 from ..outline.both_sides import Outline, find_outline
 from ..outline.midline import axis_deviation, axis_kink
 from ..quality import Quality
 from ..recipe import Recipe
+from ..segment.edge_light import edge_light
 from ..segment.segmentation import Segmentation, segment
 from ..segment.tape_colour import hue_of, hues_apart
 from ..tape.diameter import check_tape_diameter
@@ -91,9 +91,10 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
         raise NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
+    image, amount = edge_light(photo.rgb, coarse, recipe.tone)
     outline = find_outline(
-        photo.rgb,
-        amount_of_luma(recipe.tone, coarse.cloth, coarse.braid),
+        image,
+        amount,
         coarse.rows,
         coarse.left,
         coarse.right,
@@ -107,11 +108,27 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         for lower in (False, True)
     )
     quality = _quality(coarse, outline, upper, lower, recipe)
-    quality.check(recipe.limits)
+    _check(quality, recipe)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo.rgb, coarse, body, photo.camera, recipe, recipe.tape_diameter)
     found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality)
     return _with_braid(found, photo, body, upper, lower, recipe) if recipe.braid_angle else found
+
+
+def _check(quality: Quality, recipe: Recipe) -> None:
+    """Refuse what is worse than the recipe's limits, and name the background where it is the cause."""
+    try:
+        quality.check(recipe.limits)
+    except DamagedImage as error:
+        if not math.isnan(quality.eta_value):
+            raise
+        raise NoMuscle(
+            "the muscle must stand out from its background all along its outline; the background is "
+            "too much like it in places: put a dark cloth behind it",
+            axis_kink=quality.axis_kink,
+            residual_rms=quality.residual_rms,
+            misfit=quality.misfit,
+        ) from error
 
 
 def _with_braid(
