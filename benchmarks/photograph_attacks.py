@@ -49,7 +49,7 @@ FAULTS = ("motion", "tone", "gloss", "phone", "bow", "tilt", "lens", "plane", "p
 SOUND_SHARE = 0.34  # scenes without a fault
 TWO_FAULTS = 0.25
 EVERY_FULL = 5
-REDUCED, FULL = (100.0, 170.0), (220.0, 240.0)  # px/in
+REDUCED, FULL = (160.0, 200.0), (220.0, 240.0)  # px/in
 PLACED = 0.005  # in, standard deviation of a careful user's ruler
 SIGMAS = 3.0
 SILENT_ERRORS = 2
@@ -160,9 +160,11 @@ def _faulty(
         scene = dataclasses.replace(scene, sensor=sensor)
         said = said | {"tone": ""}
     elif name == "bow":  # in
-        size, turn = random.uniform(0, 0.3), random.uniform(0, 2 * np.pi)
+        size, turn = random.uniform(0, 0.3), np.pi / 4 * random.uniform(-1, 1)
         muscle = dataclasses.replace(
-            muscle, bow=size * np.cos(turn) * INCH, bow_depth=size * np.sin(turn) * INCH
+            muscle,
+            bow=size * np.cos(turn) * random.choice((-1, 1)) * INCH,
+            bow_depth=size * np.sin(turn) * INCH,
         )
     elif name == "tilt":  # deg
         size = random.uniform(-5, 5)

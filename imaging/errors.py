@@ -95,7 +95,7 @@ class Defocused(ImagingError):
 
 
 class MotionBlurred(ImagingError):
-    """The muscle moved along its axis while the shutter was open."""
+    """The muscle moved while the shutter was open."""
 
 
 class RulerNotFound(ImagingError):
@@ -108,6 +108,10 @@ class AmbiguousRuler(ImagingError):
 
 class MixedSizes(ImagingError):
     """The pictures of one campaign differ in size: one recipe cannot hold for all of them."""
+
+
+class DistanceContradiction(ImagingError):
+    """The tapes' edges are arcs of a camera at another distance than the stated one, or of none."""
 
 
 class ScaleContradiction(ImagingError):

@@ -24,8 +24,10 @@ class QualityLimits:
         eta_value: least separability of muscle and cloth.
         eta_hue: least separability of tape and braid.
         blur_px: largest blur of the outline [px].
-        blur_ratio: largest blur of the tapes' edges along the axis over that of the outline, which
-            a way of 5 px during the exposure reaches with a lens of 0.9 px.
+        blur_ratio: largest blur of the tapes' edges along the axis over that of the outline across
+            it, or the reverse; a way of 4 px during the exposure reaches it with a lens of 1 px.
+        flank: largest excess of the mean edge over the model's, see `EdgeProfile`; a way of 13 px
+            during the exposure reaches it, and so does a lens as far out of focus.
         outlier_fraction: largest part of stray rows.
         residual_rms: largest scatter of the edge about its smooth curve [px].
         kappa: largest strength of the limb's root [px^-0.5]; the limb of a larger one is lost in
@@ -44,7 +46,8 @@ class QualityLimits:
     eta_value: float = 0.7
     eta_hue: float = 0.75
     blur_px: float = 3.5
-    blur_ratio: float = 1.75
+    blur_ratio: float = 1.5
+    flank: float = 0.25
     outlier_fraction: float = 0.2
     residual_rms: float = 1.5
     kappa: float = 5.9
@@ -69,6 +72,9 @@ class Quality:
         axis_deviation: root mean square of the mid-line about a straight one, over the mean radius.
         axis_kink: largest deviation of the mid-line from a smooth one, over the mean radius.
         misfit: of the limb model to the mean edge, over the step; halo and sharpening leave one.
+        flank: excess of the mean edge over the model inside of it, over the step; a smeared edge has one.
+        rim: brightness of the limb over that of what lies inside of it, see `EdgeProfile`; more than 1
+            is gloss, or a lamp behind the muscle.
         outlier_fraction: part of stray rows.
         residual_rms: scatter of the edge about its smooth curve [px].
         tape_sd_px: scatter of the tapes' edges about straight ones [px].
@@ -85,6 +91,8 @@ class Quality:
     axis_deviation: float = math.nan
     axis_kink: float = math.nan
     misfit: float = math.nan
+    flank: float = math.nan
+    rim: float = math.nan
     outlier_fraction: float = math.nan
     residual_rms: float = math.nan
     tape_sd_px: float = math.nan
@@ -99,7 +107,9 @@ class Quality:
         Raises:
             ImagingError: of the class that the first figure beyond its limit calls for.
         """
-        ratio = self.tape_blur_px / max(self.blur_px, 1.0)
+        ratio = max(
+            self.tape_blur_px / max(self.blur_px, 1.0), self.blur_px / max(self.tape_blur_px, 1.0)
+        )
         values = vars(self) | {"blur_ratio": ratio}
         allowed = vars(limits) | {"tape_hue_error_deg": limits.tape_hue_deg}
         for name, error, text in _CHECKS:
@@ -123,7 +133,11 @@ _CHECKS: tuple[tuple[str, type[ImagingError], str], ...] = (
      "the tapes found have another hue than the recipe's tape"),
     ("blur_px", Defocused, "focus on the muscle's limb, and take the picture again"),
     ("blur_ratio", MotionBlurred,
-     "the tapes' edges are smeared along the axis: expose shorter, or move slower"),
+     "edges must be as sharp along the axis as across it; these are smeared in one direction: expose "
+     "shorter, or hold the muscle still, and take the picture again"),
+    ("flank", MotionBlurred,
+     "the muscle's edges must rise within the blur of a lens; these go on to rise: expose shorter, or "
+     "hold the muscle still, check the focus, and take the picture again"),
     ("outlier_fraction", DamagedImage,
      "too many rows have no edge near the others: is the picture damaged, or something in front "
      "of the muscle?"),

@@ -12,6 +12,7 @@ from .ruler.scale import RulerReading, Scale
 
 METHODS = ("limb", "gradient", "half-level", "pixel")
 ORIENTATIONS = ("vertical", "horizontal", "auto")
+REFERENCE_DISTANCE = 1.524  # m, 60 in
 _RESOLUTION = 0.0093  # m, 83 px at 226.63 px/in: a quarter of the smallest feature of a profile
 
 
@@ -21,15 +22,15 @@ class Recipe:
 
     Attributes:
         scale: in the mid-plane.
-        distance: camera to the muscle's axis [m].
+        distance: camera to the muscle's axis [m]; None takes that of which the tapes' edges are arcs.
         centre: where the optical axis meets the picture (u, v) [px]; None takes the middle of the
             frame, and with it of a picture that is not a crop.
         crop_offset: column and row in the frame of the picture's first pixel [px]; None for an
             uncropped picture, or a crop about the middle of the frame.
         frame_size: width and height of the frame that was cropped [px]; needed with `crop_offset`
             unless `centre` is given.
-        k1: radial distortion of the lens, as in `Camera`.
-        tone: the camera's tone curve.
+        k1: radial distortion of the lens, as in `Camera`; None takes what the ruler shows, or 0.
+        tone: the camera's tone curve; None takes sRGB, with what another may do in the errors.
         method: "limb" is the default; "gradient" and "half-level" take the steepest point and half
             the local step in linear light; "pixel" is the method of the reference work.
         orientation: of the muscle in the picture; "auto" turns it where needed. A horizontal
@@ -52,12 +53,12 @@ class Recipe:
     """
 
     scale: Scale
-    distance: float = 1.524
+    distance: float | None = None
     centre: tuple[float, float] | None = None
     crop_offset: tuple[float, float] | None = None
     frame_size: tuple[int, int] | None = None
-    k1: float = 0.0
-    tone: Tone = dataclasses.field(default_factory=Tone.srgb)
+    k1: float | None = None
+    tone: Tone | None = None
     method: Literal["limb", "gradient", "half-level", "pixel"] = "limb"
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
     tape_hue: float | None = None
@@ -108,7 +109,23 @@ class Recipe:
         Raises:
             ValueError: the crop does not lie in the frame.
         """
-        return Camera(self.scale.px_per_m, self.distance, self._centre(width, height), self.k1)
+        centre = self._centre(width, height)
+        return Camera(self.scale.px_per_m, self.camera_distance, centre, self.lens_k1)
+
+    @property
+    def camera_distance(self) -> float:
+        """The stated distance, or the reference work's 60 in [m]."""
+        return REFERENCE_DISTANCE if self.distance is None else self.distance
+
+    @property
+    def lens_k1(self) -> float:
+        """The stated radial distortion, or what the scale's ruler shows of it."""
+        return self.scale.k1 if self.k1 is None else self.k1
+
+    @property
+    def tone_curve(self) -> Tone:
+        """The stated tone curve, or sRGB."""
+        return Tone.srgb() if self.tone is None else self.tone
 
     @property
     def smoothing_px(self) -> float:

@@ -236,16 +236,17 @@ def _field(key: str, fields: Iterable[str], form: Form) -> tuple[str | None, flo
 
 def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
     """A value as its field is annotated."""
-    if hint in form.codecs:
+    kinds = typing.get_args(hint)
+    coded = next((one for one in (hint, *kinds) if one in form.codecs), None)
+    if coded is not None and not (value == "none" and NoneType in kinds):
         try:
-            return form.codecs[hint][1](value)
+            return form.codecs[coded][1](value)
         except (ValueError, TypeError) as problem:
             raise InputError(f"{key}: {problem}") from None
     if dataclasses.is_dataclass(hint):
         if not isinstance(value, dict):
             raise InputError(f"{key} must be a table, got {value!r}")
         return from_entries(typing.cast("Any", hint), value, form, where=f"[{key}]: ")
-    kinds = typing.get_args(hint)
     if value == "none" and NoneType in kinds and str not in kinds:
         return None
     listed = kinds[0] if typing.get_origin(hint) is Annotated else hint

@@ -180,7 +180,12 @@ def as_document(outcome: Outcome, system: str) -> dict[str, Any]:
         "notes": list(table.notes),
         "files": [str(path) for path in outcome.files],
         "rows": [
-            {"path": path, "ok": not table.error[k], "error": table.error[k]}
+            {
+                "path": path,
+                "ok": not table.error[k],
+                "error": table.error[k],
+                "warnings": table.warnings[k] if table.warnings else "",
+            }
             | {
                 shown: None
                 if math.isnan(value := table.in_units(name, system)[k])

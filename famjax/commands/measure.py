@@ -2,9 +2,10 @@
 
 import json
 import os
+import re
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -14,6 +15,7 @@ from .options.recipe import RecipeOptions
 from .terminal import print_rows, progress_bar
 
 _UNSAID = RecipeOptions()
+_SHOWN = 20  # pictures on the console
 
 
 def measure(
@@ -82,7 +84,7 @@ def measure(
     from imaging.campaign import expand
 
     from ..boundary.errors import InputError
-    from .options.photographs import command_recipe
+    from .options.photographs import command_recipe, set_up
 
     began: list[tuple[float, int]] = []
     try:
@@ -98,6 +100,10 @@ def measure(
 
             expand(photos)  # a picture that is not there is said before what its recipe lacks
             recipe, provenance = command_recipe(how)
+            setting = set_up(recipe, how, units == "us")
+            provenance["set_up"] = "; ".join(
+                f"{row['what']}: {row['value']} ({row['source']})" for row in setting
+            )
             outcome = measure_pictures(
                 photos,
                 recipe=recipe,
@@ -128,9 +134,12 @@ def measure(
     document = as_document(outcome, units)
     if "frame_size" in provenance:
         document["notes"].append(f"The camera's frame is {provenance['frame_size']}.")
+    document["set_up"] = setting
     if json_:
         print(json.dumps(document, allow_nan=False))
     else:
+        print_rows("set-up", setting)
+        _print_figures([row for row in document["rows"] if row["ok"]])
         failed = [row for row in document["rows"] if not row["ok"]]
         print(f"{document['ok']} of {document['pictures']} pictures measured")
         shown = [{key: row[key] for key in ("path", "error")} for row in failed[:20]]
@@ -140,3 +149,16 @@ def measure(
             print(f"note: {note}")
         print("written:", ", ".join(document["files"]))
     return 0 if outcome.complete else 3
+
+
+def _print_figures(rows: list[dict[str, Any]]) -> None:
+    """Length, diameter and distance of the first pictures, with their standard errors."""
+    shown = []
+    for row in rows[:_SHOWN]:
+        figures: dict[str, Any] = {"path": row["path"]}
+        for name in ("length", "mean_diameter", "distance"):
+            key = next(key for key in row if re.fullmatch(rf"{name}_(in|mm|m)", key))
+            figures[key] = f"{row[key]:.5g} +- {row[key.replace(name, f'{name}_stderr')]:.2g}"
+        shown.append(figures | {"warned": "yes" if row["warnings"] else ""})
+    if shown:
+        print_rows(f"{len(shown)} of {len(rows)} measured, with standard errors", shown)

@@ -51,6 +51,12 @@ class Camera:
                 f"centre = {self.centre} px, k1 = {self.k1}"
             )
 
+    def moved(self, distance: float) -> "Camera":
+        """The camera of the same pictures, its distance [m] another one."""
+        further = distance / self.distance
+        # k1 belongs to the angle, of which the same picture now shows less, or more.
+        return dataclasses.replace(self, distance=distance, k1=self.k1 * further**2)
+
     @property
     def focal_px(self) -> float:
         """Focal length f [px]."""

@@ -37,6 +37,7 @@ class Row:
         seconds: when it was taken, by the camera's clock [s since 1970]; nan if it does not say.
         resolution: of the time stamp [s].
         sha256: of the file; empty where it could not be read.
+        warnings: of the measurement, on one line; empty where there are none.
         size: of the file [bytes]; -1 where it could not be read.
         modified: when the file was last changed [ns since 1970].
     """
@@ -52,6 +53,7 @@ class Row:
     seconds: float = math.nan
     resolution: float = math.nan
     sha256: str = ""
+    warnings: str = ""
     size: int = -1
     modified: int = -1
 
@@ -93,7 +95,9 @@ def measured_rows(
             angles = np.degrees(found.braid.at(POSITION * found.length)).tolist()
             profiles |= dict(zip(("braid_angle", "braid_angle_stderr"), angles, strict=True))
             facts["braid_refusal"] = found.braid.refusal
-        rows.append(Row(path, numbers=_numbers(found, recipe), **profiles, **facts))
+        warnings = " | ".join(found.warnings)
+        numbers = _numbers(found, recipe)
+        rows.append(Row(path, numbers=numbers, warnings=warnings, **profiles, **facts))
     return rows
 
 
@@ -101,11 +105,13 @@ def _numbers(found: Any, recipe: Recipe) -> dict[str, float]:
     """The columns of a measurement in SI, its quality figures after them."""
     names = (
         "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "maximum_diameter",
-        "volume", "volume_stderr", "px_per_m", "roll", "x0",
+        "volume", "volume_stderr", "px_per_m", "roll", "x0", "distance", "distance_stderr", "tilt",
+        "bow",
     )  # fmt: skip
     numbers = {name: getattr(found, name) for name in names} | dataclasses.asdict(found.quality)
-    columns = {"maximum_diameter": "max_diameter", "roll": "roll_deg"}
-    numbers["roll"] = math.degrees(numbers["roll"])
+    columns = {"maximum_diameter": "max_diameter", "roll": "roll_deg", "tilt": "tilt_deg"}
+    for angle in ("roll", "tilt"):
+        numbers[angle] = math.degrees(numbers[angle])
     if found.braid is not None:
         numbers |= _of_braid(found, recipe.turns)
     return {columns.get(name, name): float(value) for name, value in numbers.items()}

@@ -5,6 +5,7 @@ import dataclasses
 import importlib.util
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ _ALWAYS = (
     "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "max_diameter", "volume",
     "volume_stderr", "px_per_m", "roll_deg",
 )  # fmt: skip
+_NUMBER = re.compile(r"[-+]*[\d.]+")
 _FIRST = (
     "time", "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "max_diameter",
     "volume", "volume_stderr", "contraction", "contraction_stderr",
@@ -49,6 +51,7 @@ class Table:
         time_origin: where `time` is zero, by the camera's clock [s since 1970]; nan if no picture
             has a time stamp.
         stamp_resolution: coarsest step of the time stamps [s]; nan if there are none.
+        warnings: of each picture, empty where there are none.
         notes: what a reader must know, in sentences.
         provenance: version, recipe, sources and their hashes.
     """
@@ -64,6 +67,7 @@ class Table:
     rest_length: float
     time_origin: float
     stamp_resolution: float
+    warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
@@ -125,7 +129,8 @@ class Table:
             rest_length=rest,
             time_origin=origin,
             stamp_resolution=resolution,
-            notes=(note, *_stamp_notes(rows, resolution), *_braid_notes(rows)),
+            warnings=tuple(row.warnings for row in rows),
+            notes=(note, *_stamp_notes(rows, resolution), *_warned(rows), *_braid_notes(rows)),
             provenance=dict(provenance or {}),
         )
 
@@ -142,14 +147,18 @@ class Table:
         columns = {column_name(name, system): self.in_units(name, system) for name in self.columns}
         text = io.StringIO()
         lines = csv.writer(text, lineterminator="\n")
-        lines.writerow(["path", "ok", "error", "taken", *columns, "sha256"])
+        lines.writerow(["path", "ok", "error", "warnings", "taken", *columns, "sha256"])
         for k, path in enumerate(self.path):
             lines.writerow(
-                [path, "false" if self.error[k] else "true", self.error[k], self._taken(k)]
+                [path, "false" if self.error[k] else "true", self.error[k], self._warning(k)]
+                + [self._taken(k)]
                 + ["" if math.isnan(v[k]) else f"{v[k]:.10g}" for v in columns.values()]
                 + [self.sha256[k]]
             )
         return text.getvalue()
+
+    def _warning(self, k: int) -> str:
+        return self.warnings[k] if self.warnings else ""
 
     def _taken(self, k: int) -> str:
         seconds = self.time_origin + self.columns["time"][k]
@@ -265,6 +274,15 @@ def _braid_notes(rows: Sequence[Row]) -> list[str]:
         f"{len(bare)} of {len(rows)} pictures show no braid angle, first {Path(bare[0].path).name}: "
         f"{bare[0].braid_refusal}."
     ]
+
+
+def _warned(rows: Sequence[Row]) -> list[str]:
+    """Each warning once, with the number of pictures that have it; figures may differ."""
+    first: dict[str, list[str]] = {}
+    for row in rows:
+        for warning in row.warnings.split(" | ") if row.warnings else []:
+            first.setdefault(_NUMBER.sub("", warning), []).append(warning)
+    return [f"Warning, {len(each)} of {len(rows)} pictures: {each[0]}." for each in first.values()]
 
 
 def _written(path: Path, content: bytes) -> Path:

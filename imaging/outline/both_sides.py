@@ -56,6 +56,7 @@ class Outline:
         blur: s of the edge, a standard deviation, pixel and weave included [px].
         disk: part of its variance that a disk makes, see `EdgeProfile`.
         misfit: root mean square between the mean profiles and the model, over the step.
+        flank, rim: see `EdgeProfile`.
         resolution: wavelength that passed the smoothing at half its height [px].
     """
 
@@ -65,6 +66,8 @@ class Outline:
     blur: float
     disk: float
     misfit: float
+    flank: float
+    rim: float
     resolution: float
 
 
@@ -181,7 +184,9 @@ def _improved(
         )
         for side, kappa, shift in zip(windows, fit.kappas, fit.shifts, strict=True)
     )
-    return Outline(rows, left, right, fit.blur, fit.disk, fit.misfit, resolution)
+    return Outline(
+        rows, left, right, fit.blur, fit.disk, fit.misfit, fit.flank, fit.rim, resolution
+    )
 
 
 def _in_every_row(column: Array, n: int) -> Array:

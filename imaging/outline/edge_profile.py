@@ -11,6 +11,8 @@ from .edge_model import LARGEST_DISK, defocused_step, ramp, step
 BROAD = (3.0, 15.0)  # px per px of blur: samples that say how the light falls towards the limb
 _NEAR = (-7.0, 1.75)  # the same: samples that say where the edge is
 _BLURS = (0.4, 8.0)  # px
+_FLANK = (2.0, 5.0)  # blurs inside the edge
+_RIM = ((1.5, 3.5), (4.0, 8.0))  # the same
 _FIRST_DISK = 0.6  # from a large one the fit finds a small one, and not the reverse
 _FARTHEST = 4.0  # px that one pass may move an edge
 _KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
@@ -28,6 +30,10 @@ class EdgeProfile:
         kappas: strength of the limb's root against its step, left and right [px^-0.5].
         shifts: of the edge against where the windows were aligned, inward [px].
         misfit: root mean square between profiles and model, over the step.
+        flank: how much brighter than the model the profiles are 2 to 5 blurs inside, over the step; the
+            larger of both sides.
+        rim: brightness 1.5 to 3.5 blurs inside the edge over that at 4 to 8, the mean of both sides; the
+            limb of a matte body is never brighter than what lies inside of it.
     """
 
     blur: float
@@ -35,6 +41,8 @@ class EdgeProfile:
     kappas: tuple[float, float]
     shifts: tuple[float, float]
     misfit: float
+    flank: float
+    rim: float
 
 
 def edge_profile(
@@ -88,7 +96,16 @@ def edge_profile(
     left, right = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
     kappa_left, kappa_right = kappas.tolist()
     s, part = (float(value[0]) for value in blur_and_disk(best))
-    return EdgeProfile(s, part, (kappa_left, kappa_right), (left, right), misfit)
+    flank = max(
+        _flank(profile, t - shift, s, kappa, radius)
+        for profile, shift, kappa in zip(
+            profiles, (left, right), (kappa_left, kappa_right), strict=True
+        )
+    )
+    rim = float(
+        np.mean([_rim(p, t - shift, s) for p, shift in zip(profiles, (left, right), strict=True)])
+    )
+    return EdgeProfile(s, part, (kappa_left, kappa_right), (left, right), misfit, flank, rim)
 
 
 def limb(
@@ -100,6 +117,29 @@ def limb(
     """
     edge = defocused_step(t, s, disk) if np.any(disk) else step(t, s)
     return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge
+
+
+def _flank(profile: Array, t: Array, s: float, kappa: float, radius: float) -> float:
+    """What the profile exceeds the model by, inside the flank that the model was fitted to.
+
+    An edge smeared over more than the model's window goes on to rise there, whatever smeared it.
+    """
+    near = near_edge(t, s)
+    inside = (t > _FLANK[0] * s) & (t < _FLANK[1] * s)
+    if not inside.any():
+        return 0.0
+    model = limb(t, s, kappa, radius)
+    height = float(height_and_rest(profile[near], model[near])[0][0])
+    foot = float(np.mean(profile[near] - height * model[near]))
+    above = profile[inside] - foot - height * model[inside]
+    return float(np.mean(above) / max(height * float(np.mean(model[inside])), 1e-9))
+
+
+def _rim(profile: Array, t: Array, s: float) -> float:
+    """Brightness just inside the edge over that further in; 0 where there is no further in."""
+    size = max(1.0, s)
+    at, beside = (profile[(t > low * size) & (t < high * size)] for low, high in _RIM)
+    return float(at.mean() / max(beside.mean(), 1e-9)) if at.size and beside.size else 0.0
 
 
 def near_edge(t: Array, s: float) -> Flags:

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..arrays import Array
 
+_QUARTIC = 5  # coefficients of a bow, which half a sine wave has to a hundredth
 _CUBIC = 4  # coefficients of the axis: a muscle may be bowed, or hang in an S
 
 
@@ -18,6 +19,18 @@ def axis_deviation(left: Array, right: Array) -> float:
     x = np.linspace(-1, 1, middle.size)
     off = middle - np.polynomial.Polynomial.fit(x, middle, 1)(x)
     return float(np.sqrt(np.mean(off**2)) / np.mean((right - left) / 2))
+
+
+def bow(left: Array, right: Array) -> Array:
+    """Deviation of the smooth mid-line from the straight line through its ends [px], shape (n,).
+
+    Args:
+        left: column of the left edge in each row [px], shape (n,).
+        right: of the right one.
+    """
+    x, smooth, fit = _smooth_midline(left, right, _QUARTIC)
+    curve = smooth[:, :_QUARTIC] @ fit[:_QUARTIC]
+    return curve - np.interp(x, x[[0, -1]], curve[[0, -1]])
 
 
 def axis_kink(left: Array, right: Array) -> float:
@@ -44,7 +57,13 @@ def off_smooth_midline(left: Array, right: Array) -> Array:
         left: column of the left edge in each row [px], shape (n,).
         right: of the right one.
     """
+    _, smooth, fit = _smooth_midline(left, right, _CUBIC)
+    return (left + right) / 2 - smooth @ fit
+
+
+def _smooth_midline(left: Array, right: Array, n: int) -> tuple[Array, Array, Array]:
+    """Positions -1 to 1, the columns of a smooth mid-line's model, and their factors."""
     middle, half = (left + right) / 2, (right - left) / 2
     x = np.linspace(-1, 1, middle.size)
-    smooth = np.column_stack([np.vander(x, _CUBIC), half * np.gradient(half)])
-    return middle - smooth @ np.linalg.lstsq(smooth, middle, rcond=None)[0]
+    smooth = np.column_stack([np.vander(x, n), half * np.gradient(half)])
+    return x, smooth, np.asarray(np.linalg.lstsq(smooth, middle, rcond=None)[0], float)

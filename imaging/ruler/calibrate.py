@@ -1,5 +1,6 @@
 """The scale from the photograph of a ruler in the muscle's place."""
 
+import dataclasses
 import math
 from os import PathLike, fspath
 
@@ -10,26 +11,29 @@ from ..arrays import Array, Image, Single
 from ..camera.pinhole import Camera
 from ..camera.read import Reader, read_image
 from ..camera.tone import Tone
-from ..errors import ImagingError, RulerNotFound
+from ..errors import AmbiguousRuler, ImagingError, RulerNotFound
 from .choice import FEWEST, Strip, choose_strip, is_ruler, read_strip
-from .marks import Numbered, marks_of, numbered
+from .lens import lens_of_marks, straightened
+from .marks import Numbered, marks_of
+from .numbers import pitch_of
 from .scale import RulerReading, Scale
 from .strip import Line
 
 _TURNS = 3
+_PITCHES = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)
 _LEAST_EXACT = 1e-3  # standard error of the scale, relative
 
 
 def calibrate_ruler(
     image: str | PathLike[str] | Image,
     *,
-    pitch: float = 0.003175,
+    pitch: float | None = None,
     distance: float = 1.524,
     centre: tuple[float, float] | None = None,
-    k1: float = 0.0,
+    k1: float | None = None,
     tone: Tone | None = None,
     expected_px_per_m: float | None = None,
-    placement_stderr: float = 0.0,
+    placement_stderr: float | None = None,
     reader: Reader = read_image,
 ) -> Scale:
     """The scale in the mid-plane from a ruler that passes through it at the height of the optical axis.
@@ -42,14 +46,17 @@ def calibrate_ruler(
     Args:
         image: path of a picture, or the picture: RGB, dtype uint8, shape (h, w, 3). The ruler may
             lie in any direction, its marks dark or light, long and short, with numbers.
-        pitch: from mark to mark, of the finest that are regular [m]; 1/8 in by default.
+        pitch: from mark to mark, of the finest that are regular [m]; None reads it off the number of
+            marks from one number, or longest mark, to the next.
         distance: camera to the mid-plane d [m].
         centre: where the optical axis meets the picture (u, v) [px]; None takes its middle.
-        k1: radial distortion, as in `Camera`.
+        k1: radial distortion, as in `Camera`; None takes what the marks show, where that is more than
+            three standard errors.
         tone: the camera's tone curve; sRGB by default. It hardly matters here.
         expected_px_per_m: the scale to within a quarter [px/m]; distinguishes a ruler's
             finer and coarser marks, or its two edges.
-        placement_stderr: standard error of the ruler's place in depth [m]; enters the scale's.
+        placement_stderr: standard error of the ruler's place in depth [m]; enters the scale's. None
+            takes it to lie in the plane, and measurements warn of that.
         reader: from path to picture.
 
     Returns:
@@ -58,7 +65,8 @@ def calibrate_ruler(
     Raises:
         RulerNotFound: no regular marks, fewer than 8, too many that do not fit, or a scale no
             better than 0.1 %.
-        AmbiguousRuler: no scale is expected, and two edges of the ruler show two.
+        AmbiguousRuler: no scale is expected, and two edges of the ruler show two; or the pitch can be
+            read in two ways, or in none.
         UnreadableImage, DamagedImage: as `read_image`.
         ValueError: a figure outside its range.
 
@@ -74,10 +82,17 @@ def calibrate_ruler(
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         table = (tone or Tone.srgb()).table.astype(np.float32)
         light = np.asarray(cv2.LUT(luma, table), np.float32)
-        strip = _aligned(light, choose_strip(luma, light, pitch, expected_px_per_m))
+        strip, step = _strip_and_pitch(luma, light, pitch, expected_px_per_m)
         middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
-        marks = _straightened(strip, middle, k1, pitch, distance)
-        return _scale(strip.line, marks, middle, pitch, distance, placement_stderr)
+        lens = Camera(strip.marks.pitch / step, distance, middle, k1 or 0.0)
+        bent = None
+        if k1 is None:
+            lens, bent = lens_of_marks(strip, lens)
+        marks = straightened(strip, lens)
+        scale = _scale(strip.line, marks, middle, step, distance, placement_stderr or 0.0)
+        return dataclasses.replace(
+            scale, k1=lens.k1, k1_stderr=bent, pitch=step, placement_stderr=placement_stderr
+        )
     except ImagingError as error:
         if path:
             raise error.at(path) from error
@@ -102,19 +117,21 @@ def _aligned(light: Single, strip: Strip) -> Strip:
     return again if again is not None and is_ruler(again.marks) else Strip(line, strip.marks)
 
 
-def _straightened(
-    strip: Strip, centre: tuple[float, float], k1: float, pitch: float, distance: float
-) -> Numbered:
-    """The marks where a lens without distortion would show them."""
-    line, marks = strip.line, strip.marks
-    if k1 == 0:
-        return marks
-    camera = Camera(strip.marks.pitch / pitch, distance, centre, k1)
-    u, v = (line.origin[i] + marks.place * line.along[i] for i in (0, 1))
-    a, b = camera.rays(u, v)
-    shown = np.stack([centre[0] + a * camera.focal_px, centre[1] + b * camera.focal_px], axis=1)
-    again = numbered((shown - line.origin) @ line.along, strip.marks.pitch)
-    return marks if again is None else again
+def _strip_and_pitch(
+    luma: Image, light: Single, pitch: float | None, expected: float | None
+) -> tuple[Strip, float]:
+    """The marks and their pitch [m], the stated one or that of the numbers beside them."""
+    if pitch is not None:
+        return _aligned(light, choose_strip(luma, light, pitch, expected)), pitch
+    wanted = _PITCHES if expected is not None else _PITCHES[:1]
+    for one in wanted:
+        try:
+            strip = _aligned(light, choose_strip(luma, light, one, expected))
+            return strip, pitch_of(light, strip, expected)
+        except (RulerNotFound, AmbiguousRuler):
+            if one == wanted[-1]:
+                raise
+    raise AssertionError  # the loop returns or raises
 
 
 def _scale(

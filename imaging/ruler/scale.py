@@ -14,28 +14,27 @@ class RulerReading:
     """How the photograph of a ruler is to be read, see `calibrate_ruler`.
 
     Attributes:
-        pitch: from mark to mark [m]; 1/8 in by default.
+        pitch: from mark to mark [m]; None reads it off the numbers.
         expected_px_per_m: the scale to within a quarter [px/m]; None expects that of the only marks.
-        placement_stderr: standard error of the ruler's place in depth [m].
+        placement_stderr: standard error of the ruler's place in depth [m]; None where it is not known.
 
     Raises:
         ValueError: a figure outside its range.
     """
 
-    pitch: float = 0.003175
+    pitch: float | None = None
     expected_px_per_m: float | None = None
-    placement_stderr: float = 0.0
+    placement_stderr: float | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.pitch) and self.pitch > 0):
+        if self.pitch is not None and not (np.isfinite(self.pitch) and self.pitch > 0):
             raise ValueError(f"pitch must be finite and > 0, got {self.pitch} m")
         expected = self.expected_px_per_m
         if expected is not None and not (np.isfinite(expected) and expected > 0):
             raise ValueError(f"expected_px_per_m must be finite and > 0, got {expected} px/m")
-        if not (np.isfinite(self.placement_stderr) and self.placement_stderr >= 0):
-            raise ValueError(
-                f"placement_stderr must be finite and >= 0, got {self.placement_stderr} m"
-            )
+        placed = self.placement_stderr
+        if placed is not None and not (np.isfinite(placed) and placed >= 0):
+            raise ValueError(f"placement_stderr must be finite and >= 0, got {placed} m")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +51,11 @@ class Scale:
         residual_px: root mean square of the marks about the fit [px].
         marks: number of marks used.
         source: "ruler", "manual" or "diameter".
+        k1: radial distortion of the lens that the ruler's marks show, 0 where they show none.
+        k1_stderr: its standard error; None where none was looked for.
+        pitch: of the ruler's marks [m]; None without a ruler.
+        placement_stderr: the stated standard error of the ruler's place in depth [m]; None where none
+            was stated.
 
     Raises:
         ValueError: a scale that is not positive or a standard error that is negative.
@@ -64,6 +68,10 @@ class Scale:
     residual_px: float = 0.0
     marks: int = 0
     source: str = "manual"
+    k1: float = 0.0
+    k1_stderr: float | None = None
+    pitch: float | None = None
+    placement_stderr: float | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.px_per_m) and self.px_per_m > 0):

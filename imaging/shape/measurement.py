@@ -40,23 +40,30 @@ class Errors:
     Each has its cause in the picture itself. The random part of D is the scatter of the edges that
     passes the smoothing, no less than that of the mid-line, which a body of revolution has smooth,
     and what the smoothing rounds off. The systematic part of an edge is the root of the summed
-    squares of three, with blur s, kappa and misfit m as in `Quality`, each coefficient read off
-    rendered pictures of known truth:
+    squares of the larger of the first two and of the third, with blur s, kappa and misfit m as in
+    `Quality`, each coefficient read off rendered pictures of known truth:
 
-    - 0.02 px sqrt(s), s no less than 1: the shade of the outermost threads, within whose width the
+    - 0.027 px sqrt(s), s no less than 1: the shade of the outermost threads, within whose width the
       edge is fitted;
     - 0.6 kappa times the edge's scatter: where light falls off towards the limb, threads shade it
       more than the model knows;
     - 20 m s: a lens or a camera program that spreads light otherwise than the model, as halo and
       sharpening do.
 
+    A rim brighter than 0.97 of what lies inside of it adds up to 0.13 s, from 1.02 on: gloss there, or
+    a lamp behind the muscle, looks like more of the muscle.
+
     The length has the scatter of both edges along their tapes, and for each tape 0.045 px, the shade
     of the threads there, and the same 20 m s.
 
-    What no picture shows is not in it: a tone curve that is not the camera's, which moves an edge
-    by up to 0.2 px, and threads so coarse that their pattern, mirrored on both sides, passes the
-    smoothing whole. Where px_per_m is below 4500 (115 px/in), D(z) of rendered braids is off by up
-    to twice its standard error; length and mean diameter by 1.3 times theirs at 50 to 110 px/in.
+    A tone curve that was not stated adds 0.09 s to each edge of muscle and tapes, all alike: a third of
+    what a gamma of 0.75 or 1.25 does to a step, and an S-curve of 0.8. Axis, distance and bow add
+    to the length as `axis_of` says.
+
+    What no picture shows is not in it: a tone curve that was stated and is not the camera's, and
+    threads so coarse that their pattern, mirrored on both sides, passes the smoothing whole. Where
+    px_per_m is below 4500 (115 px/in), D(z) of rendered braids is off by up to twice its standard
+    error; length and mean diameter by 1.3 times theirs at 50 to 110 px/in.
 
     Attributes:
         edge: systematic part of the diameter, of both edges, common to all of it [m].
@@ -90,6 +97,11 @@ class Measurement:
         x0: distance of the axis from the optical axis [m].
         errors: the parts of the standard errors.
         quality: the figures by which to judge it.
+        distance: of the camera to the axis [m]: the stated one, or that of the tapes' arcs.
+        distance_stderr: its standard error, 0 where it was stated [m].
+        tilt, tilt_stderr: of the axis in depth, its lower end away from the camera [rad].
+        bow: largest deviation of the mid-line from a straight one [m].
+        warnings: what the errors do not hold, or hold only in part, in words.
         trace: the edges in the picture.
         braid: the braid angle along it; None where the recipe does not ask for it.
     """
@@ -107,6 +119,12 @@ class Measurement:
     errors: Errors
     quality: Quality
     trace: Trace
+    distance: float = math.nan
+    distance_stderr: float = 0.0
+    tilt: float = 0.0
+    tilt_stderr: float = math.nan
+    bow: float = 0.0
+    warnings: tuple[str, ...] = ()
     braid: BraidAngle | None = None
 
     @property

@@ -21,6 +21,7 @@ from ..segment.tape_colour import hue_of, hues_apart
 from ..tape.diameter import check_tape_diameter
 from ..tape.ring import Ring, find_ring
 from ..weave.angle import braid_angle, yarn_lines
+from .axis import axis_of, distance_by_tapes, ends_aside
 from .measurement import Measurement
 from .photograph import Photograph
 from .pixel_method import measure_pixels
@@ -91,7 +92,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
         raise NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
-    image, amount = edge_light(photo.rgb, coarse, recipe.tone)
+    image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
     outline = find_outline(
         image,
         amount,
@@ -102,17 +103,42 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         method=recipe.method,
         blur=recipe.blur_px,
     )
-    body = _body(photo.camera, outline, recipe.edge_offset_px)
-    upper, lower = (
-        _ring(photo, coarse, body, recipe, lower=lower, blur=outline.blur)
-        for lower in (False, True)
-    )
+    body, upper, lower = _placed(photo, coarse, outline, recipe)
+    if recipe.distance is None:
+        distance = distance_by_tapes(body, upper, lower, photo.camera.distance)
+        if distance != photo.camera.distance:
+            camera = photo.camera.moved(distance)
+            if recipe.k1 is not None:
+                camera = dataclasses.replace(camera, k1=recipe.k1)
+            photo = dataclasses.replace(photo, camera=camera)
+            body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, outline, upper, lower, recipe)
     _check(quality, recipe)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo.rgb, coarse, body, photo.camera, recipe, recipe.tape_diameter)
-    found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality)
+    stated = recipe.distance is not None
+    axis = axis_of(photo.camera, outline, body, upper, lower, stated=stated)
+    found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality, axis)
     return _with_braid(found, photo, body, upper, lower, recipe) if recipe.braid_angle else found
+
+
+def _placed(
+    photo: Photograph, coarse: Segmentation, outline: Outline, recipe: Recipe
+) -> tuple[Silhouette, Ring, Ring]:
+    """The body behind the outline, and the edges of its upper and lower tape."""
+    body = _body(photo.camera, outline, recipe.edge_offset_px)
+    upper, lower = (
+        _ring(
+            photo,
+            coarse,
+            dataclasses.replace(body, x0=body.x0 + aside),
+            recipe,
+            lower=lower,
+            blur=outline.blur,
+        )
+        for lower, aside in zip((False, True), ends_aside(photo.camera, outline), strict=True)
+    )
+    return body, upper, lower
 
 
 def _check(quality: Quality, recipe: Recipe) -> None:
@@ -180,7 +206,7 @@ def _ring(
     y = float(ring_position(photo.camera, u, v, radius, body.x0, body.roll))
     colours = coarse.tape, coarse.braid
     return find_ring(
-        photo.rgb, recipe.tone, photo.camera, colours, body, y=y, lower=lower, blur=blur
+        photo.rgb, recipe.tone_curve, photo.camera, colours, body, y=y, lower=lower, blur=blur
     )
 
 
@@ -199,6 +225,8 @@ def _quality(
         axis_deviation=axis_deviation(*columns),
         axis_kink=axis_kink(*columns),
         misfit=outline.misfit,
+        flank=outline.flank,
+        rim=outline.rim,
         outlier_fraction=max(side.outliers for side in sides),
         residual_rms=max(side.residual for side in sides),
         tape_sd_px=max(upper.spread, lower.spread),

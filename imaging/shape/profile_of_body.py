@@ -12,13 +12,18 @@ from ..outline.smoother import correlated_points, smooth
 from ..quality import Quality
 from ..recipe import Recipe
 from ..tape.ring import Ring
+from .axis import Axis
 from .measurement import Errors, Measurement, Trace
 from .photograph import Photograph
 
-_SHADE = 0.02  # px per edge and px^0.5 of blur
+_SHADE = 0.027  # px per edge and px^0.5 of blur
+_OF_TONE = 0.09  # of the blur, per edge and per tape
+_RANDOM = 1.2  # of the density that one picture shows
 _OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1
 _OF_MISFIT = 20.0  # px per edge and px of blur
 _RING_BIAS = 0.045  # px
+_MATTE, _TO_GLOSS = 0.97, 0.05  # of a rim's brightness
+_OF_GLOSS = 0.13  # of the blur, per edge
 
 
 def measurement_of_body(
@@ -29,23 +34,28 @@ def measurement_of_body(
     lower: Ring,
     recipe: Recipe,
     quality: Quality,
+    axis: Axis,
 ) -> Measurement:
     """The measurement; `Errors` describes how the standard errors are composed."""
     px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
     px = 1 / px_per_m
-    length = lower.y - upper.y
-    z = np.linspace(0, length, max(16, round(length * px_per_m) + 1))
-    y = upper.y + z
+    apart = lower.y - upper.y
+    length = (apart + axis.length_offset) * axis.length_factor
+    part = np.linspace(0, 1, max(16, round(length * px_per_m) + 1))
+    y = upper.y + apart * part
     random, density = _random_part(outline)
     at = np.linspace(body.y[0], body.y[-1], random.size)
-    edge, ring = _systematic_part(quality)
-    diameter = 2 * body.radius_at(y)
+    edge, both_rings = _systematic_part(quality, stated=recipe.tone is not None)
+    rows = np.linspace(body.y[0], body.y[-1], axis.cosine.size)
+    cosine = np.interp(y, rows, axis.cosine)
+    diameter = 2 * body.radius_at(y) * cosine
+    edge = math.hypot(edge, axis.diameter_stderr * float(diameter.mean()) * px_per_m)
     stderr = np.sqrt((np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * relative) ** 2)
     return Measurement(
         path=photo.path,
         time=photo.time,
         method=recipe.method,
-        z=z,
+        z=length * part,
         diameter=diameter,
         diameter_stderr=stderr,
         length=length,
@@ -55,10 +65,16 @@ def measurement_of_body(
         errors=Errors(
             edge=edge * px,
             density=density * px**3,
-            ends=math.hypot(upper.stderr, lower.stderr, ring * px, ring * px),
+            ends=math.hypot(upper.stderr, lower.stderr, both_rings * px, axis.length_stderr),
             scale=relative,
         ),
         quality=quality,
+        distance=axis.distance,
+        distance_stderr=axis.distance_stderr,
+        tilt=axis.tilt,
+        tilt_stderr=axis.tilt_stderr,
+        bow=axis.bow,
+        warnings=(*axis.warnings, *_of_recipe(recipe, length)),
         trace=Trace(
             outline.rows.astype(float),
             outline.left.column,
@@ -84,13 +100,29 @@ def _random_part(outline: Outline) -> tuple[Array, float]:
     random = random * math.sqrt(max(1.0, scatter**2 / square))
     width = outline.right.column - outline.left.column
     rounded = width - smooth(width, outline.resolution)  # by a second smoothing as by the first
-    return np.hypot(random, rounded), max(square, scatter**2) * stretch
+    return np.hypot(random, rounded), _RANDOM * max(square, scatter**2) * stretch
 
 
-def _systematic_part(quality: Quality) -> tuple[float, float]:
-    """Systematic error of the width, and of each tape's edge [px]."""
+def _systematic_part(quality: Quality, *, stated: bool) -> tuple[float, float]:
+    """Systematic error of the width and of the length [px]."""
     light = _OF_LIGHT * max(quality.kappa, 0.0) * quality.residual_rms
     lens = _OF_MISFIT * quality.misfit * quality.blur_px
     shade = _SHADE * math.sqrt(max(1.0, quality.blur_px))
-    edge = 2 * math.sqrt(shade**2 + light**2 + lens**2)
-    return edge, math.hypot(_RING_BIAS, lens)
+    tone = 0.0 if stated else _OF_TONE * quality.blur_px
+    shine = min(max((quality.rim - _MATTE) / _TO_GLOSS, 0.0), 1.0)
+    gloss = _OF_GLOSS * shine * max(1.0, quality.blur_px)
+    edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
+    # Both tapes' edges move towards them, or from them, by the same tone curve.
+    return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
+
+
+def _of_recipe(recipe: Recipe, length: float) -> tuple[str, ...]:
+    """What the recipe leaves open and no picture shows."""
+    scale = recipe.scale
+    if scale.source != "ruler" or scale.placement_stderr is not None:
+        return ()
+    off = 0.1 * length / recipe.camera_distance
+    return (
+        "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes the "
+        f"length wrong by {off:.3f} in; say how well it lay there, --ruler-placement 0.01in",
+    )

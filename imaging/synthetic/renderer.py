@@ -28,16 +28,12 @@ def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating
 
 
 def _way(length: float, angle: float) -> NDArray[np.floating]:
-    """A straight way [px] at an angle [rad] to the vertical, its points shared by the four pixels next."""
+    """A straight way [px] at an angle [rad] to the vertical, by the part of it that each pixel has."""
     reach = int(np.ceil(length / 2)) + 1
-    at = ((np.arange(64 * reach) + 0.5) / (64 * reach) - 0.5) * length
+    at = ((np.arange(512 * reach) + 0.5) / (512 * reach) - 0.5) * length
     part = np.zeros((2 * reach + 1, 2 * reach + 1))
-    u, v = (reach + at * turn for turn in (np.sin(angle), np.cos(angle)))
-    i, j = np.floor(v).astype(int), np.floor(u).astype(int)
-    for di, dj in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        share = (1 - np.abs(v - i - di)) * (1 - np.abs(u - j - dj))
-        inside = (i + di <= 2 * reach) & (j + dj <= 2 * reach)
-        np.add.at(part, ((i + di)[inside], (j + dj)[inside]), share[inside])
+    u, v = (np.rint(reach + at * turn).astype(int) for turn in (np.sin(angle), np.cos(angle)))
+    np.add.at(part, (v, u), 1.0)
     return (part / part.sum()).astype(np.float32)
 
 

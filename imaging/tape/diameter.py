@@ -74,11 +74,11 @@ def tape_diameter(
     # Luma hardly sees blue: the colour in which the tape is brightest does.
     colour = int(np.argmax(coarse.tape))
     dark, bright = np.interp(
-        [coarse.cloth[colour], coarse.tape[colour]], np.arange(256), recipe.tone.table
+        [coarse.cloth[colour], coarse.tape[colour]], np.arange(256), recipe.tone_curve.table
     )
     outline = find_outline(
         rgb[..., colour],
-        ((recipe.tone.table - dark) / (bright - dark)).astype(np.float32),
+        ((recipe.tone_curve.table - dark) / (bright - dark)).astype(np.float32),
         rows,
         middle - half,
         middle + half,

@@ -36,6 +36,8 @@ class Ring:
         spread: standard deviation of the edge along the tape [px].
         blur: Gaussian blur of the edge along the axis [px].
         arc: points u, v of the edge in the picture [px], shape (2, n).
+        lateral: positions across the axis over the radius [-], -1 to 1, shape (k,).
+        shift: how far the edge lies there beyond y along the axis [m], shape (k,).
     """
 
     y: float
@@ -43,6 +45,8 @@ class Ring:
     spread: float
     blur: float
     arc: Array
+    lateral: Array
+    shift: Array
 
 
 def find_ring(
@@ -119,7 +123,8 @@ def find_ring(
     left_over = delta[keep] - slope * where[keep] / px - offset
     spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
     y += inward * float(offset) * px
-    u, v = _seen(camera, body, np.array([y]), lateral, float(body.radius_at(y)))
+    radius = float(body.radius_at(y))
+    u, v = _seen(camera, body, np.array([y]), lateral, radius)
     return Ring(
         y=y,
         # Groups in the width of one thread are moved together.
@@ -127,6 +132,8 @@ def find_ring(
         spread=spread,
         blur=s,
         arc=np.stack([u[:, 0], v[:, 0]]),
+        lateral=where[keep] / radius,
+        shift=inward * (delta[keep] - float(offset)) * px,
     )
 
 

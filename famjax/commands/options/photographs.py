@@ -10,6 +10,7 @@ from typing import Any
 
 from famjax.boundary.units import factor, parse_quantity
 from imaging import ImagingError, Recipe, Scale, calibrate_ruler, read_image, read_recipe
+from imaging.camera import Tone
 
 from .recipe import RecipeOptions
 
@@ -69,6 +70,8 @@ def command_recipe(options: RecipeOptions) -> tuple[Recipe, dict[str, str]]:
         if ruler is not None:
             found = dataclasses.replace(found, ruler=dataclasses.replace(found.ruler, **reading))
             found = dataclasses.replace(found, scale=_ruler_scale(ruler, found))
+            read = dataclasses.replace(found.ruler, pitch=found.scale.pitch)
+            found = dataclasses.replace(found, ruler=read)
             digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
             provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
     except ImagingError:
@@ -76,6 +79,51 @@ def command_recipe(options: RecipeOptions) -> tuple[Recipe, dict[str, str]]:
     except ValueError as error:
         raise ImagingError(f"the options do not make a recipe: {error}") from None
     return found, provenance
+
+
+def set_up(recipe: Recipe, options: RecipeOptions, inch: bool) -> list[dict[str, str]]:
+    """What the figures rest on: each choice of the set-up, its value, and where it is from.
+
+    Args:
+        recipe: of the options.
+        options: as they were given.
+        inch: lengths in inches, else in mm.
+
+    Returns:
+        Rows with the keys `what`, `value` and `source`, which begins with "stated", "measured" or
+        "assumed".
+    """
+    unit, size = ("in", 0.0254) if inch else ("mm", 1e-3)
+    scale, stated = recipe.scale, "stated"
+    px = "measured, by the ruler" if scale.source == "ruler" else stated
+    rows = [("scale", f"{scale.px_per_m * size:.6g} +- {scale.stderr * size:.2g} px/{unit}", px)]
+    if recipe.distance is None:
+        rows.append(
+            (
+                "distance",
+                "see each picture",
+                "measured, by the arcs of the tapes' edges: say --distance",
+            )
+        )
+    else:
+        rows.append(("distance", f"{recipe.distance / size:.5g} {unit}", stated))
+    if scale.source == "ruler":
+        given = options.pitch is not None or (options.recipe is not None and not options.ruler)
+        read = stated if given else "measured, by the marks from number to number"
+        if scale.pitch is not None:
+            rows.append(("pitch of the ruler", f"{scale.pitch / size:.5g} {unit}", read))
+        placed = scale.placement_stderr
+        rows.append(
+            ("place of the ruler", "in the plane of the axis", "assumed: say --ruler-placement")
+            if placed is None
+            else ("place of the ruler", f"+-{placed / size:.3g} {unit} off the axis", stated)
+        )
+    lens = "assumed: say --k1" if recipe.scale.k1_stderr is None else "measured, by the ruler"
+    rows.append(("k1 of the lens", f"{recipe.lens_k1:.3g}", lens if recipe.k1 is None else stated))
+    tone = "assumed, another is in the errors: say --tone srgb" if recipe.tone is None else stated
+    curve = "sRGB" if recipe.tone_curve == Tone.srgb() else "of the recipe"
+    rows.append(("tone curve", curve, tone))
+    return [dict(zip(("what", "value", "source"), row, strict=True)) for row in rows]
 
 
 def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
@@ -87,10 +135,10 @@ def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
         return calibrate_ruler(
             image,
             **dataclasses.asdict(recipe.ruler),
-            distance=recipe.distance,
+            distance=recipe.camera_distance,
             centre=None if whole else recipe.camera(width, height).centre,
             k1=recipe.k1,
-            tone=recipe.tone,
+            tone=recipe.tone_curve,
         )
     except ImagingError as error:
         raise error.at(ruler) from None
@@ -154,6 +202,8 @@ _READ: dict[str, Callable[[Any, str], Any]] = {
     "crop_offset": _pair,
     "frame_size": _whole_pair,
     "tape_hue": _angle,
+    "k1": lambda k1, _: float(k1),
+    "tone": lambda _text, _: Tone.srgb(),
     "method": lambda text, _: text,
     "braid_angle": lambda given, _: given,
     "n_threads": lambda given, _: given,

@@ -17,9 +17,10 @@ class RecipeOptions:
     ruler
         Photograph of a ruler in the plane of the muscle's axis, from the same camera.
     distance
-        Camera to muscle with its unit; 60in unless given.
+        Camera to muscle with its unit; unless given, that of which the tapes' edges are arcs, with its
+        error.
     pitch
-        Of the ruler's marks; 0.125in unless given.
+        Of the ruler's marks; unless given, it is read off the marks from number to number.
     expected_px_per_in
         The scale to within a quarter, for a ruler with different marks on its two edges.
     ruler_placement
@@ -32,6 +33,11 @@ class RecipeOptions:
         reference work's camera, unless given.
     scale
         Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
+    k1
+        Radial distortion of the lens; unless given, what the ruler's marks show of it.
+    tone
+        srgb: the camera's style is neutral, its contrast and sharpening off. Unless given, what
+        another style may do is in the errors.
     tape_diameter
         Known diameter of the tapes on the fittings, against which the scale is checked.
     tape_hue
@@ -58,6 +64,8 @@ class RecipeOptions:
     crop_offset: str | None = None
     frame_size: str | None = None
     scale: str | None = None
+    k1: float | None = None
+    tone: Literal["srgb"] | None = None
     tape_diameter: str | None = None
     tape_hue: str | None = None
     recipe: Path | None = None

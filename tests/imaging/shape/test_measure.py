@@ -38,9 +38,8 @@ def photo(made, seed=1):
 
 def recipe_of(made, **options):
     camera = made.camera
-    return Recipe(
-        Scale.manual(camera.px_per_m), distance=camera.distance, centre=camera.centre, **options
-    )
+    stated = {"distance": camera.distance, "centre": camera.centre, "tone": Tone.srgb()}
+    return Recipe(Scale.manual(camera.px_per_m), **stated | options)
 
 
 def errors(found, truth):

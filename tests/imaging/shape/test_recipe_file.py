@@ -13,7 +13,19 @@ from imaging.ruler import RulerReading
 from imaging.shape import write_recipe
 from imaging.shape.recipe_file import recipe_as_dict, recipe_text
 
-RULER = Scale(8922.4409, 0.0892, (1.1, 8922.4, -1.7e-9), 0.31, 0.021, 97, "ruler")
+RULER = Scale(
+    8922.4409,
+    0.0892,
+    (1.1, 8922.4, -1.7e-9),
+    0.31,
+    0.021,
+    97,
+    "ruler",
+    -0.02,
+    0.002,
+    0.0016,
+    0.0003,
+)
 PLAIN = Recipe(Scale.manual(8922.0, 0.1))
 FULL = Recipe(
     RULER,

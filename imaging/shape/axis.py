@@ -1,0 +1,233 @@
+"""Where the muscle's axis lies in depth, how far it is bowed, and what that does to the figures."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from ..arrays import Array
+from ..camera.pinhole import Camera
+from ..camera.silhouette import Silhouette
+from ..errors import DistanceContradiction
+from ..outline.both_sides import Outline
+from ..outline.midline import bow
+from ..tape.lean import Lean, ring_lean
+from ..tape.ring import Ring
+
+_INCH = 0.0254  # [m]
+_SURE = 4.0  # standard errors at which tapes say another distance than the stated one
+_SEEN = 3.0  # the same of a tilt
+_LEAST = 0.01  # lean below which a tape is square, as far as hands wind it
+_MOST = 0.12  # lean of both tapes against each other that no winding by hand explains, 7 deg
+_UPRIGHT = 0.0015  # rad, 0.1 deg: how well an axis is set upright in depth
+_ASIDE = 0.6  # of the bow in the picture: the bow in depth that goes with it
+_WAVE = 2 / math.pi  # mean of half a sine wave
+
+
+@dataclasses.dataclass(frozen=True)
+class Depth:
+    """The axis in depth, by the arcs of both tapes' edges.
+
+    The front of a tape's edge lies lower than its middle by p_i = tilt + y_i (1/d - 1/d0) over the
+    radius, seen by a camera at d and unrolled for one at d0.
+
+    Attributes:
+        tilt: of the axis, its lower end away from the camera [rad].
+        tilt_stderr: its standard error [rad].
+        nearer: 1/d - 1/d0 [1/m].
+        nearer_stderr: its standard error [1/m].
+        against: lean of both tapes against each other that this is, p of one end [-].
+    """
+
+    tilt: float
+    tilt_stderr: float
+    nearer: float
+    nearer_stderr: float
+    against: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis:
+    """What is made of the axis.
+
+    Attributes:
+        distance: of the camera [m].
+        distance_stderr: its standard error, 0 where it was stated [m].
+        tilt, tilt_stderr: see `Depth` [rad].
+        bow: largest deviation of the mid-line from a straight one [m].
+        length_factor: of the length between the rings.
+        length_offset: to be added to that length [m].
+        length_stderr: what the axis adds to the length's standard error [m].
+        cosine: of the axis' angle in the picture in every row, shape (n,).
+        diameter_stderr: what the axis adds to the diameter's standard error, relative.
+        warnings: what the user has to know.
+    """
+
+    distance: float
+    distance_stderr: float
+    tilt: float
+    tilt_stderr: float
+    bow: float
+    length_factor: float
+    length_offset: float
+    length_stderr: float
+    cosine: Array
+    diameter_stderr: float
+    warnings: tuple[str, ...]
+
+
+def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> tuple[Depth, tuple[Lean, Lean]]:
+    """Tilt and distance by the leans of both tapes' edges, and these."""
+    up, low = (ring_lean(ring, float(body.radius_at(ring.y))) for ring in (upper, lower))
+    span = lower.y - upper.y
+    nearer, nearer_stderr = (low.slope - up.slope) / span, math.hypot(low.stderr, up.stderr) / span
+    weight = np.array([up.stderr, low.stderr]) ** -2.0
+    weight /= weight.sum()
+    tilt = float(weight @ [up.slope, low.slope])
+    against = nearer * span / 2
+    if abs(nearer) > _SEEN * nearer_stderr:
+        tilt = up.slope - upper.y * nearer
+    return Depth(tilt, float((weight**2 @ [up.stderr**2, low.stderr**2]) ** 0.5), nearer,
+                 nearer_stderr, against), (up, low)  # fmt: skip
+
+
+def axis_of(
+    camera: Camera, outline: Outline, body: Silhouette, upper: Ring, lower: Ring, *, stated: bool
+) -> Axis:
+    """What tilt, distance and bow do to length and diameter.
+
+    A bow in the picture is undone: the length is that along the axis. A tilt that is seen is undone
+    by half, with the other half as standard error, since two tapes that lean alike look the same; one
+    that is not seen adds to the error, by what it may be. Tapes that contradict the stated distance
+    are measured by the middles of their rings, which lie where the limb is, at any lean and distance.
+
+    Args:
+        camera: the camera.
+        outline: the outline.
+        body: the body of revolution behind it.
+        upper: the upper tape's edge.
+        lower: the lower one's.
+        stated: the distance was stated; else it is the tapes' own and has their error.
+
+    Raises:
+        DistanceContradiction: both tapes lean against each other too much for tapes.
+    """
+    depth, (up, low) = depth_of_axis(body, upper, lower)
+    length, d = lower.y - upper.y, camera.distance
+    warnings = []
+    offset, parts, wide = 0.0, [], 0.0
+    radius = float(np.mean(body.radius))
+    if not stated:
+        front = 0.5 * float(body.radius_at(upper.y) + body.radius_at(lower.y)) * _front(upper)
+        parts.append(front * math.hypot(up.stderr, low.stderr, low.slope - up.slope))
+        wide = (body.x0**2 + radius**2) / d * depth.nearer_stderr
+    elif abs(depth.nearer) > _SURE * depth.nearer_stderr and abs(depth.against) > _LEAST:
+        offset = low.middle - up.middle
+        parts.append(math.hypot(low.middle_stderr, up.middle_stderr))
+        parts.append(depth.against**2 * length / 4)  # of a bow in depth that leans the tapes so
+        wide = abs(depth.against) * length / math.pi * _WAVE / d
+        warnings.append(_contradiction(depth, d))
+    tilt, turned = depth.tilt, _foreshortening(depth.tilt, (upper.y + lower.y) / 2 / d)
+    factor = 1.0
+    if abs(tilt) > max(_SEEN * depth.tilt_stderr, _LEAST):
+        factor = 1 + turned / 2
+        parts.append(length * abs(turned) / 2)
+        parts.append(length * (abs(tilt) + abs(upper.y + lower.y) / 2 / d) * depth.tilt_stderr)
+        warnings.append(
+            f"the axis, or both tapes, lean in depth by {math.degrees(tilt):.1f} deg, "
+            f"+-{math.degrees(depth.tilt_stderr):.1f}: half of the {abs(turned):.2%} that this does to "
+            "the length is undone, and half is in its error; set the axis upright, the tapes square"
+        )
+    else:
+        unseen = math.sqrt(max(_UPRIGHT**2, tilt**2 - depth.tilt_stderr**2))
+        parts.append(length * (unseen**2 / 2 + abs(upper.y + lower.y) / 2 / d * unseen))
+    deviation, slope = _bow(camera, outline)
+    longer = float(np.mean(slope**2)) / 2
+    parts.append(length * longer * _ASIDE)
+    return Axis(
+        distance=d,
+        distance_stderr=0.0 if stated else d**2 * depth.nearer_stderr,
+        tilt=tilt,
+        tilt_stderr=depth.tilt_stderr,
+        bow=deviation,
+        length_factor=factor * (1 + longer),
+        length_offset=offset,
+        length_stderr=math.hypot(*parts),
+        cosine=1 / np.hypot(1, slope),
+        diameter_stderr=math.hypot(wide, _ASIDE * deviation * _WAVE / d),
+        warnings=tuple(warnings),
+    )
+
+
+def distance_by_tapes(body: Silhouette, upper: Ring, lower: Ring, assumed: float) -> float:
+    """The camera's distance [m] by the tapes' arcs; the assumed one where they agree with it.
+
+    Raises:
+        DistanceContradiction: the arcs are those of no camera.
+    """
+    depth, _ = depth_of_axis(body, upper, lower)
+    if abs(depth.nearer) < 2 * depth.nearer_stderr:
+        return assumed
+    inverse = 1 / assumed + depth.nearer
+    if not _NEAREST > inverse > _FARTHEST:
+        raise DistanceContradiction(
+            "the tapes' edges must be arcs as a camera sees them at some distance; these lean against "
+            "each other more than that: say --distance, wind the tapes square to the axis, and hang "
+            "the muscle straight",
+            lean=depth.against,
+        )
+    return 1 / inverse
+
+
+_NEAREST, _FARTHEST = 1 / 0.15, 1 / 15.0  # of cameras [1/m]
+
+
+def _contradiction(depth: Depth, d: float) -> str:
+    inverse = 1 / d + depth.nearer
+    seen = f"{1 / inverse / _INCH:.0f} in" if inverse > _FARTHEST else "no distance"
+    if abs(depth.against) > _MOST:
+        raise DistanceContradiction(
+            "the tapes' edges must be arcs as a camera sees them at the stated distance; these belong "
+            f"to {seen}: correct --distance, or leave it out; if it is right, wind the tapes square to "
+            "the axis, and hang the muscle so that it is not bowed towards the camera",
+            stated=d,
+            lean=depth.against,
+        )
+    return (
+        f"the tapes' edges are arcs of a camera at {seen}, and {d / _INCH:.0f} in are stated: correct "
+        "--distance; if it is right, the tapes are not square to the axis, or the muscle is bowed in "
+        "depth, and the errors are wider for it"
+    )
+
+
+def _foreshortening(tilt: float, aside: float) -> float:
+    """What a tilt takes off the length, relative, for the ratio `aside` of the middle's y to d."""
+    return 1 / (math.cos(tilt) - math.sin(tilt) * aside) - 1
+
+
+def _front(ring: Ring) -> float:
+    """Mean of the front's height over the radius where the ring was looked at."""
+    return float(np.mean(np.sqrt(np.maximum(1 - ring.lateral**2, 0))))
+
+
+def ends_aside(camera: Camera, outline: Outline) -> tuple[float, float]:
+    """How far a bowed axis lies to the right of the straight one at its upper and lower end [m]."""
+    off, y = _mid_line(camera, outline)
+    line = np.polynomial.Polynomial.fit(y, off, 1)(y)
+    first, last = ((off - line)[[0, -1]] / camera.px_per_m).tolist()
+    return first, last
+
+
+def _bow(camera: Camera, outline: Outline) -> tuple[float, Array]:
+    """Largest deviation of the mid-line from the line through its ends [m], its slope in each row."""
+    off, y = _mid_line(camera, outline)
+    return float(np.abs(off).max()) / camera.px_per_m, np.gradient(off, y)
+
+
+def _mid_line(camera: Camera, outline: Outline) -> tuple[Array, Array]:
+    """`bow` of the outline without the lens' distortion, and rows [px]."""
+    f = camera.focal_px
+    (left, y), (right, _) = (
+        camera.rays(side.column, outline.rows) for side in (outline.left, outline.right)
+    )
+    return bow(left * f, right * f), y * f
