@@ -6,7 +6,7 @@ from os import PathLike, fspath
 
 import numpy as np
 
-from ..arrays import Image
+from ..arrays import Array, Image
 from ..camera.pinhole import Camera, ring_position
 from ..camera.read import Reader, read_image
 from ..camera.silhouette import Silhouette, profile_from_silhouette
@@ -210,11 +210,23 @@ def _ring(
     )
 
 
+def _beside(colour: Array, white: Array, recipe: Recipe) -> Array:
+    """Linear light of a colour over that of what is taken for white, the largest one 1."""
+    values = np.arange(256)
+    light, full = (np.interp(each, values, recipe.tone_curve.table) for each in (colour, white))
+    ratio = light / np.maximum(full, 1e-4)
+    return np.asarray(ratio / ratio.max(), float)
+
+
 def _quality(
     coarse: Segmentation, outline: Outline, upper: Ring, lower: Ring, recipe: Recipe
 ) -> Quality:
     hue = hue_of(coarse.tape)
-    off = 0.0 if recipe.tape_hue is None else hues_apart(hue, recipe.tape_hue)
+    off = 0.0
+    if recipe.tape_hue is not None:
+        # Coloured light turns hues; beside the braid, taken for white, the tape has its own again.
+        seen = hue, hue_of(_beside(coarse.tape, coarse.braid, recipe))
+        off = min(hues_apart(each, recipe.tape_hue) for each in seen)
     sides = (outline.left, outline.right)
     columns = (outline.left.column, outline.right.column)
     return Quality(

@@ -30,7 +30,8 @@ class Tape:
         width: along the axis [m].
         diameter: [m]; None takes the braid's diameter at its end.
         slant: angle of its inner edge to the normal of the axis [rad], `slant_towards` the azimuth
-            of the side that lies lower [rad], 0 to the right and pi/2 towards the camera.
+            of the side that lies lower [rad], 0 to the right and pi/2 towards the camera. A slanted
+            or ragged tape lies close on the braid, whatever its diameter.
         ragged: standard deviation of its inner edge along the axis [m], drawn by `ragged_seed`; zero
             in the mean over the side that the camera sees.
     """

@@ -126,12 +126,12 @@ class World:
         beyond = end + sign * (0.5 * braid if tape is None else tape.width)
         reach = self._reach(tape, 0 if sign < 0 else -1)
         if tape is not None and reach > 0:
-            under = np.abs(self.y - end) <= reach
-            outer = max(outer, 1.003 * float(self.R[under].max()))
             self._add_tape(tape, end, beyond, 2 * outer)
-            body = self.bodies[-1][1]
-            assert isinstance(body, Body)
-            body.cut = sign, functools.partial(tape.edge, radius=outer)
+            first, last = min(beyond, end), max(beyond, end)
+            y = np.linspace(first - reach, last + reach, 512)
+            body = Body(self.axis, first, last, y, 1.002 * np.interp(y, self.y, self.R))
+            body.cut = sign, functools.partial(tape.edge, radius=braid)
+            self.bodies[-1] = ("tape", body, self.bodies[-1][2])
             outer = braid
         elif tape is not None:
             self._add_tape(tape, end, beyond, 2 * outer)
