@@ -10,7 +10,14 @@ from ..arrays import Array, Image
 from ..camera.pinhole import Camera, ring_position
 from ..camera.read import Reader, read_image
 from ..camera.silhouette import Silhouette, profile_from_silhouette
-from ..errors import DamagedImage, ImagingError, NoMuscle, WrongOrientation
+from ..errors import (
+    AmbiguousHue,
+    DamagedImage,
+    ImagingError,
+    MotionBlurred,
+    NoMuscle,
+    WrongOrientation,
+)
 from ..outline.both_sides import Outline, find_outline
 from ..outline.midline import axis_deviation, axis_kink
 from ..quality import Quality
@@ -28,6 +35,8 @@ from .pixel_method import measure_pixels
 from .profile_of_body import measurement_of_body
 
 _LEAST_WIDTH = 16  # px
+_RAGGED = 1.5  # px, scatter of a tape's edge from which its teeth may pass for blur
+_SMEARED = 2.0  # times the outline's blur, from which it is motion all the same
 
 
 def measure(
@@ -142,9 +151,19 @@ def _placed(
 
 
 def _check(quality: Quality, recipe: Recipe) -> None:
-    """Refuse what is worse than the recipe's limits, and name the background where it is the cause."""
+    """Refuse what is worse than the recipe's limits; where background or tape is the cause, name it."""
     try:
         quality.check(recipe.limits)
+    except MotionBlurred as error:
+        smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
+        if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
+            raise
+        raise AmbiguousHue(
+            "the tapes' edges must be cut straight; these are so ragged that they cannot be told from "
+            "ones that moved: wind fresh tape with a straight edge",
+            tape_sd_px=quality.tape_sd_px,
+            tape_blur_px=quality.tape_blur_px,
+        ) from error
     except DamagedImage as error:
         if not math.isnan(quality.eta_value):
             raise

@@ -23,7 +23,7 @@ _PASSES = 4
 _PIECES = 64
 _STRAIGHT = 1.5  # px between the ends of an edge, of which groups of 16 make nothing
 _RAGGED = 0.6  # px, the scatter from which an edge's blur is that of its pieces
-_LEVEL = 0.35  # of the pieces, those whose neighbours lie most nearly beside them
+_LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside them
 _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
 _BRIGHTEST = 1.6
@@ -185,17 +185,25 @@ def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Arr
     where = np.array([part.mean() for part in np.array_split(lateral, _PIECES)])
     pieces = np.stack([part.mean(axis=0) for part in np.array_split(grid, _PIECES)])
     reach, own, delta = _DEEPEST, s, np.zeros(_PIECES)
+    keep = np.ones(_PIECES, bool)
     for _ in range(_PASSES):
         delta = best_shift(pieces, t, lambda x, blur=s: step(x, blur), reach, 0.1)
         steep = np.abs(np.gradient(delta))
-        level = (np.abs(delta) < reach - 1) & (steep <= np.quantile(steep, _LEVEL))
+        keep = (np.abs(delta) < reach - 1) & _near_most(delta)
+        level = keep & (steep <= np.quantile(steep, _LEVEL))
         aligned = [np.interp(t + d, t, piece) for d, piece in zip(delta, pieces, strict=True)]
         near = np.abs(t) <= _DEEPEST
         own = _blurred_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s)[1]
         if abs(own / s - 1) < _SAME:
             break
         s = own
-    return own, delta, np.abs(delta) < reach - 1, where
+    return own, delta, keep, where
+
+
+def _near_most(delta: Array) -> Flags:
+    """Which shifts are within four standard deviations of the median, by the median deviation."""
+    off = np.abs(delta - np.median(delta))
+    return off <= 4 * max(1.4826 * float(np.median(off)), 0.05)
 
 
 def _window(blur: float) -> Array:
@@ -293,6 +301,4 @@ def _blurred_step(profile: Array, t: Array, start: float) -> tuple[float, float]
 def _group_shifts(groups: Array, t: Array, s: float) -> tuple[Array, Flags]:
     near = np.abs(t) <= max(8.0, 3 * s)
     delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
-    centre = np.median(delta)
-    spread = 1.4826 * float(np.median(np.abs(delta - centre)))
-    return delta, np.abs(delta - centre) <= 4 * max(spread, 0.05)
+    return delta, _near_most(delta)

@@ -40,7 +40,7 @@ WALL = {"cloth": 0.75, "cloth_gradient": 0.2, "stray": 0.0}
 CASES = {
     "tapes slanted by 4 deg": {"tape": {"slant": math.radians(4)}},
     "tapes slanted by -3 deg": {"tape": {"slant": math.radians(-3)}},
-    "ragged tapes": {"tape": {"ragged_px": 1.5}},
+    "ragged tapes": {"tape": {"ragged_px": 1.2}},
     "loose fibres": {"fray": 40},
     "a light wall": {"light": WALL, "albedo": TAN},
     "a grey background": {"light": {"cloth": 0.12, "stray": 0.0}},
