@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from promise import Case, Cost, Promise
+from promise import Case, Cost, Direction, Promise
 
 HERE = Path(__file__).resolve().parent
 SIZE = (2650, 1100)
@@ -69,5 +69,32 @@ def _photographs() -> Iterable[Promise]:
                       "at least" if up else "at most")  # fmt: skip
 
 
-PHOTOGRAPHS: tuple[Promise, ...] = tuple(_photographs())
-"""Issue 5."""
+def braid_angle(what: str) -> Callable[[Case], float]:
+    """A figure of `imaging_braid_angle.py`."""
+
+    def measure(case: Case) -> float:
+        import imaging_braid_angle  # noqa: PLC0415 -- OpenCV
+
+        rows = case.once("braid_angle", lambda: list(imaging_braid_angle.rows(60)))
+        return next(row.found for row in rows if row.what.startswith(what))
+
+    return measure
+
+
+def _braid_angles() -> Iterable[Promise]:
+    figures: list[tuple[str, float, Direction]] = [
+        ("angle at z within 0.3 deg, part", 0.95, "at least"),
+        ("mean angle of a picture, largest error [deg]", 0.3, "at most"),
+        ("angle at z within its 95 % interval, part", 0.88, "at least"),
+        ("angle at z within its 95 % interval, part", 0.99, "at most"),
+        ("strands counted right, part", 0.95, "at least"),
+    ]
+    for what, limit, direction in figures:
+        name = f"photographs, braid {what}, {direction}"
+        yield Promise(15, name, braid_angle(what), "python benchmarks/imaging_braid_angle.py",
+                      "rendered scenes", "60 scenes of 150 to 260 px/in", what, limit, direction,
+                      cost="minutes")  # fmt: skip
+
+
+PHOTOGRAPHS: tuple[Promise, ...] = (*_photographs(), *_braid_angles())
+"""Issues 5 and 15."""

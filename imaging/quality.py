@@ -54,7 +54,7 @@ class QualityLimits:
     axis_deviation: float = 0.15
     axis_kink: float = 0.05
     misfit: float = 0.02
-    tape_sd_px: float = 3.0
+    tape_sd_px: float = 5.0
     saturated: float = 0.2
     tape_hue_deg: float = 40.0
     scale_contradiction: float = 0.005
@@ -81,7 +81,8 @@ class Quality:
         tape_blur_px: blur of the tapes' edges along the axis, the larger [px].
         saturated: saturated part of the muscle.
         tape_hue_deg: hue of the tapes [deg].
-        tape_hue_error_deg: its distance from the recipe's; 0 where the recipe gives none.
+        tape_hue_error_deg: its distance from the recipe's, by itself or beside the braid as white,
+            whichever is smaller; 0 where the recipe gives none.
     """
 
     eta_value: float

@@ -43,6 +43,10 @@ class Recipe:
             9.3 mm, which is 83 px at 226.63 px/in.
         limits: the worst quality that still is a measurement.
         ruler: how the photograph of a ruler, if the scale comes from one, is read.
+        braid_angle: measure it from the weave as well, which takes as long again.
+        n_threads: of both families of the braid, if known [-]; None counts them in the picture.
+        turns: N of a thread about the axis over the length, if known [-]: what the braid angle is
+            compared with is atan(L / (pi N D)).
 
     Raises:
         ValueError: an option that is not known, a figure outside its range, or half of a crop.
@@ -64,12 +68,25 @@ class Recipe:
     resolution_px: float | None = None
     limits: QualityLimits = dataclasses.field(default_factory=QualityLimits)
     ruler: RulerReading = dataclasses.field(default_factory=RulerReading)
+    braid_angle: bool = False
+    n_threads: int | None = None
+    turns: float | None = None
 
     def __post_init__(self) -> None:
         for name, known in (("method", METHODS), ("orientation", ORIENTATIONS)):
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} is one of {known}, got {getattr(self, name)!r}")
-        for name in ("distance", "tape_diameter", "blur_px", "resolution_px"):
+        if self.braid_angle and self.method == "pixel":
+            raise ValueError(
+                'the braid angle needs the body behind the outline, which method "pixel" has not: '
+                'measure it with method "limb"'
+            )
+        if self.n_threads is not None and (self.n_threads < 8 or self.n_threads % 2):
+            raise ValueError(
+                "n_threads counts both families of the braid, an even number of 8 or more; got "
+                f"{self.n_threads}"
+            )
+        for name in ("distance", "tape_diameter", "blur_px", "resolution_px", "turns"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be finite and > 0, got {value}")

@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import Image
 from ..errors import DamagedImage, UnreadableImage
 from .jpeg_damage import find_seam, read_header
+from .orientation import orientation_of, shown
 
 Reader = Callable[[str], Image]
 """From a path to a picture, RGB, dtype uint8, shape (h, w, 3); it may raise `ImagingError`."""
@@ -23,7 +24,7 @@ _stderr_lock = threading.Lock()
 
 
 def read_image(path: str | PathLike[str]) -> Image:
-    """The picture of a file as the sensor had it: RGB, not turned by its EXIF orientation.
+    """The picture of a file as it is to be shown: RGB, turned and mirrored by its EXIF orientation.
 
     OpenCV decodes damaged JPEG files without an error but for a line that libjpeg writes to the process'
     standard error; that line is caught here, and is a `DamagedImage`. A bit that flips in the
@@ -75,7 +76,7 @@ def read_image(path: str | PathLike[str]) -> Image:
             row=seam[0],
             jump_levels=seam[1],
         )
-    return image
+    return shown(image, orientation_of(data))
 
 
 def readable_part(path: str | PathLike[str]) -> Image | None:
@@ -84,7 +85,8 @@ def readable_part(path: str | PathLike[str]) -> Image | None:
         data = Path(path).read_bytes()
     except OSError:
         return None
-    return _decoded(data)[0] if data else None
+    image = _decoded(data)[0] if data else None
+    return None if image is None else shown(image, orientation_of(data))
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:

@@ -14,6 +14,17 @@ _COLUMNS = {
     "contraction": (None, "(rest length - length) / rest length"),
     "px_per_m": (None, "scale at the mid-plane of the muscle"),
     "roll_deg": (None, "angle of the axis to the columns of the picture"),
+    "braid_angle_deg": (
+        None,
+        "between yarns and circumference, mean over where the weave is resolved",
+    ),
+    "braid_angle_resolved": (None, "part of the length over which the braid angle is resolved"),
+    "yarns": (None, "of the braid around the circumference in each direction"),
+    "turns": (None, "of a yarn about the axis over the length, from the braid angle"),
+    "triangle_angle_deg": (
+        None,
+        "braid angle of the cylinder with the mean diameter, atan(L / (pi N D)), N the recipe's turns",
+    ),
     "x0": ("length", "distance of the axis from the optical axis, to the right"),
     "distance": ("length", "of the camera to the axis: as stated, or by the tapes' arcs"),
     "tilt_deg": (None, "of the axis in depth, its lower end away from the camera"),
@@ -66,6 +77,6 @@ def cf_unit(name: str) -> str:
     if kind is not None:
         return unit_system("si")[kind]
     for ending, unit in {"_deg": "degree", "_px": "pixel", "px_per_m": "pixel m-1"}.items():
-        if name.endswith(ending):
+        if name.removesuffix("_stderr").endswith(ending):
             return unit
     return "1"

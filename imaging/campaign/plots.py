@@ -16,6 +16,7 @@ from .table import Table
 _PROFILES = 40  # drawn at most, evenly over the contraction
 _MARGINS = {"left": 0.07, "right": 0.98, "top": 0.95, "bottom": 0.07, "wspace": 0.25, "hspace": 0.3}
 """Of the four axes: a layout by matplotlib's solver costs as much time as all else of the figure."""
+_COLOURS = mpl.colormaps["viridis"]
 _QUALITY = (
     "blur_px", "tape_sd_px", "residual_rms", "outlier_fraction", "misfit", "kappa", "axis_kink",
     "saturated",
@@ -26,7 +27,8 @@ _QUALITY = (
 def plot_table(table: Table, system: str = "us", limits: QualityLimits | None = None) -> Figure:
     """Profiles coloured by contraction, length and mean diameter over time, and quality.
 
-    Of one picture there is the profile and the quality.
+    Of one picture there is the profile and the quality. Where the braid angle was measured, its
+    profiles are there, too, with the error's band of a single picture, and its mean over time.
 
     Args:
         table: of a campaign.
@@ -39,16 +41,24 @@ def plot_table(table: Table, system: str = "us", limits: QualityLimits | None = 
     """
     unit = unit_system(system)["length"]
     per_unit = factor(unit, "length")
+    braided = "braid_angle_deg" in table.columns
     if len(table) == 1:
-        figure = Figure(figsize=(11, 4))
-        profiles, quality = figure.subplots(
-            1, 2, gridspec_kw=_MARGINS | {"top": 0.9, "bottom": 0.14}
+        figure = Figure(figsize=(16.5 if braided else 11, 4))
+        profiles, quality, *angles = figure.subplots(
+            1, 3 if braided else 2, gridspec_kw=_MARGINS | {"top": 0.9, "bottom": 0.14}
         )
     else:
-        figure = Figure(figsize=(11, 8))
-        (profiles, length), (quality, diameter) = figure.subplots(2, 2, gridspec_kw=_MARGINS)
+        figure = Figure(figsize=(11, 12 if braided else 8))
+        (profiles, length), (quality, diameter), *more = figure.subplots(
+            3 if braided else 2, 2, gridspec_kw=_MARGINS
+        )
         _draw_over_time(length, table, "length", unit, per_unit)
         _draw_over_time(diameter, table, "mean_diameter", unit, per_unit)
+        angles = [axes for row in more for axes in row]
+    if angles:
+        _draw_angles(angles[0], table, unit, per_unit)
+    if len(angles) > 1:
+        _draw_over_time(angles[1], table, "braid_angle_deg", "deg", 1.0)
     FigureCanvasAgg(figure)
     _draw_profiles(figure, profiles, table, unit, per_unit)
     _draw_quality(quality, table, limits or QualityLimits())
@@ -58,22 +68,35 @@ def plot_table(table: Table, system: str = "us", limits: QualityLimits | None = 
 
 
 def _draw_profiles(figure: Figure, axes: Axes, table: Table, unit: str, per_unit: float) -> None:
-    good = np.flatnonzero(table.ok)
     axes.set(xlabel=f"z, {unit}", ylabel=f"D, {unit}", title="profiles")
-    if not len(good):
+    if not table.ok.any():
         axes.text(0.5, 0.5, "no picture was measured", transform=axes.transAxes, ha="center")
         return
+    span = _draw_lines(axes, table, table.diameter / per_unit, per_unit)
+    if len(table) > 1:
+        figure.colorbar(ScalarMappable(span, _COLOURS), ax=axes, label="contraction")
+
+
+def _draw_angles(axes: Axes, table: Table, unit: str, per_unit: float) -> None:
+    axes.set(xlabel=f"z, {unit}", ylabel="braid angle, deg", title="braid angle")
+    _draw_lines(axes, table, table.braid_angle, per_unit)
+    if len(table) == 1:
+        z = table.position * table["length"][0] / per_unit
+        angle, stderr = table.braid_angle[0], table.braid_angle_stderr[0]
+        axes.fill_between(z, angle - 2 * stderr, angle + 2 * stderr, alpha=0.3, lw=0)
+
+
+def _draw_lines(axes: Axes, table: Table, profiles: np.ndarray, per_unit: float) -> Normalize:
+    """Profiles over z, coloured by contraction."""
+    good = np.flatnonzero(table.ok)
     contraction = table["contraction"]
     ordered = good[np.argsort(contraction[good])]
     chosen = ordered[np.linspace(0, len(ordered) - 1, min(len(ordered), _PROFILES)).astype(int)]
-    colours = mpl.colormaps["viridis"]
     span = Normalize(float(contraction[good].min()), float(contraction[good].max()) + 1e-9)
     for k in chosen:
         z = table.position * table["length"][k]
-        colour = colours(span(contraction[k]))
-        axes.plot(z / per_unit, table.diameter[k] / per_unit, color=colour, lw=0.8)
-    if len(table) > 1:
-        figure.colorbar(ScalarMappable(span, colours), ax=axes, label="contraction")
+        axes.plot(z / per_unit, profiles[k], color=_COLOURS(span(contraction[k])), lw=0.8)
+    return span
 
 
 def _draw_over_time(axes: Axes, table: Table, name: str, unit: str, per_unit: float) -> None:

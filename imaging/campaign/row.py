@@ -31,6 +31,9 @@ class Row:
         numbers: in SI, by column; none where the picture could not be measured.
         diameter: at `POSITION`, shape (201,) [m]; nan where the picture could not be measured.
         diameter_stderr: its standard error, shape (201,) [m].
+        braid_angle: at `POSITION`, shape (201,) [deg]; nan where it is not resolved or not asked for.
+        braid_angle_stderr: its standard error, shape (201,) [deg].
+        braid_refusal: why the braid angle is resolved nowhere, empty where it is or was not asked for.
         seconds: when it was taken, by the camera's clock [s since 1970]; nan if it does not say.
         resolution: of the time stamp [s].
         sha256: of the file; empty where it could not be read.
@@ -44,6 +47,9 @@ class Row:
     numbers: dict[str, float] = field(default_factory=dict)
     diameter: ArrayLike = _NONE
     diameter_stderr: ArrayLike = _NONE
+    braid_angle: ArrayLike = _NONE
+    braid_angle_stderr: ArrayLike = _NONE
+    braid_refusal: str = ""
     seconds: float = math.nan
     resolution: float = math.nan
     sha256: str = ""
@@ -85,12 +91,17 @@ def measured_rows(
             name: np.interp(POSITION, z, getattr(found, name)).tolist()
             for name in ("diameter", "diameter_stderr")
         }
+        if found.braid is not None:
+            angles = np.degrees(found.braid.at(POSITION * found.length)).tolist()
+            profiles |= dict(zip(("braid_angle", "braid_angle_stderr"), angles, strict=True))
+            facts["braid_refusal"] = found.braid.refusal
         warnings = " | ".join(found.warnings)
-        rows.append(Row(path, numbers=_numbers(found), warnings=warnings, **profiles, **facts))
+        numbers = _numbers(found, recipe)
+        rows.append(Row(path, numbers=numbers, warnings=warnings, **profiles, **facts))
     return rows
 
 
-def _numbers(found: Any) -> dict[str, float]:
+def _numbers(found: Any, recipe: Recipe) -> dict[str, float]:
     """The columns of a measurement in SI, its quality figures after them."""
     names = (
         "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "maximum_diameter",
@@ -101,7 +112,24 @@ def _numbers(found: Any) -> dict[str, float]:
     columns = {"maximum_diameter": "max_diameter", "roll": "roll_deg", "tilt": "tilt_deg"}
     for angle in ("roll", "tilt"):
         numbers[angle] = math.degrees(numbers[angle])
+    if found.braid is not None:
+        numbers |= _of_braid(found, recipe.turns)
     return {columns.get(name, name): float(value) for name, value in numbers.items()}
+
+
+def _of_braid(found: Any, turns: float | None) -> dict[str, float]:
+    """The columns of the braid."""
+    braid = found.braid
+    numbers = {
+        "braid_angle_deg": math.degrees(braid.mean),
+        "braid_angle_deg_stderr": math.degrees(braid.mean_stderr),
+        "braid_angle_resolved": braid.part,
+        "yarns": braid.yarns,
+        "turns": braid.turns,
+    }
+    if turns is not None:
+        numbers["triangle_angle_deg"] = math.degrees(found.triangle_angle(turns))
+    return numbers
 
 
 def error_text(error: BaseException) -> str:

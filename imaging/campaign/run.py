@@ -10,6 +10,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
+from ..camera.orientation import shown_size
 from ..errors import ImagingError, MixedSizes
 from ..recipe import Recipe
 from ..shape.recipe_file import recipe_as_dict, recipe_text
@@ -161,7 +162,7 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     for path in paths:
         try:
             with Image.open(path) as picture:
-                by_size.setdefault(picture.size, []).append(path)
+                by_size.setdefault(shown_size(picture), []).append(path)
         except (OSError, UnidentifiedImageError, SyntaxError):
             continue
     if len(by_size) < 2:

@@ -46,6 +46,9 @@ class Table:
         columns: numbers by name, each of shape (n,); nan where a picture has none.
         diameter: at z/L = `position`, shape (n, 201) [m].
         diameter_stderr: its standard error, shape (n, 201) [m].
+        braid_angle: at z/L = `position`, shape (n, 201) [deg]; nan where it is not resolved, as it is
+            next to the tapes, and where the recipe does not ask for it.
+        braid_angle_stderr: its standard error, shape (n, 201) [deg].
         sha256: of each file.
         rest_length: against which contraction is counted [m]; nan if no picture was measured.
         time_origin: where `time` is zero, by the camera's clock [s since 1970]; nan if no picture
@@ -61,6 +64,8 @@ class Table:
     columns: Mapping[str, np.ndarray]
     diameter: np.ndarray
     diameter_stderr: np.ndarray
+    braid_angle: np.ndarray
+    braid_angle_stderr: np.ndarray
     sha256: tuple[str, ...]
     rest_length: float
     time_origin: float
@@ -121,12 +126,14 @@ class Table:
             columns={name: columns[name] for name in dict.fromkeys([*first, *columns])},
             diameter=np.array([row.diameter for row in rows]),
             diameter_stderr=np.array([row.diameter_stderr for row in rows]),
+            braid_angle=np.array([row.braid_angle for row in rows]),
+            braid_angle_stderr=np.array([row.braid_angle_stderr for row in rows]),
             sha256=tuple(row.sha256 for row in rows),
             rest_length=rest,
             time_origin=origin,
             stamp_resolution=resolution,
             warnings=tuple(row.warnings for row in rows),
-            notes=(note, *_stamp_notes(rows, resolution), *_warned(rows)),
+            notes=(note, *_stamp_notes(rows, resolution), *_warned(rows), *_braid_notes(rows)),
             provenance={**(provenance or {}), SCALE_STDERR: f"{scale_relative_stderr:.6g}"},
         )
 
@@ -189,6 +196,16 @@ class Table:
             data[column_name(name, "si")] = picture, values, about
         data["diameter_m"] = grid, self.diameter, {"units": "m", "long_name": "D(z), outside"}
         data["diameter_stderr_m"] = grid, self.diameter_stderr, {"units": "m"}
+        if "braid_angle_deg" in self.columns:
+            about = {
+                "units": "degree",
+                "long_name": "theta(z), between yarns and circumference; nan where it is not resolved, "
+                "as it is next to the tapes",
+            }
+            data["braid_angle_profile_deg"] = grid, self.braid_angle, about
+            data["braid_angle_profile_deg_stderr"] = (
+                grid, self.braid_angle_stderr, {"units": "degree"},
+            )  # fmt: skip
         about = {"units": "1", "long_name": "z/L, from the upper tape edge to the lower one"}
         coordinates: dict[str, Variable] = {
             "path": (picture, np.array(self.path, "U"), {}),
@@ -250,6 +267,16 @@ def _stamp_notes(rows: Sequence[Row], resolution: float) -> list[str]:
             "The time stamps are cut down to whole seconds: each picture was taken up to 1 s later."
         )
     return notes
+
+
+def _braid_notes(rows: Sequence[Row]) -> list[str]:
+    bare = [row for row in rows if row.braid_refusal]
+    if not bare:
+        return []
+    return [
+        f"{len(bare)} of {len(rows)} pictures show no braid angle, first {Path(bare[0].path).name}: "
+        f"{bare[0].braid_refusal}."
+    ]
 
 
 def _warned(rows: Sequence[Row]) -> list[str]:

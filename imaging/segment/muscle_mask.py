@@ -25,7 +25,7 @@ class MuscleMask:
     Attributes:
         lit: its well lit part, 255 inside, shape (h, w).
         whole: the shaded side as well, and rods that glare.
-        eta: separability of muscle and cloth, 0 to 1.
+        eta: separability of muscle and cloth, 0 to 1; nan where it was not found by its brightness.
     """
 
     lit: Mask

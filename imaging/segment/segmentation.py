@@ -1,17 +1,29 @@
 """Which pixels are cloth, braid and tape: a coarse outline for the fine steps to start from."""
 
 import dataclasses
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 
 from ..arrays import Array, Image, Indices
-from ..errors import Clipped, MissingFitting, NoMuscle, WrongOrientation
+from ..errors import (
+    AmbiguousHue,
+    Clipped,
+    ExtraFitting,
+    ImagingError,
+    MissingFitting,
+    NoMuscle,
+    WrongOrientation,
+)
+from .against_border import light_behind, mask_against_border
 from .masks import Mask, sampled, shaped
 from .muscle_mask import MuscleMask, muscle_mask
 from .tape_colour import split_by_colour
 from .tapes import Patch, two_tapes
 
+_BY_BACKGROUND = Clipped, NoMuscle, ExtraFitting, AmbiguousHue, MissingFitting
+_SEPARATE = 0.7  # eta of brightness from which the background is dark and even
 _COARSE_PIXELS = 0.35e6  # the picture is thinned out to about this many for the first look
 _FINE_STEP = 4
 _FEWEST_ROWS = 48
@@ -47,7 +59,8 @@ class Segmentation:
         left, right: columns of the outermost muscle pixels in them, shape (n,).
         upper, lower: the tapes.
         cloth, braid, tape: median colours, 0 to 255, shape (3,).
-        eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1.
+        eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1; the first nan
+            where the muscle was found by its border and not by its brightness.
         saturated: part of the muscle with a colour at 254 or more.
     """
 
@@ -81,9 +94,10 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
     """The coarse outline of an upright muscle and its two tapes.
 
     The brightest of the three colours, or the strength of the colour, separates the muscle from
-    the cloth (Otsu on each); the chromaticity along the line between the two classes separates the
-    tapes from the braid (Otsu again), without a seam at hue 0. Large
-    pictures are looked at twice, coarse for the place and then at every fourth pixel.
+    the cloth (Otsu on each); where this gives no muscle with two tapes, what is off the colours of
+    the picture's left and right borders does. The chromaticity along the line between the two
+    classes separates the tapes from the braid (Otsu again), without a seam at hue 0. Large pictures
+    are looked at twice, coarse for the place and then at every fourth pixel.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -93,8 +107,26 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
         NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting, Clipped,
             WrongOrientation: see these classes.
     """
+    error: ImagingError | None = None
+    try:
+        found = _segmented(rgb, tape_hue, muscle_mask)
+        if found.eta_value >= _SEPARATE:
+            return found
+    except _BY_BACKGROUND as refused:
+        found, error = None, refused
+    try:
+        return _segmented(rgb, tape_hue, mask_against_border)
+    except ImagingError as also:
+        if found is not None:
+            return found
+        raise also if error is None or light_behind(rgb) else error from None
+
+
+def _segmented(
+    rgb: Image, tape_hue: float | None, mask_by: Callable[[Image], MuscleMask]
+) -> Segmentation:
     step = _first_step(rgb)
-    look = _look(rgb, step, tape_hue)
+    look = _look(rgb, step, tape_hue, mask_by)
     first, second = look.upper.centre, look.lower.centre
     if abs(first[0] - second[0]) > abs(first[1] - second[1]):
         raise WrongOrientation(
@@ -107,7 +139,7 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
     if step > _FINE_STEP:
         v0, v1, u0, u1 = _around(look, rgb.shape)
         crop = rgb[v0:v1, u0:u1]
-        look = _look(crop, _FINE_STEP, tape_hue)
+        look = _look(crop, _FINE_STEP, tape_hue, mask_by)
     return _measured(look, v0, u0)
 
 
@@ -117,12 +149,14 @@ def _first_step(rgb: Image) -> int:
     return _FINE_STEP if step == _FINE_STEP - 1 else step
 
 
-def _look(rgb: Image, step: int, tape_hue: float | None) -> _Look:
+def _look(
+    rgb: Image, step: int, tape_hue: float | None, mask_by: Callable[[Image], MuscleMask]
+) -> _Look:
     h, w = rgb.shape[0] // step, rgb.shape[1] // step
     even = rgb[: h * step, : w * step]
     small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
     soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
-    muscle = muscle_mask(soft)
+    muscle = mask_by(soft)
     tape, eta_hue = split_by_colour(soft, muscle.lit, tape_hue)
     upper, lower = two_tapes(tape, muscle.lit, eta_hue, step)
     return _Look(step, small, muscle, tape, upper, lower, eta_hue)
@@ -158,7 +192,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     if left.min() == 0 or right.max() == band.shape[1] - 1:
         raise Clipped(
             "the whole width of the muscle must be in the picture; its outline touches the border: "
-            "move the camera, or widen the crop",
+            "move the camera, widen the crop, or put a dark cloth behind all of it",
             left_px=int(left.min() * step),
             right_px=int(right.max() * step),
         )

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..quality import Quality
+from ..weave.angle import BraidAngle, triangle_angle
 from .fourier import FourierFit, fit_fourier
 
 
@@ -20,6 +21,7 @@ class Trace:
         upper, lower: u, v of the inner edges of the tapes, shape (2, k).
         turned: the picture was turned a quarter turn clockwise first, and these positions are in
             the turned one.
+        yarns: pieces of yarns at the braid angle that was found, u and v, shape (2, k) each.
     """
 
     rows: Array
@@ -28,6 +30,7 @@ class Trace:
     upper: Array
     lower: Array
     turned: bool = False
+    yarns: tuple[Array, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +103,7 @@ class Measurement:
         bow: largest deviation of the mid-line from a straight one [m].
         warnings: what the errors do not hold, or hold only in part, in words.
         trace: the edges in the picture.
+        braid: the braid angle along it; None where the recipe does not ask for it.
     """
 
     path: str
@@ -121,6 +125,7 @@ class Measurement:
     tilt_stderr: float = math.nan
     bow: float = 0.0
     warnings: tuple[str, ...] = ()
+    braid: BraidAngle | None = None
 
     @property
     def length_stderr(self) -> float:
@@ -158,6 +163,14 @@ class Measurement:
         at_ends = np.pi / 4 * float(np.mean(self.diameter[[0, -1]] ** 2)) * self.errors.ends
         random = math.sqrt(self.errors.density * squared)
         return math.hypot(by_edge, random, at_ends, 3 * self.volume * self.errors.scale)
+
+    def triangle_angle(self, turns: float) -> float:
+        """Braid angle of the cylinder of this length and mean diameter, atan(L / (pi N D)) [rad].
+
+        Args:
+            turns: N of a thread about the axis over the length [-].
+        """
+        return float(triangle_angle(self.length, turns, self.mean_diameter))
 
     def contraction(self, rest: "float | Measurement") -> tuple[float, float]:
         """Contraction (L0 - L) / L0 and its standard error.

@@ -6,20 +6,28 @@ from os import PathLike, fspath
 
 import numpy as np
 
-from ..arrays import Image
+from ..arrays import Array, Image
 from ..camera.pinhole import Camera, ring_position
 from ..camera.read import Reader, read_image
 from ..camera.silhouette import Silhouette, profile_from_silhouette
-from ..camera.tone import amount_of_luma
-from ..errors import ImagingError, NoMuscle, WrongOrientation
+from ..errors import (
+    AmbiguousHue,
+    DamagedImage,
+    ImagingError,
+    MotionBlurred,
+    NoMuscle,
+    WrongOrientation,
+)
 from ..outline.both_sides import Outline, find_outline
 from ..outline.midline import axis_deviation, axis_kink
 from ..quality import Quality
 from ..recipe import Recipe
+from ..segment.edge_light import edge_light
 from ..segment.segmentation import Segmentation, segment
 from ..segment.tape_colour import hue_of, hues_apart
 from ..tape.diameter import check_tape_diameter
 from ..tape.ring import Ring, find_ring
+from ..weave.angle import braid_angle, yarn_lines
 from .axis import axis_of, distance_by_tapes, ends_aside
 from .measurement import Measurement
 from .photograph import Photograph
@@ -27,6 +35,8 @@ from .pixel_method import measure_pixels
 from .profile_of_body import measurement_of_body
 
 _LEAST_WIDTH = 16  # px
+_RAGGED = 1.5  # px, scatter of a tape's edge from which its teeth may pass for blur
+_SMEARED = 2.0  # times the outline's blur, from which it is motion all the same
 
 
 def measure(
@@ -91,9 +101,10 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
         raise NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
+    image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
     outline = find_outline(
-        photo.rgb,
-        amount_of_luma(recipe.tone_curve, coarse.cloth, coarse.braid),
+        image,
+        amount,
         coarse.rows,
         coarse.left,
         coarse.right,
@@ -111,12 +122,13 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
             photo = dataclasses.replace(photo, camera=camera)
             body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, outline, upper, lower, recipe)
-    quality.check(recipe.limits)
+    _check(quality, recipe)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo.rgb, coarse, body, photo.camera, recipe, recipe.tape_diameter)
     stated = recipe.distance is not None
     axis = axis_of(photo.camera, outline, body, upper, lower, stated=stated)
-    return measurement_of_body(photo, outline, body, upper, lower, recipe, quality, axis)
+    found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality, axis)
+    return _with_braid(found, photo, body, upper, lower, recipe) if recipe.braid_angle else found
 
 
 def _placed(
@@ -136,6 +148,56 @@ def _placed(
         for lower, aside in zip((False, True), ends_aside(photo.camera, outline), strict=True)
     )
     return body, upper, lower
+
+
+def _check(quality: Quality, recipe: Recipe) -> None:
+    """Refuse what is worse than the recipe's limits; where background or tape is the cause, name it."""
+    try:
+        quality.check(recipe.limits)
+    except MotionBlurred as error:
+        smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
+        if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
+            raise
+        raise AmbiguousHue(
+            "the tapes' edges must be cut straight; these are so ragged that they cannot be told from "
+            "ones that moved: wind fresh tape with a straight edge",
+            tape_sd_px=quality.tape_sd_px,
+            tape_blur_px=quality.tape_blur_px,
+        ) from error
+    except DamagedImage as error:
+        if not math.isnan(quality.eta_value):
+            raise
+        raise NoMuscle(
+            "the muscle must stand out from its background all along its outline; the background is "
+            "too much like it in places: put a dark cloth behind it",
+            axis_kink=quality.axis_kink,
+            residual_rms=quality.residual_rms,
+            misfit=quality.misfit,
+        ) from error
+
+
+def _with_braid(
+    found: Measurement,
+    photo: Photograph,
+    body: Silhouette,
+    upper: Ring,
+    lower: Ring,
+    recipe: Recipe,
+) -> Measurement:
+    """The measurement with the braid angle, on which an error of the scale has no influence."""
+    braid = braid_angle(
+        photo.rgb,
+        photo.camera,
+        body,
+        upper.y,
+        lower.y,
+        relative_stderr=found.errors.edge / found.mean_diameter,
+        n_threads=recipe.n_threads,
+    )
+    yarns = tuple(yarn_lines(photo.camera, body, upper.y, braid))
+    return dataclasses.replace(
+        found, braid=braid, trace=dataclasses.replace(found.trace, yarns=yarns)
+    )
 
 
 def _body(camera: Camera, outline: Outline, offset: float) -> Silhouette:
@@ -167,11 +229,23 @@ def _ring(
     )
 
 
+def _beside(colour: Array, white: Array, recipe: Recipe) -> Array:
+    """Linear light of a colour over that of what is taken for white, the largest one 1."""
+    values = np.arange(256)
+    light, full = (np.interp(each, values, recipe.tone_curve.table) for each in (colour, white))
+    ratio = light / np.maximum(full, 1e-4)
+    return np.asarray(ratio / ratio.max(), float)
+
+
 def _quality(
     coarse: Segmentation, outline: Outline, upper: Ring, lower: Ring, recipe: Recipe
 ) -> Quality:
     hue = hue_of(coarse.tape)
-    off = 0.0 if recipe.tape_hue is None else hues_apart(hue, recipe.tape_hue)
+    off = 0.0
+    if recipe.tape_hue is not None:
+        # Coloured light turns hues; beside the braid, taken for white, the tape has its own again.
+        seen = hue, hue_of(_beside(coarse.tape, coarse.braid, recipe))
+        off = min(hues_apart(each, recipe.tape_hue) for each in seen)
     sides = (outline.left, outline.right)
     columns = (outline.left.column, outline.right.column)
     return Quality(

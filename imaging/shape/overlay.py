@@ -6,12 +6,13 @@ from ..arrays import Image
 from .measurement import Trace
 
 _OUTLINE, _TAPES, _MIDLINE = (255, 40, 40), (255, 220, 0), (0, 230, 230)  # RGB
+_YARNS = (255, 0, 255)
 _BITS = 4  # of the fraction of a pixel in which OpenCV draws
 _MARGIN = 0.6  # of the muscle's width, kept beside it
 
 
 def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: int = 1) -> Image:
-    """The picture with outline (red), tape edges (yellow) and mid-line (cyan).
+    """The picture with outline (red), tape edges (yellow), mid-line (cyan), yarns (magenta).
 
     Lines are drawn to a sixteenth of a pixel where the edges were found, before perspective and
     roll are undone.
@@ -34,6 +35,7 @@ def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: in
         (*trace.upper, _TAPES),
         (*trace.lower, _TAPES),
         ((trace.left + trace.right) / 2, trace.rows, _MIDLINE),
+        *((u, v, _YARNS) for u, v in trace.yarns),
     )
     for u, v, colour in lines:
         points = np.round(np.stack([u, v], axis=1) * 2**_BITS).astype(np.int32)

@@ -14,6 +14,8 @@ INCH = factor("in", "length")
 TAN = (0.72, 0.58, 0.33)  # aramid thread, linear RGB
 BLUE_HUE = 222.0  # [deg]
 
+_TEETH = 6, 48  # of a ragged edge around the circumference
+
 Profile = Callable[[Array], ArrayLike]
 
 
@@ -27,6 +29,11 @@ class Tape:
         value: of the encoded colour [-], its reflectance.
         width: along the axis [m].
         diameter: [m]; None takes the braid's diameter at its end.
+        slant: angle of its inner edge to the normal of the axis [rad], `slant_towards` the azimuth
+            of the side that lies lower [rad], 0 to the right and pi/2 towards the camera. A slanted
+            or ragged tape lies close on the braid, whatever its diameter.
+        ragged: standard deviation of its inner edge along the axis [m], drawn by `ragged_seed`; zero
+            in the mean over the side that the camera sees.
     """
 
     hue: float = BLUE_HUE
@@ -34,6 +41,27 @@ class Tape:
     value: float = 0.62
     width: float = 0.5 * INCH
     diameter: float | None = None
+    slant: float = 0.0
+    slant_towards: float = 0.0
+    ragged: float = 0.0
+    ragged_seed: int = 0
+
+    def edge(self, azimuth: ArrayLike, radius: float) -> Array:
+        """How much further down the inner edge lies at some azimuths [rad], on a body [m]."""
+        phi = np.asarray(azimuth, float)
+        plane = radius * np.tan(self.slant) * np.cos(phi - self.slant_towards)
+        if self.ragged == 0:
+            return plane
+        random = np.random.default_rng(self.ragged_seed)
+        waves = np.arange(*_TEETH)
+        a, b = random.standard_normal((2, waves.size)) / np.sqrt(waves.size)
+
+        def teeth(phi: Array) -> Array:
+            turns = phi[..., None] * waves
+            return np.asarray(np.cos(turns) @ a + np.sin(turns) @ b)
+
+        front = np.arccos(np.linspace(-0.85, 0.85, 201))
+        return plane + self.ragged * (teeth(phi) - teeth(front).mean())
 
     def __post_init__(self) -> None:
         colour = 0 <= self.saturation <= 1 and 0 <= self.value <= 1
@@ -71,7 +99,8 @@ class MuscleScene:
         sheen: part of the light that fabric adds at grazing sight, sheen (1 - n_z)^p [-].
         sheen_power: p [-]; 3 for cloth, 8 and more for the narrow rim of a glossy thread.
         sparkle: part of the crossings that shine three times as bright [-].
-        weave_seed: seed of the strands' reflectances, flecks and sparkles.
+        fray: loose fibres that stand out from the outline.
+        weave_seed: seed of the strands' reflectances, flecks and sparkles, and of the fibres.
         upper, lower: the tapes; None leaves the fitting bare.
         third: a tape that should not be there, with the position x of its middle; a tape without
             a diameter lies close around the braid, or around the rod where x is outside of [0, 1].
@@ -98,6 +127,7 @@ class MuscleScene:
     sheen: float = 0.0
     sheen_power: float = 3.0
     sparkle: float = 0.04
+    fray: int = 0
     weave_seed: int = 0
     upper: Tape | None = dataclasses.field(default_factory=Tape)
     lower: Tape | None = dataclasses.field(default_factory=Tape)

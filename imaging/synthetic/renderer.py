@@ -50,6 +50,8 @@ _BLOCK_ROWS = 64
 _SAMPLES, _SHIFT = 55, 34  # neighbours in Fibonacci's sequence: an even lattice in a pixel
 _CHUNK = 512  # pixels sampled at once: what is computed of them stays in the cache
 _CLOTH_COLOUR = (0.95, 1.0, 1.08)
+_NEUTRAL = (1.0, 1.0, 1.0)
+_FIBRES, _FIBRE_LIGHT = (0.0005, 0.003), 0.6  # lengths [m], light that they send
 _STAIN = 0.15  # relative standard deviation of the cloth's folds
 
 
@@ -63,7 +65,35 @@ def draw(sight: Sight, scene: Setting) -> NDArray[np.floating]:
     light = background.copy()
     parts = _draw_once(sight, light)
     _refine(sight, light, parts, background)
+    if isinstance(sight, World) and sight.muscle.fray:
+        _draw_fibres(sight, light)
+    if scene.light.colour != _NEUTRAL:
+        light = light * np.array(scene.light.colour, np.float32)
     return through_lens(light, scene.lens)
+
+
+def _draw_fibres(world: World, light: NDArray[np.floating]) -> None:
+    """Loose fibres, each an arc that leaves the outline."""
+    import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+    random = np.random.default_rng(world.muscle.weave_seed)
+    outline = world.outline()
+    colour = np.array(world.muscle.albedo, np.float32) * _FIBRE_LIGHT
+    along = np.linspace(0, 1, 24)
+    for _ in range(world.muscle.fray):
+        side = int(random.integers(2))
+        k = int(random.integers(outline[side][0].size))
+        length = random.uniform(*_FIBRES) * world.camera.px_per_m
+        angle = random.uniform(-1.1, 1.1) + random.uniform(-1.5, 1.5) * along
+        step = length / along.size * np.stack([(2 * side - 1) * np.cos(angle), np.sin(angle)])
+        points = np.stack([side_of[k] for side_of in outline[side]])[:, None] + np.cumsum(
+            step, axis=1
+        )
+        cover = np.zeros(light.shape[:2], np.uint8)
+        shifted = np.round(points.T * 16).astype(np.int32)
+        cv2.polylines(cover, [shifted], False, 255, 1, cv2.LINE_AA, 4)
+        part = cover[..., None] / np.float32(255) * np.float32(random.uniform(0.3, 0.9))
+        light += part * (colour - light)
 
 
 def cloth(scene: Setting) -> NDArray[np.floating]:
@@ -78,6 +108,9 @@ def cloth(scene: Setting) -> NDArray[np.floating]:
     stain = 1 + _STAIN * cv2.resize(folds, (w, h), interpolation=cv2.INTER_CUBIC)
     base = (light.cloth * (1 + light.cloth_gradient * (x - 0.5))) * np.maximum(stain, 0.2)
     stray = np.exp(-(((x - px) / 0.08) ** 2)) * np.exp(-(((y - py) / 0.15) ** 2))
+    if light.other_cloth is not None:
+        beyond = (y if light.border_down else x) > light.border
+        base = np.where(beyond, light.other_cloth / light.cloth, np.float32(1)) * base
     return (base + light.stray * stray)[..., None] * np.array(_CLOTH_COLOUR, np.float32)
 
 

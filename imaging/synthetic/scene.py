@@ -66,6 +66,10 @@ class Light:
             surface, "sqrt" as the root of the cosine.
         cloth: reflected light of the cloth [-].
         cloth_gradient: its relative change from the left edge of the picture to the right [-].
+        other_cloth: of the cloth beyond `border` [-]; None where there is one cloth alone.
+        border: part of the picture's width, or of its height where `border_down`, at which the
+            other cloth begins.
+        colour: of all light, linear RGB; (1, 0.6, 0.25) is tungsten under a daylight setting.
         stray: light of an out-of-focus reflection on the cloth [-].
         stray_place: its middle, as parts of the picture's width and height.
     """
@@ -75,6 +79,10 @@ class Light:
     reflectance: Reflectance = "oren-nayar"
     cloth: float = 0.006
     cloth_gradient: float = 0.5
+    other_cloth: float | None = None
+    border: float = 0.5
+    border_down: bool = False
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
     stray: float = 0.012
     stray_place: tuple[float, float] = (0.12, 0.75)
 

@@ -22,6 +22,8 @@ class Truth:
         volume: integral of pi D^2 / 4 over z [m3].
         mean_diameter: mean of D over z [m].
         maximum_diameter: largest D [m].
+        braid_angle: theta(z), of the strands against the circumference [rad].
+        turns: of a strand about the axis over the length [-].
         px_per_m: scale in the plane of the axis [px/m].
         x0: distance of the axis from the optical axis [m].
         roll: turn of the axis in the picture [rad], positive clockwise.
@@ -40,6 +42,8 @@ class Truth:
     volume: float
     mean_diameter: float
     maximum_diameter: float
+    braid_angle: Array
+    turns: float
     px_per_m: float
     x0: float
     roll: float
@@ -89,6 +93,7 @@ def true_figures(world: World) -> Truth:
     z = np.linspace(0, world.length, _POINTS)
     D = muscle.diameter(z / world.length)
     lower = world.axis.first + muscle.length
+    along = world.axis.first + z * muscle.length / world.length
     return Truth(
         rows=rows,
         left=sides[0](rows),
@@ -99,6 +104,8 @@ def true_figures(world: World) -> Truth:
         volume=float(simpson(np.pi / 4 * D**2, x=z)),
         mean_diameter=float(simpson(D, x=z)) / world.length,
         maximum_diameter=float(D.max()),
+        braid_angle=np.arctan2(1, np.interp(along, world.y, world.weave.cotangent)),
+        turns=float(np.ptp(world.weave.twist)) / (2 * np.pi),
         px_per_m=world.camera.px_per_m,
         x0=muscle.x0,
         roll=muscle.roll,

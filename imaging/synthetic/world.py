@@ -1,163 +1,17 @@
 """What the camera sees along a ray: bodies, their colours, the light on them."""
 
 import colorsys
-import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Flags
+from ..arrays import Array
 from ..camera.pinhole import Camera, turned
+from .bodies import Axis, Body, Hits, Shoulder, unit_vectors
 from .muscle import MuscleScene, Tape, Weave
 from .scene import Light
-
-_STEPS = 3
-
-
-@dataclasses.dataclass(frozen=True)
-class Axis:
-    """The axis of a muscle: straight but for a half sine wave between the tapes.
-
-    Attributes:
-        x0, depth: of the straight line [m].
-        first, length: where the braid begins along it and how long it is [m].
-        bow, bow_depth: amplitudes [m].
-    """
-
-    x0: float
-    depth: float
-    first: float
-    length: float
-    bow: float
-    bow_depth: float
-
-    def at(self, y: Array) -> tuple[Array, Array, Array, Array]:
-        """xc, dxc/dy, zc, dzc/dy at y."""
-        x = np.clip((y - self.first) / self.length, 0, 1)
-        wave = np.sin(np.pi * x)
-        rate = np.where((x > 0) & (x < 1), np.pi / self.length * np.cos(np.pi * x), 0.0)
-        return (
-            self.x0 + self.bow * wave, self.bow * rate,
-            self.depth + self.bow_depth * wave, self.bow_depth * rate,
-        )  # fmt: skip
-
-
-@dataclasses.dataclass(frozen=True)
-class Hits:
-    """Where rays meet a surface, all of shape (n,) but the normal's (n, 3).
-
-    Attributes:
-        y: position along the axis [m].
-        azimuth: about the axis [rad], 0 to the right, pi/2 towards the camera.
-        normal: outward, unit.
-    """
-
-    y: Array
-    azimuth: Array
-    normal: Array
-
-
-class Body:
-    """A pile of circles between two positions along an axis.
-
-    Args:
-        axis: the axis.
-        first: upper end [m].
-        last: lower end [m].
-        y: positions of the radii [m], uniform.
-        R: radii [m], shape of y.
-        offset: how much further out the outline lies on the left and on the right [m], (2, m).
-    """
-
-    def __init__(
-        self, axis: Axis, first: float, last: float, y: Array, R: Array, offset: Array | None = None
-    ) -> None:
-        self.first, self.last = first, last
-        self.y0, self.step = y[0], y[1] - y[0]
-        x, dx, z, dz = axis.at(y)
-        square = R**2
-        self.columns = [square, np.gradient(square, y), x, dx, z, dz]
-        self.depth_of_axis = float(z.mean())
-        self.constant = [float(np.ptp(column)) == 0 for column in self.columns]
-        self.steps = 1 if all(self.constant) else _STEPS
-        self.offset = None if offset is None else 2 * R * offset
-        self.largest = float(R.max())
-
-    @classmethod
-    def cylinder(cls, axis: Axis, first: float, last: float, diameter: float) -> "Body":
-        """A round tape or rod."""
-        y = np.linspace(first, last, 64)
-        return cls(axis, first, last, y, np.full(64, diameter / 2))
-
-    def _place(self, y: Array) -> tuple[NDArray[np.intp], Array]:
-        """Entry of the table below y and the part of the way to the next."""
-        place = np.clip((y - self.y0) / self.step, 0, self.columns[0].size - 1 - 1e-6)
-        i = place.astype(np.intp)
-        return i, place - i
-
-    def _at(self, y: Array) -> list[Array]:
-        """R^2, its slope, xc, its slope, zc, its slope at y; a scalar where it is the same all over."""
-        i, part = self._place(y)
-        return [
-            column[0] if constant else column[i] + part * (column[i + 1] - column[i])
-            for column, constant in zip(self.columns, self.constant, strict=True)
-        ]
-
-    def _relief(self, offset: Array, right: Flags, y: Array) -> Array:
-        """What the yarns add to R^2 on the side of the body where the ray passes."""
-        i, part = self._place(y)
-        side = right.astype(np.intp)
-        return (1 - part) * offset[side, i] + part * offset[side, i + 1]
-
-    def depth(self, a: Array, b: Array) -> Array:
-        """Z where the rays (a, b), shape (n,), first meet the body [m]; inf where they miss."""
-        y = beside = b * self.depth_of_axis
-        under = depth = np.zeros_like(b)
-        for step in range(self.steps):
-            q, dq, xc, dx, zc, dz = self._at(y)
-            if step == self.steps - 1 and self.offset is not None:
-                q = q + self._relief(self.offset, a * zc > xc, beside)
-            px, sx = a - dx * b, xc - dx * y
-            pz, sz = 1 - dz * b, zc - dz * y
-            half = px * sx + pz * sz + dq * b / 2
-            square = px**2 + pz**2
-            under = half**2 - square * (sx**2 + sz**2 - q + dq * y)
-            depth = (half - np.sqrt(np.maximum(under, 0))) / square
-            y, beside = b * depth, b * half / square  # where it enters, where it is deepest inside
-        return np.where((under >= 0) & (y >= self.first) & (y <= self.last), depth, np.inf)
-
-    def hits(self, a: Array, b: Array, depth: Array) -> Hits:
-        """The places and normals of rays (a, b) that meet the body at this depth, shape (n,)."""
-        y = b * depth
-        _, dq, xc, dx, zc, dz = self._at(y)
-        X, Z = a * depth - xc, depth - zc
-        normal = np.stack([X, -(dq / 2 + X * dx + Z * dz), Z], axis=1)
-        return Hits(y, np.arctan2(-Z, X), _unit(normal))
-
-
-class Shoulder:
-    """The flat ring between the braid and a thicker fitting: the tape's edge throws it into shade.
-
-    Args:
-        axis: the axis.
-        y: its position [m].
-        inner: radius of the braid [m].
-        outer: radius of the tape [m].
-    """
-
-    def __init__(self, axis: Axis, y: float, inner: float, outer: float) -> None:
-        self.y, self.inner, self.outer = y, inner, outer
-        x, _, z, _ = axis.at(np.array([y]))
-        self.x, self.z = float(x[0]), float(z[0])
-
-    def depth(self, a: Array, b: Array) -> Array:
-        """Z where the rays meet it [m]; inf where they miss."""
-        with np.errstate(divide="ignore"):
-            depth = self.y / b
-        r = np.hypot(a * depth - self.x, depth - self.z)
-        return np.where((depth > 0) & (r >= self.inner) & (r <= self.outer), depth, np.inf)
-
 
 _POINTS = 4097  # of the profile along the braid
 _ROD_BEYOND = 1.0  # [m] that a rod reaches beyond the tape: out of every picture
@@ -193,7 +47,7 @@ class World:
         self.offset = np.stack(
             [self.weave.outline_offset(phi, self.R) for phi in self._tangent_azimuths()]
         )
-        braid = Body(self.axis, first, last, self.y, self.R, self.offset)
+        braid = self._braid(first, last)
         self.bodies: list[tuple[str, Body | Shoulder, Array]] = [
             ("braid", braid, np.array(muscle.albedo))
         ]
@@ -206,6 +60,25 @@ class World:
             inside = 2 * float(self.R[around].max()) if around.any() else muscle.rod_diameter
             diameter = tape.diameter or 1.005 * inside
             self._add_tape(tape, middle - tape.width / 2, middle + tape.width / 2, diameter)
+
+    def _braid(self, first: float, last: float) -> Body:
+        """The braid, which goes on under tapes with uneven edges as a cylinder."""
+        beyond = max(self._reach(tape, end) for tape, end in self._tapes())
+        if beyond == 0:
+            return Body(self.axis, first, last, self.y, self.R, self.offset)
+        y = np.linspace(first - beyond, last + beyond, _POINTS)
+        R = np.interp(y, self.y, self.R)
+        offset = np.stack([np.interp(y, self.y, side) for side in self.offset])
+        return Body(self.axis, first - beyond, last + beyond, y, R, offset)
+
+    def _tapes(self) -> tuple[tuple[Tape | None, int], ...]:
+        return (self.muscle.upper, 0), (self.muscle.lower, -1)
+
+    def _reach(self, tape: Tape | None, end: int) -> float:
+        """How far a tape's edge may lie from its plane [m]."""
+        if tape is None or tape.slant == tape.ragged == 0:
+            return 0.0
+        return float(self.R[end]) * abs(np.tan(tape.slant)) + 4 * tape.ragged
 
     def _tangent_azimuths(self) -> tuple[Array, Array]:
         """Azimuth of the outline's points on the left and on the right [rad], shape of y each."""
@@ -251,7 +124,16 @@ class World:
         braid = float(self.R[0 if sign < 0 else -1])
         outer = self.edge_radius(tape, 0 if sign < 0 else -1)
         beyond = end + sign * (0.5 * braid if tape is None else tape.width)
-        if tape is not None:
+        reach = self._reach(tape, 0 if sign < 0 else -1)
+        if tape is not None and reach > 0:
+            self._add_tape(tape, end, beyond, 2 * outer)
+            first, last = min(beyond, end), max(beyond, end)
+            y = np.linspace(first - reach, last + reach, 512)
+            body = Body(self.axis, first, last, y, 1.002 * np.interp(y, self.y, self.R))
+            body.cut = sign, functools.partial(tape.edge, radius=braid)
+            self.bodies[-1] = ("tape", body, self.bodies[-1][2])
+            outer = braid
+        elif tape is not None:
             self._add_tape(tape, end, beyond, 2 * outer)
         else:
             self._add("rod", end, beyond, 2 * outer, _ROD)
@@ -314,7 +196,7 @@ class World:
                 light[at] = self.light.ambient * albedo
                 continue
             hits = body.hits(a[at], b[at], nearest[at])
-            sight = _unit(-np.stack([a[at], b[at], np.ones(at.size)], axis=1))
+            sight = unit_vectors(-np.stack([a[at], b[at], np.ones(at.size)], axis=1))
             light[at] = self._on_braid(hits, sight) if kind == "braid" else self._glossy(
                 hits, sight, albedo, *_GLOSS[kind])  # fmt: skip
         return which, light
@@ -327,9 +209,9 @@ class World:
         """Light of the woven surface, (n, 3)."""
         at = self.weave.crossings(hits.azimuth, hits.y)
         lean, fibre = self.weave.directions(at, hits.azimuth, hits.y)
-        lit = self.light.on_threads(_unit(hits.normal + lean), sight)
+        lit = self.light.on_threads(unit_vectors(hits.normal + lean), sight)
         for lamp in self.light.lamps:
-            skew = np.einsum("ij,ij->i", fibre, _unit(sight + lamp.towards))
+            skew = np.einsum("ij,ij->i", fibre, unit_vectors(sight + lamp.towards))
             lit += _FIBRE_GLOSS * lamp.irradiance(hits.normal) * np.clip(1 - skew**2, 0, 1) ** 12
         facing = np.clip(np.einsum("ij,ij->i", hits.normal, sight), 0, 1)
         lit += self.muscle.sheen * (1 - facing) ** self.muscle.sheen_power
@@ -343,7 +225,7 @@ class World:
         glare = np.zeros(hits.y.shape)
         for lamp in self.light.lamps:
             diffuse += lamp.irradiance(hits.normal)
-            half = _unit(sight + lamp.towards)
+            half = unit_vectors(sight + lamp.towards)
             shine = np.clip(np.einsum("ij,ij->i", hits.normal, half), 0, 1)
             glare += lamp.strength * gloss * shine**exponent
         return diffuse[:, None] * albedo + glare[:, None]
@@ -353,8 +235,3 @@ def _leaned(y: Any, z: Any, tilt: float) -> tuple[Any, Any]:
     """The directions down and away, turned about the camera by an angle [rad]."""
     c, s = np.cos(tilt), np.sin(tilt)
     return y * c + z * s, z * c - y * s
-
-
-def _unit(vectors: Array) -> Array:
-    """Vectors of length 1, shape (n, 3)."""
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]

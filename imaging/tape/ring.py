@@ -20,6 +20,11 @@ _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies alon
 _GROUPS = 16
 _BLURS = (0.4, 30.0)
 _PASSES = 4
+_PIECES = 64
+_STRAIGHT = 1.5  # px between the ends of an edge, of which groups of 16 make nothing
+_RAGGED = 0.6  # px, the scatter from which an edge's blur is that of its pieces
+_LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside them
+_DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
 _BRIGHTEST = 1.6
 _DARK_THREAD = 0.22  # of the braid's brightness
@@ -63,9 +68,9 @@ def find_ring(
     """The inner edge of a tape, from the picture unrolled around it.
 
     The picture is sampled at the points (x0 + X, y + h, d - sqrt(R^2 - X^2)) of the cylinder, so
-    that a ring becomes a straight line, in the linear light that the braid has and the tape and its
-    dark rim have not. Groups of neighbouring X are averaged and each gives the position of a
-    blurred step; the mean is the ring's, their scatter its error.
+    that a ring becomes a straight line, also where the tape was put on slanting, in the linear light
+    that the braid has and the tape and its dark rim have not. Groups of neighbouring X are averaged
+    and each gives the position of a blurred step; the mean is the ring's, their scatter its error.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -86,45 +91,60 @@ def find_ring(
     n = max(4 * _GROUPS, int(2 * _WIDTH * float(body.radius_at(y)) / px))
     amounts = _amounts(rgb, tone, camera, colours, body, y, 2 * len(_window(blur)))
 
+    slant, t, s = 0.0, _window(blur), blur
+
     def around(y: float, t: Array) -> tuple[Array, Array, Array]:
         radius = float(body.radius_at(y))
         lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
-        return lateral, *_seen(camera, body, y + inward * t * px, lateral, radius)
+        at = y + inward * t * px
+        return lateral, *_seen(camera, body, at, lateral, radius, slant=slant)
 
     def uncovered(y: float, s: float) -> Flags:
         return tape_shows(rgb, tone, colours, *around(y, behind(s))[1:])
 
-    def unrolled(y: float, t: Array, shows: Flags) -> tuple[Array, Array, float]:
+    def unrolled(
+        y: float, t: Array, shows: Flags, *, teeth: float = 0.0
+    ) -> tuple[Array, Array, float]:
         lateral, u, v = around(y, t)
         grid = amounts.at(u, v)
-        lit = _lit(grid, t)
+        lit = _lit(grid, t - teeth)
         shown = lit & shows
         seen = np.count_nonzero(shown) / np.count_nonzero(lit)
         use = shown if seen >= LEAST_SEEN else lit
         return grid[use], lateral[use], seen
 
-    t, s = _window(blur), blur
     shows = uncovered(y, s)
     grid, lateral, seen = unrolled(y, t, shows)
     for _ in range(_PASSES):
-        shift, s = _blurred_step(grid.mean(axis=0), t, s)
-        if abs(shift) < _SETTLED:
+        for _ in range(_PASSES):
+            shift, s = _blurred_step(grid.mean(axis=0), t, s)
+            if abs(shift) < _SETTLED:
+                break
+            y += inward * shift * px
+            t = _window(s)
+            if not shows.all():  # else the tape shows everywhere, here as some pixels beside
+                shows = uncovered(y, s)
+            grid, lateral, seen = unrolled(y, t, shows)
+        more = _slope(grid, lateral / px, t, s)
+        if abs(more) * np.ptp(lateral) < _STRAIGHT * px:
             break
-        y += inward * shift * px
-        t = _window(s)
-        if not shows.all():  # else the tape shows everywhere, here as some pixels beside
-            shows = uncovered(y, s)
+        slant += inward * more
+        t, s = _window(blur), blur
+        shows = uncovered(y, s)
         grid, lateral, seen = unrolled(y, t, shows)
     check_cover(seen)
-    groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
-    delta, keep = _group_shifts(groups, t, s)
-    where = np.array([part.mean() for part in np.array_split(lateral, _GROUPS)])
-    slope, offset = np.polyfit(where[keep] / px, delta[keep], 1)
-    left_over = delta[keep] - slope * where[keep] / px - offset
+    delta, keep, where = _along(grid, lateral, t, s)
+    offset, left_over = _line(where[keep] / px, delta[keep])
     spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
-    y += inward * float(offset) * px
+    if spread > _RAGGED:
+        t = _window(_DEEPEST / 3)
+        grid, lateral, _ = unrolled(y, t, uncovered(y, _DEEPEST / 2), teeth=_DEEPEST)
+        s, delta, keep, where = _pieces(grid, lateral, t, s)
+        offset, left_over = _line(where[keep] / px, delta[keep])
+        spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
+    y += inward * offset * px
     radius = float(body.radius_at(y))
-    u, v = _seen(camera, body, np.array([y]), lateral, radius)
+    u, v = _seen(camera, body, np.array([y]), lateral, radius, slant=slant)
     return Ring(
         y=y,
         # Groups in the width of one thread are moved together.
@@ -133,8 +153,57 @@ def find_ring(
         blur=s,
         arc=np.stack([u[:, 0], v[:, 0]]),
         lateral=where[keep] / radius,
-        shift=inward * (delta[keep] - float(offset)) * px,
+        shift=inward * (delta[keep] - offset) * px + slant * where[keep],
     )
+
+
+def _along(grid: Array, lateral: Array, t: Array, s: float) -> tuple[Array, Flags, Array]:
+    """Shifts of groups of neighbours along the edge [px], which to believe, and where they lie [m]."""
+    groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
+    where = np.array([part.mean() for part in np.array_split(lateral, _GROUPS)])
+    return *_group_shifts(groups, t, s), where
+
+
+def _slope(grid: Array, lateral: Array, t: Array, s: float) -> float:
+    """Slope of the edge across the axis, as it is unrolled so far [-]."""
+    delta, keep, where = _along(grid, lateral, t, s)
+    return float(np.polyfit(where[keep], delta[keep], 1)[0])
+
+
+def _line(x: Array, y: Array) -> tuple[float, Array]:
+    """A straight line's value at 0, and what it leaves over."""
+    slope, offset = np.polyfit(x, y, 1)
+    return float(offset), y - slope * x - offset
+
+
+def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Array, Flags, Array]:
+    """Blur of a ragged edge [px], and shifts of small pieces as `_along` gives them of groups.
+
+    The blur is that of the level pieces, each put in its place: a lens smears the flanks of teeth
+    more than that, and motion smears all.
+    """
+    where = np.array([part.mean() for part in np.array_split(lateral, _PIECES)])
+    pieces = np.stack([part.mean(axis=0) for part in np.array_split(grid, _PIECES)])
+    reach, own, delta = _DEEPEST, s, np.zeros(_PIECES)
+    keep = np.ones(_PIECES, bool)
+    for _ in range(_PASSES):
+        delta = best_shift(pieces, t, lambda x, blur=s: step(x, blur), reach, 0.1)
+        steep = np.abs(np.gradient(delta))
+        keep = (np.abs(delta) < reach - 1) & _near_most(delta)
+        level = keep & (steep <= np.quantile(steep, _LEVEL))
+        aligned = [np.interp(t + d, t, piece) for d, piece in zip(delta, pieces, strict=True)]
+        near = np.abs(t) <= _DEEPEST
+        own = _blurred_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s)[1]
+        if abs(own / s - 1) < _SAME:
+            break
+        s = own
+    return own, delta, keep, where
+
+
+def _near_most(delta: Array) -> Flags:
+    """Which shifts are within four standard deviations of the median, by the median deviation."""
+    off = np.abs(delta - np.median(delta))
+    return off <= 4 * max(1.4826 * float(np.median(off)), 0.05)
 
 
 def _window(blur: float) -> Array:
@@ -143,11 +212,21 @@ def _window(blur: float) -> Array:
 
 
 def _seen(
-    camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float
+    camera: Camera,
+    body: Silhouette,
+    y: Array,
+    lateral: Array,
+    radius: float,
+    *,
+    slant: float = 0.0,
 ) -> tuple[Array, Array]:
-    """Picture positions of a cylinder about the body's axis, at each lateral position and y."""
+    """Picture positions of a cylinder about the body's axis, at each lateral position and y.
+
+    With a slant, y is that of the middle, and grows by so much per lateral length.
+    """
     rim = np.maximum(radius**2 - lateral**2, 0.0)  # the rim itself rounds below
-    X, Y = turned((body.x0 + lateral)[:, None], y[None, :], body.roll)
+    down = y[None, :] + slant * lateral[:, None]
+    X, Y = turned((body.x0 + lateral)[:, None] + np.zeros_like(down), down, body.roll)
     return camera.pixels(X, Y, camera.distance - np.sqrt(rim)[:, None])
 
 
@@ -222,6 +301,4 @@ def _blurred_step(profile: Array, t: Array, start: float) -> tuple[float, float]
 def _group_shifts(groups: Array, t: Array, s: float) -> tuple[Array, Flags]:
     near = np.abs(t) <= max(8.0, 3 * s)
     delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
-    centre = np.median(delta)
-    spread = 1.4826 * float(np.median(np.abs(delta - centre)))
-    return delta, np.abs(delta - centre) <= 4 * max(spread, 0.05)
+    return delta, _near_most(delta)

@@ -25,6 +25,7 @@ TRUTH = "truth.json"
 
 _STATIONS, _CONTRACTIONS = 201, 29
 _REST, _MOST = 9.28125 * INCH, 0.345  # the profiles are known up to 0.35
+_STRANDS = 36  # of the reference work's braid
 _START = datetime.datetime(2021, 3, 1, 10, 0, 0)
 
 
@@ -195,13 +196,15 @@ def _photographs(
     lengths = np.minimum(np.interp(taken, record.time, record.length), _REST)
     ahead, rate = float(rng.uniform(-300, 300)), 1 + float(rng.uniform(-30e-6, 30e-6))
     (folder / "photographs").mkdir(exist_ok=True)
-    end = float(scene.muscle.diameter(0.0))
+    # Yarns as fine as the real ones, at every scale: thick ones shift the outline where they cross.
+    body = dataclasses.replace(scene.muscle, strands=_STRANDS)
+    end = float(body.diameter(0.0))
     for k, (time, length) in enumerate(zip(times, lengths, strict=True)):
         show("taking photographs", k, times.size)
         contraction = float(np.clip(1 - length / _REST, 0.0, 0.35))
         now = dataclasses.replace(
-            scene.muscle, profile=stroke_shape(contraction, end), length=float(length),
-            y0=scene.muscle.y0 - (_REST - float(length)) / 2,
+            body, profile=stroke_shape(contraction, end), length=float(length),
+            y0=body.y0 - (_REST - float(length)) / 2,
         )  # fmt: skip
         stamp = _START + datetime.timedelta(seconds=ahead + rate * float(time))
         picture = dataclasses.replace(scene, muscle=now, time=stamp)

@@ -196,7 +196,7 @@ def _angle(text: str, name: str) -> float:
         ) from None
 
 
-_READ: dict[str, Callable[[str, str], Any]] = {
+_READ: dict[str, Callable[[Any, str], Any]] = {
     "distance": _length,
     "tape_diameter": _length,
     "crop_offset": _pair,
@@ -205,5 +205,8 @@ _READ: dict[str, Callable[[str, str], Any]] = {
     "k1": lambda k1, _: float(k1),
     "tone": lambda _text, _: Tone.srgb(),
     "method": lambda text, _: text,
+    "braid_angle": lambda given, _: given,
+    "n_threads": lambda given, _: given,
+    "turns": lambda given, _: given,
     "orientation": lambda text, _: text,
 }

@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -44,6 +44,12 @@ class RecipeOptions:
         Colour of the tapes, `355deg`; the colour that covers less unless given.
     recipe
         A `recipe.toml`, which the options override.
+    braid_angle
+        Measure the braid angle from the weave as well: profile, mean, error, turns.
+    n_threads
+        Threads of both families of the braid; counted in the picture unless given.
+    turns
+        Of a thread about the axis over the length, for atan(L / (pi N D)) beside the braid angle.
     method
         limb: sub-pixel edges in linear light; pixel: the reference work's method.
     orientation
@@ -63,5 +69,8 @@ class RecipeOptions:
     tape_diameter: str | None = None
     tape_hue: str | None = None
     recipe: Path | None = None
+    braid_angle: Annotated[bool | None, Parameter(negative=())] = None
+    n_threads: int | None = None
+    turns: float | None = None
     method: Literal["limb", "pixel"] | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None

@@ -175,14 +175,3 @@ def test_what_others_write_meanwhile_is_kept(tmp_path, capfd, monkeypatch):
     monkeypatch.setattr(cv2, "imdecode", noisy)
     assert read_image(path).shape == (*SIZE, 3)
     assert capfd.readouterr().err == "from another thread\n"
-
-
-def test_the_exif_orientation_is_ignored(tmp_path):
-    from PIL import Image
-
-    rgb = render(base(), 1).rgb
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    path = tmp_path / "turned.jpg"
-    Image.fromarray(rgb).save(path, exif=exif, quality=95)
-    assert read_image(path).shape == rgb.shape

@@ -35,7 +35,7 @@ FULL = Recipe(
     frame_size=(5568, 3712),
     k1=-0.01,
     tone=Tone(np.linspace(0, 1, 256) ** 2.1),
-    method="pixel",
+    method="gradient",
     orientation="auto",
     tape_hue=222.0,
     tape_diameter=0.875 * 0.0254,
@@ -44,6 +44,9 @@ FULL = Recipe(
     resolution_px=100.0,
     limits=dataclasses.replace(QualityLimits(), blur_px=4.0, saturated=0.1),
     ruler=RulerReading(0.001, 8900.0, 0.00025),
+    braid_angle=True,
+    n_threads=72,
+    turns=1.09,
 )
 
 

@@ -1,0 +1,85 @@
+"""Pictures that a laboratory takes and that were refused for a wrong reason: measured, or named rightly."""
+
+import dataclasses
+import math
+
+import pytest
+
+from imaging import Recipe, Scale, measure
+from imaging.errors import MotionBlurred, NoMuscle
+from imaging.synthetic import BLUE_HUE, TAN, Lens, Tape, random_scene, render
+
+PX_PER_IN = (120.0, 150.0)
+SIGMAS = 3.0
+TUNGSTEN = (1.0, 0.6, 0.25)
+DARK = (0.03, 0.03, 0.031)
+
+
+def scene(seed, *, tape=None, light=None, lens=None, **muscle):
+    made = random_scene(seed, px_per_in=PX_PER_IN)
+    px = 1 / made.camera.px_per_m
+    if tape:
+        ragged = {"ragged": tape["ragged_px"] * px} if "ragged_px" in tape else {}
+        kept = {name: value for name, value in tape.items() if name != "ragged_px"}
+        for k, end in enumerate(("upper", "lower")):
+            seeds = {"ragged_seed": 7 * seed + k} if ragged else {}
+            one = dataclasses.replace(getattr(made.muscle, end), **kept, **ragged, **seeds)
+            muscle[end] = one
+    made = dataclasses.replace(made, muscle=dataclasses.replace(made.muscle, **muscle))
+    if light:
+        made = dataclasses.replace(made, light=dataclasses.replace(made.light, **light))
+    return made if lens is None else dataclasses.replace(made, lens=lens)
+
+
+def recipe_of(made, **options):
+    camera = made.camera
+    return Recipe(Scale.manual(camera.px_per_m), camera.distance, centre=camera.centre, **options)
+
+
+WALL = {"cloth": 0.75, "cloth_gradient": 0.2, "stray": 0.0}
+CASES = {
+    "tapes slanted by 4 deg": {"tape": {"slant": math.radians(4)}},
+    "tapes slanted by -3 deg": {"tape": {"slant": math.radians(-3)}},
+    "ragged tapes": {"tape": {"ragged_px": 1.2}},
+    "loose fibres": {"fray": 40},
+    "a light wall": {"light": WALL, "albedo": TAN},
+    "a grey background": {"light": {"cloth": 0.12, "stray": 0.0}},
+    "grey on the right": {"light": {"other_cloth": 0.1, "border": 0.6}},
+    "grey below": {"light": {"other_cloth": 0.1, "border": 0.6, "border_down": True}},
+    "tungsten light": {"light": {"colour": TUNGSTEN}},
+    "a dark braid on white": {"light": WALL, "albedo": DARK},
+}
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("case", CASES)
+def test_it_is_measured_within_its_own_errors(case, seed):
+    made = scene(seed, **CASES[case])
+    photo = render(made, seed)
+    found = measure(photo.rgb, recipe_of(made))
+    truth = photo.truth
+    assert abs(found.length - truth.length) < SIGMAS * found.length_stderr
+    assert abs(found.mean_diameter - truth.mean_diameter) < SIGMAS * found.mean_diameter_stderr
+    assert found.length_stderr < 0.002 * found.length
+    assert found.mean_diameter_stderr < 0.01 * found.mean_diameter
+
+
+def test_a_tape_s_hue_under_tungsten_is_that_beside_the_braid():
+    made = scene(4, light={"colour": TUNGSTEN})
+    tape = Tape(hue=BLUE_HUE, diameter=made.muscle.upper.diameter)
+    muscle = dataclasses.replace(made.muscle, upper=tape, lower=tape, albedo=(0.75, 0.75, 0.72))
+    made = dataclasses.replace(made, muscle=muscle)
+    found = measure(render(made, 1).rgb, recipe_of(made, tape_hue=BLUE_HUE))
+    assert found.quality.tape_hue_error_deg < 30
+
+
+def test_a_background_as_bright_as_the_muscle_is_the_reason_that_is_given():
+    made = scene(1, light={"cloth": 0.45, "stray": 0.0}, albedo=(0.75, 0.75, 0.73))
+    with pytest.raises(NoMuscle, match="put a dark cloth behind it"):
+        measure(render(made, 1).rgb, recipe_of(made))
+
+
+def test_a_ragged_tape_does_not_hide_motion():
+    made = scene(1, tape={"ragged_px": 1.5}, lens=Lens(motion_px=9.0))
+    with pytest.raises(MotionBlurred):
+        measure(render(made, 1).rgb, recipe_of(made))

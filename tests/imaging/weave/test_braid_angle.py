@@ -1,0 +1,177 @@
+"""The braid angle of rendered weaves against the strands' own, its error, and where there is none."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+
+from imaging import Recipe, Scale, measure
+from imaging.campaign import Row, Table, measured_rows, plot_table
+from imaging.shape import draw_overlay
+from imaging.synthetic import INCH, Jpeg, Lens, Sensor, random_scene, render
+from imaging.weave import BraidAngle, Unrolled, directions, triangle_angle
+
+PX_PER_IN = (150.0, 170.0)
+WITHIN = math.radians(0.3)
+SIGMAS = 3.5  # of a window's own standard error
+REST = 8.0 * INCH
+
+
+@functools.cache
+def scene(seed, strands=36, **changes):
+    made = random_scene(seed, px_per_in=PX_PER_IN, length=REST)
+    muscle = dataclasses.replace(made.muscle, strands=strands, flecks=0.0, turns=0.95)
+    return dataclasses.replace(made, muscle=muscle, **changes)
+
+
+def recipe_of(made, **options):
+    camera = made.camera
+    return Recipe(
+        Scale.manual(camera.px_per_m), camera.distance, centre=camera.centre,
+        **{"braid_angle": True} | options,
+    )  # fmt: skip
+
+
+@functools.cache
+def measured(made, **options):
+    photo = render(made, 3)
+    return photo, measure(photo.rgb, recipe_of(made, **options))
+
+
+def off(photo, found):
+    truth = photo.truth
+    true = np.interp(found.braid.z / found.length, truth.z / truth.length, truth.braid_angle)
+    return (found.braid.angle - true)[found.braid.resolved]
+
+
+CASES = {
+    "36 strands": (1, {}),
+    "48 strands": (2, {"strands": 48}),
+    "24 strands": (3, {"strands": 24}),
+    "blurred, noisy, JPEG 60": (
+        4,
+        {"lens": Lens(blur_px=1.6), "sensor": Sensor(full_well=500.0), "jpeg": Jpeg(60, "420")},
+    ),
+    "lying": (5, {"lying": True}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_angle_is_that_of_the_strands(case):
+    seed, changes = CASES[case]
+    made = scene(seed, **changes)
+    photo = render(made, 3)
+    found = measure(photo.rgb, dataclasses.replace(recipe_of(made), orientation="auto"))
+    if not made.lying:
+        assert found.braid.yarns == made.muscle.strands
+    error = off(photo, found)
+    assert error.size > 8
+    assert np.sqrt(np.mean(error**2)) < WITHIN
+    assert np.all(np.abs(error) < SIGMAS * found.braid.stderr[found.braid.resolved])
+    assert abs(error.mean()) < WITHIN / 2
+    assert found.braid.turns == pytest.approx(photo.truth.turns, rel=0.01)
+
+
+def test_strands_that_are_known_are_not_counted():
+    made = scene(1)
+    _, counted = measured(made)
+    _, known = measured(made, n_threads=72)
+    np.testing.assert_array_equal(known.braid.angle, counted.braid.angle)
+    _, wrong = measured(made, n_threads=60)
+    assert wrong.braid.refusal == "about 72 threads are seen, not 60"
+    assert not wrong.braid.resolved.any()
+
+
+def test_next_to_the_tapes_there_is_no_angle_and_a_reason():
+    _, found = measured(scene(1))
+    braid = found.braid
+    assert braid.z[0] == 0
+    assert braid.z[-1] == pytest.approx(found.length)
+    assert "tape" in braid.reason[0]
+    assert "tape" in braid.reason[-1]
+    assert [reason == "" for reason in braid.reason] == braid.resolved.tolist()
+    assert 0.7 < braid.part < 1
+    angle, stderr = braid.at(np.array([0.0, found.length / 2]))
+    assert np.isnan([angle[0], stderr[0]]).all()
+    assert 0 < stderr[1] < WITHIN < angle[1]
+
+
+def test_without_a_weave_there_is_no_angle():
+    made = scene(1, lens=Lens(blur_px=3.2))
+    muscle = dataclasses.replace(made.muscle, strands=144, albedo_spread=0.0, sparkle=0.0)
+    _, found = measured(dataclasses.replace(made, muscle=muscle))
+    assert not found.braid.resolved.any()
+    assert found.braid.refusal == "no two families of yarns are seen"
+    assert math.isnan(found.braid.mean)
+
+
+def test_noise_is_no_weave():
+    random = np.random.default_rng(0)
+    y = np.arange(900) * 1e-4
+    noise = random.normal(0, 0.1, (y.size, 301)).astype(np.float32)
+    surface = Unrolled(np.linspace(-1.3, 1.3, 301), y, y, np.full(y.size, 0.0115), noise)
+    seen = directions(surface, 1e-4)
+    assert seen is not None
+    assert seen.contrast < 0.35
+
+
+def test_the_angle_is_not_asked_for_by_default_and_changes_nothing_else():
+    photo, with_angle = measured(scene(1))
+    without = measure(photo.rgb, recipe_of(scene(1), braid_angle=False))
+    assert without.braid is None
+    assert without.length == with_angle.length
+    np.testing.assert_array_equal(without.diameter, with_angle.diameter)
+
+
+def test_the_cylinder_of_the_same_size_has_nearly_the_angle():
+    photo, found = measured(scene(1))
+    assert found.triangle_angle(1.0) == triangle_angle(found.length, 1.0, found.mean_diameter)
+    by_truth = found.triangle_angle(photo.truth.turns)
+    assert abs(by_truth - found.braid.mean) < math.radians(3)
+
+
+def test_a_table_holds_the_angle(tmp_path):
+    photo, _ = measured(scene(1))
+    path = photo.save(tmp_path / "one.jpg")
+    rows = measured_rows([str(path)], recipe_of(scene(1), turns=1.1))
+    table = Table.from_rows(rows)
+    assert table["braid_angle_deg"][0] == pytest.approx(np.nanmean(table.braid_angle[0]), abs=0.5)
+    assert 0 < table["braid_angle_deg_stderr"][0] < 0.3
+    assert "triangle_angle_deg" in table.csv_text().splitlines()[0]
+    assert np.isnan(table.braid_angle[0, [0, -1]]).all()
+    assert Row(**dataclasses.asdict(rows[0])) == rows[0]
+    data, _, _ = table._variables()
+    assert data["braid_angle_profile_deg"][2]["units"] == "degree"
+    assert data["braid_angle_deg_stderr"][2]["units"] == "degree"
+    assert not any("braid" in note for note in table.notes)
+    rows = measured_rows([str(path)], recipe_of(scene(1), n_threads=60))
+    note = "1 of 1 pictures show no braid angle, first one.jpg: about 72 threads are seen, not 60."
+    assert note in Table.from_rows(rows).notes
+    assert any("braid" in axes.get_title() for axes in plot_table(table).axes)
+
+
+def test_the_overlay_shows_the_yarns():
+    photo, found = measured(scene(1))
+    drawn = draw_overlay(photo.rgb, found.trace, crop=False)
+    magenta = (drawn[..., 0] > 200) & (drawn[..., 1] < 80) & (drawn[..., 2] > 200)
+    assert np.count_nonzero(magenta) > 200
+
+
+def test_a_recipe_refuses_what_has_no_angle():
+    made = scene(1)
+    with pytest.raises(ValueError, match="limb"):
+        recipe_of(made, method="pixel")
+    with pytest.raises(ValueError, match="even number"):
+        recipe_of(made, n_threads=71)
+
+
+def test_a_twisted_muscle_has_two_angles():
+    angle = np.array([np.nan, 1.0, np.nan])
+    braid = BraidAngle(
+        np.array([0.0, 0.1, 0.2]), angle, angle / 100, angle + 0.1, angle - 0.1,
+        ("nearer", "", "nearer"), 36.0, 1.0,
+    )  # fmt: skip
+    assert braid.mean == 1.0
+    assert braid.part == 0.0
