@@ -114,12 +114,17 @@ def drawn(seed: int, i: int) -> Attack:
     x0, y0 = turned(muscle.x0, muscle.y0, muscle.roll)
     reach = min(11.0, scene.size[0] / scene.camera.px_per_m / INCH - 0.9) * INCH
     pitch = ruler.get("pitch", 0.125 * INCH)
-    ruler |= {"marks": int(reach / pitch) + 1, "rotation_deg": np.degrees(muscle.roll)}
-    placed: dict[str, Any] = ruler | {"x0": float(x0), "y0": float(y0)}
+    lying: dict[str, Any] = {
+        "marks": int(reach / pitch) + 1,
+        "rotation_deg": float(np.degrees(muscle.roll)),
+        "x0": float(x0),
+        "y0": float(y0),
+    }
+    ruler.update(lying)
     photographed = RulerScene(
         scene.camera,
         scene.size,
-        **placed,
+        **ruler,
         lens=Lens(blur_px=scene.lens.blur_px),
         sensor=dataclasses.replace(scene.sensor, full_well=7600.0),
     )

@@ -47,7 +47,7 @@ class QualityLimits:
     eta_hue: float = 0.75
     blur_px: float = 3.5
     blur_ratio: float = 1.5
-    flank: float = 0.25
+    flank: float = 0.2
     outlier_fraction: float = 0.2
     residual_rms: float = 1.5
     kappa: float = 5.9

@@ -50,7 +50,10 @@ class Errors:
     - 16 m s: a lens or a camera program that spreads light otherwise than the model, as halo and
       sharpening do.
 
-    A rim brighter than 0.98 of what lies inside of it adds up to 0.13 s, from 1.02 on: gloss there, or
+    Of the mean diameter no less than 0.035 px sqrt(s) for each edge is stated, however quiet the picture:
+    pictures that look the same differ by as much.
+
+    A rim brighter than what lies inside of it adds up to 0.13 s, from 1.03 on: gloss there, or
     a lamp behind the muscle, looks like more of the muscle.
 
     The length has the scatter of both edges along their tapes, and for each tape 0.04 px, the shade

@@ -18,10 +18,11 @@ from .photograph import Photograph
 
 _SHADE = 0.025  # px per edge and px^0.5 of blur
 _OF_TONE = 0.09  # of the blur, per edge and per tape
+_LEAST = 0.035  # px per edge and px^0.5 of blur, of the mean diameter
 _OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1
 _OF_MISFIT = 16.0  # px per edge and px of blur
 _RING_BIAS = 0.04  # px
-_MATTE, _TO_GLOSS = 0.98, 0.04  # of a rim's brightness
+_MATTE, _TO_GLOSS = 1.0, 0.03  # of a rim's brightness
 _OF_GLOSS = 0.13  # of the blur, per edge
 
 
@@ -45,6 +46,8 @@ def measurement_of_body(
     random, density = _random_part(outline)
     at = np.linspace(body.y[0], body.y[-1], random.size)
     edge, both_rings = _systematic_part(quality, stated=recipe.tone is not None)
+    least = 4 * _LEAST**2 * max(1.0, quality.blur_px) - density / (length * px_per_m)
+    edge = math.sqrt(max(edge**2, least))
     rows = np.linspace(body.y[0], body.y[-1], axis.cosine.size)
     cosine = np.interp(y, rows, axis.cosine)
     diameter = 2 * body.radius_at(y) * cosine

@@ -32,7 +32,7 @@ def fake_measurement(length):
         z=z, diameter=np.full(50, 0.03), diameter_stderr=np.full(50, 1e-5), length=length,
         length_stderr=1e-5, mean_diameter=0.03, mean_diameter_stderr=1e-5, maximum_diameter=0.03,
         volume=7e-4 * length, volume_stderr=1e-9, px_per_m=8922.0, roll=0.0, x0=0.0,
-        distance=1.524, distance_stderr=0.0, tilt=0.0, bow=0.0, warnings=(), quality=Figures(),
+        distance=1.524, distance_stderr=0.0, tilt=0.0, bow=0.0, warnings=(), braid=None, quality=Figures(),
     )  # fmt: skip
 
 
