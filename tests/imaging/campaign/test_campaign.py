@@ -33,6 +33,7 @@ def fake_measurement(length):
         length_stderr=1e-5, mean_diameter=0.03, mean_diameter_stderr=1e-5, maximum_diameter=0.03,
         volume=7e-4 * length, volume_stderr=1e-9, px_per_m=8922.0, roll=0.0, x0=0.0,
         distance=1.524, distance_stderr=0.0, tilt=0.0, bow=0.0, warnings=(), quality=Figures(),
+        braid=None,
     )  # fmt: skip
 
 
