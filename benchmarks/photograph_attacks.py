@@ -34,6 +34,7 @@ import numpy as np
 from famjax.commands.options.photographs import command_recipe
 from famjax.commands.options.recipe import RecipeOptions
 from imaging import ImagingError, measure
+from imaging.camera.pinhole import turned
 from imaging.synthetic import (
     INCH,
     Lens,
@@ -107,16 +108,17 @@ def drawn(seed: int, i: int) -> Attack:
     h, w = scene.size
     said["frame_size"] = f"{w + 4000},{h + 4000}"
     said["crop_offset"] = f"{(w + 3999) / 2 - u:.6f},{(h + 3999) / 2 - v:.6f}"
-    assert scene.muscle is not None
-    reach = 11 * INCH
+    muscle = scene.muscle
+    assert muscle is not None
+    # The ruler lies where the muscle was, in the same crop.
+    x0, y0 = turned(muscle.x0, muscle.y0, muscle.roll)
+    reach = min(11.0, scene.size[0] / scene.camera.px_per_m / INCH - 0.9) * INCH
     pitch = ruler.get("pitch", 0.125 * INCH)
-    ruler_size = round(11.6 * INCH * scene.camera.px_per_m), round(3 * INCH * scene.camera.px_per_m)
+    ruler |= {"marks": int(reach / pitch) + 1, "rotation_deg": np.degrees(muscle.roll)}
     photographed = RulerScene(
-        dataclasses.replace(
-            scene.camera, centre=((ruler_size[1] - 1) / 2, (ruler_size[0] - 1) / 2)
-        ),
-        ruler_size,
-        **(ruler | {"marks": round(reach / pitch) + 1, "rotation_deg": random.uniform(-1, 1)}),
+        scene.camera,
+        scene.size,
+        **(ruler | {"x0": float(x0), "y0": float(y0)}),
         lens=Lens(blur_px=scene.lens.blur_px),
         sensor=dataclasses.replace(scene.sensor, full_well=7600.0),
     )

@@ -12,6 +12,9 @@ from promise import Case, Cost, Direction, Promise
 HERE = Path(__file__).resolve().parent
 SIZE = (2650, 1100)
 """Rows and columns of the pictures."""
+ATTACKS = 200
+BEFORE = (0.00089, 0.00044)
+"""Median standard errors [in] of length and mean diameter on these sound pictures before issue 15."""
 
 
 def photograph(section: str, what: str, *, least: bool = False) -> Callable[[Case], float]:
@@ -24,6 +27,20 @@ def photograph(section: str, what: str, *, least: bool = False) -> Callable[[Cas
         rows = case.once(section, lambda: list(getattr(imaging_accuracy, section)(SIZE, *more)))
         found = [row.found for row in rows if row.what.startswith(what)]
         return min(found) if least else max(found)
+
+    return measure
+
+
+def attack(figure: str) -> Callable[[Case], float]:
+    """A figure of `photograph_attacks.py` on 200 scenes of seed 0."""
+
+    def measure(case: Case) -> float:
+        import photograph_attacks  # noqa: PLC0415 -- OpenCV
+
+        def compute() -> dict[str, float]:
+            return photograph_attacks.figures(photograph_attacks.attacked(0, ATTACKS))
+
+        return case.once("photograph_attacks", compute)[figure]
 
     return measure
 
@@ -96,5 +113,19 @@ def _braid_angles() -> Iterable[Promise]:
                       cost="minutes")  # fmt: skip
 
 
-PHOTOGRAPHS: tuple[Promise, ...] = (*_photographs(), *_braid_angles())
+def _attacks() -> Iterable[Promise]:
+    rows: list[tuple[str, float, Direction]] = [
+        ("silent errors", 2, "at most"),
+        ("sound, measured without a warning", 0.85, "at least"),
+        ("sound, median standard error of the length [in]", BEFORE[0], "at most"),
+        ("sound, median standard error of the diameter [in]", BEFORE[1], "at most"),
+    ]
+    for figure, limit, direction in rows:
+        yield Promise(15, f"photographs that deceive, {figure}", attack(figure),
+                      "python benchmarks/photograph_attacks.py", "rendered scenes",
+                      f"{ATTACKS} scenes with faults at random", figure, limit, direction,
+                      seed=0, cost="long")  # fmt: skip
+
+
+PHOTOGRAPHS: tuple[Promise, ...] = (*_photographs(), *_attacks(), *_braid_angles())
 """Issues 5 and 15."""

@@ -47,7 +47,7 @@ class QualityLimits:
     eta_hue: float = 0.75
     blur_px: float = 3.5
     blur_ratio: float = 1.5
-    flank: float = 0.25
+    flank: float = 0.2
     outlier_fraction: float = 0.2
     residual_rms: float = 1.5
     kappa: float = 5.9
@@ -145,7 +145,8 @@ _CHECKS: tuple[tuple[str, type[ImagingError], str], ...] = (
     ("residual_rms", DamagedImage,
      "the outline must be smooth: is the picture damaged, or the muscle's edge covered?"),
     ("kappa", Underexposed,
-     "a limb is as dark as the cloth: light the muscle from both sides"),
+     "a limb is as dark as the cloth: light the muscle from both sides; if it is lit, it moved: expose "
+     "shorter, and take the picture again"),
     ("axis_deviation", NoMuscle,
      "the two sides must mirror each other: is one in the shade, or covered?"),
     ("axis_kink", DamagedImage,

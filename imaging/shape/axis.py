@@ -16,7 +16,7 @@ from ..tape.ring import Ring
 
 _INCH = 0.0254  # [m]
 _SURE = 4.0  # standard errors at which tapes say another distance than the stated one
-_SEEN = 3.0  # the same of a tilt
+_SEEN = 4.0  # the same of a tilt
 _LEAST = 0.01  # lean below which a tape is square, as far as hands wind it
 _MOST = 0.12  # lean of both tapes against each other that no winding by hand explains, 7 deg
 _UPRIGHT = 0.0015  # rad, 0.1 deg: how well an axis is set upright in depth

@@ -16,13 +16,13 @@ from .axis import Axis
 from .measurement import Errors, Measurement, Trace
 from .photograph import Photograph
 
-_SHADE = 0.027  # px per edge and px^0.5 of blur
+_SHADE = 0.025  # px per edge and px^0.5 of blur
 _OF_TONE = 0.09  # of the blur, per edge and per tape
-_RANDOM = 1.2  # of the density that one picture shows
+_LEAST = 0.035  # px per edge and px^0.5 of blur, of the mean diameter
 _OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1
-_OF_MISFIT = 20.0  # px per edge and px of blur
-_RING_BIAS = 0.045  # px
-_MATTE, _TO_GLOSS = 0.97, 0.05  # of a rim's brightness
+_OF_MISFIT = 16.0  # px per edge and px of blur
+_RING_BIAS = 0.04  # px
+_MATTE, _TO_GLOSS = 1.0, 0.03  # of a rim's brightness
 _OF_GLOSS = 0.13  # of the blur, per edge
 
 
@@ -46,6 +46,8 @@ def measurement_of_body(
     random, density = _random_part(outline)
     at = np.linspace(body.y[0], body.y[-1], random.size)
     edge, both_rings = _systematic_part(quality, stated=recipe.tone is not None)
+    least = 4 * _LEAST**2 * max(1.0, quality.blur_px) - density / (length * px_per_m)
+    edge = math.sqrt(max(edge**2, least))
     rows = np.linspace(body.y[0], body.y[-1], axis.cosine.size)
     cosine = np.interp(y, rows, axis.cosine)
     diameter = 2 * body.radius_at(y) * cosine
@@ -100,7 +102,7 @@ def _random_part(outline: Outline) -> tuple[Array, float]:
     random = random * math.sqrt(max(1.0, scatter**2 / square))
     width = outline.right.column - outline.left.column
     rounded = width - smooth(width, outline.resolution)  # by a second smoothing as by the first
-    return np.hypot(random, rounded), _RANDOM * max(square, scatter**2) * stretch
+    return np.hypot(random, rounded), max(square, scatter**2) * stretch
 
 
 def _systematic_part(quality: Quality, *, stated: bool) -> tuple[float, float]:

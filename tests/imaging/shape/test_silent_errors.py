@@ -1,0 +1,176 @@
+"""What field trials found wrong without a word: now right within its error, or named."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from imaging import Recipe, Scale, calibrate_ruler, measure
+from imaging.camera import Tone
+from imaging.errors import AmbiguousRuler, DistanceContradiction, MotionBlurred, Underexposed
+from imaging.synthetic import (
+    INCH,
+    Lens,
+    RulerScene,
+    Sensor,
+    published_ruler,
+    published_scene,
+    render,
+    render_ruler,
+)
+
+SIZE = (1325, 550)
+STATED = {"tone": Tone.srgb(), "k1": 0.0}
+
+
+@pytest.fixture(scope="module")
+def base():
+    return published_scene(0.175, size=SIZE)
+
+
+def changed(scene, muscle=None, camera=None, **fields):
+    """A scene with other figures of its muscle and camera."""
+    return dataclasses.replace(
+        scene,
+        muscle=dataclasses.replace(scene.muscle, **(muscle or {})),
+        camera=dataclasses.replace(scene.camera, **(camera or {})),
+        **fields,
+    )
+
+
+def measured(scene, seed=1, scale=None, **stated):
+    shot = render(scene, seed)
+    scale = scale or Scale.manual(scene.camera.px_per_m)
+    options = {"distance": scene.camera.distance} | stated
+    return measure(shot.rgb, Recipe(scale, centre=scene.camera.centre, **options)), shot.truth
+
+
+def sigmas(found, truth):
+    """The larger of both errors over its standard error."""
+    length = (found.length - truth.length) / found.length_stderr
+    diameter = (found.mean_diameter - truth.mean_diameter) / found.mean_diameter_stderr
+    return max(abs(length), abs(diameter))
+
+
+@pytest.mark.parametrize(
+    ("way", "angle"), [(10, 90), (17, 90), (21, 90), (25, 90), (17, 45), (12, 0)]
+)
+def test_motion_is_refused_in_any_direction(base, way, angle):
+    lens = Lens(motion_px=way, motion_deg=angle)
+    # A limb that is smeared over 25 px looks like one that is not lit: the message names both.
+    with pytest.raises(
+        (MotionBlurred, Underexposed), match=r"expose shorter.* take the picture again"
+    ):
+        measured(changed(base, lens=lens), **STATED)
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [Sensor(s_curve=0.55), Sensor(s_curve=0.8), Sensor(gamma=0.75), Sensor(gamma=1.25),
+     Sensor(denoising=0.1), Sensor(denoising=0.1, sharpening=1.0)],
+    ids=str,
+)  # fmt: skip
+def test_a_camera_program_that_nobody_stated_is_in_the_errors(base, sensor):
+    found, truth = measured(changed(base, sensor=sensor))
+    assert sigmas(found, truth) < 3
+    stated, _ = measured(base, **STATED)
+    assert stated.mean_diameter_stderr < 0.6 * found.mean_diameter_stderr
+
+
+@pytest.mark.parametrize(("sheen", "power"), [(0.6, 3.0), (0.6, 8.0), (1.2, 5.0)])
+def test_a_glossy_rim_is_in_the_errors(base, sheen, power):
+    rim = changed(base, muscle={"sheen": sheen, "sheen_power": power})
+    found, truth = measured(rim, **STATED)
+    assert found.quality.rim > 1
+    assert sigmas(found, truth) < 3
+
+
+@pytest.mark.parametrize("bow", [0.15, -0.25])
+def test_a_bow_is_undone(base, bow):
+    found, truth = measured(changed(base, muscle={"bow": bow * INCH}), **STATED)
+    assert found.bow == pytest.approx(abs(bow) * INCH, rel=0.1)
+    assert sigmas(found, truth) < 2
+    chord = base.muscle.length
+    assert abs(found.length - truth.length) < 0.4 * (truth.length - chord)
+
+
+@pytest.mark.parametrize("degrees", [4.0, -4.0])
+def test_a_tilt_is_seen_half_undone_and_warned_of(base, degrees):
+    leaning = changed(base, muscle={"tilt": np.radians(degrees), "y0": 0.5 * INCH})
+    found, truth = measured(leaning, **STATED)
+    assert np.degrees(found.tilt) == pytest.approx(degrees, abs=4 * np.degrees(found.tilt_stderr))
+    assert sigmas(found, truth) < 3
+    assert "set the axis upright" in found.warnings[0]
+
+
+@pytest.mark.parametrize("distance", [20.0, 35.0, 90.0])
+def test_a_distance_that_nobody_stated_is_that_of_the_tapes_arcs(base, distance):
+    found, truth = measured(
+        changed(base, camera={"distance": distance * INCH}), **STATED, distance=None
+    )
+    assert abs(found.distance - distance * INCH) < 3 * found.distance_stderr
+    assert sigmas(found, truth) < 3
+
+
+def test_a_distance_that_the_tapes_contradict_is_warned_of_or_refused(base):
+    at_30 = changed(base, camera={"distance": 30 * INCH})
+    found, truth = measured(at_30, **STATED, distance=60 * INCH)
+    assert "correct --distance" in found.warnings[0]
+    assert sigmas(found, truth) < 3
+    with pytest.raises(DistanceContradiction, match="correct --distance, or leave it out"):
+        measured(changed(base, camera={"distance": 15 * INCH}), **STATED, distance=60 * INCH)
+
+
+def ruler(**changes):
+    return dataclasses.replace(published_ruler(size=SIZE), **changes)
+
+
+@pytest.mark.parametrize(
+    ("pitch", "per_number", "marks"), [(INCH / 8, 8, 89), (INCH / 16, 16, 177), (INCH / 16, 16, 97)]
+)
+def test_the_pitch_is_read_off_the_numbers(pitch, per_number, marks):
+    shot = render_ruler(ruler(pitch=pitch, per_number=per_number, marks=marks), 1)
+    scale = calibrate_ruler(shot.rgb)
+    assert scale.pitch == pytest.approx(pitch)
+    assert scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
+
+
+def test_a_pitch_of_two_readings_is_asked_for_and_the_expected_scale_decides():
+    tenths = render_ruler(ruler(pitch=0.1 * INCH, per_number=10, marks=111), 1)
+    with pytest.raises(AmbiguousRuler, match=r"Say --pitch 1mm or --pitch 0\.1in"):
+        calibrate_ruler(tenths.rgb)
+    scale = calibrate_ruler(tenths.rgb, expected_px_per_m=0.9 * tenths.truth.px_per_m)
+    assert scale.px_per_m == pytest.approx(tenths.truth.px_per_m, rel=1e-4)
+
+
+def test_a_pitch_that_nothing_tells_is_asked_for():
+    blank = ruler(numbers=False, mark_lengths=(0.3 * INCH,) * 4)
+    with pytest.raises(AmbiguousRuler, match=r"how far is it from mark to mark\?.*say --pitch"):
+        calibrate_ruler(render_ruler(blank, 1).rgb)
+
+
+@pytest.mark.parametrize("k1", [-0.05, 0.03])
+def test_the_lens_distortion_is_read_off_the_ruler(base, k1):
+    near = changed(base, camera={"k1": k1, "distance": 20 * INCH})
+    shown = RulerScene(near.camera, near.size, rotation_deg=0.5)
+    scale = calibrate_ruler(
+        render_ruler(shown, 1).rgb, distance=20 * INCH, centre=near.camera.centre,
+        placement_stderr=0.0,
+    )  # fmt: skip
+    assert scale.k1_stderr is not None
+    assert abs(scale.k1 - k1) < 4 * scale.k1_stderr
+    found, truth = measured(near, scale=scale, tone=Tone.srgb())
+    assert sigmas(found, truth) < 3
+    straight, _ = measured(near, scale=scale, **STATED)
+    assert sigmas(straight, truth) > 3  # what the table had
+
+
+def test_a_ruler_whose_place_nobody_stated_is_warned_of(base):
+    shot = render_ruler(ruler(offset=-0.6 * INCH), 1)
+    found, truth = measured(base, scale=calibrate_ruler(shot.rgb), **STATED)
+    assert abs(found.length - truth.length) > 10 * found.length_stderr
+    assert "--ruler-placement" in found.warnings[0]
+    placed = calibrate_ruler(shot.rgb, placement_stderr=0.3 * INCH)
+    found, truth = measured(base, scale=placed, **STATED)
+    assert not found.warnings
+    assert sigmas(found, truth) < 3
