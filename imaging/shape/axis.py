@@ -159,14 +159,23 @@ def axis_of(
     )
 
 
-def distance_by_tapes(body: Silhouette, upper: Ring, lower: Ring, assumed: float) -> float:
+def distance_by_tapes(
+    body: Silhouette, upper: Ring, lower: Ring, assumed: float, *, found: bool = False
+) -> float:
     """The camera's distance [m] by the tapes' arcs; the assumed one where they agree with it.
+
+    Args:
+        body: the body of revolution, seen from the assumed distance.
+        upper: the upper tape's edge.
+        lower: the lower one's.
+        assumed: distance [m].
+        found: the assumed one is of the arcs themselves, and is only made better.
 
     Raises:
         DistanceContradiction: the arcs are those of no camera.
     """
     depth, _ = depth_of_axis(body, upper, lower)
-    if abs(depth.nearer) < 2 * depth.nearer_stderr:
+    if not found and abs(depth.nearer) < 2 * depth.nearer_stderr:
         return assumed
     inverse = 1 / assumed + depth.nearer
     if not _NEAREST > inverse > _FARTHEST:

@@ -36,6 +36,7 @@ from .profile_of_body import measurement_of_body
 
 _LEAST_WIDTH = 16  # px
 _RAGGED = 1.5  # px, scatter of a tape's edge from which its teeth may pass for blur
+_PASSES = 3  # towards the distance of the tapes' arcs, each linear in what is left
 _SMEARED = 2.0  # times the outline's blur, from which it is motion all the same
 
 
@@ -113,14 +114,15 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         blur=recipe.blur_px,
     )
     body, upper, lower = _placed(photo, coarse, outline, recipe)
-    if recipe.distance is None:
-        distance = distance_by_tapes(body, upper, lower, photo.camera.distance)
-        if distance != photo.camera.distance:
-            camera = photo.camera.moved(distance)
-            if recipe.k1 is not None:
-                camera = dataclasses.replace(camera, k1=recipe.k1)
-            photo = dataclasses.replace(photo, camera=camera)
-            body, upper, lower = _placed(photo, coarse, outline, recipe)
+    for again in range(_PASSES if recipe.distance is None else 0):
+        distance = distance_by_tapes(body, upper, lower, photo.camera.distance, found=again > 0)
+        if distance == photo.camera.distance:
+            break
+        camera = photo.camera.moved(distance)
+        if recipe.k1 is not None:
+            camera = dataclasses.replace(camera, k1=recipe.k1)
+        photo = dataclasses.replace(photo, camera=camera)
+        body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, outline, upper, lower, recipe)
     _check(quality, recipe)
     if recipe.tape_diameter is not None:
