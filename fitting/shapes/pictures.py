@@ -22,6 +22,7 @@ class PictureTable(Protocol):
     path: tuple[str, ...]
     columns: Mapping[str, np.ndarray]
     diameter: np.ndarray
+    diameter_stderr: np.ndarray
     provenance: Mapping[str, str]
 
     @property
@@ -40,6 +41,9 @@ class Pictures:
         diameter: outside of the braid [m] at evenly spaced z/L from 0 to 1, shape (n, m).
         pressure: gauge [Pa], shape (n,); nan where it is not known.
         scale_std: relative standard error of the scale, common to all lengths and diameters.
+        mean_std: standard error of a picture's average diameter [m], which is taken as common to all:
+            light, lens and weave are.
+        local_std: that of its diameters at the positions [m], shape (m,), or None.
         source: where they are from.
 
     Raises:
@@ -52,6 +56,8 @@ class Pictures:
     diameter: NDArray[np.floating]
     pressure: NDArray[np.floating]
     scale_std: float = 0.0
+    mean_std: float = 0.0
+    local_std: NDArray[np.floating] | None = None
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -91,7 +97,9 @@ class Pictures:
             return read_pictures(table)
         columns = {name: np.asarray(values, float) for name, values in table.columns.items()}
         scale = float(table.provenance.get(_SCALE_STDERR, 0.0))
-        return _pictures(table.path, table.ok, columns, table.diameter, scale, "the table")
+        return _pictures(
+            table.path, table.ok, columns, table.diameter, table.diameter_stderr, scale, "the table"
+        )
 
 
 def read_pictures(path: str | Path) -> Pictures:
@@ -119,9 +127,14 @@ def read_pictures(path: str | Path) -> Pictures:
         )
     names = tuple(b"".join(row).decode().rstrip("\0 ") for row in held["path"])
     columns = {"length": np.asarray(held["length_m"], float)}
-    if "pressure_Pa" in held:
-        columns["pressure"] = np.asarray(held["pressure_Pa"], float)
-    return _pictures(names, held["ok"] != 0, columns, held["diameter_m"], scale, str(path))
+    for name, stored in (
+        ("pressure", "pressure_Pa"),
+        ("mean_diameter_stderr", "mean_diameter_stderr_m"),
+    ):
+        if stored in held:
+            columns[name] = np.asarray(held[stored], float)
+    stderr = held.get("diameter_stderr_m", np.full(held["diameter_m"].shape, np.nan))
+    return _pictures(names, held["ok"] != 0, columns, held["diameter_m"], stderr, scale, str(path))
 
 
 def _pictures(
@@ -129,16 +142,22 @@ def _pictures(
     ok: np.ndarray,
     columns: Mapping[str, np.ndarray],
     diameter: np.ndarray,
+    stderr: np.ndarray,
     scale_std: float,
     source: str,
 ) -> Pictures:
     length = columns["length"]
     use = ok & np.isfinite(length) & np.isfinite(diameter).all(axis=1)
+    of_mean = columns.get("mean_diameter_stderr", np.full(len(names), np.nan))
+    mean = float(np.median(of_mean[use])) if np.isfinite(of_mean[use]).all() and use.any() else 0.0
+    local = np.median(np.asarray(stderr, float)[use], axis=0) if use.any() else np.array([np.nan])
     return Pictures(
         tuple(name for name, keep in zip(names, use, strict=True) if keep),
         length[use],
         np.asarray(diameter, float)[use],
         columns.get("pressure", np.full(len(names), np.nan))[use],
         scale_std,
+        mean,
+        local if np.isfinite(local).all() else None,
         source,
     )

@@ -30,6 +30,7 @@ MOST_OUTLIERS = 0.1
 """Share of the pictures that may lie off it before there is no surface."""
 MOST_SCATTER = 0.01
 """Of the pictures about the surface, as part of the diameter, beyond which there is none."""
+_CORRELATED = 0.02  # of the length, over which neighbouring diameters of a picture err alike
 _FINEST = 1e-5  # of the diameter, below any photograph's error
 _SPREAD = 0.02
 """Spread of the pressures [part of their largest] from which on the shape may depend on them."""
@@ -74,7 +75,7 @@ class ShapeSurface:
         pressures: lowest and highest of the pictures [Pa]; nan where the shape does not depend on them.
         diameters: D [m] at both pressures, shape (2, k, m); equal where it does not.
         draws: as `diameters`, of surfaces as probable as this one, shape (d, 2, k, m): from the
-            scatter of the pictures and the error of the scale.
+            scatter of the pictures, the errors that they have in common, and that of the scale.
         draw_scales: factor of the lengths of each draw, shape (d,).
         held_out: the test.
         threads: turns and length of the braid's threads that the pictures show.
@@ -210,6 +211,7 @@ def shape_surface(
     at = np.stack([found.basis(lengths, np.full(KNOTS, P)) for P in (low, high)])
     rng = np.random.default_rng(seed)
     varied = np.stack([at @ found.varied(rng) for _ in range(draws)])
+    varied += _common(used, draws, rng)[:, None, None, :]
     scales = 1 + used.scale_std * rng.standard_normal(draws)
     return ShapeSurface(
         form,
@@ -224,6 +226,21 @@ def shape_surface(
         tuple(name for name, kept in zip(pictures.names, keep, strict=True) if not kept),
         tuple(notes),
     )
+
+
+def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
+    """Errors of the diameter that all pictures have in common [m], shape (draws, m).
+
+    That of the average diameter, and along the axis what the positions' own errors exceed it by,
+    correlated as the outline is smoothed.
+    """
+    x = np.linspace(0, 1, pictures.diameter.shape[1])
+    whole = pictures.mean_std * rng.standard_normal((draws, 1))
+    if pictures.local_std is None:
+        return np.broadcast_to(whole, (draws, x.size))
+    along = np.exp(-0.5 * ((x[:, None] - x) / _CORRELATED) ** 2) + 1e-9 * np.eye(x.size)
+    wave = rng.standard_normal((draws, x.size)) @ np.linalg.cholesky(along).T
+    return whole + np.sqrt(np.maximum(pictures.local_std**2 - pictures.mean_std**2, 0)) * wave
 
 
 @dataclasses.dataclass(frozen=True)

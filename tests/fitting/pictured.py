@@ -50,4 +50,4 @@ def photographed(
     factor = 1 + scale * rng.standard_normal()
     diameter = (true_diameter(x, length, pressure, stretch) + wrong) * factor
     names = tuple(f"DSC_{k:04d}.JPG" for k in range(n))
-    return Pictures(names, length * factor, diameter, pressure, scale, "pictures")
+    return Pictures(names, length * factor, diameter, pressure, scale, source="pictures")

@@ -25,6 +25,7 @@ TRUTH = "truth.json"
 
 _STATIONS, _CONTRACTIONS = 201, 29
 _REST, _MOST = 9.28125 * INCH, 0.345  # the profiles are known up to 0.35
+_FITTING = 0.875 * INCH  # diameter of fittings and tapes
 _STRANDS = 36  # of the reference work's braid
 _START = datetime.datetime(2021, 3, 1, 10, 0, 0)
 
@@ -78,7 +79,7 @@ class TwinMuscle:
         from imaging.synthetic import stroke_shape  # noqa: PLC0415 -- where a twin is made
 
         x, c = np.linspace(0, 1, _STATIONS), np.linspace(0.0, 0.35, _CONTRACTIONS)
-        shapes = np.stack([np.asarray(stroke_shape(float(one))(x)) for one in c])
+        shapes = np.stack([np.asarray(stroke_shape(float(one), _FITTING)(x)) for one in c])
         braid = famjax.Braid(9.89 * INCH, self.turns, 0.011 * INCH)
         surface = famjax.profiles.SampledSurface(
             lengths=_REST * (1 - c),
@@ -179,6 +180,7 @@ def _photographs(
 ) -> dict[str, float]:
     """Pictures over the strokes of the test, and the ruler; the true length [m] by picture."""
     from imaging.synthetic import (  # noqa: PLC0415 -- OpenCV, where a twin is made
+        Tape,
         published_ruler,
         published_scene,
         render,
@@ -197,13 +199,13 @@ def _photographs(
     ahead, rate = float(rng.uniform(-300, 300)), 1 + float(rng.uniform(-30e-6, 30e-6))
     (folder / "photographs").mkdir(exist_ok=True)
     # Yarns as fine as the real ones, at every scale: thick ones shift the outline where they cross.
-    body = dataclasses.replace(scene.muscle, strands=_STRANDS)
-    end = float(body.diameter(0.0))
+    tape = Tape(diameter=_FITTING)
+    body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
     for k, (time, length) in enumerate(zip(times, lengths, strict=True)):
         show("taking photographs", k, times.size)
         contraction = float(np.clip(1 - length / _REST, 0.0, 0.35))
         now = dataclasses.replace(
-            body, profile=stroke_shape(contraction, end), length=float(length),
+            body, profile=stroke_shape(contraction, _FITTING), length=float(length),
             y0=body.y0 - (_REST - float(length)) / 2,
         )  # fmt: skip
         stamp = _START + datetime.timedelta(seconds=ahead + rate * float(time))

@@ -65,6 +65,14 @@ def test_the_scale_s_error_is_in_lengths_and_diameters_alike() -> None:
     np.testing.assert_allclose(relative, found.draw_scales, atol=1e-4)
 
 
+def test_what_all_pictures_have_in_common_does_not_average_out() -> None:
+    pictures = dataclasses.replace(photographed(80), mean_std=1e-5, local_std=np.full(201, 4e-5))
+    found = shape_surface(pictures, draws=600)
+    local = found.draws[:, 0, 8].std(axis=0)
+    assert np.median(local) == pytest.approx(4e-5, rel=0.1)
+    assert 1e-5 < found.draws[:, 0, 8].mean(axis=1).std() < 2e-5
+
+
 def test_pictures_held_out_are_as_near_as_expected() -> None:
     found = shape_surface(photographed(200, 0.0006 * INCH)).held_out
     assert found.pictures == 40
