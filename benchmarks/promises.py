@@ -23,6 +23,7 @@ from typing import Any
 import jax
 from first_answer_inputs import load
 from promise import VERDICTS, Case, Outcome, Promise, judge, shown
+from promises_chain import CHAIN
 from promises_choice import CHOICE
 from promises_first_answer import FIRST_ANSWER
 from promises_fits import FITS
@@ -59,6 +60,7 @@ PROMISES: tuple[Promise, ...] = tuple(
             *RIG,
             *FIRST_ANSWER,
             *VERDICT,
+            *CHAIN,
             *WHOLE,
         ),
         key=lambda one: one.issue,
