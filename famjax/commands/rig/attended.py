@@ -29,7 +29,7 @@ _COLUMN = 4  # looks that one column of the plot stands for
 def clock(seconds: float) -> str:
     """A duration as a person says it.
 
-    >>> clock(70), clock(9.4)
+    >>> clock(70.0), clock(9.4)
     ('70 s (1 min 10 s)', '9 s')
     """
     minutes, left = divmod(round(seconds), 60)

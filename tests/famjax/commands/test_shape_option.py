@@ -27,10 +27,11 @@ def write_table(folder: Path, contractions: float = 0.35) -> Path:
     """measurements.nc as `famjax measure` writes it, of pictures up to a contraction."""
     shown = photographed(120, 0.0006 * INCH)
     shown = shown.part(shown.length >= REST * (1 - contractions))
-    n = len(shown)
+    n, unknown = len(shown), np.full(shown.diameter.shape, np.nan)
     return Table(
         path=shown.names, error=("",) * n, columns={"length": shown.length, "pressure": shown.pressure},
-        diameter=shown.diameter, diameter_stderr=5e-4 * shown.diameter, sha256=("",) * n,
+        diameter=shown.diameter, diameter_stderr=5e-4 * shown.diameter,
+        braid_angle=unknown, braid_angle_stderr=unknown, sha256=("",) * n,
         rest_length=REST, time_origin=np.nan, stamp_resolution=np.nan,
         provenance={"scale_relative_stderr": "0.0003"},
     ).write_netcdf(folder / "measurements.nc")  # fmt: skip
