@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from imaging import ImagingError, Measurement, Recipe, Scale, calibrate_ruler, measure
+from imaging.camera import Tone
 from imaging.synthetic import (
     INCH,
     Lens,
@@ -232,7 +233,13 @@ def photographed(scene: Scene, seed: int) -> tuple[Measurement, Truth]:
     photo = render(scene, seed)
     assert isinstance(photo.truth, Truth)
     camera = scene.camera
-    recipe = Recipe(Scale.manual(camera.px_per_m), camera.distance, centre=camera.centre)
+    recipe = Recipe(
+        Scale.manual(camera.px_per_m),
+        camera.distance,
+        centre=camera.centre,
+        tone=Tone.srgb(),
+        k1=0.0,
+    )
     return measure(photo.rgb, recipe), photo.truth
 
 

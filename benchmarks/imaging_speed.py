@@ -32,6 +32,7 @@ from skimage.filters import threshold_otsu
 from skimage.measure import find_contours, label, regionprops
 
 from imaging import Measurement, Recipe, Scale, measure, process, read_image
+from imaging.camera import Tone
 from imaging.synthetic import PUBLISHED_FRAME, Photo, Truth, published_scene, render
 
 INCH = 0.0254
@@ -112,7 +113,8 @@ def our_errors(found: Measurement, truth: Truth) -> tuple[float, float, float]:
 
 def recipe_of(truth: Truth) -> Recipe:
     """That of the scene, its scale known to a ruler's 1e-5."""
-    return Recipe(Scale.manual(truth.px_per_m, 1e-5 * truth.px_per_m))
+    scale = Scale.manual(truth.px_per_m, 1e-5 * truth.px_per_m)
+    return Recipe(scale, distance=60 * INCH, tone=Tone.srgb(), k1=0.0)
 
 
 def truth_of(photo: Photo) -> Truth:
