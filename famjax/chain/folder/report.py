@@ -115,7 +115,8 @@ def _unknown(sheet: Sheet, results: Path, names: Sequence[str]) -> list[str]:
         )
     failed = _failed_pictures(results) if PICTURES in names else []
     if failed:
-        said.append(f"{len(failed)} pictures could not be measured: {'; '.join(failed[:5])}.")
+        count = "1 picture" if len(failed) == 1 else f"{len(failed)} pictures"
+        said.append(f"{count} could not be measured: {'; '.join(failed[:5])}.")
     return said
 
 
