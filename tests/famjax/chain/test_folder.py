@@ -1,6 +1,7 @@
 """A characterisation folder from its skeleton to its report, and what is said where it cannot be."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
