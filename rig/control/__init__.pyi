@@ -6,8 +6,6 @@ from .attendant import (
 )
 from .camera_command import CameraCommand as CameraCommand
 from .first_stroke import LoadChange as LoadChange, Start as Start
-from .guard_settings import Guards as Guards, floor_counts as floor_counts
-from .mean_counts import mean_counts as mean_counts
 from .monitor import Monitor as Monitor
 from .operator import (
     JOURNAL as JOURNAL,
@@ -41,7 +39,7 @@ from .plan_run import (
     run as run,
 )
 from .rig import Rig as Rig
-from .settings import Control as Control
+from .settings import Control as Control, Guards as Guards, floor_counts as floor_counts
 from .tripped import (
     acknowledge as acknowledge,
     device_status as device_status,

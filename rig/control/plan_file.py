@@ -11,9 +11,8 @@ from msgspec import Meta
 from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
 
 from ..errors import RigError
-from .guard_settings import Guards
 from .plan import Isobaric
-from .settings import JUMP_LIMIT, Control
+from .settings import JUMP_LIMIT, Control, Guards
 
 PRECONDITIONS: dict[str, tuple[str, ...]] = {
     "air": (

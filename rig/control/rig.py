@@ -12,12 +12,11 @@ from ..fault import ADVICE, RigFault
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
+from ..link.mean_counts import mean_counts
 from ..protocol.control_law import TICK_HZ
 from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, TRIP, Sample
-from .guard_settings import Guards
-from .mean_counts import mean_counts
 from .set_up import greet, limit_commands, set_up
-from .settings import JUMP_LIMIT, Control
+from .settings import JUMP_LIMIT, Control, Guards
 from .tripped import at_trip
 
 LOOK = 0.05

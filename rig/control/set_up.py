@@ -10,8 +10,7 @@ from ..errors import RigError
 from ..fault import RigFault
 from ..link.abstract_link import AbstractLink
 from ..protocol.messages import PROTOCOL
-from .guard_settings import Guards
-from .settings import Control, device_calibration, jump_counts, trip_counts
+from .settings import Control, Guards, device_calibration, jump_counts, trip_counts
 from .tripped import refuse_tripped, unseen, watch_rest
 
 HELLOS = 5

@@ -2,6 +2,8 @@
 
 import sys
 
+from ...boundary.units import from_si
+
 
 def known_port(port: str | None) -> str:
     """The port, or an error that lists what there is to choose from."""
@@ -32,7 +34,7 @@ def tell_preconditions(test) -> None:
 
     print(
         f"Circuit of {test.circuit}, limit {test.pressure_limit / 1e3:.4g} kPa "
-        f"({test.pressure_limit / 6894.757:.4g} psi). Make sure that:"
+        f"({from_si(test.pressure_limit, 'psi', 'pressure'):.4g} psi). Make sure that:"
     )
     for sentence in PRECONDITIONS[test.circuit]:
         print(f"- {sentence}")

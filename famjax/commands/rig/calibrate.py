@@ -136,8 +136,7 @@ def _read(
     sensor: str, references: Sequence[str], port: str, baud: int, seconds: float
 ) -> list[float]:
     """Counts at references that a person applies one after the other."""
-    from rig.control import mean_counts
-    from rig.link import Link, serial_opener
+    from rig.link import Link, mean_counts, serial_opener
 
     counts = []
     with Link(serial_opener(port, baud)) as link:

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..calibration.sensor import READINGS
 from ..fault import RigFault
-from ..link.abstract_link import AbstractLink
 from ..protocol.messages import Sample
+from .abstract_link import AbstractLink
 
 _HELLO = 2.0  # s that a board which was reset by opening its port takes at most, twice
 _UNDER_WAY = 0.1  # s in which a record that was begun before has come
