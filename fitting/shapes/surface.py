@@ -2,7 +2,6 @@
 
 import dataclasses
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ import famjax
 from ..data.force_data import Specimen
 from ..errors import InputError
 from .pictures import Pictures, PictureTable
+from .polynomials import Form, fit_polynomials, pressure_ends
 from .threads import Threads, fit_threads
 
 Array = NDArray[np.floating]
@@ -32,20 +32,6 @@ MOST_SCATTER = 0.01
 """Of the pictures about the surface, as part of the diameter, beyond which there is none."""
 _CORRELATED = 0.02  # of the length, over which neighbouring diameters of a picture err alike
 _FINEST = 1e-5  # of the diameter, below any photograph's error
-_SPREAD = 0.02
-"""Spread of the pressures [part of their largest] from which on the shape may depend on them."""
-
-
-class Form(NamedTuple):
-    """Polynomials of a surface: in the length, and times the pressure.
-
-    Attributes:
-        degree: of the polynomial in length.
-        with_pressure: of the one in length that is multiplied by the pressure; -1 for none.
-    """
-
-    degree: int
-    with_pressure: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -197,9 +183,9 @@ def shape_surface(
     keep, notes = _on_a_surface(pictures)
     used = pictures.part(keep)
     form = _choose(used)
-    found = _fit(used, form)
+    found = fit_polynomials(used, form)
     lengths = np.linspace(used.length.max(), used.length.min(), KNOTS)
-    low, high = _pressures(used)
+    low, high = pressure_ends(used)
     if form.with_pressure < 0:
         if np.isfinite(low):
             notes.append(
@@ -243,88 +229,6 @@ def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
     return whole + np.sqrt(np.maximum(pictures.local_std**2 - pictures.mean_std**2, 0)) * wave
 
 
-@dataclasses.dataclass(frozen=True)
-class _Fit:
-    """Least squares at every position with one matrix.
-
-    Attributes:
-        form: polynomials.
-        ends: shortest and longest length [m].
-        pressures: lowest and highest [Pa].
-        coefficients: shape (terms, m) [m].
-        residuals: of each picture [m], shape (n, m).
-        leverage: of each picture, shape (n,).
-        solve: pseudo-inverse of the matrix, shape (terms, n).
-    """
-
-    form: Form
-    ends: tuple[float, float]
-    pressures: tuple[float, float]
-    coefficients: Array
-    residuals: Array
-    leverage: Array
-    solve: Array
-
-    def basis(self, length: Array, pressure: Array) -> Array:
-        """The terms at states, shape (n, terms)."""
-        return _basis(self.form, self.ends, self.pressures, length, pressure)
-
-    @property
-    def left_out(self) -> Array:
-        """Residual of each picture from the surface without it [m], shape (n, m)."""
-        return self.residuals / np.maximum(1 - self.leverage, 1e-9)[:, None]
-
-    def varied(self, rng: np.random.Generator) -> Array:
-        """Coefficients as probable as these: every picture's residual with a random sign and size."""
-        sizes = rng.standard_normal(len(self.leverage))[:, None]
-        return self.coefficients + self.solve @ (sizes * self.left_out)
-
-    def variance(self, length: Array, pressure: Array) -> Array:
-        """Of a new picture's diameters there [m2], shape (n, m)."""
-        terms = self.basis(length, pressure) @ self.solve
-        scatter = np.sum(self.residuals**2, axis=0) / max(len(self.leverage) - len(self.solve), 1)
-        return (1 + np.sum(terms**2, axis=1))[:, None] * scatter
-
-
-def _fit(pictures: Pictures, form: Form) -> _Fit:
-    ends = float(pictures.length.min()), float(pictures.length.max())
-    pressures = _pressures(pictures)
-    X = _basis(form, ends, pressures, pictures.length, pictures.pressure)
-    solve = np.linalg.pinv(X)
-    coefficients = solve @ pictures.diameter
-    leverage = np.sum(X * solve.T, axis=1)
-    return _Fit(
-        form, ends, pressures, coefficients, pictures.diameter - X @ coefficients, leverage, solve
-    )
-
-
-def _basis(
-    form: Form,
-    ends: tuple[float, float],
-    pressures: tuple[float, float],
-    length: Array,
-    pressure: Array,
-) -> Array:
-    """Chebyshev polynomials in the length, then those times the pressure, each in [-1, 1]."""
-    low, high = ends
-    terms = np.polynomial.chebyshev.chebvander(
-        (2 * length - low - high) / (high - low), form.degree
-    )
-    if form.with_pressure < 0:
-        return terms
-    low, high = pressures
-    share = (2 * pressure - low - high) / (high - low)
-    return np.hstack([terms, share[:, None] * terms[:, : form.with_pressure + 1]])
-
-
-def _pressures(pictures: Pictures) -> tuple[float, float]:
-    """Lowest and highest pressure [Pa]; nan where they are not known or all alike."""
-    known = pictures.pressure
-    if not np.isfinite(known).all() or np.ptp(known) <= _SPREAD * np.abs(known).max():
-        return np.nan, np.nan
-    return float(known.min()), float(known.max())
-
-
 def _forms(pictures: Pictures) -> list[Form]:
     """Those that the pictures can carry, the plainest first."""
     span = float(np.ptp(pictures.length))
@@ -334,7 +238,7 @@ def _forms(pictures: Pictures) -> list[Form]:
             f"{pictures.source}: the pictures are of {lengths} different lengths; a surface needs four "
             "or more: photograph a whole stroke"
         )
-    dependent = [-1, 0, 1, 2, 3] if np.isfinite(_pressures(pictures)[0]) else [-1]
+    dependent = [-1, 0, 1, 2, 3] if np.isfinite(pressure_ends(pictures)[0]) else [-1]
     forms = [
         Form(degree, more)
         for degree in DEGREES
@@ -350,7 +254,9 @@ def _choose(pictures: Pictures) -> Form:
     What predicts best still errs as much by its bias as by its scatter, and no band covers a bias.
     """
     forms = _forms(pictures)
-    best = min(forms, key=lambda form: float(np.mean(_fit(pictures, form).left_out ** 2)))
+    best = min(
+        forms, key=lambda form: float(np.mean(fit_polynomials(pictures, form).left_out ** 2))
+    )
     more = best._replace(degree=best.degree + MORE)
     return more if more in forms else best
 
@@ -360,7 +266,7 @@ def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
     keep = np.ones(len(pictures), bool)
     while True:
         used = pictures.part(keep)
-        found = _fit(used, _choose(used))
+        found = fit_polynomials(used, _choose(used))
         size = np.sqrt(np.mean(found.residuals**2, axis=1) / np.maximum(1 - found.leverage, 1e-9))
         middle = np.median(size)
         spread = 1.4826 * np.median(np.abs(size - middle))
@@ -398,7 +304,7 @@ def _held_out(pictures: Pictures, form: Form) -> HeldOut:
     place = np.arange(len(pictures))
     out = (place % HELD_OUT == HELD_OUT // 2) & (place > 0) & (place < len(pictures) - 1)
     kept, tested = pictures.part(~out), place[out]
-    found = _fit(kept, form)
+    found = fit_polynomials(kept, form)
     length, pressure = pictures.length[tested], pictures.pressure[tested]
     error = pictures.diameter[tested] - found.basis(length, pressure) @ found.coefficients
     predicted = found.variance(length, pressure)

@@ -9,6 +9,9 @@ from ..errors import InputError
 
 Array = NDArray[np.floating]
 
+WITHIN = 0.15
+"""Part by which the true turns may differ from the triangle's, which neglects the narrower ends."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Threads:
@@ -28,6 +31,10 @@ class Threads:
     turns_std: float
     compliance: float = 0.0
     compliance_std: float = 0.0
+
+    def turns_range(self) -> tuple[float, float]:
+        """Least and most turns between which a fit of the force seeks them."""
+        return self.turns * (1 - WITHIN), self.turns * (1 + WITHIN)
 
 
 def fit_threads(length: Array, diameter: Array, pressure: Array) -> Threads:

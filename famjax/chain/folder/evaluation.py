@@ -36,8 +36,6 @@ GEOMETRIES = {
 }
 """Geometries that are fitted, and what they are."""
 FORCE_MAP = "dataset.csv"
-WITHIN = 0.15
-"""Part by which the turns may differ from the pictures' triangle where they are identified."""
 SHAPE_DRAWS = 8
 """Surfaces as probable as the measured one with which the fit is repeated."""
 
@@ -232,8 +230,8 @@ def fit_with(
     if name == WORK:
         options["terms"] = famjax.terms.VirtualWork(0.0)
     if sheet.turns is None and name != WORK:
-        bounds = Parameter(min=turns * (1 - WITHIN), max=turns * (1 + WITHIN))
-        options["parameters"] = {"turns": bounds}
+        least, most = surface.threads.turns_range()
+        options["parameters"] = {"turns": Parameter(min=least, max=most)}
     return fitting.identify(_within(data, geometry), geometry=geometry, **options)
 
 

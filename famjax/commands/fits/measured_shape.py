@@ -9,8 +9,6 @@ import fitting
 from fitting.families import Parameter
 
 TURNS = "turns"
-WITHIN = 0.15
-"""Part by which the turns may differ from those of the pictures' triangle where they are identified."""
 
 
 def with_shape(
@@ -34,12 +32,8 @@ def with_shape(
             f"{low * 1e3:.4g} to {high * 1e3:.4g} mm: photograph the whole stroke, or leave them out"
         )
     named = {*options["bounds"], *options["parameters"]}
-    turns = surface.threads.turns
-    free = (
-        {}
-        if TURNS in named
-        else {TURNS: Parameter(min=turns * (1 - WITHIN), max=turns * (1 + WITHIN))}
-    )
+    least, most = surface.threads.turns_range()
+    free = {} if TURNS in named else {TURNS: Parameter(min=least, max=most)}
     told = dataclasses.replace(data, notes=(*data.notes, *surface.told()))
     return told, {
         **options, "geometry": geometry, "parameters": {**options["parameters"], **free},
