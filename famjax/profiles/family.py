@@ -87,10 +87,12 @@ class AbstractMeasuredFamily(AbstractProfileFamily):
     Attributes:
         lengths: active lengths L [m] that were measured, decreasing.
         braid: gives B(L, P).
+        margin: extrapolation at either end, as part of the range of lengths.
     """
 
     lengths: eqx.AbstractVar[Float[Array, " profiles"]]
     braid: eqx.AbstractVar[AbstractBraid]
+    margin: eqx.AbstractVar[float]
 
     @abc.abstractmethod
     def middle_pressure(self) -> RealArray:
@@ -101,13 +103,32 @@ class AbstractMeasuredFamily(AbstractProfileFamily):
     def kinks(self) -> Float[Array, " kinks"]:
         """Positions x [-] at which any of the profiles has a kink, increasing."""
 
-    @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest length [m] at which the shape is known."""
+        """Shortest and longest length [m]: those measured, and the margin beyond."""
+        longest, shortest = self.lengths[0], self.lengths[-1]
+        beyond = self.margin * (longest - shortest)
+        return shortest - beyond, longest + beyond
 
-    @abc.abstractmethod
     def knows(self, length: Real) -> Bool[Array, "..."]:
-        """Whether the shape is known at a length [m]."""
+        """Whether the shape is known at a length [m]: within `length_range`, both ends included."""
+        share, rounding = self._share(length), 16 * jnp.finfo(self.lengths.dtype).eps
+        return (share >= -self.margin - rounding) & (share <= 1 + self.margin + rounding)
+
+    def _share(self, length: Real) -> RealArray:
+        """Lengths [m] as parts of the measured range, from 0 at the longest to 1."""
+        return (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
+
+    def _cardinals(
+        self, length: RealArray, slopes: Float[Array, "profiles profiles"]
+    ) -> Float[Array, "... profiles"]:
+        """phi_k(L), shape (..., profiles): 1 at its own length, 0 at the others; nan beyond the margin.
+
+        Args:
+            length: [m].
+            slopes: `slope_matrix` of the lengths' shares.
+        """
+        cardinals = cardinal_splines(self._share(self.lengths), slopes, self._share(length))
+        return jnp.where(self.knows(length)[..., None], cardinals, jnp.nan)
 
     def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
         """Positions x [-] of the kinks of all profiles, the same at every length and pressure."""
@@ -182,7 +203,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
                 "the lengths of a family must decrease from profile to profile, as the muscle "
                 f"contracts, got {np.asarray(self.lengths)}"
             )
-        self._slopes = slope_matrix(self._knots())
+        self._slopes = slope_matrix(self._share(self.lengths))
 
     def __check_init__(self) -> None:
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
@@ -217,7 +238,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
             ],
             axis=-1,
         )
-        interpolated = jnp.sum(self._cardinals(length) * measured, axis=-1)
+        interpolated = jnp.sum(self._cardinals(length, self._slopes) * measured, axis=-1)
         thread = self.braid.thread_length(length, pressure)
         reference = self.braid.thread_length(length, self.reference_pressure)
         turns = self.braid.turns
@@ -237,28 +258,6 @@ class MeasuredFamily(AbstractMeasuredFamily):
             profile.breakpoints(at) for profile, at in zip(self.profiles, self.lengths, strict=True)
         ]
         return jnp.sort(jnp.concatenate(each))
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest length [m]: those measured, and the margin beyond."""
-        longest, shortest = self.lengths[0], self.lengths[-1]
-        beyond = self.margin * (longest - shortest)
-        return shortest - beyond, longest + beyond
-
-    def knows(self, length: Real) -> Bool[Array, "..."]:
-        """Whether the shape is known at a length [m]: within `length_range`, both ends included."""
-        share = (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
-        rounding = 16 * jnp.finfo(self.lengths.dtype).eps
-        return (share >= -self.margin - rounding) & (share <= 1 + self.margin + rounding)
-
-    def _knots(self) -> Float[Array, " profiles"]:
-        """The lengths as parts of the measured range, from 0 at the longest to 1."""
-        return (self.lengths[0] - self.lengths) / (self.lengths[0] - self.lengths[-1])
-
-    def _cardinals(self, length: RealArray) -> Float[Array, "... profiles"]:
-        """phi_k(L), shape (..., profiles): 1 at its own length, 0 at the others."""
-        at = (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
-        cardinals = cardinal_splines(self._knots(), self._slopes, at)
-        return jnp.where(self.knows(length)[..., None], cardinals, jnp.nan)
 
 
 @eqx.filter_jit

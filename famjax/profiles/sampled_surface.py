@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..braids.inextensible import AbstractBraid
 from ..parameters import number
 from .family import AbstractMeasuredFamily
-from .spline import cardinal_splines, slope_matrix
+from .spline import slope_matrix
 
 
 class SampledSurface(AbstractMeasuredFamily):
@@ -98,7 +98,7 @@ class SampledSurface(AbstractMeasuredFamily):
         t = (x * cells - cell)[..., None]
         values = self.diameters
         slopes = values @ _station_slopes(cells).T.astype(values.dtype)
-        weights = self._at_lengths(length)
+        weights = self._cardinals(length, slope_matrix(self._share(self.lengths)))
         along = [
             jnp.sum(
                 weights
@@ -115,28 +115,6 @@ class SampledSurface(AbstractMeasuredFamily):
             return along[0]
         low, high = self.pressures
         return along[0] + (pressure - low) / (high - low) * (along[1] - along[0])
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest length [m]: those measured, and the margin beyond."""
-        longest, shortest = self.lengths[0], self.lengths[-1]
-        beyond = self.margin * (longest - shortest)
-        return shortest - beyond, longest + beyond
-
-    def knows(self, length: Real) -> Bool[Array, "..."]:
-        """Whether the shape is known at a length [m]: within `length_range`, both ends included."""
-        rounding = 16 * jnp.finfo(self.lengths.dtype).eps
-        share = self._share(length)
-        return (share >= -self.margin - rounding) & (share <= 1 + self.margin + rounding)
-
-    def _share(self, length: Real) -> RealArray:
-        """A length as part of the measured range, from 0 at the longest to 1."""
-        return (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
-
-    def _at_lengths(self, length: RealArray) -> Float[Array, "... lengths"]:
-        """The weight of each measured length at a length."""
-        knots = self._share(self.lengths)
-        weights = cardinal_splines(knots, slope_matrix(knots), self._share(length))
-        return jnp.where(self.knows(length)[..., None], weights, jnp.nan)
 
 
 @functools.cache
