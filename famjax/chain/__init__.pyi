@@ -7,4 +7,8 @@ from .photographs import (
     measure_pictures as measure_pictures,
     with_log as with_log,
 )
-from .simulation import SimulatedTest as SimulatedTest, simulate as simulate
+from .simulation import (
+    SimulatedTest as SimulatedTest,
+    simulate as simulate,
+    simulated_muscle as simulated_muscle,
+)

@@ -1,9 +1,15 @@
 """A whole test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import famjax
+from famjax.units import PSI
 from fitting.records import read_machine_log, write_dataset
 from rig.control import JOURNAL, PlanFile, Watcher, record_test
 from rig.device import Device, NativeDevice
@@ -39,6 +45,30 @@ class SimulatedTest:
     analysis: Analysis
     seconds: float
     paths: tuple[Path, ...]
+
+
+def simulated_muscle(
+    members: Sequence[famjax.Muscle], *, shortest: float, friction: float = 0.02
+) -> SimulatedMuscle:
+    """A muscle, tabulated for the simulated rig: up to 125 psi, from a length to the rest length.
+
+    Args:
+        members: one muscle, or those of which a chosen model is the mean; the volume is the first's.
+        shortest: least length of the table [m].
+        friction: as for `SimulatedMuscle`.
+    """
+    first = members[0]
+    rest = min(float(one.geometry.rest_length) for one in members)
+    lengths, pressures = np.linspace(shortest, rest, 201), np.linspace(0.0, 125.0 * PSI, 26)
+
+    def state(length: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array]:
+        at = first.geometry.dimensions(length, pressure)
+        force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))
+        return force, at.volume - at.bladder_volume
+
+    over = jax.jit(jax.vmap(jax.vmap(state, (None, 0)), (0, None)))
+    force, volume = (np.asarray(one) for one in over(lengths, pressures))
+    return SimulatedMuscle(lengths, pressures, force, volume, rest_length=rest, friction=friction)
 
 
 def simulate(

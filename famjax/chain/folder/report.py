@@ -1,6 +1,7 @@
 """The report of a characterisation folder: one page, offline, from the files of its steps."""
 
 import base64
+import csv
 import importlib.resources
 import json
 from collections.abc import Sequence
@@ -121,8 +122,6 @@ def _unknown(sheet: Sheet, results: Path, names: Sequence[str]) -> list[str]:
 
 
 def _failed_pictures(results: Path) -> list[str]:
-    import csv  # noqa: PLC0415
-
     with (results / PICTURES / "measurements.csv").open(encoding="utf-8", newline="") as file:
         return [
             f"{Path(row['path']).name}, {row['error'].partition(':')[0]}"

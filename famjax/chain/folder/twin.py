@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,9 +14,9 @@ import famjax
 from famjax.boundary.errors import InputError
 from famjax.units import INCH, PSI
 from rig.control import Control, Isobaric, PlanFile
-from rig.simulation import MachineClock, SimulatedMuscle
+from rig.simulation import MachineClock
 
-from ..simulation import LOG, simulate
+from ..simulation import LOG, simulate, simulated_muscle
 from .sheet import SHEET
 
 TRUTH = "truth.json"
@@ -135,8 +134,9 @@ def write_twin(
     )  # fmt: skip
     test = PlanFile(plan, "air", 115 * PSI, Control.per_psi(4, 2))
     clock = MachineClock(float(rng.uniform(-20, 20)), float(rng.uniform(-60e-6, 60e-6)))
+    muscle = simulated_muscle([true.muscle()], shortest=_REST * (1 - _MOST), friction=true.friction)
     made = simulate(
-        test, folder, muscle=_simulated(true), clock=clock, seed=seed,
+        test, folder, muscle=muscle, clock=clock, seed=seed,
         progress=lambda done, total: show("simulating the test", done, total),
     )  # fmt: skip
     (folder / "dataset.csv").unlink()  # the evaluation makes its own
@@ -151,23 +151,6 @@ def write_twin(
     }  # fmt: skip
     (folder / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
     return true
-
-
-def _simulated(true: TwinMuscle) -> SimulatedMuscle:
-    """The muscle as tables for the rig."""
-    muscle = true.muscle()
-    lengths = np.linspace(_REST * (1 - _MOST), _REST, 201)
-    pressures = np.linspace(0.0, 125.0 * PSI, 26)
-
-    def state(length: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = muscle.geometry.dimensions(length, pressure)
-        return muscle.force(length, pressure), at.volume - at.bladder_volume
-
-    over = jax.jit(jax.vmap(jax.vmap(state, (None, 0)), (0, None)))
-    force, volume = (np.asarray(one) for one in over(lengths, pressures))
-    return SimulatedMuscle(
-        lengths, pressures, force, volume, rest_length=_REST, friction=true.friction
-    )
 
 
 def _photographs(

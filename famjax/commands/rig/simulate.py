@@ -69,11 +69,9 @@ def rig_simulate(
 
 def _simulated_muscle(fit_json: Path | None):
     """A famjax muscle, tabulated for the rig, and its entries in a dataset."""
-    import jax
     import jax.numpy as jnp
-    import numpy as np
 
-    from rig.simulation import SimulatedMuscle
+    from famjax.chain import simulated_muscle
 
     from ... import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial, units
 
@@ -91,19 +89,8 @@ def _simulated_muscle(fit_json: Path | None):
         known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
         known = {key: value for key, value in known.items() if value is not None}
     members = (muscle, *others)  # a chosen model may be the mean of several
-    rest = min(float(one.geometry.rest_length) for one in members)
     low = max(float(one.geometry.length_range()[0]) for one in members)
-    lengths, pressures = np.linspace(low, rest, 201), np.linspace(0.0, 125.0 * units.PSI, 26)
-
-    def state(length, pressure):
-        at = muscle.geometry.dimensions(length, pressure)
-        force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))
-        return force, at.volume - at.bladder_volume
-
-    over = jax.vmap(jax.vmap(state, (None, 0)), (0, None))
-    force, volume = jax.jit(over)(lengths, pressures)
-    tables = np.asarray(force), np.asarray(volume)
-    return SimulatedMuscle(lengths, pressures, *tables, rest_length=rest), known
+    return simulated_muscle(members, shortest=low), known
 
 
 def rig_serve(
