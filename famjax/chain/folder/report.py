@@ -77,7 +77,11 @@ def _page(sheet: Sheet, names: Sequence[str], origin: Origin, system: str) -> st
             name=sheet.specimen.name,
             summary=_summary(sheet, fits, best, shape),
             unknown=_unknown(sheet, results, names),
-            notes=[*(shape["told"] if shape else []), *read_map(sheet).notes],
+            notes=[
+                *_test_notes(results),
+                *(shape["told"] if shape else []),
+                *read_map(sheet).notes,
+            ],
             figures=[(Markup(content), caption) for content, caption in figures],
             tables=tables,
             origin=origin,
@@ -119,6 +123,12 @@ def _unknown(sheet: Sheet, results: Path, names: Sequence[str]) -> list[str]:
         count = "1 picture" if len(failed) == 1 else f"{len(failed)} pictures"
         said.append(f"{count} could not be measured: {'; '.join(failed[:5])}.")
     return said
+
+
+def _test_notes(results: Path) -> list[str]:
+    """What the records of the test lack, such as a stroke that a gap in the log costs."""
+    path = results / RECORDS / "characterisation.json"
+    return _read(path)["notes"] if path.exists() else []
 
 
 def _failed_pictures(results: Path) -> list[str]:
@@ -210,20 +220,20 @@ def _onsets(sheet: Sheet, results: Path, fits: dict[str, Any], system: str) -> l
         return []
     units = unit_system(system)
     Pa, N = factor(units["pressure"], "pressure"), factor(units["force"], "force")
-    muscles = {name: fitting.load_fit(results / name / "fit.json").muscle for name in fits}
+    muscles = [fitting.load_fit(results / name / "fit.json").muscle for name in fits]
+    bars = _read(path)["isobars"]
+    pressures = np.array([bar["pressure_Pa"] for bar in bars])
     rest = sheet.specimen.rest_length
-    rows = []
-    for bar in _read(path)["isobars"]:
-        P = bar["pressure_Pa"]
-        row = [_number(bar["set_pressure_Pa"], Pa)]
-        for key in ("blocked_force_N", "free_contraction"):
-            row.append(_number(bar[key], N if key.endswith("N") else 1.0))
-            for muscle in muscles.values():
-                if key == "blocked_force_N":
-                    row.append(_number(float(muscle.force(rest, P)), N))
-                else:
-                    row.append(_number(float(muscle.free_contraction(P, throw=False)), 1.0))
-        rows.append(row)
+    blocked = [np.asarray(one.force(rest, pressures)) for one in muscles]
+    free = [np.asarray(one.free_contraction(pressures, throw=False)) for one in muscles]
+    rows = [
+        [
+            _number(bar["set_pressure_Pa"], Pa),
+            _number(bar["blocked_force_N"], N), *(_number(float(one[k]), N) for one in blocked),
+            _number(bar["free_contraction"], 1.0), *(_number(float(one[k]), 1.0) for one in free),
+        ]
+        for k, bar in enumerate(bars)
+    ]  # fmt: skip
     names = [*fits]
     header = (
         f"set pressure [{units['pressure']}]", f"blocked force measured [{units['force']}]", *names,
