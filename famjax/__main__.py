@@ -38,13 +38,16 @@ def _run(arguments: list[str]) -> int:
         )
     from ._require import clashes
     from .boundary.errors import InputError
+    from .commands.loading import STANDARD_INPUT
 
     if arguments and arguments[0] != "doctor" and (found := clashes()):
         print(*(f"famjax: {one}" for one in found), sep="\n", file=sys.stderr)
         return 2
+    # A bare hyphen would be read as an option that nobody knows.
+    words = [STANDARD_INPUT if word == "-" else word for word in arguments]
     try:
-        code = command_line(arguments)(
-            arguments, exit_on_error=False, print_error=False, result_action="return_value"
+        code = command_line(words)(
+            words, exit_on_error=False, print_error=False, result_action="return_value"
         )
     except CycloptsError as error:
         print(f"famjax: {error}\nTry 'famjax --help'.", file=sys.stderr)

@@ -34,6 +34,12 @@ from .evidence.resampling import bootstrap as bootstrap
 from .evidence.validation import validate as validate
 from .families.parameters import Parameter as Parameter
 from .posterior.sampling import sample as sample
+from .saved.fit_plot import (
+    plot_fit as plot_fit,
+    plot_isobars as plot_isobars,
+    plot_law as plot_law,
+    plot_residuals as plot_residuals,
+)
 from .saved.prediction import predict as predict
 from .saved.report import write_fit as write_fit
 from .saved.saved_fit import load_fit as load_fit

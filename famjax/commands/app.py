@@ -64,6 +64,10 @@ def command_line(arguments: Sequence[str]) -> App:
     rig_app = App(name="rig", help=rig.HELP, help_format="markdown")
     _register(rig_app, rig.__name__, rig.COMMANDS, of_rig)
     app.command(rig_app)
+    app.register_install_completion_command(
+        help="Complete commands and options in your shell: bash, zsh, fish. It adds a line to its "
+        "start-up file."
+    )
     return app
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting
-from .terminal import print_rows
+from .terminal import Output, print_rows
 
 
 def design(
@@ -49,13 +49,13 @@ def design(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from famjax.boundary.files import check_output, write_all
+    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
 
     from ..design.document import design_document, design_picture
     from .options.designs import parse_requirement, parse_tube
 
-    check_output(output)
+    place = Output(output)
     document = design_document(
         parse_requirement(require),
         catalogue,
@@ -80,5 +80,5 @@ def design(
     print_rows("Safety factors of tested muscles", document["safety_factors"])
     for note in document["notes"]:
         print("note:", note)
-    print("written:", ", ".join(str(path) for path in paths))
+    place.tell(paths)
     return 0

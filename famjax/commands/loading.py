@@ -1,11 +1,15 @@
 """What most commands begin with: the library in float64, and a force map."""
 
 import dataclasses
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fitting import ForceData
+
+STANDARD_INPUT = "<stdin>"
+"""What stands for `-` among the arguments."""
 
 
 def load_fitting():
@@ -27,11 +31,14 @@ def load_fitting():
 def load_map(
     data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
 ) -> "ForceData":
-    """A force map: a bundled one by its name, or a CSV file; tolerances with their unit."""
+    """A force map: a bundled one by its name, a CSV file, or standard input; tolerances with their unit."""
     from fitting import bundled_names, load_bundled, read_csv
 
     bundled = data.upper() in bundled_names() and not Path(data).exists()
-    found = load_bundled(data.upper(), specimen) if bundled else read_csv(data, specimen)
+    if bundled:
+        found = load_bundled(data.upper(), specimen)
+    else:
+        found = read_csv(sys.stdin if data == STANDARD_INPUT else data, specimen)
     return with_tolerances(found, pressure=pressure, length=length)
 
 

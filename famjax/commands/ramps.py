@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting
-from .terminal import print_rows
+from .terminal import Output, print_rows
 
 
 def ramps(
@@ -58,12 +58,12 @@ def ramps(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from famjax.boundary.files import check_output, write_all
+    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import parse_specimen
     from fitting.ramps import parse_atmosphere, ramps_command
 
-    check_output(output)
+    place = Output(output)
     summary, files = ramps_command(
         records,
         atmosphere=parse_atmosphere(atmosphere),
@@ -86,5 +86,5 @@ def ramps(
         return 0
     print_rows("Records", summary["records"])
     print_rows("Lengths", summary["lengths"])
-    print("written:", ", ".join(str(path) for path in paths))
+    place.tell(paths)
     return 0

@@ -1,7 +1,8 @@
 """What the commands show on a terminal: tables, and how far a long command is."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from time import monotonic
 from typing import Any, Literal
 
@@ -9,6 +10,8 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import MofNCompleteColumn, Progress, TaskID
 from rich.table import Table
+
+from famjax.boundary.files import check_output
 
 _EVERY = 15.0  # seconds between lines
 
@@ -42,6 +45,32 @@ class _Lines(Progress):
         task = self.tasks[task_id]
         count = "" if task.total is None else f", {task.completed:.0f} of {task.total:.0f} done"
         print(f"{task.description}{count}", file=sys.stderr, flush=True)
+
+
+class Output:
+    """The folder of a command's files: checked before the work, and told of at its end.
+
+    Attributes:
+        folder: where they go.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        check_output(folder)
+        self.folder = folder
+        self._there = set(folder.iterdir()) if folder.is_dir() else set()
+
+    def tell(self, paths: Iterable[Path]) -> None:
+        """Print what was written, and which files of an earlier time it took the place of."""
+        written = list(paths)
+        print("written:", ", ".join(map(str, written)))
+        if replaced := [path.name for path in written if path in self._there]:
+            print(
+                f"note: {', '.join(replaced)} took the place of earlier files; --output gives another "
+                "folder"
+            )
 
 
 _WIDEST = 250  # characters of a table

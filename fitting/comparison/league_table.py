@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +15,7 @@ from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.resumable import ResumableFile
 
 from ..data.force_data import ForceData
+from ..data.frames import data_frame, html_table
 from .cross_validation import (
     CrossValidation,
     FitAndPredict,
@@ -29,6 +30,9 @@ from .own_models import OWN, identified_row
 from .peer_family import Model, PeerFamily
 from .published import peer_families
 from .row import ComparisonRow
+
+if TYPE_CHECKING:
+    import pandas
 
 _LEFT_OUT: tuple[Groups, Groups] = ("pressure", "length")
 
@@ -54,6 +58,22 @@ class Comparison:
         best = self.rows[0] if self.rows else None
         first = "" if best is None else f", {best.label} the best with RMSE {best.rmse:.4g} N"
         return f"Comparison({self.data.specimen.name}: {len(self.rows)} models{first})"
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A row for each model, the unit in each column's name; lists are left out.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return data_frame(
+            {key: value for key, value in row.items() if not isinstance(value, list | dict)}
+            for row in self.as_dict()["models"]
+        )
+
+    def _repr_html_(self) -> str:
+        header = ("model", "parameters", "RMSE [N]")
+        rows = [(row.label, row.n_parameters, row.rmse) for row in self.rows]
+        return html_table(repr(self), header, rows)
 
     def as_dict(self) -> dict[str, Any]:
         """The table for JSON, the unit in each key."""

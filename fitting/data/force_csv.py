@@ -12,7 +12,7 @@ import importlib.resources
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -33,6 +33,15 @@ _SPECIMEN_LENGTHS = (
     "bladder_diameter",
     "braid_thickness",
 )
+
+
+@runtime_checkable
+class Stream(Protocol):
+    """An open text, such as standard input."""
+
+    def read(self) -> str:
+        """All of it."""
+        ...
 
 
 def bundled_names() -> list[str]:
@@ -71,8 +80,8 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     return _parse(text.splitlines(), source=f"bundled map {name}", specimen=specimen or {})
 
 
-def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> ForceData:
-    """A force map from a CSV file.
+def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = None) -> ForceData:
+    """A force map from a CSV file, or an open one such as standard input.
 
     The columns `force`, `pressure` and `length` must each be there once with their unit, as in
     `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. In the place of the
@@ -84,7 +93,7 @@ def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> For
     )  # fmt: skip
 
     Args:
-        path: the file, UTF-8, separated by comma, semicolon or tab.
+        path: the file, UTF-8, separated by comma, semicolon or tab; or a stream of its text.
         specimen: fields of `Specimen` in SI that override those in the file.
 
     Returns:
@@ -93,14 +102,21 @@ def read_csv(path: str | Path, specimen: Mapping[str, Any] | None = None) -> For
     Raises:
         InputError: what is wrong with the file, with the number of the row.
     """
-    path = Path(path)
-    if not path.exists():
-        raise InputError(f"no such file: {path}")
-    lines = csv_lines(path)
+    if isinstance(path, str | Path):
+        path = Path(path)
+        if not path.exists():
+            raise InputError(f"no such file: {path}")
+        lines, source, where = csv_lines(path), path.name, str(path)
+    else:
+        where = source = getattr(path, "name", "a stream").strip("<>")
+        try:
+            lines = path.read().removeprefix("\ufeff").splitlines()
+        except UnicodeDecodeError:
+            raise InputError(f"{where} is not UTF-8 text; save it as CSV, UTF-8") from None
     try:
-        return _parse(lines, source=path.name, specimen=specimen or {})
+        return _parse(lines, source=source, specimen=specimen or {})
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{where}: {error}") from None
 
 
 def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceData:

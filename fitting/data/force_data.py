@@ -4,13 +4,20 @@ import dataclasses
 import functools
 import hashlib
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import si_unit
 
+from .frames import data_frame, data_set, html_table
 from .levels import Levels, levels_of
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 _PUSHES = 3.0  # times the largest pull: nothing that pulls pushes so hard
 
@@ -160,6 +167,51 @@ class ForceData:
             f"{self.loaded.sum()} of them loaded, {length.min():.4g} to {length.max():.4g} mm, "
             f"{pressure.min():.4g} to {pressure.max():.4g} kPa, up to {self.max_force:.5g} N)"
         )
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """The readings in SI, a column each with its unit, and whether they are loaded.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        columns = {**self._columns(), "loaded": self.loaded}
+        return data_frame(
+            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+        )
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The readings in SI along `reading`, units and specimen as attributes.
+
+        Raises:
+            InputError: xarray is not installed.
+        """
+        known = {k: v for k, v in dataclasses.asdict(self.specimen).items() if v is not None}
+        return data_set(
+            {
+                key: (("reading",), values, {"units": key.rpartition("_")[2]})
+                for key, values in self._columns().items()
+            }
+            | {"loaded": (("reading",), self.loaded, {})},
+            {},
+            {
+                "source": self.source,
+                "sha256": self.sha256,
+                **known,
+                "embedded": int(self.specimen.embedded),
+            },
+        )  # fmt: skip
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        """The columns there are, by name and unit."""
+        return {
+            f"{name}_{si_unit(kind)}": values
+            for name, kind in COLUMNS.items()
+            if (values := getattr(self, name)) is not None
+        }
+
+    def _repr_html_(self) -> str:
+        rows = list(zip(*(values.tolist() for values in self._columns().values()), strict=True))
+        return html_table(repr(self), list(self._columns()), rows)
 
     def _check_copies(self) -> None:
         """No loaded reading may be there twice: a copy would count twice and understate the error."""

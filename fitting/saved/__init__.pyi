@@ -4,7 +4,12 @@ from .fit_file import (
     series_as_dict as series_as_dict,
     summary_as_dict as summary_as_dict,
 )
-from .fit_plot import plot_fit as plot_fit
+from .fit_plot import (
+    plot_fit as plot_fit,
+    plot_isobars as plot_isobars,
+    plot_law as plot_law,
+    plot_residuals as plot_residuals,
+)
 from .history import predict_history as predict_history
 from .prediction import predict as predict
 from .report import (

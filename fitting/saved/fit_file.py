@@ -1,6 +1,5 @@
 """`fit.json`: everything about a fit in one self-describing file; see `saved_fit` for the way back."""
 
-import dataclasses
 import importlib.metadata
 import platform
 from collections.abc import Sequence
@@ -25,17 +24,6 @@ from ..verdict.judgement import Judgement, judge
 from .saved_fit import SCHEMA, finite_or_none
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
-
-
-def all_estimates(result: Identification) -> tuple[Estimate, ...]:
-    """Every identified parameter; coefficients that depend on pressure carry it in their name."""
-    if result.node_pressures is None:
-        return result.estimates
-    return result.estimates + tuple(
-        dataclasses.replace(estimate, name=f"{estimate.name}_at_{pressure / 1e3:.6g}kPa")
-        for pressure, of_node in zip(result.node_pressures, result.node_estimates, strict=True)
-        for estimate in of_node
-    )
 
 
 def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
@@ -84,7 +72,7 @@ def summary_as_dict(
         "n_slack": errors.n_slack,
         "slack_violations": errors.slack_violations,
         "max_slack_force_N": finite_or_none(errors.max_slack_force),
-        "parameters": {e.name: estimate_as_dict(e, system) for e in all_estimates(result)},
+        "parameters": {e.name: estimate_as_dict(e, system) for e in result.all_estimates},
         "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
         "coefficients_Pa": (result.coefficients[0] if fixed else result.coefficients).tolist(),
         "node_pressures_Pa": None if fixed else np.asarray(result.node_pressures).tolist(),

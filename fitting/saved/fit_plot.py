@@ -41,17 +41,13 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
             "hspace": 0.36,
         },
     )  # fmt: skip
-    units = unit_system(system)
-    pressure_unit = factor(units["pressure"], "pressure")
-    levels = np.unique(result.data.pressures.level)
-    shade = Normalize(levels[0] / pressure_unit, levels[-1] / pressure_unit)
-    _draw_isobars(axes["isobars"], result, system, shade)
-    _draw_residuals(axes["residuals"], result, system, shade)
-    _draw_law(axes["law"], result, system)
+    plot_isobars(result, axes["isobars"], system)
+    plot_residuals(result, axes["residuals"], system)
+    plot_law(result, axes["law"], system)
     figure.colorbar(
-        ScalarMappable(shade, _COLOURS),
+        ScalarMappable(_shade(result, system), _COLOURS),
         cax=axes["bar"],
-        label=f"gauge pressure, {units['pressure']}",
+        label=f"gauge pressure, {unit_system(system)['pressure']}",
     )
     errors = result.errors
     figure.suptitle(
@@ -62,7 +58,34 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     return figure
 
 
-def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normalize) -> None:
+def _shade(result: Identification, system: str) -> Normalize:
+    """The pressures of a map as colours."""
+    levels = np.unique(result.data.pressures.level)
+    unit = factor(unit_system(system)["pressure"], "pressure")
+    return Normalize(levels[0] / unit, levels[-1] / unit)
+
+
+def _axes(axes: Axes | None) -> Axes:
+    """Those given, or those that pyplot draws on."""
+    if axes is not None:
+        return axes
+    from matplotlib import pyplot  # noqa: PLC0415 -- it looks for a screen
+
+    return pyplot.gca()
+
+
+def plot_isobars(result: Identification, axes: Axes | None = None, system: str = "metric") -> Axes:
+    """Force against contraction: the readings and the model, a colour for each pressure.
+
+    Args:
+        result: what `identify` returned.
+        axes: to draw on; pyplot's current ones unless given.
+        system: "si", "metric" or "us".
+
+    Returns:
+        The axes.
+    """
+    axes, shade = _axes(axes), _shade(result, system)
     data, force_unit = result.data, factor(unit_system(system)["force"], "force")
     pressure_unit = factor(unit_system(system)["pressure"], "pressure")
     rest = data.specimen.rest_length
@@ -100,9 +123,14 @@ def _draw_isobars(axes: Axes, result: Identification, system: str, shade: Normal
         )
     axes.set(xlabel="contraction", ylabel=f"force, {unit_system(system)['force']}", ylim=(0, None))
     axes.legend(frameon=False)
+    return axes
 
 
-def _draw_residuals(axes: Axes, result: Identification, system: str, shade: Normalize) -> None:
+def plot_residuals(
+    result: Identification, axes: Axes | None = None, system: str = "metric"
+) -> Axes:
+    """Model less reading against contraction, a colour for each pressure; arguments of `plot_isobars`."""
+    axes, shade = _axes(axes), _shade(result, system)
     data, force_unit = result.data, factor(unit_system(system)["force"], "force")
     loaded, unit = data.loaded, unit_system(system)["force"]
     axes.axhline(0, color="0.7", lw=0.8)
@@ -119,9 +147,12 @@ def _draw_residuals(axes: Axes, result: Identification, system: str, shade: Norm
     axes.set(xlabel="contraction", ylabel=f"model - measured, {unit}")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_title("residuals; dotted: +- RMSE", fontsize=9)
+    return axes
 
 
-def _draw_law(axes: Axes, result: Identification, system: str) -> None:
+def plot_law(result: Identification, axes: Axes | None = None, system: str = "metric") -> Axes:
+    """Stress of the bladder against its strain, dashed where it falls; arguments of `plot_isobars`."""
+    axes = _axes(axes)
     unit = unit_system(system)["stress"]
     strain = np.linspace(0, _BEYOND * result.strain_range, 400)
     for label, true_stress in _laws(result, strain):
@@ -133,6 +164,7 @@ def _draw_law(axes: Axes, result: Identification, system: str) -> None:
     axes.set(xlabel="engineering strain", ylabel=f"true stress, {unit}", xlim=(0, strain[-1]))
     axes.set_title("bladder law; dashed where falling", fontsize=9)
     axes.legend(frameon=False, fontsize=8)
+    return axes
 
 
 def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, np.ndarray]]:

@@ -22,7 +22,7 @@ from ..evidence.gathered import Evidence, Table, evidence_tables, evidence_warni
 from ..posterior.plot import plot_posterior
 from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
-from .fit_file import all_estimates, fit_as_dict, versions
+from .fit_file import fit_as_dict, versions
 from .fit_plot import plot_fit
 from .report_tables import correlation_tables, specimen_table
 
@@ -91,7 +91,7 @@ def notes(
 
 def _parameter_table(result: Identification, system: str) -> Table:
     rows = []
-    for estimate in all_estimates(result) + result.derived:
+    for estimate in result.all_estimates + result.derived:
         unit = unit_system(system)[estimate.kind]
         value, low, high, error = (
             from_si(v, unit, estimate.kind)

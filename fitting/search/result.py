@@ -2,18 +2,24 @@
 
 import dataclasses
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.units import si_unit
 
 from ..data.force_data import ForceData
+from ..data.frames import data_frame, data_set, html_table
 from ..engine.descent import End
 from ..engine.problem import Part, Point, Problem
 from ..engine.response import Constraint, PressureDependence
 from ..families.laws import Law
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,6 +211,70 @@ class Identification:
         """Number of parameters that the data had to determine, coefficients of all nodes included."""
         nodes = (e for of_node in self.node_estimates for e in of_node)
         return sum(not e.fixed for e in (*self.estimates, *nodes))
+
+    @property
+    def all_estimates(self) -> tuple[Estimate, ...]:
+        """Every identified parameter; coefficients that depend on pressure carry it in their name."""
+        if self.node_pressures is None:
+            return self.estimates
+        return self.estimates + tuple(
+            dataclasses.replace(estimate, name=f"{estimate.name}_at_{pressure / 1e3:.6g}kPa")
+            for pressure, of_node in zip(self.node_pressures, self.node_estimates, strict=True)
+            for estimate in of_node
+        )
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """The parameters in SI, by name: value, standard error, unit, bounds, what is held or stopped.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return data_frame(self._parameter_rows(), "parameter")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Parameters with their covariance, and the loaded readings with their residuals, in SI.
+
+        Raises:
+            InputError: xarray is not installed.
+        """
+        names = [*self.problem.names, *self.coefficient_names]
+        values = np.concatenate([self.end.point.parameters, self.end.point.x])
+        loaded, N = self.data.loaded, {"units": "N"}
+        along = ("parameter", "other_parameter")
+        return data_set(
+            {
+                "value": (("parameter",), values, {}),
+                "covariance": (along, self.covariance, {}),
+                "length_m": (("reading",), self.data.length[loaded], {"units": "m"}),
+                "pressure_Pa": (("reading",), self.data.pressure[loaded], {"units": "Pa"}),
+                "force_N": (("reading",), self.data.force[loaded], N),
+                "residual_N": (("reading",), self.residuals, N),
+            },
+            {name: ((name,), np.array(names), {}) for name in along},
+            {
+                "specimen": self.data.specimen.name, "sha256": self.data.sha256,
+                "law": self.law.name, "constraint": self.constraint, "dependence": self.dependence,
+                "rmse_N": self.errors.rmse, "converged": int(self.converged),
+            },
+        )  # fmt: skip
+
+    def _parameter_rows(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "parameter": one.name, "value": one.value, "stderr": one.stderr,
+                "unit": si_unit(one.kind), "min": one.min, "max": one.max, "at_bound": one.at_bound,
+                "fixed": one.fixed,
+            }
+            for one in (*self.all_estimates, *self.derived)
+        ]  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (row["parameter"], row["value"], row["stderr"], row["unit"])
+            for row in self._parameter_rows()
+        ]
+        title = f"{self.data.specimen.name}: RMSE {self.errors.rmse:.4g} N, {self.law.name}"
+        return html_table(title, ("parameter", "value", "std. error", "unit"), rows)
 
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]

@@ -1,7 +1,6 @@
 from .all_forms import (
-    Sweep as Sweep,
-    SweepRow as SweepRow,
     check_options as check_options,
     sweep as sweep,
 )
+from .result import Sweep as Sweep, SweepRow as SweepRow
 from .sweep_files import sweep_command as sweep_command

@@ -1,6 +1,5 @@
 """The sweep: all permutations of order, pressure dependence and constraint at fixed geometry."""
 
-import dataclasses
 import functools
 import hashlib
 import math
@@ -23,112 +22,13 @@ from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, 
 from .linear_model import LinearModel
 from .readings import arrange
 from .replicates import Replicates, draw
+from .result import Sweep, SweepRow
 from .scores import score
 
 FEASIBLE = 1e-9
 """Violation of a constraint per largest coefficient that counts as rounding."""
 
 _CHUNK = 250  # replicates
-
-
-@dataclasses.dataclass(frozen=True)
-class SweepRow:
-    """One fit of a sweep, in SI.
-
-    Attributes:
-        data: name of the force map.
-        dependence, order, constraint: form of the law.
-        n_coefficients: number of them.
-        coefficients: E_n [Pa] at each pressure, shape (pressures, order).
-        coefficients_std: standard deviation [Pa] over bootstrap replicates, or nan.
-        objective: minimum of the objective: half the sum of squares, or the mean RMSE, or Huber's.
-        rmse, mae: [N], averaged over pressures.
-        pooled_rmse: [N], over all readings.
-        rmse_by_pressure, mae_by_pressure: [N].
-        blocked_error: mean over pressures of |model - measured| blocked force [N].
-        blocked_error_by_pressure: model minus measured [N].
-        free_contraction_error: mean of |model - measured| [-] over the pressures at which there
-            are both; nan where there are none.
-        free_contraction_error_by_pressure: model minus measured [-]; nan where the model's force
-            does not fall to zero, or the measured force does not come near it.
-        aicc, bic: information criteria; they count coefficients as if none were constrained.
-        cross_validated_rmse: [N] at pressures left out of the fit, nan where the form says nothing
-            about other pressures.
-        margin: smallest modulus along the actuation paths [Pa]; Drucker-stable where >= 0.
-        condition: of the columns.
-        kkt_residual, duality_gap: certificate.
-        status: how the fit ended.
-        verdict: in words: "stable", "not stable", or why there is no fit.
-    """
-
-    data: str
-    dependence: str
-    order: int
-    constraint: str
-    n_coefficients: int
-    coefficients: np.ndarray
-    coefficients_std: np.ndarray
-    objective: float
-    rmse: float
-    mae: float
-    pooled_rmse: float
-    rmse_by_pressure: np.ndarray
-    mae_by_pressure: np.ndarray
-    blocked_error: float
-    blocked_error_by_pressure: np.ndarray
-    free_contraction_error: float
-    free_contraction_error_by_pressure: np.ndarray
-    aicc: float
-    bic: float
-    cross_validated_rmse: float
-    margin: float
-    condition: float
-    kkt_residual: float
-    duality_gap: float
-    status: Status
-    verdict: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists, for JSON; nan stays nan."""
-        return {
-            key: value.tolist() if isinstance(value, np.ndarray) else _plain(value)
-            for key, value in vars(self).items()
-        }
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class Sweep:
-    """What `sweep` found.
-
-    Attributes:
-        rows: all fits, by data, dependence, order and constraint.
-        pressures: levels [Pa] of each force map.
-        data: the force maps.
-        geometries: of the fits.
-        deadbands: [Pa].
-        objective: one of "sum_of_squares", "mean_rmse" and "huber".
-        replicates: number of bootstrap replicates.
-        seed: of the replicates.
-        models: of the fits, with any coefficients.
-    """
-
-    rows: tuple[SweepRow, ...]
-    pressures: tuple[np.ndarray, ...]
-    data: tuple[ForceData, ...]
-    geometries: tuple[famjax.geometries.AbstractGeometry, ...]
-    deadbands: tuple[float, ...]
-    objective: str
-    replicates: int
-    seed: int
-    models: tuple[LinearModel, ...]
-
-    def __repr__(self) -> str:
-        names = ", ".join(one.specimen.name for one in self.data)
-        solved = sum(row.status is Status.OPTIMAL for row in self.rows)
-        return (
-            f"Sweep({len(self.rows)} fits of {names}, {solved} of them solved, {self.objective}, "
-            f"{self.replicates} replicates)"
-        )
 
 
 def sweep(
@@ -387,7 +287,3 @@ def _fingerprint(geometry: famjax.geometries.AbstractGeometry) -> str:
     for leaf in jax.tree.leaves(geometry):
         digest.update(np.ascontiguousarray(leaf, "<f8").tobytes())
     return digest.hexdigest()
-
-
-def _plain(value: Any) -> Any:
-    return value.name if isinstance(value, Status) else value

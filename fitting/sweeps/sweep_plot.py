@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from famjax.boundary.units import factor, unit_system
 
-from .all_forms import Sweep, SweepRow
+from .result import Sweep, SweepRow
 
 _COLOURS = {"none": "C0", "positive": "C3", "slope": "C1", "drucker": "C2"}
 _SHADES = mpl.colormaps["viridis"]

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import importlib.util
 import io
 import math
 import re
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from famjax.boundary.extras import import_extra
 
 from ..camera.timestamps import Timestamp
 from ..errors import ImagingError
@@ -175,13 +176,8 @@ class Table:
         Raises:
             ImagingError: xarray is not installed.
         """
-        if importlib.util.find_spec("xarray") is None:
-            raise ImagingError(
-                'xarray comes with the extra "tables": python -m pip install "famjax[tables]"'
-            )
-        import xarray as xr  # noqa: PLC0415 -- 0.5 s, an extra
-
-        return xr.Dataset(*self._variables())
+        xarray = import_extra("xarray", "tables", ImagingError)
+        return xarray.Dataset(*self._variables())
 
     def _variables(self) -> tuple[dict[str, Variable], dict[str, Variable], dict[str, Any]]:
         """Data, coordinates and attributes of the file, in SI."""

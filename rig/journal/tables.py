@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from famjax.boundary.extras import import_extra
 from famjax.boundary.units import UNITS
 
 from ..calibration.sensor import READINGS
@@ -131,7 +132,7 @@ def to_xarray(record: Record, calibration: Calibration | None = None) -> "xarray
     Raises:
         RigError: xarray is not installed, or as `table`.
     """
-    xarray = _import("xarray")
+    xarray = import_extra("xarray", "tables", RigError)
     columns = table(record, calibration)
     variables = {
         name: ("time_s", values, {"units": UNIT_OF[name]})
@@ -161,7 +162,9 @@ def write_parquet(record: Record, path: str | Path, calibration: Calibration | N
     Raises:
         RigError: pyarrow is not installed, or as `table`.
     """
-    arrow, parquet = _import("pyarrow"), _import("pyarrow.parquet")
+    arrow, parquet = (
+        import_extra(name, "tables", RigError) for name in ("pyarrow", "pyarrow.parquet")
+    )
     columns = table(record, calibration)
     fields = [
         arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": UNIT_OF[name]})
@@ -191,14 +194,3 @@ def convert(journal: str | Path, target: str | Path) -> Path:
         writer.writerow(columns)
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
     return target
-
-
-def _import(name: str) -> Any:
-    import importlib  # noqa: PLC0415
-
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise RigError(
-            f"{name} is not installed: pip install 'famjax[tables]', or use the arrays of `table`"
-        ) from None

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
 from ..options.whole_numbers import Seed, Starts
-from ..terminal import print_rows, progress_bar
+from ..terminal import Output, print_rows, progress_bar
 
 
 def compare(
@@ -53,12 +53,12 @@ def compare(
     """
     fitting = load_fitting()
     load_matplotlib()
-    from famjax.boundary.files import as_png, check_output, make_output, write_all
+    from famjax.boundary.files import as_png, make_output, write_all
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import parse_specimen
     from fitting.comparison import plot_comparison
 
-    check_output(output)
+    place = Output(output)
     measured = load_map(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
@@ -96,5 +96,5 @@ def compare(
         remarks += [row["note"]] if row["note"] else []
         if remarks:
             print(f"note: {row['label']}: {'; '.join(remarks)}")
-    print("written:", ", ".join(str(path) for path in paths))
+    place.tell(paths)
     return 0

@@ -11,7 +11,7 @@ from rich.console import Console
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
 from ..options.whole_numbers import Order, Replicates, Seed, Starts
-from ..terminal import print_table, progress_bar
+from ..terminal import Output, print_table, progress_bar
 from .hysteresis import load_ramps, one_map, with_hysteresis
 
 if TYPE_CHECKING:
@@ -64,7 +64,8 @@ def fit(
     ----------
     data
         CSV file with columns such as `pressure_psi,length_in,force_lbf`, or the name of a bundled
-        map (DMSP-20-300, DMSP-10-250). Lines `# specimen: rest_length_mm = 296` describe the muscle.
+        map (DMSP-20-300, DMSP-10-250), or - for standard input. Lines
+        `# specimen: rest_length_mm = 296` describe the muscle.
         With --hysteresis raw ramps with their lengths, `test8.csv=73.25mm`, as `famjax ramps` takes.
     law
         Of the bladder, chosen unless given: polynomial in strain, ogden (one term), mooney-rivlin,
@@ -148,7 +149,7 @@ def fit(
     """
     fitting = load_fitting()
     load_matplotlib()
-    from famjax.boundary.files import check_output
+
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import (
         parameter_kinds,
@@ -162,7 +163,7 @@ def fit(
 
     from .steps import Steps
 
-    check_output(output)
+    place = Output(output)
     if posterior:
         fitting.posterior.load_blackjax()
     if law is not None and ":" in law:
@@ -218,7 +219,7 @@ def fit(
         print(json.dumps(summary, allow_nan=False))
     else:
         _print_fit(steps, units, evidence)
-        print("written:", ", ".join(str(path) for path in paths))
+        place.tell(paths)
     return 0 if steps.judgement.passed else 1
 
 

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from ..loading import load_fitting, load_map
 from ..options.whole_numbers import Seed, Starts
-from ..terminal import print_rows, progress_bar
+from ..terminal import Output, print_rows, progress_bar
 
 
 def series(
@@ -61,12 +61,12 @@ def series(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import check_output, write_all
+    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import as_parameters, parse_bounds, parse_free
     from fitting.choice import DEFAULT_LAWS
 
-    check_output(output)
+    place = Output(output)
     maps = [load_map(one, {}) for one in data]
     with progress_bar() as progress:
         task = progress.add_task("identifying", total=None)
@@ -91,7 +91,7 @@ def series(
         print(json.dumps(document["series"] | {"parameters": document["parameters"]}))
     else:
         _print_series(document)
-        print(f"written: {path}")
+        place.tell([path])
     return 0 if found.specimens[0].converged else 1
 
 

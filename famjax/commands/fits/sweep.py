@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
 from ..options.whole_numbers import Replicates, Seed, SweptOrders
-from ..terminal import print_rows, progress_bar
+from ..terminal import Output, print_rows, progress_bar
 
 
 def sweep(
@@ -71,12 +71,12 @@ def sweep(
     """
     fitting = load_fitting()
     load_matplotlib()
-    from famjax.boundary.files import check_output
+
     from famjax.boundary.units import parse_quantity
     from famjax.commands.options.fits import parse_specimen
     from fitting.sweeps import check_options, sweep_command
 
-    check_output(output)
+    place = Output(output)
     check_options(objective, bootstrap, seed)
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
@@ -131,5 +131,5 @@ def sweep(
     print_rows(f"{len(rows)} fits of {measured.specimen.name}", rows)
     for k, sentence in enumerate(sentences, 1):
         print(f"({k}) {sentence}")
-    print("written:", ", ".join(str(path) for path in paths))
+    place.tell(paths)
     return 0

@@ -1,6 +1,7 @@
 """The command as a person types it: exit codes, what is printed where, what is written."""
 
 import datetime
+import io
 import json
 import subprocess
 import sys
@@ -328,3 +329,18 @@ def test_requirements_that_cannot_be_met_or_read(
     )  # fmt: skip
     assert (code, out) == (2, "")
     assert message in err
+
+
+def test_a_map_comes_from_standard_input_and_what_is_replaced_is_told(
+    map_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    text = map_file.read_text()
+    for replaced in (False, True):
+        monkeypatch.setattr(sys, "stdin", io.StringIO(text))
+        code, said, _ = run(
+            capsys, "fit", "-", "--law", "polynomial", "--starts", 1, "--output", tmp_path / "out"
+        )
+        assert code == 0
+        assert (
+            "fit.json, fit.png, report.html took the place of earlier files" in said
+        ) == replaced

@@ -1,5 +1,6 @@
 """Reading force maps: units, specimen, and every way in which a file can be wrong."""
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -184,3 +185,11 @@ def test_a_file_may_say_which_readings_are_at_one_level(tmp_path: Path) -> None:
         path.write_text(f"# level: {line}\n" + readings)
         with pytest.raises(InputError, match=message):
             read_csv(path)
+
+
+def test_a_map_is_read_from_a_stream() -> None:
+    text = "\ufeff" + "# specimen: rest_length_mm = 100\n# specimen: nominal_diameter_mm = 10\n"
+    text += "pressure_kPa,length_mm,force_N\n100,100,50\n200,100,90\n200,90,40\n"
+    assert read_csv(io.StringIO(text)).force.tolist() == [50.0, 90.0, 40.0]
+    with pytest.raises(InputError, match="a stream: the file is empty"):
+        read_csv(io.StringIO(""))

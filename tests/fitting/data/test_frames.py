@@ -1,0 +1,86 @@
+"""Maps, fits and sweeps as tables of pandas, xarray and notebooks."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import famjax
+import fitting
+from fitting.data.frames import html_table
+
+
+@pytest.fixture(scope="module")
+def found() -> fitting.Identification:
+    return fitting.identify(fitting.load_bundled("DMSP-10-250"), starts=1)
+
+
+def test_a_map_is_a_table_in_si(found: fitting.Identification) -> None:
+    data = found.data
+    frame, grid = data.to_pandas(), data.to_xarray()
+    assert list(frame) == ["force_N", "pressure_Pa", "length_m", "loaded"]
+    np.testing.assert_array_equal(frame["force_N"], data.force)
+    np.testing.assert_array_equal(grid["length_m"], data.length)
+    assert grid["pressure_Pa"].attrs["units"] == "Pa"
+    assert grid.attrs["rest_length"] == data.specimen.rest_length
+    assert "and 73 more" in data._repr_html_()
+
+
+def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> None:
+    frame, grid = found.to_pandas(), found.to_xarray()
+    one = found.estimate("E_1")
+    assert frame.loc["E_1", "value"] == one.value
+    assert frame.loc["E_1", "unit"] == "Pa"
+    assert frame.loc["braid_angle", "unit"] == "rad"
+    variance = grid["covariance"].sel(parameter="E_1", other_parameter="E_1")
+    assert np.sqrt(float(variance)) == pytest.approx(one.stderr)
+    assert float(np.sqrt((grid["residual_N"] ** 2).mean())) == pytest.approx(found.errors.rmse)
+    assert "<td>E_1</td>" in found._repr_html_()
+
+
+def test_a_fit_that_depends_on_pressure_names_its_nodes(found: fitting.Identification) -> None:
+    free = fitting.identify(found.data, order=1, dependence="linear", starts=1)
+    names = list(free.to_pandas().index)
+    assert sum(name.startswith("E_1_at_") for name in names) == 2
+    assert list(free.to_xarray()["parameter"].values[-2:]) == ["E_1_at_node_1", "E_1_at_node_2"]
+
+
+def test_a_sweep_is_a_table_of_its_forms(found: fitting.Identification) -> None:
+    swept = fitting.sweep(
+        found.data, found.muscle.geometry, orders=(1, 2), dependences=("fixed", "linear"),
+        constraints=("none", "drucker"),
+    )  # fmt: skip
+    frame, grid = swept.to_pandas(), swept.to_xarray()
+    assert len(frame) == len(swept.rows) == 8
+    for row in swept.rows:
+        form = {"dependence": row.dependence, "order": row.order, "constraint": row.constraint}
+        assert float(grid["rmse"].sel(data=row.data, **form)) == row.rmse
+    assert "8 fits" in swept._repr_html_()
+
+
+def test_text_in_a_table_is_escaped() -> None:
+    assert "<b>" not in html_table("<b>", ["<b>"], [("<b>",)])
+
+
+def test_a_missing_extra_is_named(
+    found: fitting.Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(
+        fitting.InputError, match=r"pandas comes with the extra 'tables'.*pip install"
+    ):
+        found.to_pandas()
+
+
+def test_plots_draw_on_the_axes_they_are_given(found: fitting.Identification) -> None:
+    figure_module = pytest.importorskip("matplotlib.figure")
+    for plot in (fitting.plot_isobars, fitting.plot_residuals, fitting.plot_law):
+        axes = figure_module.Figure().subplots()
+        assert plot(found, axes, "us") is axes
+        assert axes.get_xlabel()
+        assert axes.lines
+    force = fitting.plot_isobars(found, figure_module.Figure().subplots(), "si")
+    drawn = np.concatenate([line.get_ydata() for line in force.lines])
+    assert np.nanmax(drawn) == pytest.approx(
+        float(np.max(famjax.Muscle.force(found.muscle, found.data.length.max(), 6.5e5))), rel=1e-6
+    )
