@@ -73,7 +73,7 @@ def evaluation_steps(
     photographs = sheet.photographs
     if photographs is not None:
         recipe, provenance = recipes(photographs, sheet.folder)
-        shown = _pictures(sheet, photographs)
+        shown = shown_pictures(sheet, photographs)
         given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
         steps += [
             Step(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
@@ -129,7 +129,8 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     picture.savefig(place / "characterisation.svg", metadata={"Date": None})
 
 
-def _pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
+def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
+    """The photographs of a folder, without its ruler."""
     from imaging.campaign import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
 
     given = sheet.folder / photographs.pictures

@@ -1,0 +1,177 @@
+"""Charts of the force: actuation diagram, residuals, its terms, blocked force and free contraction."""
+
+import numpy as np
+
+from fitting.saved.prediction import static_rows
+
+from .chart import Chart, Quantity, Series, shades
+from .shape_charts import CONTRACTION
+from .source import COLOURS, DASHES, Source
+
+_BAND_POINTS = 25
+"""Contractions at which the error band is computed."""
+_TERMS = {"pressure on the braid": "#0072b2", "bladder, axial stress": "#d55e00",
+          "bladder, hoop stress": "#009e73"}  # fmt: skip
+
+
+def actuation_charts(source: Source) -> list[Chart]:
+    """The isobars with points, model and band, and what is left."""
+    return [_isobars(source), _residuals(source)]
+
+
+def _isobars(source: Source) -> Chart:
+    fit, rest = source.best, source.sheet.specimen.rest_length
+    data, unit = source.data, source.unit("force")
+    levels = np.unique(data.pressures.level[data.loaded])
+    low, high = float(fit.data.length.min()), float(fit.data.length.max())
+    lengths = np.linspace(high, low, _BAND_POINTS)
+    grid = [one.ravel() for one in np.meshgrid(levels, lengths, indexing="ij")]
+    rows = static_rows(fit.saved, grid[1], grid[0])
+    force, least, most = (
+        source.scaled(np.array([row[key] for row in rows], float), "force").reshape(levels.size, -1)
+        for key in ("force_N", "low_95_N", "high_95_N")
+    )
+    series = []
+    for k, (colour, level) in enumerate(zip(shades(levels.size), levels, strict=True)):
+        of = (data.pressures.level == level) & data.loaded
+        name = source.number(level, "pressure", 3)
+        series += [
+            Series(f"model, {name} {source.unit('pressure')}", 1 - lengths / rest, force[k],
+                   least[k], most[k], colour=colour, told=False, at_end=name),
+            Series(f"measured, {name} {source.unit('pressure')}", 1 - data.length[of] / rest,
+                   source.scaled(data.force[of], "force"), colour=colour, marker="o", dash="",
+                   told=False),
+        ]  # fmt: skip
+    band = rows[0]["band"] if rows else None
+    of = "" if band is None else f", the band holding 95 % of single readings ({_band(band)})"
+    return Chart(
+        "actuation",
+        f"Actuation diagram: force against contraction at the gauge pressures written beside the "
+        f"curves [{source.unit('pressure')}]. Circles are measured (mean of both branches), lines the "
+        f"model with the {fit.title}{of}.",
+        CONTRACTION, Quantity("force", "force $F$", unit), series, from_zero=True,
+    )  # fmt: skip
+
+
+def _band(name: str) -> str:
+    return (
+        "from readings left out of the fit" if name.startswith("left out") else f"by {name} theory"
+    )
+
+
+def _residuals(source: Source) -> Chart:
+    fit, rest, unit = source.best, source.sheet.specimen.rest_length, source.unit("force")
+    lengths = fit.data.length[fit.data.loaded]
+    levels = np.unique(fit.levels)
+    series = []
+    for colour, level in zip(shades(levels.size), levels, strict=True):
+        of = fit.levels == level
+        series.append(
+            Series(
+                source.pressure(level), 1 - lengths[of] / rest,
+                source.scaled(fit.residuals[of], "force"), colour=colour, marker="o", dash="",
+                told=levels.size <= 6,
+            )
+        )  # fmt: skip
+    return Chart(
+        "residuals",
+        f"What the model with the {fit.title} leaves: model less measured force against "
+        "contraction, by pressure in the colours of the actuation diagram.",
+        CONTRACTION, Quantity("residual", "model − measured", unit),  # noqa: RUF001 -- a minus
+        series, zero=True,
+    )  # fmt: skip
+
+
+def term_charts(source: Source) -> list[Chart]:
+    """The parts of the force against contraction at one pressure, by geometry."""
+    k, unit = source.middle, source.unit("force")
+    pressure = source.pressures[k]
+    near = np.isclose(source.data.pressures.level, pressure, rtol=0.02) & source.data.loaded
+    measured = Series(
+        "measured", 1 - source.data.length[near] / source.sheet.specimen.rest_length,
+        source.scaled(source.data.force[near], "force"), colour="0.3", marker="o", dash="",
+    )  # fmt: skip
+    charts = []
+    for name, fit in source.fits.items():
+        c = fit.states.contraction
+        series = [
+            Series(term, c, source.scaled(values[k], "force"), colour=_TERMS.get(term, "#cc79a7"))
+            for term, values in fit.states.terms.items()
+        ]
+        total = source.scaled(fit.states.force[k], "force")
+        charts.append(
+            Chart(
+                f"terms-{name}",
+                f"Parts of the force at {source.pressure(pressure)}: {fit.title}.",
+                CONTRACTION,
+                Quantity("force", "force $F$", unit),
+                [*series, Series("sum", c, total, colour="black", dash="--"), measured],
+                zero=True,
+            )
+        )
+    return charts
+
+
+def pressure_charts(source: Source) -> list[Chart]:
+    """Blocked force and free contraction by pressure with their errors, and RMSE by pressure."""
+    charts = []
+    axis = Quantity("pressure", "gauge pressure $P$", source.unit("pressure"))
+    P = source.scaled(source.pressures, "pressure")
+    for name, title, label, kind, key in (
+        ("blocked-force", "Blocked force", "blocked force", "force", "blocked_force_N"),
+        ("free-contraction", "Free contraction", "free contraction", "number", "free_contraction"),
+    ):
+        seen = np.array([bar[key] for bar in source.isobars], float) if source.isobars else None
+        unit, lines, errors = source.unit(kind), [], []
+        for geometry, fit in source.fits.items():
+            found = fit.states.blocked_force if kind == "force" else fit.states.free_contraction()
+            style = {"colour": COLOURS[geometry], "dash": DASHES[geometry]}
+            lines.append(Series(fit.title, P, source.scaled(found, kind), **style))
+            if seen is not None:
+                error = source.scaled(found - seen, kind)
+                errors.append(Series(fit.title, P, error, **style, marker="o"))
+        if seen is not None:
+            lines.append(
+                Series(
+                    "measured", P, source.scaled(seen, kind), colour="black", marker="o", dash=""
+                )
+            )
+        if any(np.isfinite(one.y).any() for one in lines):
+            charts.append(
+                Chart(name, f"{title} by pressure, measured and of each geometry.", axis,
+                      Quantity(name.replace("-", "_"), label, unit), lines)
+            )  # fmt: skip
+        if any(np.isfinite(one.y).any() for one in errors):
+            charts.append(
+                Chart(f"{name}-error", f"{title}: model less measured, by pressure and geometry.",
+                      axis, Quantity("error", f"error of {label}", unit), errors, zero=True)
+            )  # fmt: skip
+    return [*charts, _rmse(source, axis)]
+
+
+def _rmse(source: Source, axis: Quantity) -> Chart:
+    series = []
+    for geometry, fit in source.fits.items():
+        levels = np.unique(fit.levels)
+        of = [float(np.sqrt(np.mean(fit.residuals[fit.levels == one] ** 2))) for one in levels]
+        series.append(
+            Series(
+                f"{fit.title}, in sample", source.scaled(levels, "pressure"),
+                source.scaled(np.array(of), "force"), colour=COLOURS[geometry], marker="o",
+            )
+        )  # fmt: skip
+        out = fit.saved.document.get("leave_one_pressure_out")
+        if out is not None:
+            series.append(
+                Series(
+                    f"{fit.title}, left out", source.scaled(np.array(out["left_out"]), "pressure"),
+                    source.scaled(np.array(out["group_rmse_N"], float), "force"),
+                    colour=COLOURS[geometry], marker="s", dash=":", told=False,
+                )
+            )  # fmt: skip
+    return Chart(
+        "rmse-by-pressure",
+        "RMSE of the force by pressure and geometry: solid in sample, dotted each pressure while it "
+        "was left out of the fit.",
+        axis, Quantity("rmse", "RMSE", source.unit("force")), series, from_zero=True,
+    )  # fmt: skip
