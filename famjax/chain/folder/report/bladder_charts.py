@@ -58,7 +58,7 @@ def _by_geometry(
     values: Callable[[Fitted], np.ndarray],
 ) -> Chart:
     series = [
-        Series(fit.title, fit.states.contraction, values(fit), colour=COLOURS[geometry],
+        Series(fit.short, fit.states.contraction, values(fit), colour=COLOURS[geometry],
                dash=DASHES[geometry], told=name == "hoop-strain-1")
         for geometry, fit in source.fits.items()
     ]  # fmt: skip
@@ -95,12 +95,12 @@ def law_charts(source: Source) -> list[Chart]:
         thick = 1.8 if fit is best else 0.8
         colour = COLOURS[geometry]
         series.append(
-            Series(fit.title, strain, np.where(inside, shown, np.nan), colour=colour, width=thick)
+            Series(fit.short, strain, np.where(inside, shown, np.nan), colour=colour, width=thick)
         )
         if not inside.all():
             outside = np.where(inside, np.nan, shown)
             series.append(
-                Series(f"{fit.title}, not stable", strain, outside, colour=colour, dash=":",
+                Series(f"{fit.short}, not stable", strain, outside, colour=colour, dash=":",
                        told=False, width=thick)
             )  # fmt: skip
     least, most = stable_range(best)

@@ -19,11 +19,15 @@ _STYLE = {
     "axes.spines.top": False, "axes.spines.right": False, "xtick.major.width": 0.6,
     "ytick.major.width": 0.6, "xtick.major.size": 2.5, "ytick.major.size": 2.5,
     "legend.frameon": False, "legend.handlelength": 2.2, "pdf.fonttype": 42, "svg.fonttype": "path",
-    "figure.constrained_layout.use": True, "axes.formatter.use_mathtext": True,
+    "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True,
 }  # fmt: skip
 _MM = 1 / 25.4  # inch
-_SIZES = {"column": (88.0, 68.0), "small": (60.0, 50.0)}
-"""Width and height [mm]: one column of a journal, and a third of its page."""
+_SIZES = {
+    "column": (88.0, 66.0, (0.165, 0.165, 0.775, 0.805)),
+    "small": (60.0, 48.0, (0.255, 0.225, 0.72, 0.745)),
+}
+"""Width and height [mm], one column of a journal or a third of its page, and in parts of them the axes'
+left, bottom, width and height: given, as a layout engine draws each figure several times."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,10 +121,10 @@ class Chart:
 
     def drawing(self) -> "Drawing":
         """The files of the figure."""
-        width, height = _SIZES[self.size]
+        width, height, place = _SIZES[self.size]
         with mpl.rc_context(_STYLE):
             figure = Figure(figsize=(width * _MM, height * _MM))
-            self._draw(figure.subplots())
+            self._draw(figure.add_axes(place))
             return Drawing(
                 self.name, self.caption, svg_file(figure), pdf_file(figure), self.table(), self.size
             )
@@ -134,7 +138,7 @@ class Chart:
             if one.low is not None and one.high is not None:
                 axes.fill_between(one.x, one.low, one.high, color=one.colour, alpha=0.2, lw=0)
             axes.plot(
-                one.x, one.y, one.dash or "none", marker=one.marker or None, ms=2.6, mew=0.6,
+                one.x, one.y, ls=one.dash or "none", marker=one.marker or None, ms=2.6, mew=0.6,
                 mfc="white", color=one.colour, label=one.label if one.told else "_",
                 lw=1.1 * one.width, zorder=2 if one.dash else 3,
             )  # fmt: skip
@@ -198,4 +202,4 @@ def pdf_file(figure: Figure) -> bytes:
 
 def shades(count: int) -> list[tuple[float, ...]]:
     """Colours of ordered curves, such as isobars, from dark to light, all dark enough for white paper."""
-    return [tuple(mpl.colormaps["viridis"](at)[:3]) for at in np.linspace(0.0, 0.82, count)]
+    return [tuple(mpl.colormaps["viridis"](at)[:3]) for at in np.linspace(0.0, 0.72, count)]

@@ -4,7 +4,7 @@ import numpy as np
 
 from fitting.saved import PageTable
 
-from .source import Fitted, Source
+from .source import MINUS, Fitted, Source
 
 
 def error_tables(source: Source) -> list[PageTable]:
@@ -16,7 +16,7 @@ def _overall(source: Source) -> PageTable:
     unit = source.unit("force")
     rows = [
         (
-            fit.title,
+            fit.short,
             source.number(fit.figures["rmse_N"], "force", 3),
             f"{100 * fit.figures['rmse_N'] / fit.figures['largest_force_N']:.2g} %",
             source.number(fit.figures["largest_N"], "force", 3),
@@ -46,7 +46,7 @@ def _by_pressure(source: Source) -> PageTable:
             ]  # fmt: skip
         rows.append(tuple(cells))
     header = (f"P [{source.unit('pressure')}]", *(("RMSE", "worst", "left out") * len(fits)))
-    groups = (("", 1), *((fit.title, 3) for fit in fits))
+    groups = (("", 1), *((fit.short, 3) for fit in fits))
     return PageTable(
         f"Errors of the force by pressure and geometry [{source.unit('force')}]: RMSE and largest "
         "in sample, and RMSE while the pressure was left out of the fit.", header, rows, groups,
@@ -99,7 +99,7 @@ def _compared(
         rows.append(tuple(cells))
     unit = f" [{source.unit(kind)}]" if source.unit(kind) else ""
     header = (f"P [{source.unit('pressure')}]", "measured", *(("model", "error") * len(models)))
-    groups = (("", 2), *((fit.title, 2) for fit in source.fits.values()))
+    groups = (("", 2), *((fit.short, 2) for fit in source.fits.values()))
     return PageTable(
         f"{title} by pressure{unit}: measured, and model and error of each geometry.",
         header,
@@ -111,4 +111,4 @@ def _compared(
 def _signed(source: Source, value: float, kind: str) -> str:
     if not np.isfinite(value):
         return source.number(None)
-    return f"{source.scaled(value, kind):+.3g}".replace("-", "−")  # noqa: RUF001 -- a minus
+    return f"{source.scaled(value, kind):+.3g}".replace("-", MINUS)

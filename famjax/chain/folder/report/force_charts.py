@@ -6,7 +6,7 @@ from fitting.saved.prediction import static_rows
 
 from .chart import Chart, Quantity, Series, shades
 from .shape_charts import CONTRACTION
-from .source import COLOURS, DASHES, Source
+from .source import COLOURS, DASHES, MINUS, Source
 
 _BAND_POINTS = 25
 """Contractions at which the error band is computed."""
@@ -77,7 +77,7 @@ def _residuals(source: Source) -> Chart:
         "residuals",
         f"What the model with the {fit.title} leaves: model less measured force against "
         "contraction, by pressure in the colours of the actuation diagram.",
-        CONTRACTION, Quantity("residual", "model − measured", unit),  # noqa: RUF001 -- a minus
+        CONTRACTION, Quantity("residual", f"model {MINUS} measured", unit),
         series, zero=True,
     )  # fmt: skip
 
@@ -126,22 +126,23 @@ def pressure_charts(source: Source) -> list[Chart]:
         for geometry, fit in source.fits.items():
             found = fit.states.blocked_force if kind == "force" else fit.states.free_contraction()
             style = {"colour": COLOURS[geometry], "dash": DASHES[geometry]}
-            lines.append(Series(fit.title, P, source.scaled(found, kind), **style))
-            if seen is not None:
+            if np.isfinite(found).any():
+                lines.append(Series(fit.short, P, source.scaled(found, kind), **style))
+            if seen is not None and np.isfinite(found - seen).any():
                 error = source.scaled(found - seen, kind)
-                errors.append(Series(fit.title, P, error, **style, marker="o"))
-        if seen is not None:
+                errors.append(Series(fit.short, P, error, **style, marker="o"))
+        if seen is not None and np.isfinite(seen).any():
             lines.append(
                 Series(
                     "measured", P, source.scaled(seen, kind), colour="black", marker="o", dash=""
                 )
             )
-        if any(np.isfinite(one.y).any() for one in lines):
+        if lines:
             charts.append(
                 Chart(name, f"{title} by pressure, measured and of each geometry.", axis,
                       Quantity(name.replace("-", "_"), label, unit), lines)
             )  # fmt: skip
-        if any(np.isfinite(one.y).any() for one in errors):
+        if errors:
             charts.append(
                 Chart(f"{name}-error", f"{title}: model less measured, by pressure and geometry.",
                       axis, Quantity("error", f"error of {label}", unit), errors, zero=True)
@@ -156,7 +157,7 @@ def _rmse(source: Source, axis: Quantity) -> Chart:
         of = [float(np.sqrt(np.mean(fit.residuals[fit.levels == one] ** 2))) for one in levels]
         series.append(
             Series(
-                f"{fit.title}, in sample", source.scaled(levels, "pressure"),
+                fit.short, source.scaled(levels, "pressure"),
                 source.scaled(np.array(of), "force"), colour=COLOURS[geometry], marker="o",
             )
         )  # fmt: skip
@@ -164,7 +165,7 @@ def _rmse(source: Source, axis: Quantity) -> Chart:
         if out is not None:
             series.append(
                 Series(
-                    f"{fit.title}, left out", source.scaled(np.array(out["left_out"]), "pressure"),
+                    f"{fit.short}, left out", source.scaled(np.array(out["left_out"]), "pressure"),
                     source.scaled(np.array(out["group_rmse_N"], float), "force"),
                     colour=COLOURS[geometry], marker="s", dash=":", told=False,
                 )

@@ -62,7 +62,7 @@ def _overlays(source: Source) -> list[_Shown]:
     for k in _chosen(source):
         name = Path(source.pictures.names[k]).name
         image = read_image(files[name])
-        lines = max(1, round(max(image.shape) / _HEIGHT))
+        lines = max(2, round(2 * max(image.shape) / _HEIGHT))
         drawn = draw_overlay(image, measure(image, recipe).trace, thickness=lines)
         contraction = 1 - source.pictures.length[k] / source.sheet.specimen.rest_length
         found.append(_Shown(name, float(contraction), drawn))

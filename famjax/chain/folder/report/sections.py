@@ -13,7 +13,7 @@ from .force_charts import actuation_charts, pressure_charts, term_charts
 from .photographs import photograph_figure
 from .shape_charts import shape_charts
 from .source import Source
-from .tables import failed_pictures, geometry_table, setup_table, specimen_table, test_table
+from .tables import failed_pictures, geometry_tables, setup_table, specimen_table, test_table
 from .uncertainty import ridge_sentences, uncertainty_table
 
 
@@ -26,12 +26,14 @@ class Section:
         text: paragraphs above its figures.
         figures: in their order.
         tables: below the figures.
+        beside: how many of the tables stand beside the figures where the page is wide.
     """
 
     title: str
     text: Sequence[str] = ()
     figures: Sequence[Drawing] = ()
     tables: Sequence[PageTable] = ()
+    beside: int = 0
 
 
 def sections(source: Source) -> list[Section]:
@@ -39,11 +41,11 @@ def sections(source: Source) -> list[Section]:
     found = [
         Section(
             "Specimen and set-up", figures=photograph_figure(source),
-            tables=[specimen_table(source), setup_table(source), *test_table(source)],
+            tables=[specimen_table(source), setup_table(source), *test_table(source)], beside=2,
         ),
         Section("Actuation", figures=_drawn(actuation_charts(source))),
         Section("Shape", figures=_drawn(shape_charts(source))),
-        Section("Strains of the bladder", figures=_drawn(strain_charts(source))),
+        Section("Strains of the bladder", [_names(source)], figures=_drawn(strain_charts(source))),
         Section("Stress of the bladder", figures=_drawn(law_charts(source))),
         Section("Parts of the force", figures=_drawn(term_charts(source))),
         Section(
@@ -51,7 +53,7 @@ def sections(source: Source) -> list[Section]:
             figures=_drawn(pressure_charts(source)),
             tables=[*onset_tables(source), *error_tables(source)],
         ),
-        Section("Geometries side by side", tables=[geometry_table(source)]),
+        Section("Geometries side by side", tables=geometry_tables(source)),
         Section("Uncertainty", ridge_sentences(source), tables=[uncertainty_table(source)]),
     ]  # fmt: skip
     return [one for one in found if one.text or one.figures or one.tables]
@@ -98,6 +100,12 @@ def notes(source: Source) -> list[str]:
     """What a reader must know of test, shape and readings."""
     told = source.shape["told"] if source.shape else []
     return [*source.test.get("notes", []), *told, *source.data.notes]
+
+
+def _names(source: Source) -> str:
+    """What the short names of the geometries stand for."""
+    told = "; ".join(f"{fit.short}, {fit.title}" for fit in source.fits.values())
+    return f"Geometries, here and below: {told}."
 
 
 def _drawn(charts: Sequence[Chart]) -> list[Drawing]:

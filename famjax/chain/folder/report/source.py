@@ -31,6 +31,8 @@ from .states import States, states_of
 COLOURS = dict(zip(GEOMETRIES, ("0.35", "#e69f00", "#0072b2", "#009e73"), strict=True))
 """Of the geometries in every chart; also told apart by those who see no red or green."""
 DASHES = dict(zip(GEOMETRIES, ("--", "-.", "-", ":"), strict=True))
+NONE, MINUS = "\N{EN DASH}", "\N{MINUS SIGN}"
+"""As printed: what is not known, and below zero."""
 _STROKE = 41
 """Lengths over the measured stroke at which the models are asked."""
 
@@ -57,6 +59,11 @@ class Fitted:
     def title(self) -> str:
         """What the geometry is."""
         return GEOMETRIES[self.name]
+
+    @property
+    def short(self) -> str:
+        """The same in a word or two, for legends and headers."""
+        return self.name.replace("-", " ")
 
     @property
     def residuals(self) -> np.ndarray:
@@ -125,8 +132,8 @@ class Source:
     def number(self, value: float | None, kind: str = "number", digits: int = 4) -> str:
         """A cell of a table; a dash for what is not known."""
         if value is None or not np.isfinite(value):
-            return "–"  # noqa: RUF001 -- a dash as printed
-        return f"{self.scaled(float(value), kind):.{digits}g}"
+            return NONE
+        return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", MINUS)
 
     def pressure(self, value: float) -> str:
         """A pressure with its unit."""

@@ -16,6 +16,8 @@ from famjax.terms import BladderAxial, BladderHoop, BladderWall
 
 POWERS = (1, 2, 3, 4)
 """Of the hoop strain whose axial means are reported."""
+PRESSURE = "pressure on the braid"
+"""Name of the part of the force that is the braid's, the first of all."""
 _RANGE = 129
 """Lengths over the whole range of a geometry: a cubic spline through them repeats a force to 1e-7."""
 
@@ -58,6 +60,11 @@ class States:
     forces: np.ndarray
 
     @property
+    def mean_hoop_strain(self) -> np.ndarray:
+        """Axial mean of eps_c."""
+        return self.hoop_powers[0]
+
+    @property
     def blocked_force(self) -> np.ndarray:
         """Force [N] at zero contraction by pressure; nan where that is not known."""
         return self.force[:, 0]
@@ -88,6 +95,7 @@ def states_of(muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, cou
     }
     within = {name: values[..., :count] for name, values in found.items()}
     terms = {name[6:]: within.pop(name) for name in [*within] if name.startswith("term: ")}
+    terms = dict(sorted(terms.items(), key=lambda one: one[0] != PRESSURE))
     return States(
         contraction=1 - stroke / rest, terms=terms, rest_length=rest, lengths=whole,
         forces=found["force"][:, count:], **within,
@@ -131,11 +139,8 @@ def _parts(
             parts["bladder, hoop stress"] = BladderHoop(material).force(at, pressure)
         else:
             held = hasattr(term, "deadband_pressure")
-            parts["pressure on the braid" if held else type(term).__name__] = term.force(
-                at, pressure
-            )
-    order = sorted(parts, key=lambda name: name != "pressure on the braid")
-    return {name: parts[name] for name in order}
+            parts[PRESSURE if held else type(term).__name__] = term.force(at, pressure)
+    return parts
 
 
 def _stresses(

@@ -8,7 +8,7 @@ from fitting.saved import PageTable
 
 from ..evaluation import PICTURES
 from .bladder_charts import stable_range, visited
-from .source import Fitted, Source, picture_rows
+from .source import MINUS, NONE, Fitted, Source, picture_rows
 
 
 def specimen_table(source: Source) -> PageTable:
@@ -113,39 +113,45 @@ def test_table(source: Source) -> list[PageTable]:
     return [PageTable("What the test measured, by set pressure.", header, rows, groups)]
 
 
-def geometry_table(source: Source) -> PageTable:
-    """The geometries side by side: dimensions, strains, stresses, force terms and fit."""
-    k = source.middle
-    fits = [*source.fits.values()]
-    length, stress, force = source.unit("length"), source.unit("stress"), source.unit("force")
-    angle, volume = source.unit("angle"), source.unit("volume")
-    rows: list[tuple[str, ...]] = []
+def geometry_tables(source: Source) -> list[PageTable]:
+    """The geometries side by side: dimensions, strains, stresses, force terms; what was identified."""
+    k, fits = source.middle, [*source.fits.values()]
     ends = _ends(fits)
-    for place, at in ends:
-        for label, values, kind, digits in (
-            (f"mean diameter [{length}]", "diameter", "length", 4),
-            (f"braid angle [{angle}]", "braid_angle", "angle", 4),
-            (f"wall [{length}]", "thickness", "length", 3),
-            (f"volume [{volume}]", "volume", "volume", 4),
-            ("axial strain", "axial_strain", "number", 3),
-            ("mean hoop strain", "hoop", "number", 3),
-            ("largest hoop strain", "most_hoop_strain", "number", 3),
-            (f"mean axial stress [{stress}]", "axial_stress", "stress", 3),
-            (f"mean hoop stress [{stress}]", "hoop_stress", "stress", 3),
-        ):
-            cells = [source.number(float(_value(one, values)[k, at]), kind, digits) for one in fits]
-            rows.append((f"{label}, {place}", *cells))
-        for term in fits[0].states.terms:
-            cells = [
-                source.number(float(one.states.terms[term][k, at]), "force", 4)
-                if term in one.states.terms
-                else "–"  # noqa: RUF001
-                for one in fits
-            ]
-            rows.append((f"{term} [{force}], {place}", *cells))
-    rows += _laws(source, fits)
-    title = f"The geometries side by side, at {source.pressure(source.pressures[k])}."
-    return PageTable(title, ("quantity", *(one.title for one in fits)), rows)
+    length, stress, force = source.unit("length"), source.unit("stress"), source.unit("force")
+    quantities = (
+        (f"mean diameter [{length}]", "diameter", "length", 4),
+        (f"braid angle [{source.unit('angle')}]", "braid_angle", "angle", 4),
+        (f"wall [{length}]", "thickness", "length", 3),
+        (f"volume [{source.unit('volume')}]", "volume", "volume", 4),
+        ("axial strain", "axial_strain", "number", 3),
+        ("mean hoop strain", "mean_hoop_strain", "number", 3),
+        ("largest hoop strain", "most_hoop_strain", "number", 3),
+        (f"mean axial stress [{stress}]", "axial_stress", "stress", 3),
+        (f"mean hoop stress [{stress}]", "hoop_stress", "stress", 3),
+    )
+    rows = [
+        (label, *(source.number(float(getattr(one.states, name)[k, at]), kind, digits)
+                  for _, at in ends for one in fits))
+        for label, name, kind, digits in quantities
+    ]  # fmt: skip
+    rows += [
+        (f"{term} [{force}]", *(_part(source, one, term, at) for _, at in ends for one in fits))
+        for term in fits[0].states.terms
+    ]
+    rows.append(
+        (f"force [{force}]", *(source.number(float(one.states.force[k, at]), "force")
+                               for _, at in ends for one in fits))
+    )  # fmt: skip
+    states = PageTable(
+        f"The geometries side by side, at {source.pressure(source.pressures[k])}.",
+        ("", *(one.short for _ in ends for one in fits)), rows,
+        (("", 1), *((name, len(fits)) for name, _ in ends)),
+    )  # fmt: skip
+    law = PageTable(
+        "What was identified with each geometry, where its law is stable, and how well it fits.",
+        ("", *(one.short for one in fits)), _laws(source, fits),
+    )  # fmt: skip
+    return [states, law] if ends else [law]
 
 
 def _ends(fits: list[Fitted]) -> list[tuple[str, int]]:
@@ -156,8 +162,10 @@ def _ends(fits: list[Fitted]) -> list[tuple[str, int]]:
     return [(f"contraction {c[at]:.3f}", int(at)) for at in which[[0, -1]]] if which.size else []
 
 
-def _value(fit: Fitted, name: str) -> np.ndarray:
-    return fit.states.hoop_powers[0] if name == "hoop" else getattr(fit.states, name)
+def _part(source: Source, fit: Fitted, term: str, at: int) -> str:
+    """A part of the force; none where the geometry's model has no such part."""
+    part = fit.states.terms.get(term)
+    return NONE if part is None else source.number(float(part[source.middle, at]), "force")
 
 
 def _laws(source: Source, fits: list[Fitted]) -> list[tuple[str, ...]]:
@@ -167,21 +175,30 @@ def _laws(source: Source, fits: list[Fitted]) -> list[tuple[str, ...]]:
     rows = []
     for name in names:
         kind, shown = parameter_unit(source, fits, name)
-        cells = [source.number(one.figures["values"].get(name), kind) for one in fits]
-        if any(one.figures["std"].get(name, np.nan) > 0 for one in fits):
+        cells = [_identified(source, one, name, kind) for one in fits]
+        if any(cell != NONE for cell in cells):
             rows.append((f"{name} [{shown}]" if shown else name, *cells))
-    ranges = [f"{visited(one)[0]:.3g} to {visited(one)[1]:.3g}" for one in fits]
-    stable = ["{:.3g} to {:.3g}".format(*stable_range(one)) for one in fits]
-    margins = [
-        source.number(one.saved.document["stability_margin_Pa"], "stress", 3) for one in fits
-    ]
     return [
         *rows,
-        ("strains visited", *ranges),
-        ("law rises from, to", *stable),
-        (f"least modulus along the path [{stress}]", *margins),
+        ("strains visited", *(_between(visited(one)) for one in fits)),
+        ("law rises within", *(_between(stable_range(one)) for one in fits)),
+        (f"least modulus along the path [{stress}]",
+         *(source.number(one.saved.document["stability_margin_Pa"], "stress", 3) for one in fits)),
         (f"RMSE [{force}]", *(source.number(one.figures["rmse_N"], "force", 3) for one in fits)),
-    ]
+    ]  # fmt: skip
+
+
+def _identified(source: Source, fit: Fitted, name: str, kind: str) -> str:
+    """A number that was sought; none where it was held, or the geometry has none such."""
+    entry = fit.saved.document["parameters"].get(name, {"fixed": True})
+    if entry["fixed"]:
+        return NONE
+    text = source.number(fit.figures["values"].get(name), kind)
+    return f"{text} (at a bound)" if entry["at_bound"] else text
+
+
+def _between(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", MINUS)
 
 
 def parameter_unit(source: Source, fits: list[Fitted], name: str) -> tuple[str, str]:
