@@ -93,7 +93,7 @@ def test_report_says_where_it_comes_from_and_what_was_measured(
     assert f"seed {fitted20.seed}" in text
     for entry in ("rest length</td><td>11.654</td><td>in", "126, of which 60 pull", "embedded"):
         assert entry in page
-    captions = re.findall(r"<caption>(.*?)</caption>", page)
+    captions = re.findall(r'<p class="caption">(.*?)</p>', page)
     assert len(captions) > 3
     assert all(one.startswith(f"<b>Table {k}.</b> ") for k, one in enumerate(captions, 1))
     assert "<figcaption><b>Figure 1.</b>" in page

@@ -10,7 +10,7 @@ from fitting.saved import law_stress
 
 from .chart import Chart, Quantity, Series, Span
 from .shape_charts import CONTRACTION
-from .source import COLOURS, DASHES, Fitted, Source
+from .source import COLOURS, DASHES, MINUS, Fitted, Source
 from .states import POWERS
 
 _BEYOND = 1.25
@@ -72,12 +72,19 @@ def visited(fit: Fitted) -> tuple[float, float]:
     return low, float(np.nanmax(states.most_hoop_strain))
 
 
-def stable_range(fit: Fitted) -> tuple[float, float]:
-    """Strains about zero between which the stress of one direction rises; ends of what was looked at."""
+def stable_range(fit: Fitted) -> tuple[float, float] | None:
+    """Strains about zero between which the stress of one direction rises.
+
+    Returns:
+        Ends, those of what was looked at where it rises up to them; None where it falls at zero.
+    """
     low, high = (_BEYOND * end for end in visited(fit))
     strain, stress = _law(fit, low, high)
     falls = np.diff(stress) < 0
     centre = (strain[1:] + strain[:-1]) / 2
+    at_zero = int(np.argmin(np.abs(centre)))
+    if falls[at_zero]:
+        return None
     below, above = centre[falls & (centre < 0)], centre[falls & (centre > 0)]
     return float(below.max(initial=low)), float(above.min(initial=high))
 
@@ -89,7 +96,7 @@ def law_charts(source: Source) -> list[Chart]:
     series = []
     for geometry, fit in source.fits.items():
         strain, stress = _law(fit, *(_BEYOND * end for end in visited(fit)))
-        least, most = stable_range(fit)
+        least, most = stable_range(fit) or (0.0, 0.0)
         inside = (strain >= least) & (strain <= most)
         shown = source.scaled(stress, "stress")
         thick = 1.8 if fit is best else 0.8
@@ -103,14 +110,17 @@ def law_charts(source: Source) -> list[Chart]:
                 Series(f"{fit.short}, not stable", strain, outside, colour=colour, dash=":",
                        told=False, width=thick)
             )  # fmt: skip
-    least, most = stable_range(best)
-    ends = _BEYOND * low, _BEYOND * high
-    whole = least <= ends[0] + 1e-12 and most >= ends[1] - 1e-12
-    stable = (
-        f"It rises, and is stable, on all that is drawn, {least:.3g} to {most:.3g}."
-        if whole
-        else f"It rises, and is stable by itself, from {least:.3g} to {most:.3g}; dotted beyond."
-    )
+    ends = stable_range(best)
+    if ends is None:
+        stable = "It falls at zero strain: by itself it is not stable there (dotted)."
+    else:
+        rises = f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", MINUS)
+        whole = np.allclose(ends, (_BEYOND * low, _BEYOND * high))
+        stable = (
+            f"It rises, and is stable, on all that is drawn, {rises}."
+            if whole
+            else f"It rises, and is stable by itself, from {rises}; dotted beyond."
+        )
     law = Chart(
         "law",
         f"The bladder's law: true stress against engineering strain. Shaded are the strains visited "

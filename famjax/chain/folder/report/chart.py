@@ -47,7 +47,7 @@ class Quantity:
     @property
     def title(self) -> str:
         """Of the axis."""
-        return f"{self.label} [{self.unit}]" if self.unit else self.label
+        return f"{self.label} [{printed(self.unit)}]" if self.unit else self.label
 
     def column(self, prefix: str = "") -> str:
         """In a CSV file."""
@@ -198,6 +198,11 @@ def pdf_file(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
     return buffer.getvalue()
+
+
+def printed(unit: str) -> str:
+    """A unit as it is read: in³ for in3."""
+    return unit.replace("3", "\N{SUPERSCRIPT THREE}")
 
 
 def shades(count: int) -> list[tuple[float, ...]]:

@@ -81,13 +81,17 @@ def _compared(
     source: Source, title: str, kind: str, key: str, models: list[np.ndarray]
 ) -> PageTable:
     seen = [bar[key] for bar in source.isobars] or [None] * len(source.pressures)
-    rows, errors = [], []
+    rows, errors, beyond = [], [], False
+    stroke = float(source.best.states.contraction[-1])
     for k, pressure in enumerate(source.pressures):
         measured = np.nan if seen[k] is None else float(seen[k])
         off = [float(model[k]) - measured for model in models]
         cells = [source.number(float(pressure), "pressure"), source.number(measured, kind)]
         for model, error in zip(models, off, strict=True):
-            cells += [source.number(float(model[k]), kind), _signed(source, error, kind)]
+            text = source.number(float(model[k]), kind)
+            outside = kind == "number" and float(model[k]) > stroke
+            beyond |= outside
+            cells += [f"({text})" if outside else text, _signed(source, error, kind)]
         rows.append(tuple(cells))
         errors.append(off)
     if len(rows) > 1 and np.isfinite(errors).any():
@@ -98,10 +102,11 @@ def _compared(
             cells += ["", source.number(rms, kind, 3)]
         rows.append(tuple(cells))
     unit = f" [{source.unit(kind)}]" if source.unit(kind) else ""
+    note = " In brackets: beyond the stroke that was measured." if beyond else ""
     header = (f"P [{source.unit('pressure')}]", "measured", *(("model", "error") * len(models)))
     groups = (("", 2), *((fit.short, 2) for fit in source.fits.values()))
     return PageTable(
-        f"{title} by pressure{unit}: measured, and model and error of each geometry.",
+        f"{title} by pressure{unit}: measured, and model and error of each geometry.{note}",
         header,
         rows,
         groups,

@@ -1,5 +1,7 @@
 """Charts of the force: actuation diagram, residuals, its terms, blocked force and free contraction."""
 
+import dataclasses
+
 import numpy as np
 
 from fitting.saved.prediction import static_rows
@@ -14,42 +16,70 @@ _TERMS = {"pressure on the braid": "#0072b2", "bladder, axial stress": "#d55e00"
           "bladder, hoop stress": "#009e73"}  # fmt: skip
 
 
+@dataclasses.dataclass(frozen=True)
+class _Isobars:
+    """The report's model over the stroke, in the report's units.
+
+    Attributes:
+        levels: of pressure [Pa], shape (p,).
+        contraction: shape (c,).
+        force, low, high: with the 95 % band of single readings, shape (p, c); nan without one.
+        band: what it is of, or None.
+    """
+
+    levels: np.ndarray
+    contraction: np.ndarray
+    force: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    band: str | None
+
+
 def actuation_charts(source: Source) -> list[Chart]:
     """The isobars with points, model and band, and what is left."""
-    return [_isobars(source), _residuals(source)]
+    model = _modelled(source)
+    return [_actuation(source, model), _residuals(source, model)]
 
 
-def _isobars(source: Source) -> Chart:
-    fit, rest = source.best, source.sheet.specimen.rest_length
-    data, unit = source.data, source.unit("force")
+def _modelled(source: Source) -> _Isobars:
+    fit, data = source.best, source.data
     levels = np.unique(data.pressures.level[data.loaded])
-    low, high = float(fit.data.length.min()), float(fit.data.length.max())
-    lengths = np.linspace(high, low, _BAND_POINTS)
+    lengths = np.linspace(float(fit.data.length.max()), float(fit.data.length.min()), _BAND_POINTS)
     grid = [one.ravel() for one in np.meshgrid(levels, lengths, indexing="ij")]
     rows = static_rows(fit.saved, grid[1], grid[0])
-    force, least, most = (
+    shown = (
         source.scaled(np.array([row[key] for row in rows], float), "force").reshape(levels.size, -1)
         for key in ("force_N", "low_95_N", "high_95_N")
     )
+    contraction = 1 - lengths / source.sheet.specimen.rest_length
+    return _Isobars(levels, contraction, *shown, rows[0]["band"])
+
+
+def _actuation(source: Source, model: _Isobars) -> Chart:
+    data, fit, unit = source.data, source.best, source.unit("pressure")
+    rest = source.sheet.specimen.rest_length
     series = []
-    for k, (colour, level) in enumerate(zip(shades(levels.size), levels, strict=True)):
+    for k, (colour, level) in enumerate(zip(shades(model.levels.size), model.levels, strict=True)):
         of = (data.pressures.level == level) & data.loaded
         name = source.number(level, "pressure", 3)
         series += [
-            Series(f"model, {name} {source.unit('pressure')}", 1 - lengths / rest, force[k],
-                   least[k], most[k], colour=colour, told=False, at_end=name),
-            Series(f"measured, {name} {source.unit('pressure')}", 1 - data.length[of] / rest,
+            Series(f"model, {name} {unit}", model.contraction, model.force[k], model.low[k],
+                   model.high[k], colour=colour, told=False, at_end=name),
+            Series(f"measured, {name} {unit}", 1 - data.length[of] / rest,
                    source.scaled(data.force[of], "force"), colour=colour, marker="o", dash="",
                    told=False),
         ]  # fmt: skip
-    band = rows[0]["band"] if rows else None
-    of = "" if band is None else f", the band holding 95 % of single readings ({_band(band)})"
+    of = (
+        ""
+        if model.band is None
+        else f", the band holding 95 % of single readings ({_band(model.band)})"
+    )
     return Chart(
         "actuation",
         f"Actuation diagram: force against contraction at the gauge pressures written beside the "
-        f"curves [{source.unit('pressure')}]. Circles are measured (mean of both branches), lines the "
-        f"model with the {fit.title}{of}.",
-        CONTRACTION, Quantity("force", "force $F$", unit), series, from_zero=True,
+        f"curves [{unit}]. Circles are measured (mean of both branches), lines the model with the "
+        f"{fit.title}{of}.",
+        CONTRACTION, Quantity("force", "force $F$", source.unit("force")), series, from_zero=True,
     )  # fmt: skip
 
 
@@ -59,11 +89,17 @@ def _band(name: str) -> str:
     )
 
 
-def _residuals(source: Source) -> Chart:
+def _residuals(source: Source, model: _Isobars) -> Chart:
     fit, rest, unit = source.best, source.sheet.specimen.rest_length, source.unit("force")
     lengths = fit.data.length[fit.data.loaded]
     levels = np.unique(fit.levels)
-    series = []
+    middle = model.levels.size // 2
+    half = (model.high - model.low)[middle] / 2
+    series = [
+        Series(
+            "95 % of readings", model.contraction, 0 * half, -half, half, colour="0.5", width=0.5
+        )
+    ]
     for colour, level in zip(shades(levels.size), levels, strict=True):
         of = fit.levels == level
         series.append(
@@ -76,7 +112,8 @@ def _residuals(source: Source) -> Chart:
     return Chart(
         "residuals",
         f"What the model with the {fit.title} leaves: model less measured force against "
-        "contraction, by pressure in the colours of the actuation diagram.",
+        f"contraction, by pressure in the colours of the actuation diagram; shaded the band of the "
+        f"diagram at {source.pressure(model.levels[middle])}.",
         CONTRACTION, Quantity("residual", f"model {MINUS} measured", unit),
         series, zero=True,
     )  # fmt: skip

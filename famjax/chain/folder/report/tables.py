@@ -8,7 +8,11 @@ from fitting.saved import PageTable
 
 from ..evaluation import PICTURES
 from .bladder_charts import stable_range, visited
+from .chart import printed
 from .source import MINUS, NONE, Fitted, Source, picture_rows
+
+_ROUNDING = 1e-9
+"""Of the largest coefficient."""
 
 
 def specimen_table(source: Source) -> PageTable:
@@ -122,7 +126,7 @@ def geometry_tables(source: Source) -> list[PageTable]:
         (f"mean diameter [{length}]", "diameter", "length", 4),
         (f"braid angle [{source.unit('angle')}]", "braid_angle", "angle", 4),
         (f"wall [{length}]", "thickness", "length", 3),
-        (f"volume [{source.unit('volume')}]", "volume", "volume", 4),
+        (f"volume [{printed(source.unit('volume'))}]", "volume", "volume", 4),
         ("axial strain", "axial_strain", "number", 3),
         ("mean hoop strain", "mean_hoop_strain", "number", 3),
         ("largest hoop strain", "most_hoop_strain", "number", 3),
@@ -182,8 +186,7 @@ def _laws(source: Source, fits: list[Fitted]) -> list[tuple[str, ...]]:
         *rows,
         ("strains visited", *(_between(visited(one)) for one in fits)),
         ("law rises within", *(_between(stable_range(one)) for one in fits)),
-        (f"least modulus along the path [{stress}]",
-         *(source.number(one.saved.document["stability_margin_Pa"], "stress", 3) for one in fits)),
+        (f"least modulus along the path [{stress}]", *(_margin(source, one) for one in fits)),
         (f"RMSE [{force}]", *(source.number(one.figures["rmse_N"], "force", 3) for one in fits)),
     ]  # fmt: skip
 
@@ -197,7 +200,18 @@ def _identified(source: Source, fit: Fitted, name: str, kind: str) -> str:
     return f"{text} (at a bound)" if entry["at_bound"] else text
 
 
-def _between(ends: tuple[float, float]) -> str:
+def _margin(source: Source, fit: Fitted) -> str:
+    """The stability margin; that of an active constraint is zero but for rounding."""
+    margin = fit.saved.document["stability_margin_Pa"]
+    largest = float(np.abs(fit.saved.document["coefficients_Pa"]).max(initial=0.0))
+    if margin is not None and abs(margin) < _ROUNDING * largest:
+        return "0, active"
+    return source.number(margin, "stress", 3)
+
+
+def _between(ends: tuple[float, float] | None) -> str:
+    if ends is None:
+        return "falls at zero"
     return f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", MINUS)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from fitting.saved import PageTable
 
-from .source import Source
+from .source import MINUS, Source
 from .tables import parameter_unit
 
 TOGETHER = 3.0
@@ -130,7 +130,7 @@ def ridge_sentences(source: Source) -> list[str]:
             "as a set."
         )
     strong = [
-        f"{names[i]} and {names[k]} ({matrix[i, k]:+.2f})"
+        f"{names[i]} and {names[k]} ({matrix[i, k]:+.2f})".replace("-", MINUS)
         for i in range(len(names))
         for k in range(i)
         if abs(matrix[i, k]) > 0.9
