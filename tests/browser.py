@@ -6,8 +6,9 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,14 @@ _OPTIONS = (
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
     "--remote-debugging-pipe",
 )  # fmt: skip
+_LAUNCHER = """
+import os, sys
+read, write = (os.dup(int(one)) for one in sys.argv[1:3])
+os.dup2(read, 3), os.dup2(write, 4)
+os.set_inheritable(3, True), os.set_inheritable(4, True)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+"""Hands the pipes over as 3 and 4, where the browser looks for them."""
 _PATIENCE = 120.0  # s, for an answer
 
 
@@ -98,7 +107,7 @@ def browser(profile: Path) -> Iterator[Browser]:
     to_child, ours_out = os.pipe()
     ours_in, from_child = os.pipe()
     started = subprocess.Popen(
-        ["sh", "-c", f'exec "$0" "$@" 3<&{to_child} 4>&{from_child}', CHROMIUM, *_OPTIONS,
+        [sys.executable, "-I", "-c", _LAUNCHER, str(to_child), str(from_child), CHROMIUM, *_OPTIONS,
          f"--user-data-dir={profile}"],
         pass_fds=(to_child, from_child), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
@@ -111,3 +120,20 @@ def browser(profile: Path) -> Iterator[Browser]:
         started.wait(timeout=30)
         os.close(ours_in)
         os.close(ours_out)
+
+
+def check_page(headless: Browser, page: Path, width: int, sections: Sequence[str]) -> None:
+    """Nothing is wider than the screen, nothing is fetched, nothing is complained of, all is there."""
+    headless.show(page, width)
+    assert headless.value("document.documentElement.scrollWidth") <= width
+    assert headless.requests() == [page.resolve().as_uri()]
+    assert headless.complaints() == []
+    shown = headless.value("[...document.querySelectorAll('h2')].map(one => one.innerText)")
+    assert [one for one in shown if one in sections] == list(sections)
+    sizes = headless.value(
+        "[...document.querySelectorAll('figure svg')].map(one => one.getBoundingClientRect().width)"
+    )
+    assert sizes
+    assert min(sizes) > 200  # px: each can be read
+    ids = headless.value("[...document.querySelectorAll('[id]')].map(one => one.id)")
+    assert len(set(ids)) == len(ids)

@@ -10,6 +10,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from browser import Browser, check_page
 
 import famjax
 from famjax.boundary.origin import Origin
@@ -123,6 +124,15 @@ def test_report_fits_a_narrow_screen(fitted20: Identification) -> None:
     assert page.count('<div class="wide"><table') == page.count("<table") > 3
     assert re.search(r"\.wide \{ overflow-x: auto;", page)
     assert "@media (max-width: 40rem)" in page
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_report_stands_on_a_screen(
+    headless: Browser, fitted20: Identification, tmp_path: Path, width: int
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(html_report(fitted20), encoding="utf-8")
+    check_page(headless, path, width, ("Model",))
 
 
 def test_what_is_printed_of_a_result_is_a_line(fitted20: Identification, tmp_path: Path) -> None:

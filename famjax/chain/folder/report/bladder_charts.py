@@ -73,17 +73,28 @@ def visited(fit: Fitted) -> tuple[float, float]:
 
 
 def stable_range(fit: Fitted) -> tuple[float, float] | None:
+    """As `rising_range`, of a fit's law a quarter beyond the strains that were visited."""
+    return rising_range(fit.saved.muscle.material, *(_BEYOND * end for end in visited(fit)))
+
+
+def rising_range(
+    material: famjax.materials.AbstractMaterial, low: float, high: float
+) -> tuple[float, float] | None:
     """Strains about zero between which the stress of one direction rises.
 
+    Args:
+        material: stress law.
+        low: strain from which it is looked at, <= 0.
+        high: strain up to which it is, > 0.
+
     Returns:
-        Ends, those of what was looked at where it rises up to them; None where it falls at zero.
+        Ends to a three-hundredth of the range, those given where it rises up to them; None where it
+        falls at zero.
     """
-    low, high = (_BEYOND * end for end in visited(fit))
-    strain, stress = _law(fit, low, high)
+    strain, stress = _law(material, low, high)
     falls = np.diff(stress) < 0
     centre = (strain[1:] + strain[:-1]) / 2
-    at_zero = int(np.argmin(np.abs(centre)))
-    if falls[at_zero]:
+    if falls[int(np.argmin(np.abs(centre)))]:
         return None
     below, above = centre[falls & (centre < 0)], centre[falls & (centre > 0)]
     return float(below.max(initial=low)), float(above.min(initial=high))
@@ -95,7 +106,7 @@ def law_charts(source: Source) -> list[Chart]:
     low, high = visited(best)
     series = []
     for geometry, fit in source.fits.items():
-        strain, stress = _law(fit, *(_BEYOND * end for end in visited(fit)))
+        strain, stress = _law(fit.saved.muscle.material, *(_BEYOND * end for end in visited(fit)))
         least, most = stable_range(fit) or (0.0, 0.0)
         inside = (strain >= least) & (strain <= most)
         shown = source.scaled(stress, "stress")
@@ -151,8 +162,9 @@ def _wall_stresses(source: Source) -> Chart:
     )  # fmt: skip
 
 
-def _law(fit: Fitted, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+def _law(
+    material: famjax.materials.AbstractMaterial, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Strains and the law's stresses [Pa]."""
     strain = np.linspace(low, high, 301)
-    material: famjax.materials.AbstractMaterial = fit.saved.muscle.material
     return strain, np.asarray(law_stress(material, jnp.asarray(strain), jnp.zeros((1, 1))))[0]
