@@ -11,6 +11,7 @@ from .page import (
     PageTable as PageTable,
     inline_svg as inline_svg,
     page as page,
+    pdf_file as pdf_file,
     svg_file as svg_file,
 )
 from .prediction import predict as predict

@@ -16,11 +16,11 @@ from fitting.data.force_data import COLUMNS
 from fitting.evidence import Evidence
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
-from fitting.saved import write_fit
+from fitting.saved import pdf_file, svg_file, write_fit
 from rig.journal import read_journal
 
 from ..isobaric_analysis import analyse
-from ..isobaric_figures import figures
+from ..isobaric_figures import branches_csv, figures
 from ..isobaric_pictures import plot_characterisation
 from ..photographs import measure_pictures
 from .cached_steps import Step
@@ -126,7 +126,9 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     numbers = json.dumps(figures(found), indent=1, allow_nan=False)
     (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
     picture = plot_characterisation(found, system)
-    picture.savefig(place / "characterisation.svg", metadata={"Date": None})
+    (place / "characterisation.svg").write_text(svg_file(picture), encoding="utf-8")
+    (place / "characterisation.pdf").write_bytes(pdf_file(picture))
+    (place / "branches.csv").write_text(branches_csv(found.characterisation), encoding="utf-8")
 
 
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:

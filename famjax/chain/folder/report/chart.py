@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fitting.saved import svg_file
+from fitting.saved import pdf_file, svg_file
 
 _STYLE = {
     "font.size": 7.5, "axes.labelsize": 7.5, "axes.titlesize": 7.5, "xtick.labelsize": 7,
@@ -182,7 +182,7 @@ class Drawing:
         svg: text of the file.
         pdf: the file.
         table: text of the CSV file.
-        size: of the page's grid it stands in.
+        size: of the page's grid it stands in; "wide" for a row by itself.
     """
 
     name: str
@@ -191,13 +191,6 @@ class Drawing:
     pdf: bytes
     table: str
     size: str = "column"
-
-
-def pdf_file(figure: Figure) -> bytes:
-    """The figure as a PDF file, the same bytes every time."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
-    return buffer.getvalue()
 
 
 def printed(unit: str) -> str:

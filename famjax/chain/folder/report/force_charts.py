@@ -174,9 +174,10 @@ def pressure_charts(source: Source) -> list[Chart]:
                     "measured", P, source.scaled(seen, kind), colour="black", marker="o", dash=""
                 )
             )
+        told = "measured and of" if errors else "not reached in the test, of"
         if lines:
             charts.append(
-                Chart(name, f"{title} by pressure, measured and of each geometry.", axis,
+                Chart(name, f"{title} by pressure, {told} each geometry.", axis,
                       Quantity(name.replace("-", "_"), label, unit), lines)
             )  # fmt: skip
         if errors:

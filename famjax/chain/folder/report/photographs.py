@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from famjax.boundary.units import to_si
+from fitting.saved import pdf_file
 
 from ..evaluation import PICTURES, shown_pictures
-from .chart import Drawing, pdf_file
+from .chart import Drawing
 from .source import Source, picture_rows
 
 _HEIGHT = 720  # px, of the tallest photograph as it is shown

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from fitting.saved import PageTable
 
-from ..evaluation import PICTURES
+from ..evaluation import PICTURES, RECORDS
 from .bladder_charts import law_charts, strain_charts
 from .chart import Chart, Drawing
 from .error_tables import error_tables, onset_tables
@@ -40,7 +40,7 @@ def sections(source: Source) -> list[Section]:
     """The page's parts but for notes and provenance; what the folder lacks is left out."""
     found = [
         Section(
-            "Specimen and set-up", figures=photograph_figure(source),
+            "Specimen and set-up", figures=[*photograph_figure(source), *_test(source)],
             tables=[specimen_table(source), setup_table(source), *test_table(source)], beside=2,
         ),
         Section("Actuation", figures=_drawn(actuation_charts(source))),
@@ -100,6 +100,21 @@ def notes(source: Source) -> list[str]:
     """What a reader must know of test, shape and readings."""
     told = source.shape["told"] if source.shape else []
     return [*source.test.get("notes", []), *told, *source.data.notes]
+
+
+def _test(source: Source) -> list[Drawing]:
+    """The picture that the records' step drew; none without the test's record."""
+    drawn = source.results / RECORDS / "characterisation"
+    files = [drawn.with_suffix(".svg"), drawn.with_suffix(".pdf"), drawn.with_name("branches.csv")]
+    if not all(path.exists() for path in files):
+        return []
+    svg, pdf, table = files
+    caption = (
+        "The test. Left: force against contraction at each set pressure, shortening solid, lengthening "
+        "dashed. Right: the pressure held less the set pressure."
+    )
+    texts = (svg.read_text(encoding="utf-8"), pdf.read_bytes(), table.read_text(encoding="utf-8"))
+    return [Drawing("test", caption, *texts, size="wide")]
 
 
 def _names(source: Source) -> str:

@@ -1,5 +1,7 @@
 """Charts of the measured shape: profiles, diameters and volume against contraction."""
 
+from pathlib import Path
+
 import numpy as np
 
 from famjax.boundary.units import factor
@@ -9,7 +11,7 @@ from .chart import Chart, Quantity, Series, shades
 from .source import COLOURS, DASHES, Source
 
 CONTRACTION = Quantity("contraction", "contraction $(L_0 - L)/L_0$")
-_PROFILES = 5
+_PROFILES, _CIRCLES = 5, 25
 _BAND = [0.025, 0.975]
 """Quantiles of the draws."""
 
@@ -27,35 +29,35 @@ def _profiles(source: Source) -> Chart:
     assert pictures is not None
     unit = source.unit("length")
     x = np.linspace(0, 1, surface.diameters.shape[-1])
-    chosen = np.linspace(0, len(surface.lengths) - 1, _PROFILES).round().astype(int)
+    shown = np.linspace(0, x.size - 1, _CIRCLES).round().astype(int)
+    wanted = np.linspace(pictures.length.max(), pictures.length.min(), _PROFILES)
+    chosen = [int(np.argmin(np.abs(pictures.length - one))) for one in wanted]
     series = []
-    for colour, k in zip(shades(_PROFILES), chosen, strict=True):
-        L = float(surface.lengths[k])
-        contraction = 1 - L / source.sheet.specimen.rest_length
-        low, high = np.quantile(surface.draws[:, 0, k], _BAND, axis=0)
-        series.append(
-            Series(
-                f"{contraction:.3f}", source.scaled(x * L, "length"),
-                source.scaled(surface.diameters[0, k], "length"),
-                source.scaled(low, "length"), source.scaled(high, "length"), colour=colour,
-            )
-        )  # fmt: skip
-        near = int(np.argmin(np.abs(pictures.length - L)))
-        at = np.linspace(0, pictures.diameter.shape[1] - 1, 25).round().astype(int)
-        series.append(
-            Series(
-                f"picture nearest to {contraction:.3f}, {pictures.names[near]}",
-                source.scaled(at / (pictures.diameter.shape[1] - 1) * pictures.length[near], "length"),
-                source.scaled(pictures.diameter[near, at], "length"),
-                colour=colour, marker="o", dash="", told=False,
-            )
-        )  # fmt: skip
+    for colour, k in zip(shades(_PROFILES), dict.fromkeys(chosen), strict=False):
+        L = float(pictures.length[k])
+        name = f"{1 - L / source.sheet.specimen.rest_length:.3f}"
+        low, high = np.quantile(_at(surface.lengths, surface.draws[:, 0], L), _BAND, axis=0)
+        line = (_at(surface.lengths, surface.diameters[0], L), low, high)
+        series += [
+            Series(name, source.scaled(x * L, "length"),
+                   *(source.scaled(one, "length") for one in line), colour=colour),
+            Series(f"{name}, {Path(pictures.names[k]).name}", source.scaled(x[shown] * L, "length"),
+                   source.scaled(pictures.diameter[k, shown], "length"), colour=colour, marker="o",
+                   dash="", told=False),
+        ]  # fmt: skip
     return Chart(
         "profiles",
         "Braid diameter along the axis at five contractions (numbers in the legend): the measured "
-        "surface with its 95 % band, and as circles the picture nearest in length to each.",
+        "surface with its 95 % band, and as circles the picture of that contraction.",
         Quantity("z", "position $z$", unit), Quantity("diameter", "diameter $D$", unit), series,
     )  # fmt: skip
+
+
+def _at(lengths: np.ndarray, diameters: np.ndarray, length: float) -> np.ndarray:
+    """Diameters at a length, shape (..., m), by a spline through those at knots, shape (..., k, m)."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415 -- 0.2 s, for reports alone
+
+    return CubicSpline(lengths[::-1], diameters[..., ::-1, :], axis=-2)(length)
 
 
 def _diameters(source: Source) -> Chart:

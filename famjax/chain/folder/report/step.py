@@ -68,13 +68,15 @@ def _write(sheet: Sheet, names: Sequence[str], origin: Origin, system: str, plac
 
 def _shown(part: Section, figures: itertools.count, tables: itertools.count) -> dict[str, object]:
     """A section as the template takes it, figures and tables numbered over the page."""
+    drawn = [(one, _figure(one, next(figures))) for one in part.figures]
     numbered = [one.html(next(tables)) for one in part.tables]
     return {
         "title": part.title,
         "anchor": part.title.lower().replace(",", "").replace(" ", "-"),
         "text": part.text,
         "small": bool(part.figures) and all(one.size == "small" for one in part.figures),
-        "figures": [_figure(one, next(figures)) for one in part.figures],
+        "figures": [shown for one, shown in drawn if one.size != "wide"],
+        "wide": [shown for one, shown in drawn if one.size == "wide"],
         "beside": numbered[: part.beside],
         "tables": numbered[part.beside :],
     }
