@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import io
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from fitting.saved import pdf_file, svg_file
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.size": 7.5, "axes.labelsize": 7.5, "axes.titlesize": 7.5, "xtick.labelsize": 7,
     "ytick.labelsize": 7, "legend.fontsize": 6.5, "axes.linewidth": 0.6, "lines.linewidth": 1.1,
     "axes.spines.top": False, "axes.spines.right": False, "xtick.major.width": 0.6,

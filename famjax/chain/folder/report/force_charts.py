@@ -1,6 +1,7 @@
 """Charts of the force: actuation diagram, residuals, its terms, blocked force and free contraction."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -47,12 +48,12 @@ def _modelled(source: Source) -> _Isobars:
     lengths = np.linspace(float(fit.data.length.max()), float(fit.data.length.min()), _BAND_POINTS)
     grid = [one.ravel() for one in np.meshgrid(levels, lengths, indexing="ij")]
     rows = static_rows(fit.saved, grid[1], grid[0])
-    shown = (
+    force, low, high = (
         source.scaled(np.array([row[key] for row in rows], float), "force").reshape(levels.size, -1)
         for key in ("force_N", "low_95_N", "high_95_N")
     )
     contraction = 1 - lengths / source.sheet.specimen.rest_length
-    return _Isobars(levels, contraction, *shown, rows[0]["band"])
+    return _Isobars(levels, contraction, force, low, high, rows[0]["band"])
 
 
 def _actuation(source: Source, model: _Isobars) -> Chart:
@@ -162,7 +163,7 @@ def pressure_charts(source: Source) -> list[Chart]:
         unit, lines, errors = source.unit(kind), [], []
         for geometry, fit in source.fits.items():
             found = fit.states.blocked_force if kind == "force" else fit.states.free_contraction()
-            style = {"colour": COLOURS[geometry], "dash": DASHES[geometry]}
+            style: dict[str, Any] = {"colour": COLOURS[geometry], "dash": DASHES[geometry]}
             if np.isfinite(found).any():
                 lines.append(Series(fit.short, P, source.scaled(found, kind), **style))
             if seen is not None and np.isfinite(found - seen).any():

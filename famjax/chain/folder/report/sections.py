@@ -119,7 +119,7 @@ def _test(source: Source) -> list[Drawing]:
 
 def _names(source: Source) -> str:
     """What the short names of the geometries stand for."""
-    told = "; ".join(f"{fit.short}, {fit.title}" for fit in source.fits.values())
+    told = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
     return f"Geometries, here and below: {told}."
 
 

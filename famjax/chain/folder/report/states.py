@@ -104,7 +104,7 @@ def states_of(muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, cou
 
 @quick_jit
 def _states(
-    muscle: famjax.Muscle, lengths: Float[Array, " n"], pressures: Float[Array, "p 1"]
+    muscle: famjax.Muscle, lengths: famjax.Real, pressures: famjax.Real
 ) -> dict[str, Float[Array, "..."]]:
     L, P = jnp.broadcast_arrays(jnp.asarray(lengths), jnp.asarray(pressures))
     rated = any(term.uses_rates for term in muscle.terms.terms)

@@ -217,11 +217,12 @@ def _between(ends: tuple[float, float] | None) -> str:
 
 def parameter_unit(source: Source, fits: list[Fitted], name: str) -> tuple[str, str]:
     """Kind of an identified number, and its unit in the report."""
-    kinds = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
+    kinds: dict[str, str] = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
     for one in fits:
         entry = one.saved.document["parameters"].get(name)
         if entry is not None:
-            kind = kinds.get(entry["unit"], entry["unit"])
+            unit = str(entry["unit"])
+            kind = kinds.get(unit, unit)
             return kind, source.unit(kind)
     return "number", ""
 
