@@ -24,8 +24,8 @@ _STYLE: dict[Any, Any] = {
 }  # fmt: skip
 _MM = 1 / 25.4  # inch
 _SIZES = {
-    "column": (88.0, 66.0, (0.165, 0.165, 0.775, 0.805)),
-    "small": (60.0, 48.0, (0.255, 0.225, 0.72, 0.745)),
+    "column": (88.0, 66.0, (0.165, 0.165, 0.775, 0.78)),
+    "small": (60.0, 48.0, (0.255, 0.225, 0.72, 0.705)),
 }
 """Width and height [mm], one column of a journal or a third of its page, and in parts of them the axes'
 left, bottom, width and height: given, as a layout engine draws each figure several times."""

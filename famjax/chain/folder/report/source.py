@@ -122,8 +122,9 @@ class Source:
         return len(self.pressures) // 2
 
     def unit(self, kind: str) -> str:
-        """Of the report, for a kind of quantity."""
-        return unit_system(self.system)[kind]
+        """Of the report, for a kind of quantity; a muscle's volume is shown in cm3, not mm3."""
+        unit = unit_system(self.system)[kind]
+        return "cm3" if unit == "mm3" else unit
 
     def scaled(self, value: Any, kind: str) -> Any:
         """An SI value or array in the report's unit."""

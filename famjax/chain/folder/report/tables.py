@@ -222,7 +222,8 @@ def parameter_unit(source: Source, fits: list[Fitted], name: str) -> tuple[str, 
         entry = one.saved.document["parameters"].get(name)
         if entry is not None:
             unit = str(entry["unit"])
-            kind = kinds.get(unit, unit)
+            pressure = unit == "Pa" and name.endswith("pressure")
+            kind = "pressure" if pressure else kinds.get(unit, unit)
             return kind, source.unit(kind)
     return "number", ""
 
