@@ -71,7 +71,7 @@ def test_every_figure_is_a_file_with_its_numbers(folder: Path) -> None:
     names = {path.stem for path in (report / "figures").glob("*.svg")}
     page = (report / "report.html").read_text()
     assert {"actuation", "law", "terms-cylinder", "hoop-strain-4", "blocked-force"} <= names
-    assert page.count("<figure>") == len(names)
+    assert page.count("<figure") == len(names)
     for name in names:
         assert (report / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
         with (report / "figures" / f"{name}.csv").open(newline="") as file:
