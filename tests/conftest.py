@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -46,6 +47,20 @@ def pytest_collection_finish() -> None:
     """Leave what has been imported out of every later look for garbage."""
     gc.collect()
     gc.freeze()
+
+
+sys.path.insert(0, str(Path(__file__).parent))  # the headless browser
+
+
+@pytest.fixture(scope="module")
+def headless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[object]:
+    """A browser that shows pages; skipped where there is none."""
+    from browser import CHROMIUM, NO_BROWSER, browser
+
+    if CHROMIUM is None:
+        pytest.skip(NO_BROWSER)
+    with browser(tmp_path_factory.mktemp("profile")) as running:
+        yield running
 
 
 MAPPINGS = Path("/proc/self/maps")

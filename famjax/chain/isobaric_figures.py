@@ -52,3 +52,13 @@ def figures(found: Analysis) -> dict[str, object]:
         residual: aligned.residual,
     }
     return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}
+
+
+def branches_csv(muscle: Characterisation) -> str:
+    """Both branches of every isobar over the length as CSV, SI; empty for what was not measured."""
+    lines = ["set_pressure_Pa,length_m,shortening_N,lengthening_N"]
+    for bar in muscle.isobars:
+        for row in zip(bar.length, bar.shortening, bar.lengthening, strict=True):
+            cells = ("" if math.isnan(value) else f"{value:.8g}" for value in row)
+            lines.append(f"{bar.set_pressure:.8g},{','.join(cells)}")
+    return "\n".join(lines) + "\n"

@@ -52,8 +52,9 @@ def characterise(
     What lies in the folder says its `characterisation.toml`; `famjax new` writes one. A step that
     was done with the same files and options is not done again, and stopped work goes on.
 
-    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. Exit code 3 when
-    some pictures could not be measured: they are in the table with the reason.
+    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`, whose figures
+    are in `report/figures` as SVG, PDF and CSV. Exit code 3 when some pictures could not be
+    measured: they are in the table with the reason.
 
     Parameters
     ----------

@@ -3,14 +3,23 @@ from .fit_file import (
     fit_as_dict as fit_as_dict,
     series_as_dict as series_as_dict,
     summary_as_dict as summary_as_dict,
+    versions as versions,
 )
 from .fit_plot import (
+    law_stress as law_stress,
     plot_fit as plot_fit,
     plot_isobars as plot_isobars,
     plot_law as plot_law,
     plot_residuals as plot_residuals,
 )
 from .history import predict_history as predict_history
+from .page import (
+    PageTable as PageTable,
+    inline_svg as inline_svg,
+    page as page,
+    pdf_file as pdf_file,
+    svg_file as svg_file,
+)
 from .prediction import predict as predict
 from .report import (
     html_report as html_report,

@@ -173,7 +173,7 @@ def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, 
     pressures = (
         np.zeros(1) if nodes is None else nodes[sorted({0, len(nodes) // 2, len(nodes) - 1})]
     )
-    stresses = in_numpy(_stress, material, strain, pressures[:, None])
+    stresses = in_numpy(law_stress, material, strain, pressures[:, None])
     if nodes is not None:
         labels = [f"at {pressure / 1e3:.4g} kPa" for pressure in pressures]
     else:
@@ -181,7 +181,7 @@ def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, 
     return list(zip(labels, stresses, strict=True))
 
 
-def _stress(
+def law_stress(
     material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:
     """Stress [Pa] of a tensile test, or where the directions do not interact of either of them."""

@@ -1,15 +1,10 @@
 """The report of a fit: tables of text, shared by the terminal and the HTML report."""
 
-import importlib.resources
-import io
 import json
 import math
 from pathlib import Path
 
-import jinja2
-import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from famjax.boundary.files import as_png, write_all
@@ -24,6 +19,7 @@ from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
 from .fit_file import fit_as_dict, versions
 from .fit_plot import plot_fit
+from .page import PageTable, inline_svg, page, svg_file
 from .report_tables import correlation_tables, specimen_table
 
 
@@ -162,32 +158,25 @@ def html_report(
 ) -> str:
     """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
     judged = judge(result) if judgement is None else judgement
-    buffer = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": "famjax"}):
-        drawn = plot_fit(result, system) if figure is None else figure
-        drawn.savefig(buffer, format="svg", metadata={"Date": None})
-    svg = buffer.getvalue()
-    template = (importlib.resources.files("fitting") / "templates" / "report.html").read_text()
-    return (
-        jinja2.Environment(autoescape=True)
-        .from_string(template)
-        .render(
-            name=result.data.specimen.name,
-            good=judged.passed,
-            verdict=verdict(result, judged),
-            warnings=notes(result, evidence, choice, judged),
-            figure=Markup(svg[svg.index("<svg") :]),
-            tables=[
-                specimen_table(result, system),
-                *tables(result, system, evidence, choice),
-                *correlation_tables(result),
-            ],
-            origin=origin,
-            seed=result.seed,
-            starts=result.certificate.n_starts,
-            data=f"data: {result.data.source}, sha256 {result.data.sha256}",
-            versions=", ".join(f"{name} {version}" for name, version in versions().items()),
-        )
+    drawn = plot_fit(result, system) if figure is None else figure
+    content = [
+        specimen_table(result, system),
+        *tables(result, system, evidence, choice),
+        *correlation_tables(result),
+    ]
+    return page(
+        "report.html",
+        name=result.data.specimen.name,
+        good=judged.passed,
+        verdict=verdict(result, judged),
+        warnings=notes(result, evidence, choice, judged),
+        figure=inline_svg(svg_file(drawn), "fit", "isobars, residuals and the bladder's law"),
+        tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
+        origin=origin,
+        seed=result.seed,
+        starts=result.certificate.n_starts,
+        data=f"data: {result.data.source}, sha256 {result.data.sha256}",
+        versions=", ".join(f"{name} {version}" for name, version in versions().items()),
     )
 
 

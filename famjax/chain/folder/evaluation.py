@@ -16,11 +16,11 @@ from fitting.data.force_data import COLUMNS
 from fitting.evidence import Evidence, Move, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
-from fitting.saved import write_fit
+from fitting.saved import pdf_file, svg_file, write_fit
 from rig.journal import read_journal
 
 from ..isobaric_analysis import analyse
-from ..isobaric_figures import figures
+from ..isobaric_figures import branches_csv, figures
 from ..isobaric_pictures import plot_characterisation
 from ..photographs import measure_pictures
 from .cached_steps import Step
@@ -75,7 +75,7 @@ def evaluation_steps(
     photographs = sheet.photographs
     if photographs is not None:
         recipe, provenance = recipes(photographs, sheet.folder)
-        shown = _pictures(sheet, photographs)
+        shown = shown_pictures(sheet, photographs)
         given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
         steps += [
             Step(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
@@ -131,10 +131,13 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     numbers = json.dumps(figures(found), indent=1, allow_nan=False)
     (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
     picture = plot_characterisation(found, system)
-    picture.savefig(place / "characterisation.svg", metadata={"Date": None})
+    (place / "characterisation.svg").write_text(svg_file(picture), encoding="utf-8")
+    (place / "characterisation.pdf").write_bytes(pdf_file(picture))
+    (place / "branches.csv").write_text(branches_csv(found.characterisation), encoding="utf-8")
 
 
-def _pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
+def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
+    """The photographs of a folder, without its ruler."""
     from imaging.campaign import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
 
     given = sheet.folder / photographs.pictures

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from browser import Browser, check_page
 
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
@@ -130,15 +131,36 @@ def test_a_twin_comes_back(twin: Path) -> None:
 
 @pytest.mark.slow
 def test_the_report_is_whole(twin: Path) -> None:
-    page = (twin / "results" / "report" / "report.html").read_text()
+    report = twin / "results" / "report"
+    page = (report / "report.html").read_text()
     assert re.search(r'(src|href)="(?!data:|#)', page) is None  # nothing is fetched
-    assert page.count("<figure>") == 4
+    names = {path.stem for path in (report / "figures").glob("*.pdf")}
+    assert page.count("<figure") == len(names)
+    assert {"photographs", "profiles", "diameter", "volume", "terms-virtual-work"} <= names
     for words in (
-        "Errors of the fits by geometry",
+        "Errors of the force by geometry",
         "identified from the force",
         "1 picture could not be measured",
+        "known only together",
     ):
         assert words in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_report_stands_on_a_screen(headless: Browser, twin: Path, width: int) -> None:
+    parts = ("Specimen and set-up", "Shape", "Geometries side by side", "Notes", "Provenance")
+    check_page(headless, twin / "results" / "report" / "report.html", width, parts)
+
+
+@pytest.mark.slow
+def test_the_photographs_are_of_one_pressure(twin: Path) -> None:
+    """Of the middle one, from rest to the end of its stroke."""
+    rows = (twin / "results" / "report" / "figures" / "photographs.csv").read_text().splitlines()
+    contractions = [float(row.split(",")[1]) for row in rows[1:]]
+    assert len(contractions) == 3
+    assert contractions == sorted(contractions)
+    assert contractions[-1] > 0.2
 
 
 @pytest.mark.slow

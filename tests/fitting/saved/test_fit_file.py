@@ -10,6 +10,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from browser import Browser, check_page
 
 import famjax
 from famjax.boundary.origin import Origin
@@ -93,9 +94,10 @@ def test_report_says_where_it_comes_from_and_what_was_measured(
     assert f"seed {fitted20.seed}" in text
     for entry in ("rest length</td><td>11.654</td><td>in", "126, of which 60 pull", "embedded"):
         assert entry in page
-    captions = [one for one in re.findall(r"<h2>(.*?)</h2>", page) if one != "Model"]
-    assert all(one.startswith(f"Table {k}. ") for k, one in enumerate(captions, 1))
-    assert "<figcaption>Figure 1." in page
+    captions = re.findall(r'<p class="caption">(.*?)</p>', page)
+    assert len(captions) > 3
+    assert all(one.startswith(f"<b>Table {k}.</b> ") for k, one in enumerate(captions, 1))
+    assert "<figcaption><b>Figure 1.</b>" in page
     names, matrix = correlations(fitted20)
     assert names == ("braid_angle", "deadband_pressure", "E_1", "E_2", "E_3")  # D0 is at its bound
     assert f"<td>{matrix[4, 3]:+.2f}</td>" in page
@@ -119,9 +121,18 @@ def test_report_fits_a_narrow_screen(fitted20: Identification) -> None:
     """The page takes the width of the device, and what is wider than it scrolls by itself."""
     page = html_report(fitted20)
     assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
-    assert page.count('<div class="wide"><table>') == page.count("<table>") > 3
-    assert re.search(r"\.wide \{ overflow-x: auto; \}", page)
+    assert page.count('<div class="wide"><table') == page.count("<table") > 3
+    assert re.search(r"\.wide \{ overflow-x: auto;", page)
     assert "@media (max-width: 40rem)" in page
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_report_stands_on_a_screen(
+    headless: Browser, fitted20: Identification, tmp_path: Path, width: int
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(html_report(fitted20), encoding="utf-8")
+    check_page(headless, path, width, ("Model",))
 
 
 def test_what_is_printed_of_a_result_is_a_line(fitted20: Identification, tmp_path: Path) -> None:

@@ -1,0 +1,130 @@
+"""What stands on the page, and in which order."""
+
+import dataclasses
+from collections.abc import Sequence
+
+from fitting.saved import PageTable
+
+from ..evaluation import PICTURES, RECORDS
+from .bladder_charts import law_charts, strain_charts
+from .chart import Chart, Drawing
+from .error_tables import error_tables, onset_tables
+from .force_charts import actuation_charts, pressure_charts, term_charts
+from .photographs import photograph_figure
+from .shape_charts import shape_charts
+from .source import Source
+from .tables import failed_pictures, geometry_tables, setup_table, specimen_table, test_table
+from .uncertainty import ridge_sentences, shared_table, uncertainty_table
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A part of the page.
+
+    Attributes:
+        title: of it.
+        text: paragraphs above its figures.
+        figures: in their order.
+        tables: below the figures.
+        beside: how many of the tables stand beside the figures where the page is wide.
+    """
+
+    title: str
+    text: Sequence[str] = ()
+    figures: Sequence[Drawing] = ()
+    tables: Sequence[PageTable] = ()
+    beside: int = 0
+
+
+def sections(source: Source) -> list[Section]:
+    """The page's parts but for notes and provenance; what the folder lacks is left out."""
+    found = [
+        Section(
+            "Specimen and set-up", figures=[*photograph_figure(source), *_test(source)],
+            tables=[specimen_table(source), setup_table(source), *test_table(source)], beside=2,
+        ),
+        Section("Actuation", figures=_drawn(actuation_charts(source))),
+        Section("Shape", figures=_drawn(shape_charts(source))),
+        Section("Strains of the bladder", [_names(source)], figures=_drawn(strain_charts(source))),
+        Section("Stress of the bladder", figures=_drawn(law_charts(source))),
+        Section("Parts of the force", figures=_drawn(term_charts(source))),
+        Section(
+            "Blocked force, free contraction and errors by pressure",
+            figures=_drawn(pressure_charts(source)),
+            tables=[*onset_tables(source), *error_tables(source)],
+        ),
+        Section("Geometries side by side", tables=geometry_tables(source)),
+        Section(
+            "Uncertainty", ridge_sentences(source),
+            tables=[uncertainty_table(source), *shared_table(source)],
+        ),
+    ]  # fmt: skip
+    return [one for one in found if one.text or one.figures or one.tables]
+
+
+def summary(source: Source) -> str:
+    """The page in a sentence."""
+    fit = source.best.figures
+    rmse, most = fit["rmse_N"], fit["largest_force_N"]
+    shape = source.shape
+    of = "" if shape is None else f", its shape from {shape['pictures']} photographs"
+    unit = source.unit("force")
+    return (
+        f"{source.sheet.specimen.name}: the force is described within "
+        f"{source.number(rmse, 'force', 3)} {unit} RMS, {100 * rmse / most:.2g} % of the largest, "
+        f"{source.number(most, 'force', 4)} {unit}{of}."
+    )
+
+
+def unknown(source: Source) -> list[str]:
+    """What the folder lacks, and what is not known therefore."""
+    said = []
+    if PICTURES not in source.names:
+        said.append(
+            "There are no photographs: the shape is the cylinder of the braid's triangle, its "
+            "diameter and angle identified from the force, and no strain was measured."
+        )
+    if source.sheet.records.force_map is not None:
+        said.append(
+            "There is a force map and no record of the test: hysteresis, the pressure that was held, "
+            "blocked force and free contraction as measured are not known."
+        )
+    if source.sheet.turns is None and PICTURES in source.names:
+        said.append(
+            "The turns of the threads were not counted: they are identified from the force."
+        )
+    if failed := failed_pictures(source):
+        count = "1 picture" if len(failed) == 1 else f"{len(failed)} pictures"
+        said.append(f"{count} could not be measured: {'; '.join(failed[:5])}.")
+    return said
+
+
+def notes(source: Source) -> list[str]:
+    """What a reader must know of test, shape and readings."""
+    told = source.shape["told"] if source.shape else []
+    return [*source.test.get("notes", []), *told, *source.data.notes]
+
+
+def _test(source: Source) -> list[Drawing]:
+    """The picture that the records' step drew; none without the test's record."""
+    drawn = source.results / RECORDS / "characterisation"
+    files = [drawn.with_suffix(".svg"), drawn.with_suffix(".pdf"), drawn.with_name("branches.csv")]
+    if not all(path.exists() for path in files):
+        return []
+    svg, pdf, table = files
+    caption = (
+        "The test. Left: force against contraction at each set pressure, shortening solid, lengthening "
+        "dashed. Right: the pressure held less the set pressure."
+    )
+    texts = (svg.read_text(encoding="utf-8"), pdf.read_bytes(), table.read_text(encoding="utf-8"))
+    return [Drawing("test", caption, *texts, size="wide")]
+
+
+def _names(source: Source) -> str:
+    """What the short names of the geometries stand for."""
+    told = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
+    return f"Geometries, here and below: {told}."
+
+
+def _drawn(charts: Sequence[Chart]) -> list[Drawing]:
+    return [one.drawing() for one in charts]
