@@ -107,10 +107,11 @@ def twin(
     seed: Seed = 0,
     size: Literal["small", "large"] = "small",
     flawed: bool = True,
+    truth: Path | None = None,
 ) -> int:
     """Make a characterisation folder of a known muscle, with the simulated rig and camera.
 
-    To try `famjax characterise` without a laboratory, and to see how near it comes: `truth.json`
+    To try `famjax characterise` without a laboratory, and to see how near it comes: `truth.toml`
     holds what the folder was made from. With noise, jitter of the shutter and drift of the clocks.
 
     Parameters
@@ -123,6 +124,9 @@ def twin(
         small: three pressures, 36 pictures; large: ten pressures, three cycles, 200 pictures.
     flawed
         Damage a picture, and take a second out of the machine's log.
+    truth
+        A file like the `truth.toml` of a twin, edited: muscle, rig and camera. What it does not say
+        is drawn by the seed.
     """
     load_fitting()
     from famjax.boundary.files import check_output
@@ -132,7 +136,7 @@ def twin(
     with progress_bar() as progress:
         task = progress.add_task("simulating the test", total=None)
         write_twin(
-            folder, seed=seed, size=size, flawed=flawed,
+            folder, seed=seed, size=size, flawed=flawed, truth=truth,
             progress=lambda what, done, total: progress.update(
                 task, description=what, completed=done, total=total
             ),
