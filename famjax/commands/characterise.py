@@ -52,8 +52,10 @@ def characterise(
     What lies in the folder says its `characterisation.toml`; `famjax new` writes one. A step that
     was done with the same files and options is not done again, and stopped work goes on.
 
-    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. Exit code 3 when
-    some pictures could not be measured: they are in the table with the reason.
+    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. What two sources
+    say of one thing is compared, such as the length in the pictures and the machine's displacement:
+    where they contradict each other the work stops, and what is doubtful or not known is said here
+    and in the report.
 
     Parameters
     ----------

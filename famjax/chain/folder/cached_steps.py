@@ -24,6 +24,7 @@ class Step:
         after: names of the steps whose files it reads.
         run: makes its files in the folder that it is given.
         resumes: it goes on with what a stopped run left in its folder.
+        says: lines on what is in its folder, told whenever it is done or was done before.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Step:
     after: Sequence[str]
     run: Callable[[Path], None]
     resumes: bool = False
+    says: Callable[[Path], Sequence[str]] = lambda _: ()
 
 
 def run_steps(
@@ -70,6 +72,7 @@ def run_steps(
         if done and step.name not in force:
             if chosen:
                 tell(f"{step.name}: as before")
+                _say(step, place, tell)
             continue
         if not chosen:
             needed = any(step.name in other.after for other in steps if other.name in only)
@@ -87,12 +90,18 @@ def run_steps(
         held = {path.relative_to(place).as_posix(): digest(path) for path in _files(place)}
         mark = json.dumps({"key": key, "files": held}, indent=1, sort_keys=True)
         (place / MARK).write_text(mark + "\n", encoding="utf-8")
+        _say(step, place, tell)
 
 
 def digest(path: Path) -> str:
     """The SHA-256 of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _say(step: Step, place: Path, tell: Callable[[str], None]) -> None:
+    for line in step.says(place):
+        tell(line)
 
 
 def _key(step: Step, keys: Mapping[str, str]) -> str:

@@ -18,6 +18,7 @@ from famjax.boundary.origin import Origin
 from famjax.boundary.units import factor, unit_system
 
 from .cached_steps import Step
+from .cross_checks import checks_table, doubts
 from .evaluation import (
     CYLINDER,
     GEOMETRIES,
@@ -47,13 +48,16 @@ def first_run(results: Path, now: Origin) -> Origin:
 
 def report_step(sheet: Sheet, steps: Sequence[Step], *, origin: Origin, system: str) -> Step:
     """The step that writes the report of the steps before it."""
-    names = [step.name for step in steps]
+    names, results = [step.name for step in steps], sheet.folder / RESULTS
 
     def run(place: Path) -> None:
         page = _page(sheet, names, origin, system)
         (place / "report.html").write_text(page, encoding="utf-8")
 
-    return Step(REPORT, [sheet.folder / SHEET], {"system": system}, names, run)
+    return Step(
+        REPORT, [sheet.folder / SHEET], {"system": system}, names, run,
+        says=lambda _: _unknown(sheet, results, names),
+    )  # fmt: skip
 
 
 def _page(sheet: Sheet, names: Sequence[str], origin: Origin, system: str) -> str:
@@ -67,6 +71,7 @@ def _page(sheet: Sheet, names: Sequence[str], origin: Origin, system: str) -> st
         _errors(fits, system),
         _parameters(fits, best),
         *_onsets(sheet, results, fits, system),
+        *checks_table([results / name for name in names]),
     ]
     figures = [*_figures(sheet, results, names, best, system)]
     template = importlib.resources.files("famjax") / "templates" / "characterisation.html"
@@ -76,7 +81,10 @@ def _page(sheet: Sheet, names: Sequence[str], origin: Origin, system: str) -> st
         .render(
             name=sheet.specimen.name,
             summary=_summary(sheet, fits, best, shape),
-            unknown=_unknown(sheet, results, names),
+            unknown=[
+                *_unknown(sheet, results, names),
+                *doubts([results / name for name in names]),
+            ],
             notes=[
                 *_test_notes(results),
                 *(shape["told"] if shape else []),

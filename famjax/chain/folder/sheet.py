@@ -54,6 +54,11 @@ order = 3
 constraint = "drucker"
 starts = 16
 seed = 0
+
+[errors]                          # standard errors, on which the cross-checks of the sources rest
+displacement = 0.003              # relative, of the machine's, with what its frame gives way
+load = 0.02                       # relative, of either load cell
+rest_length_mm = 0.5              # of the rest length above
 """
 
 
@@ -113,6 +118,21 @@ class Fit:
 
 
 @dataclasses.dataclass(frozen=True)
+class Errors:
+    """Standard errors of what was measured; the cross-checks of the sources rest on them.
+
+    Attributes:
+        displacement: relative, of the machine's, with what its frame gives way.
+        load: relative, of either load cell.
+        rest_length: of the rest length [m].
+    """
+
+    displacement: NotNegative = 0.003
+    load: NotNegative = 0.02
+    rest_length: NotNegative = 0.5e-3
+
+
+@dataclasses.dataclass(frozen=True)
 class Sheet:
     """The file as read.
 
@@ -124,6 +144,7 @@ class Sheet:
         records: force.
         photographs: shape, or None.
         fit: how.
+        errors: of what was measured.
     """
 
     folder: Path
@@ -133,6 +154,7 @@ class Sheet:
     records: Records
     photographs: Photographs | None
     fit: Fit
+    errors: Errors = dataclasses.field(default_factory=Errors)
 
     def path(self, name: str) -> Path:
         """A file of the folder.
@@ -155,6 +177,7 @@ _FORMS: dict[str, tuple[Any, Form]] = {
     "records": (Records, _RECORDS),
     "photographs": (Photographs, _PHOTOGRAPHS),
     "fit": (Fit, Form()),
+    "errors": (Errors, Form(kinds={"rest_length": "length"})),
 }
 
 
@@ -173,7 +196,7 @@ def read_sheet(folder: Path) -> Sheet:
     if unknown or missing or not all(isinstance(table, dict) for table in content.values()):
         raise InputError(
             f"{path}: a sheet has the tables [specimen], [records], and where there are pictures "
-            f"[photographs], and [fit]; got {', '.join(content) or 'none'}"
+            f"[photographs], [fit] and [errors]; got {', '.join(content) or 'none'}"
         )
     tables = {
         name: from_entries(kind, content[name], form, where=f"{path}: [{name}]: ")
@@ -195,7 +218,7 @@ def read_sheet(folder: Path) -> Sheet:
         raise InputError(f"{path}: [specimen]: {_in_words(error)}") from None
     return Sheet(
         folder, specimen, entries, None if turns is None else float(turns), tables["records"],
-        tables.get("photographs"), tables.get("fit", Fit()),
+        tables.get("photographs"), tables.get("fit", Fit()), tables.get("errors", Errors()),
     )  # fmt: skip
 
 
