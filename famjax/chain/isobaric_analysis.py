@@ -22,6 +22,9 @@ from rig.errors import RigError
 from rig.journal import Record, table
 from rig.protocol import TICK_HZ
 
+_APART = 3.0  # times, by which two records of one test do not differ in duration
+_STRETCH = 0.05  # of the rest length, by which a muscle may be stretched
+
 
 class Loads(NamedTuple):
     """The load of the journal as gain x load of the log + zero, at the same times.
@@ -123,6 +126,14 @@ def analyse(
         zero_displacement=zero_displacement,
         pushing_positive=pushing_positive,
     )
+    over, under = record.length.max() - rest_length, rest_length - record.length.min()
+    if over > max(under, _STRETCH * rest_length):
+        raise InputError(
+            f"{log.source}: the machine would have stretched the muscle, from {record.length.min():.5g} "
+            f"to {record.length.max():.5g} m with a rest length of {rest_length:.5g} m, and a stroke "
+            f"shortens it: shortening_positive must be {str(not shortening_positive).lower()}, or check "
+            "zero_displacement and the rest length"
+        )
     return Analysis(
         alignment,
         record,
@@ -166,7 +177,10 @@ def _by_load(
                 f"{log.source}: the load of the journal does not agree with the log's force but with "
                 f"{name}: {remedy}"
             ) from None
-        raise InputError(f"{log.source}: {error}") from None
+        ours, theirs = (float(t[-1] - t[0]) for t in (time, log.time))
+        much = f". The journal covers {ours:.4g} s and the log {theirs:.4g} s: check the unit of its time"
+        apart = max(ours, theirs) > _APART * min(ours, theirs)
+        raise InputError(f"{log.source}: {error}{much if apart else ''}") from None
 
 
 def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads:

@@ -23,7 +23,15 @@ class SyncError(InputError):
 
 
 class OtherMotion(SyncError):  # noqa: N818 - says what was found
-    """The lengths do not follow the displacement: they are of two tests, or a unit is wrong."""
+    """The lengths do not follow the displacement: they are of two tests, or a unit is wrong.
+
+    Attributes:
+        explained: part of the lengths' variance that the displacement explains.
+    """
+
+    def __init__(self, message: str, *, path: str, explained: float) -> None:
+        super().__init__(message, path=path)
+        self.explained = explained
 
 
 @dataclass(frozen=True)
@@ -175,6 +183,7 @@ def _checked(
             f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} "
             "m: is this the log of these pictures, and its unit right?",
             path=log.source,
+            explained=max(float(explained), 0.0),
         )
     speed = _speed(at, t, log)
     J = fit.sense * np.stack([speed, speed * lever, np.full_like(x, fit.sense)], axis=1)

@@ -82,7 +82,10 @@ class Check:
 
     def sentence(self) -> str:
         """What must hold, what was found, what to do."""
-        return f"{self.what}: expected {self.range}, found {self.value}. {self.say}".strip()
+        found = NOT_KNOWN
+        if not math.isnan(self.found):
+            found = f"expected {self.range}, found {self.value}"
+        return f"{self.what}: {found}. {self.say}".strip()
 
     @property
     def _unit(self) -> str:

@@ -17,7 +17,7 @@ from fitting.evidence import Evidence
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.saved import write_fit
-from imaging.campaign import CampaignChanged
+from imaging.campaign import PARTS, CampaignChanged
 from rig.journal import read_journal
 
 from ..isobaric_analysis import analyse
@@ -78,6 +78,9 @@ def evaluation_steps(
     names = [CYLINDER]
     photographs = sheet.photographs
     if photographs is not None:
+        for name in (photographs.ruler, photographs.recipe):
+            if name is not None:
+                sheet.path(name)
         recipe, provenance = recipes(photographs, sheet.folder)
         shown = _pictures(sheet, photographs)
         given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
@@ -86,7 +89,7 @@ def evaluation_steps(
                  {"recipe": repr(recipe), **given, **dataclasses.asdict(photographs), **about},
                  (RECORDS,),
                  lambda place: _measure(sheet, photographs, recipe, provenance, jobs, place, system),
-                 resumes=True, says=warnings_of),
+                 resumes=(PARTS,), says=warnings_of),
             Step(SHAPE, [], about, (PICTURES,), lambda place: _shape(sheet, place)),
         ]  # fmt: skip
         names += [AVERAGE, MEASURED, WORK]

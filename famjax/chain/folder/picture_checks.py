@@ -17,9 +17,10 @@ from .cross_checks import Check, units_of
 from .sheet import Photographs, Sheet
 
 _CLOCK = 600.0  # s, by which a camera's clock may be off that was set by hand
-_QUARTER = 900.0  # s, of which time zones are multiples
+_ZONE = 1800.0  # s, of which most time zones are multiples
 _FEWEST = 6  # pictures with a time, to lay two clocks onto each other
 
+_GIVE = 0.05  # of the motion, that a machine's frame may give way
 _TRIED = (25.4, 1 / 25.4, 2.54, 1 / 2.54, 10.0, 0.1, 1000.0, 1e-3)  # of a wrong unit
 
 
@@ -67,7 +68,7 @@ def picture_checks(
         journal: its date, where it is known.
         lengths: of the force map's readings [m], shape (n,).
     """
-    found = [_measured(table), _order(table)]
+    found = [_measured(table), *_order(table)]
     if machine is None:
         return [*found, _cover(table, lengths), *_diameter(sheet, table)]
     guess = photographs.log_offset
@@ -103,22 +104,24 @@ def _measured(table: Table) -> Check:
     )  # fmt: skip
 
 
-def _order(table: Table) -> Check:
+def _order(table: Table) -> list[Check]:
     """Pictures in the order of their names that are older than the one before; a counter may begin anew."""
     order = np.argsort([Path(name).name for name in table.path], kind="stable")
-    times = table["time"][order] if "time" in table.columns else np.full(len(order), math.nan)
+    times = table["time"][order]
     times = times[np.isfinite(times)]
-    return Check(
-        "pictures that are older than the one before them by name",
-        float((np.diff(times) < 0).sum()) if times.size > 1 else math.nan, (0.0, 1.0),
-        say="The names and the times of the pictures differ in order. The times count: if pictures "
-        "were renamed nothing is wrong, if their times were changed the force at each is.",
-    )  # fmt: skip
+    if times.size < _FEWEST:
+        return []
+    return [
+        Check("pictures that are older than the one before them by name",
+              float((np.diff(times) < 0).sum()), (0.0, 1.0),
+              say="The names and the times of the pictures differ in order. The times count: if "
+              "pictures were renamed nothing is wrong, if their times were changed the force at each "
+              "is.")
+    ]  # fmt: skip
 
 
-def _unlike(error: SyncError, table: Table, machine: MachineLog, guess: float | None) -> Check:
+def _unlike(error: OtherMotion, table: Table, machine: MachineLog, guess: float | None) -> Check:
     """Lengths that do not follow the displacement: a unit, or another test."""
-    what = "lengths in the pictures that follow the machine's displacement"
     y = table["length"][table.ok]
     plain = float(np.ptp(y)) / float(np.ptp(machine.displacement))
     for ratio in (plain, *_TRIED):
@@ -129,14 +132,16 @@ def _unlike(error: SyncError, table: Table, machine: MachineLog, guess: float | 
             continue
         slope = ratio * _line(table, scaled, clock)[0]
         units = units_of(slope)
-        remedy = f"which is the ratio of {units}" if units else "and must be 1"
+        remedy = f"which is the ratio of {units}" if units else "but not one to one"
         return Check.about(
             "length in the pictures over displacement of the machine", slope, 1.0, 0.01,
             say=f"They follow each other, {remedy}: check the unit of the displacement in the log's "
-            "header, and of the ruler's pitch or the scale in [photographs].",
+            "header, that of the ruler's pitch or the scale in [photographs], and whether pictures and "
+            "log are of one test.",
         )  # fmt: skip
     return Check(
-        what, 0.0, (1.0, math.inf), (1.0, math.inf),
+        "part of the lengths' variance that the machine's displacement explains", error.explained,
+        (0.9, 1.0), (0.9, 1.0),
         say=f"{error} In no unit do they: the pictures are of another test, or their times are not "
         "those at which they were taken. Give the log and journal of these pictures, and pictures "
         "as the camera wrote them.",
@@ -178,6 +183,11 @@ def _scale(
         cause = f"This is the ratio of {units}: correct the unit of displacement, pitch or scale."
     elif both and abs(slope - 1) > 2 * std and abs(zero - expected) > 2 * rest_std:
         cause = f"Slope and rest length are off alike, {_ruler(slope, photographs.distance)}."
+    elif abs(slope - 1) > _GIVE:
+        cause = (
+            "No frame gives way that much: the pictures and the log are of two tests, or the scale of "
+            "the pictures or the displacement is wrong."
+        )
     else:
         cause = (
             "The machine's frame gives way under load, or its displacement is out of calibration; "
@@ -236,7 +246,7 @@ def _dates(table: Table, clock: Synchronisation, journal: JournalTime | None) ->
         return []
     first = float(np.nanmin(table["time"]))
     ahead = table.time_origin + first - journal.date(float(clock.log_time(np.array(first))))
-    near = abs(ahead - round(ahead / _QUARTER) * _QUARTER) < _CLOCK / 2
+    near = abs(ahead - round(ahead / _ZONE) * _ZONE) < _CLOCK / 2
     zone = near and abs(ahead) < 14.5 * 3600
     cause = "a time zone or summer time" if zone else "a clock that was not set, or another test"
     return [

@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 import famjax
 import fitting
+from famjax.boundary.files import write_all
 from famjax.boundary.origin import Origin
 from famjax.boundary.units import factor, unit_system
 
@@ -42,7 +43,7 @@ def first_run(results: Path, now: Origin) -> Origin:
     """When the folder was first evaluated, and by which command: the date of all its files."""
     path = results / FIRST_RUN
     if not path.exists():
-        path.write_text(json.dumps(now.as_dict()) + "\n", encoding="utf-8")
+        write_all(results, {FIRST_RUN: (json.dumps(now.as_dict()) + "\n").encode()})
     return Origin(**json.loads(path.read_text(encoding="utf-8")))
 
 
