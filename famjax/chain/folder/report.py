@@ -123,6 +123,21 @@ def _unknown(sheet: Sheet, results: Path, names: Sequence[str]) -> list[str]:
             "There is a force map and no record of the test: hysteresis, the pressure that was held, "
             "blocked force and free contraction as measured are not known."
         )
+        if PICTURES in names:
+            said.append(
+                "The photographs have no log beside them: force and pressure at each are not known, "
+                "their clock and scale are not checked, and the shape is taken as one at all pressures."
+            )
+    if sheet.photographs is not None and sheet.photographs.ruler is None:
+        said.append(
+            "There is no photograph of a ruler: the scale of the pictures is as stated, and all "
+            "lengths and diameters are as wrong as it is."
+        )
+    if PICTURES in names and sheet.specimen.bladder_diameter is None:
+        said.append(
+            "The bladder's diameter at rest is not stated: it is taken to fill the braid, and its "
+            "strain is as wrong as that."
+        )
     if sheet.turns is None and PICTURES in names:
         said.append(
             "The turns of the threads were not counted: they are identified from the force."
