@@ -1,4 +1,10 @@
 from .cached_steps import Step as Step, run_steps as run_steps
+from .cross_checks import (
+    Check as Check,
+    checks_table as checks_table,
+    read_checks as read_checks,
+    settle as settle,
+)
 from .evaluation import evaluation_steps as evaluation_steps
 from .report import first_run as first_run, report_step as report_step
 from .sheet import (

@@ -3,9 +3,9 @@
 import dataclasses
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class JournalTime(NamedTuple):
     reference: float
 
     @classmethod
-    def of(cls, date: str, alignment: dict[str, float]) -> "JournalTime":
+    def of(cls, date: str, alignment: Mapping[str, Any]) -> "JournalTime":
         """From the journal's date and what the records' step has written of the clocks."""
         began = datetime.datetime.fromisoformat(date)
         return cls(
@@ -245,7 +245,7 @@ def _dates(table: Table, clock: Synchronisation, journal: JournalTime | None) ->
     if journal is None:
         return []
     first = float(np.nanmin(table["time"]))
-    ahead = table.time_origin + first - journal.date(float(clock.log_time(np.array(first))))
+    ahead = table.time_origin + first - journal.date(float(clock.log_time(np.array([first]))[0]))
     near = abs(ahead - round(ahead / _ZONE) * _ZONE) < _CLOCK / 2
     zone = near and abs(ahead) < 14.5 * 3600
     cause = "a time zone or summer time" if zone else "a clock that was not set, or another test"
