@@ -15,7 +15,7 @@ friction = 0.02
 [rig]
 pressures_psi = [60]
 stroke_mm = 20
-rate_mm_per_s = 10
+rate_mm_per_s = 4
 settle_s = 2
 [camera]
 pictures = 4
