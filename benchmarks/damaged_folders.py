@@ -91,7 +91,7 @@ def judged(damage: Damage, sound: Path, others: Others) -> dict[str, Any]:
 
 def main() -> int:
     """Judge every damage; exit code 1 where one is not told as it must be."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--only", default="")
     parser.add_argument("--json", type=Path)

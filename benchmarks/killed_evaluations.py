@@ -79,7 +79,7 @@ def killed(folder: Path, jobs: int, seconds: float) -> str:
 
 def main() -> int:
     """Kill and compare; exit code 1 where bytes differ."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--kills", type=int, default=10)
     parser.add_argument("--jobs", type=int, default=2)
@@ -98,7 +98,7 @@ def main() -> int:
         hit: list[str] = []
         differing: list[str] = []
         while len(hit) < given.kills:
-            seconds = float(rng.uniform(0.02, 0.4)) * whole
+            seconds = float(rng.uniform(0.02, 0.7)) * whole
             step = killed(folder, given.jobs, seconds)
             if step == "ended":
                 differing += compared(sound, folder)

@@ -166,12 +166,16 @@ _FORMS: dict[str, tuple[Any, Form]] = {
     "muscle": (
         TwinMuscle,
         Form(
-            dict.fromkeys(("coefficients", "deadband"), "pressure")
-            | dict.fromkeys(
-                ("rest_length", "bladder_diameter", "wall_thickness", "braid_thickness"), "length"
-            )
+            {
+                "coefficients": "pressure",
+                "deadband": "pressure",
+                "rest_length": "length",
+                "bladder_diameter": "length",
+                "wall_thickness": "length",
+                "braid_thickness": "length",
+            }
         ),
-    ),
+    ),  # fmt: skip
     "rig": (
         TwinRig,
         Form(

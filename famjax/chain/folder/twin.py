@@ -114,7 +114,6 @@ def _photographs(
     )  # fmt: skip
     size = (camera.rows, round(camera.rows * 1100 / 2650))
     scene = published_scene(0.0, size=size, rest_length=rest)
-    assert scene.muscle is not None
     sensor = dataclasses.replace(
         scene.sensor, full_well=camera.electrons, read_noise=camera.read_noise
     )
@@ -130,6 +129,7 @@ def _photographs(
     (folder / "photographs").mkdir(exist_ok=True)
     # Yarns as fine as the real ones, at every scale: thick ones shift the outline where they cross.
     tape = Tape(diameter=fitting)
+    assert scene.muscle is not None
     body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
     found = {}
     for k, (time, length) in enumerate(zip(times, lengths.tolist(), strict=True)):
