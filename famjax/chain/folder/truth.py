@@ -175,7 +175,7 @@ _FORMS: dict[str, tuple[Any, Form]] = {
                 "braid_thickness": "length",
             }
         ),
-    ),  # fmt: skip
+    ),
     "rig": (
         TwinRig,
         Form(
