@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 
 import famjax
@@ -140,7 +141,8 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     numbers = json.dumps(content, indent=1, allow_nan=False)
     (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
     picture = plot_characterisation(found, system)
-    picture.savefig(place / "characterisation.svg", metadata={"Date": None})
+    with mpl.rc_context({"svg.hashsalt": "famjax"}):  # the same names of its parts every time
+        picture.savefig(place / "characterisation.svg", metadata={"Date": None})
     settle(record_checks(sheet, journal, found), place)
 
 
