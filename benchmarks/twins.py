@@ -2,10 +2,11 @@
 
 `python benchmarks/twins.py --seeds 20 --size small --json FILE`. Each twin is made in a folder of its
 own and evaluated by `famjax characterise`, as a person would; then its results are held against
-`truth.json`.
+`truth.toml`.
 """
 
 import argparse
+import csv
 import json
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import numpy as np
 
 import famjax
 import fitting
-from famjax.chain.folder import TwinMuscle, read_sheet
+from famjax.chain.folder import TRUE_LENGTHS, TRUTH, drawn_truth, read_sheet, read_truth
 from fitting.shapes import Pictures
 
 INCH, PSI = 0.0254, 6894.757293168361
@@ -45,11 +46,9 @@ def evaluated(seed: int, size: str, folder: Path) -> float:
 
 def compared(folder: Path, size: str) -> dict[str, Any]:
     """A twin's results against its truth."""
-    truth = json.loads((folder / "truth.json").read_text())
+    truth = read_truth(folder / TRUTH, drawn_truth(0, "small", flawed=True)).muscle
     results = folder / "results"
-    true = TwinMuscle(
-        tuple(truth["coefficients"]), truth["deadband"], truth["turns"], truth["friction"]
-    ).muscle()
+    true = truth.muscle()
     known: Any = true.geometry
     found = json.loads((results / "measured" / "figures.json").read_text())
     saved = fitting.load_fit(results / "measured" / "fit.json")
@@ -60,7 +59,9 @@ def compared(folder: Path, size: str) -> dict[str, Any]:
     shape = np.asarray(known.family.diameter(x, surface.lengths[:, None], 0.0))
     error = surface.diameters[0] - shape
     pictures = Pictures.of(results / "pictures" / "measurements.nc")
-    lengths = np.array([truth["lengths_m"][Path(name).name] for name in pictures.names])
+    with (folder / TRUE_LENGTHS).open(encoding="utf-8", newline="") as file:
+        known_lengths = {row["picture"]: float(row["length_m"]) for row in csv.DictReader(file)}
+    lengths = np.array([known_lengths[Path(name).name] for name in pictures.names])
     strain = np.linspace(0.0, _largest_strain(true, surface.lengths), 200)
     stress, truly = (np.asarray(law(one).stress(strain)) for one in (saved.muscle, true))
     data = fitting.read_csv(results / "records" / "dataset.csv", {})
@@ -75,9 +76,7 @@ def compared(folder: Path, size: str) -> dict[str, Any]:
         for key in ("low_95_N", "high_95_N")
     )
     names = ["E_1", "E_2", "E_3", "deadband_pressure", "turns"]
-    values = dict(
-        zip(names, [*truth["coefficients"], truth["deadband"], truth["turns"]], strict=True)
-    )
+    values = dict(zip(names, [*truth.coefficients, truth.deadband, truth.turns], strict=True))
     off = {
         name: (found["values"][name] - value) / found["std"][name] for name, value in values.items()
     }

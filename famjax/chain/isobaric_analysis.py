@@ -2,9 +2,11 @@
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from famjax.boundary.errors import InputError
 from fitting.records import (
     Alignment,
     Characterisation,
@@ -20,6 +22,23 @@ from rig.errors import RigError
 from rig.journal import Record, table
 from rig.protocol import TICK_HZ
 
+_APART = 3.0  # times, by which two records of one test do not differ in duration
+_STRETCH = 0.05  # of the rest length, by which a muscle may be stretched
+
+
+class Loads(NamedTuple):
+    """The load of the journal as gain x load of the log + zero, at the same times.
+
+    Attributes:
+        gain: [-].
+        zero: [N].
+        scatter: root mean square of what is left, over the range of the journal's load [-].
+    """
+
+    gain: float
+    zero: float
+    scatter: float
+
 
 @dataclasses.dataclass(frozen=True)
 class Analysis:
@@ -29,11 +48,13 @@ class Analysis:
         alignment: of the machine's clock to the journal's.
         record: the test on one clock.
         characterisation: curves and figures.
+        loads: of both against each other.
     """
 
     alignment: Alignment
     record: IsobaricRecord
     characterisation: Characterisation
+    loads: Loads
 
 
 def analyse(
@@ -85,8 +106,7 @@ def analyse(
     time = time[rising]
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
     if sync_column is None:
-        sign = -1.0 if pushing_positive else 1.0
-        alignment = align_by_load(time, force, log.time, sign * log.channel("force"), near=near)
+        alignment = _by_load(time, force, log, near, pushing_positive=pushing_positive)
     else:
         if sync_column not in log.others:
             raise RigError(f"the log has no column {sync_column!r}; it has {', '.join(log.others)}")
@@ -106,7 +126,69 @@ def analyse(
         zero_displacement=zero_displacement,
         pushing_positive=pushing_positive,
     )
-    return Analysis(alignment, record, characterise(record, skip_cycles=skip_cycles))
+    over, under = record.length.max() - rest_length, rest_length - record.length.min()
+    if over > max(under, _STRETCH * rest_length):
+        raise InputError(
+            f"{log.source}: the machine would have stretched the muscle, from {record.length.min():.5g} "
+            f"to {record.length.max():.5g} m with a rest length of {rest_length:.5g} m, and a stroke "
+            f"shortens it: shortening_positive must be {str(not shortening_positive).lower()}, or check "
+            "zero_displacement and the rest length"
+        )
+    return Analysis(
+        alignment,
+        record,
+        characterise(record, skip_cycles=skip_cycles),
+        _loads(time, force, record),
+    )
+
+
+def _by_load(
+    time: np.ndarray,
+    force: np.ndarray,
+    log: MachineLog,
+    near: tuple[float, float] | None,
+    *,
+    pushing_positive: bool,
+) -> Alignment:
+    """The clocks by the load; where the loads disagree, the column of the log that does agree is named."""
+    sign = -1.0 if pushing_positive else 1.0
+    load = sign * log.channel("force")
+    try:
+        return align_by_load(time, force, log.time, load, near=near)
+    except InputError as error:
+        others = {"the force with the opposite sign": -load, "the displacement": log.displacement,
+                  "the displacement with the opposite sign": -log.displacement}  # fmt: skip
+        others |= {
+            f"{s}{name}": (-1.0 if s else 1.0) * values
+            for name, values in log.others.items() for s in ("", "the negative of ")
+            if np.isfinite(values).all()
+        }  # fmt: skip
+        for name, values in others.items():
+            try:
+                align_by_load(time, force, log.time, values, near=near)
+            except InputError:
+                continue
+            remedy = (
+                f"pushing_positive must be {str(not pushing_positive).lower()}"
+                if values is others["the force with the opposite sign"]
+                else "are columns swapped or wrongly named?"
+            )
+            raise InputError(
+                f"{log.source}: the load of the journal does not agree with the log's force but with "
+                f"{name}: {remedy}"
+            ) from None
+        ours, theirs = (float(t[-1] - t[0]) for t in (time, log.time))
+        much = f". The journal covers {ours:.4g} s and the log {theirs:.4g} s: check the unit of its time"
+        apart = max(ours, theirs) > _APART * min(ours, theirs)
+        raise InputError(f"{log.source}: {error}{much if apart else ''}") from None
+
+
+def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads:
+    """The journal's load against the log's, at the rows of the record."""
+    ours = np.interp(record.time, time, force)
+    gain, zero = np.polyfit(record.force, ours, 1)
+    left = ours - gain * record.force - zero
+    return Loads(float(gain), float(zero), float(np.sqrt(np.mean(left**2)) / np.ptp(ours)))
 
 
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:

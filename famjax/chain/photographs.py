@@ -107,14 +107,29 @@ def measure_pictures(
     return Outcome(merged, files, complete)
 
 
-def _merged(table: Table, machine: MachineLog, guess: float | None) -> Table:
-    """The table with the log, or a note why the clocks could not be brought together."""
+def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Synchronisation:
+    """The camera's clock against the machine's, by the motion that both have seen.
+
+    Args:
+        table: of the pictures.
+        machine: its log.
+        guess: what the machine's clock is ahead of the first picture [s], within 10 s; None if nothing
+            is known of it.
+
+    Raises:
+        SyncError: as `synchronise`.
+    """
     # Of the errors of length that of the scale does not count, which is common to all.
     known = np.nan_to_num(table["contraction_stderr"]) * table.rest_length
     stderr = float(np.median(known[table.ok])) if table.ok.any() else 0.0
     near = {} if guess is None else {"window": _NEAR, "guess": guess}
+    return synchronise(table["time"], table["length"], machine, length_stderr=stderr, **near)
+
+
+def _merged(table: Table, machine: MachineLog, guess: float | None) -> Table:
+    """The table with the log, or a note why the clocks could not be brought together."""
     try:
-        clock = synchronise(table["time"], table["length"], machine, length_stderr=stderr, **near)
+        clock = camera_clock(table, machine, guess)
     except SyncError as error:
         note = f"There is no force: SyncError: {error}"
         return dataclasses.replace(table, notes=(*table.notes, note))

@@ -1,6 +1,7 @@
 """A whole test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
 
 import dataclasses
+import datetime
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -82,6 +83,7 @@ def simulate(
     device: Device | NativeDevice | None = None,
     baud: int = 115200,
     seed: int = 0,
+    began: datetime.datetime | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SimulatedTest:
     """Carry out a test against a simulated rig, in virtual time, and analyse its files.
@@ -99,6 +101,7 @@ def simulate(
         device: as for `SimulatedRig`, just switched on.
         baud: as for `SimulatedRig`.
         seed: of all noise.
+        began: date of the test; now if None.
         progress: called with the seconds done and the seconds planned.
 
     Returns:
@@ -131,7 +134,7 @@ def simulate(
     )
     record_test(
         test, VirtualLink(rig), rig.calibration(), paths[0], machine=machine,
-        attendant=None if progress is None else Watcher(progress),
+        attendant=None if progress is None else Watcher(progress), began=began,
     )  # fmt: skip
     machine.write_log(paths[1])
     found = analyse(

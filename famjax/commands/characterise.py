@@ -52,8 +52,11 @@ def characterise(
     What lies in the folder says its `characterisation.toml`; `famjax new` writes one. A step that
     was done with the same files and options is not done again, and stopped work goes on.
 
-    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`, whose figures
-    are in `report/figures` as SVG, PDF and CSV. Exit code 3 when some pictures could not be
+    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. What two sources
+    say of one thing is compared, such as the length in the pictures and the machine's displacement:
+    where they contradict each other the work stops, and what is doubtful or not known is said here
+    and in the report.
+    Its figures are in `report/figures` as SVG, PDF and CSV. Exit code 3 when some pictures could not be
     measured: they are in the table with the reason.
 
     Parameters
@@ -108,10 +111,11 @@ def twin(
     seed: Seed = 0,
     size: Literal["small", "large"] = "small",
     flawed: bool = True,
+    truth: Path | None = None,
 ) -> int:
     """Make a characterisation folder of a known muscle, with the simulated rig and camera.
 
-    To try `famjax characterise` without a laboratory, and to see how near it comes: `truth.json`
+    To try `famjax characterise` without a laboratory, and to see how near it comes: `truth.toml`
     holds what the folder was made from. With noise, jitter of the shutter and drift of the clocks.
 
     Parameters
@@ -124,6 +128,9 @@ def twin(
         small: three pressures, 36 pictures; large: ten pressures, three cycles, 200 pictures.
     flawed
         Damage a picture, and take a second out of the machine's log.
+    truth
+        A file like the `truth.toml` of a twin, edited: muscle, rig and camera. What it does not say
+        is drawn by the seed.
     """
     load_fitting()
     from famjax.boundary.files import check_output
@@ -133,7 +140,7 @@ def twin(
     with progress_bar() as progress:
         task = progress.add_task("simulating the test", total=None)
         write_twin(
-            folder, seed=seed, size=size, flawed=flawed,
+            folder, seed=seed, size=size, flawed=flawed, truth=truth,
             progress=lambda what, done, total: progress.update(
                 task, description=what, completed=done, total=total
             ),

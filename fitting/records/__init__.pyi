@@ -13,6 +13,7 @@ from .dataset import dataset_text as dataset_text, write_dataset as write_datase
 from .isobaric_record import IsobaricRecord as IsobaricRecord, combine as combine
 from .machine_log import Gap as Gap, MachineLog as MachineLog, read_machine_log as read_machine_log
 from .motion_match import (
+    OtherMotion as OtherMotion,
     SyncError as SyncError,
     Synchronisation as Synchronisation,
     synchronise as synchronise,

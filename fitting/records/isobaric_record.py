@@ -54,8 +54,9 @@ class IsobaricRecord:
             raise InputError("the time of a record must rise")
         if np.any(self.length <= 0):
             raise InputError(
-                f"active lengths must be positive, the least is {self.length.min():.5g} m: check "
-                "rest_length and the sign of the displacement"
+                f"active lengths must be positive, but they would be {self.length.min():.5g} to "
+                f"{self.length.max():.5g} m with a rest length of {self.rest_length:.5g} m: check "
+                "the unit of the displacement, its sign, and rest_length"
             )
         if not self.rest_length > 0:
             raise InputError(f"rest_length must be positive, got {self.rest_length} m")

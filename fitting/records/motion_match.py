@@ -22,6 +22,18 @@ class SyncError(InputError):
         super().__init__(f"{path}: {message}")
 
 
+class OtherMotion(SyncError):  # noqa: N818 - says what was found
+    """The lengths do not follow the displacement: they are of two tests, or a unit is wrong.
+
+    Attributes:
+        explained: part of the lengths' variance that the displacement explains.
+    """
+
+    def __init__(self, message: str, *, path: str, explained: float) -> None:
+        super().__init__(message, path=path)
+        self.explained = explained
+
+
 @dataclass(frozen=True)
 class Synchronisation:
     """The machine's time of pictures, log_time = t + offset + (rate - 1)(t - reference).
@@ -164,13 +176,14 @@ def _checked(
     residual = y - fit.length_at_zero - fit.sense * x
     explained = 1 - np.sum(residual**2) / max(variation(y), np.finfo(float).tiny) if len(t) else 0.0
     if len(t) < _FEWEST or explained < _EXPLAINED:
-        raise SyncError(
+        raise OtherMotion(
             f"the lengths do not follow the displacement: at the best offset {fit.offset:.4g} s it "
             f"explains {max(explained, 0):.0%} of their variance in {len(t)} pictures, and must "
             f"explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths change by "
             f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} "
             "m: is this the log of these pictures, and its unit right?",
             path=log.source,
+            explained=max(float(explained), 0.0),
         )
     speed = _speed(at, t, log)
     J = fit.sense * np.stack([speed, speed * lever, np.full_like(x, fit.sense)], axis=1)

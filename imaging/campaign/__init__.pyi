@@ -1,6 +1,6 @@
 from .check_pictures import choose as choose, write_check_pictures as write_check_pictures
 from .columns import column_name as column_name
-from .finished import CampaignChanged as CampaignChanged
+from .finished import PARTS as PARTS, CampaignChanged as CampaignChanged
 from .picture_files import expand as expand
 from .plots import plot_table as plot_table
 from .row import POSITION as POSITION, Row as Row, measured_rows as measured_rows

@@ -17,6 +17,8 @@ from typing import Any
 from ..errors import ImagingError
 from .row import Row, file_facts
 
+PARTS = "parts"
+"""Folder of the finished rows in that of a campaign."""
 _FORMAT = "famjax measure 2"
 
 
@@ -112,6 +114,29 @@ class Finished:
             file.write(b"".join(_line(json.dumps(entry).encode()) for entry in entries))
             file.flush()
             os.fsync(file.fileno())
+
+    def settle(self, paths: Iterable[str]) -> None:
+        """Put the rows of a campaign that is done into the order of its paths, others behind them.
+
+        The file then does not depend on which process was faster, or on when the campaign was stopped.
+        """
+        if self.folder is None:
+            return
+        with self._on_disk("written"):
+            self._begun.unlink(missing_ok=True)
+            head, *rows = _read(self._file)
+            place = {_key(path): k for k, path in enumerate(paths)}
+            latest = {row["path"]: row for row in rows}
+            ordered = sorted(latest.values(), key=lambda row: place.get(row["path"], len(place)))
+            if ordered != rows:
+                unfinished = self._file.with_suffix(".unfinished")
+                with unfinished.open("wb") as file:
+                    file.write(
+                        b"".join(_line(json.dumps(row).encode()) for row in (head, *ordered))
+                    )
+                    file.flush()
+                    os.fsync(file.fileno())
+                unfinished.replace(self._file)
 
     @contextlib.contextmanager
     def _on_disk(self, what: str) -> Iterator[None]:

@@ -14,7 +14,7 @@ from ..camera.orientation import shown_size
 from ..errors import ImagingError, MixedSizes
 from ..recipe import Recipe
 from ..shape.recipe_file import recipe_as_dict, recipe_text
-from .finished import Finished, some_of
+from .finished import PARTS, Finished, some_of
 from .row import Row, measured_rows
 from .table import Table
 from .workers import Rows, Work, dead_row, in_executor, in_processes
@@ -76,7 +76,7 @@ def process(
         raise ImagingError(f"at least one worker is needed, got {workers}")
     version = importlib.metadata.version("famjax")
     settings = {"version": version, "recipe": recipe_as_dict(recipe)}
-    finished = Finished(None if output is None else Path(output) / "parts", settings, resume=resume)
+    finished = Finished(None if output is None else Path(output) / PARTS, settings, resume=resume)
     rows = finished.rows_of(names)
     missing = [name for name in names if name not in rows]
     work = functools.partial(measured_rows, recipe=recipe, reader=reader)
@@ -112,6 +112,8 @@ def process(
         raise
     if lost:
         record([dead_row(path, "its executor broke; run again to measure it") for path in lost])
+    if all(name in rows for name in names):
+        finished.settle(names)
     return Table.from_rows(
         [rows[name] for name in names],
         scale_relative_stderr=recipe.scale.relative_stderr,

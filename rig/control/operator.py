@@ -1,5 +1,6 @@
 """A test on a port from start to end, recorded; what ports there are."""
 
+import datetime
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -142,6 +143,7 @@ def record_test(
     attendant: Attendant | None = None,
     start: Start = "at once",
     camera: Callable[[str], None] | None = None,
+    began: datetime.datetime | None = None,
 ) -> None:
     """Carry out a test over a link, real or virtual, and record it.
 
@@ -159,6 +161,7 @@ def record_test(
         attendant: as for `run`.
         start: as for `run`.
         camera: called with a name to take a photograph, or None.
+        began: date of a simulated test; now if None.
 
     Raises:
         RigError: as `Journal`, `Rig` and `run`.
@@ -168,7 +171,9 @@ def record_test(
     planned = duration(test.plan, first_block)
     empty = False
     try:
-        with Journal(path, lambda: link.now, append=append, plan_seconds=planned) as journal:
+        with Journal(
+            path, lambda: link.now, append=append, plan_seconds=planned, began=began
+        ) as journal:
             empty = not append
             if meta:
                 journal.note("meta", entries=dict(meta))

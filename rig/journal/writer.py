@@ -44,6 +44,7 @@ class Journal:
         append: continue an existing journal.
         plan_seconds: expected duration [s]; the disk must have room for three times its records.
         reserve_bytes: free space at which `check` raises.
+        began: date of the recording, of a simulated one; now if None.
         sync_period: seconds between two syncs.
         sync: brings a file descriptor's data to the disk.
 
@@ -60,6 +61,7 @@ class Journal:
         append: bool = False,
         plan_seconds: float = 0.0,
         reserve_bytes: int = RESERVE_BYTES,
+        began: datetime.datetime | None = None,
         sync_period: float = 1.0,
         sync: Callable[[int], None] = _sync_data,
     ) -> None:
@@ -80,8 +82,8 @@ class Journal:
         self._syncer = threading.Thread(target=self._keep_synced, name="journal sync", daemon=True)
         self._writer.start()
         self._syncer.start()
-        wall = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
-        self.note("journal", format=FORMAT, wall=wall)
+        began = began or datetime.datetime.now(datetime.UTC)
+        self.note("journal", format=FORMAT, wall=began.isoformat(timespec="milliseconds"))
 
     def __enter__(self) -> Self:
         return self

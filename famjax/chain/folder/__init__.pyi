@@ -1,4 +1,10 @@
 from .cached_steps import Step as Step, run_steps as run_steps
+from .cross_checks import (
+    Check as Check,
+    checks_table as checks_table,
+    read_checks as read_checks,
+    settle as settle,
+)
 from .evaluation import evaluation_steps as evaluation_steps
 from .report import first_run as first_run, report_step as report_step
 from .sheet import (
@@ -8,4 +14,11 @@ from .sheet import (
     Sheet as Sheet,
     read_sheet as read_sheet,
 )
-from .twin import TwinMuscle as TwinMuscle, write_twin as write_twin
+from .truth import (
+    TRUTH as TRUTH,
+    Truth as Truth,
+    TwinMuscle as TwinMuscle,
+    drawn_truth as drawn_truth,
+    read_truth as read_truth,
+)
+from .twin import TRUE_LENGTHS as TRUE_LENGTHS, write_twin as write_twin

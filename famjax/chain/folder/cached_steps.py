@@ -23,7 +23,8 @@ class Step:
         options: that it depends on, of types that JSON knows.
         after: names of the steps whose files it reads.
         run: makes its files in the folder that it is given.
-        resumes: it goes on with what a stopped run left in its folder.
+        resumes: names in its folder of what it goes on with after it was stopped.
+        says: lines on what is in its folder, told whenever it is done or was done before.
     """
 
     name: str
@@ -31,7 +32,8 @@ class Step:
     options: Mapping[str, object]
     after: Sequence[str]
     run: Callable[[Path], None]
-    resumes: bool = False
+    resumes: Sequence[str] = ()
+    says: Callable[[Path], Sequence[str]] = lambda _: ()
 
 
 def run_steps(
@@ -70,6 +72,7 @@ def run_steps(
         if done and step.name not in force:
             if chosen:
                 tell(f"{step.name}: as before")
+                _say(step, place, tell)
             continue
         if not chosen:
             needed = any(step.name in other.after for other in steps if other.name in only)
@@ -80,19 +83,31 @@ def run_steps(
             continue
         tell(f"{step.name} ...")
         (place / MARK).unlink(missing_ok=True)
-        if place.exists() and not (step.resumes and step.name not in force):
-            shutil.rmtree(place)
         place.mkdir(parents=True, exist_ok=True)
+        _clear(place, () if step.name in force else step.resumes)
         step.run(place)
         held = {path.relative_to(place).as_posix(): digest(path) for path in _files(place)}
         mark = json.dumps({"key": key, "files": held}, indent=1, sort_keys=True)
         (place / MARK).write_text(mark + "\n", encoding="utf-8")
+        _say(step, place, tell)
 
 
 def digest(path: Path) -> str:
     """The SHA-256 of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _clear(place: Path, kept: Sequence[str]) -> None:
+    """Remove what a step left in its folder, but for the names that are kept."""
+    for path in place.iterdir():
+        if path.name not in kept:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _say(step: Step, place: Path, tell: Callable[[str], None]) -> None:
+    for line in step.says(place):
+        tell(line)
 
 
 def _key(step: Step, keys: Mapping[str, str]) -> str:

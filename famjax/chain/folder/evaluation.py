@@ -17,13 +17,17 @@ from fitting.evidence import Evidence, Move, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.saved import pdf_file, svg_file, write_fit
+from imaging.campaign import PARTS, CampaignChanged
 from rig.journal import read_journal
 
 from ..isobaric_analysis import analyse
 from ..isobaric_figures import branches_csv, figures
 from ..isobaric_pictures import plot_characterisation
-from ..photographs import measure_pictures
+from ..photographs import Outcome, measure_pictures
 from .cached_steps import Step
+from .cross_checks import settle, warnings_of
+from .picture_checks import JournalTime, picture_checks
+from .record_checks import record_checks, specimen_checks
 from .sheet import RESULTS, Photographs, Sheet
 
 RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
@@ -61,7 +65,9 @@ def evaluation_steps(
         InputError: a file that the sheet names is not there.
     """
     records = sheet.records
-    about = {"specimen": dict(sheet.entries), "system": system}
+    about = {
+        "specimen": dict(sheet.entries), "system": system, "errors": dataclasses.asdict(sheet.errors),
+    }  # fmt: skip
     inputs = [
         sheet.path(name)
         for name in (records.journal, records.machine_log, records.force_map)
@@ -69,19 +75,23 @@ def evaluation_steps(
     ]
     steps = [
         Step(RECORDS, inputs, {**about, **dataclasses.asdict(records)}, (),
-             lambda place: _force(sheet, place, system)),
+             lambda place: _force(sheet, place, system), says=warnings_of),
     ]  # fmt: skip
     names = [CYLINDER, ELASTIC]
     photographs = sheet.photographs
     if photographs is not None:
+        for name in (photographs.ruler, photographs.recipe):
+            if name is not None:
+                sheet.path(name)
         recipe, provenance = recipes(photographs, sheet.folder)
         shown = shown_pictures(sheet, photographs)
         given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
         steps += [
             Step(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
-                 {"recipe": repr(recipe), **given, **dataclasses.asdict(photographs)}, (),
+                 {"recipe": repr(recipe), **given, **dataclasses.asdict(photographs), **about},
+                 (RECORDS,),
                  lambda place: _measure(sheet, photographs, recipe, provenance, jobs, place, system),
-                 resumes=True),
+                 resumes=(PARTS,), says=warnings_of),
             Step(SHAPE, [], about, (PICTURES,), lambda place: _shape(sheet, place)),
         ]  # fmt: skip
         names += [AVERAGE, MEASURED, WORK]
@@ -111,12 +121,14 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
         known = dataclasses.asdict(sheet.specimen)
         data = fitting.read_csv(sheet.path(records.force_map), known)
         fitting.write_csv(data, place / FORCE_MAP)
+        settle(specimen_checks(data.specimen), place)
         return
     assert records.journal is not None
     assert records.machine_log is not None
     rest = sheet.specimen.rest_length
+    journal = read_journal(sheet.path(records.journal))
     found = analyse(
-        read_journal(sheet.path(records.journal)),
+        journal,
         read_machine_log(sheet.path(records.machine_log)),
         rest_length=rest,
         sync_column=records.sync_column,
@@ -128,12 +140,15 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     )
     entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
     write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
-    numbers = json.dumps(figures(found), indent=1, allow_nan=False)
+    dates = [note["wall"] for note in journal.notes_of("journal")]
+    content = {**figures(found), "dates": dates}
+    numbers = json.dumps(content, indent=1, allow_nan=False)
     (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
     picture = plot_characterisation(found, system)
     (place / "characterisation.svg").write_text(svg_file(picture), encoding="utf-8")
     (place / "characterisation.pdf").write_bytes(pdf_file(picture))
     (place / "branches.csv").write_text(branches_csv(found.characterisation), encoding="utf-8")
+    settle(record_checks(sheet, journal, found), place)
 
 
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
@@ -155,23 +170,47 @@ def _measure(
     system: str,
 ) -> None:
     log, offset = sheet.records.machine_log, photographs.log_offset
-    outcome = measure_pictures(
-        [str(sheet.folder / photographs.pictures)],
-        recipe=recipe,
-        provenance=dict(provenance),
-        log=None if log is None else sheet.path(log),
-        log_offset=None if offset is None else f"{offset}s",
-        rest_length=f"{sheet.specimen.rest_length!r}m",
-        workers=jobs,
-        system=system,
-        output=place,
-    )
+
+    def measured(*, resume: bool) -> Outcome:
+        return measure_pictures(
+            [str(sheet.folder / photographs.pictures)],
+            recipe=recipe,
+            provenance=dict(provenance),
+            log=None if log is None else sheet.path(log),
+            log_offset=None if offset is None else f"{offset}s",
+            rest_length=f"{sheet.specimen.rest_length!r}m",
+            workers=jobs,
+            system=system,
+            output=place,
+            resume=resume,
+        )
+
+    try:
+        outcome = measured(resume=True)
+    except CampaignChanged:  # the sheet or a picture was changed: what was measured is void
+        outcome = measured(resume=False)
     if not outcome.table.ok.any():
         reasons = "; ".join(sorted({error.partition(":")[0] for error in outcome.table.error}))
         raise InputError(
             f"no picture of {photographs.pictures} could be measured ({reasons}): see "
             f"{place / 'measurements.csv'}, or leave [photographs] out"
         )
+    machine = None if log is None else read_machine_log(sheet.path(log))
+    checks = picture_checks(
+        sheet, photographs, outcome.table, machine, _journal_time(sheet), read_map(sheet).length
+    )
+    settle(checks, place)
+
+
+def _journal_time(sheet: Sheet) -> JournalTime | None:
+    """The date of the test, where there is one journal of one recording."""
+    path = _results(sheet) / RECORDS / "characterisation.json"
+    if not path.exists():
+        return None
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if len(content["dates"]) != 1:
+        return None
+    return JournalTime.of(content["dates"][0], content["alignment"])
 
 
 def _shape(sheet: Sheet, place: Path) -> None:

@@ -49,7 +49,8 @@ ruler_placement_mm = 0.25         # standard error of its distance from the plan
 # tone = "srgb"                   # the camera's curve, where it is known; it is in the errors unless given
 # log_offset_s = 12.0             # what the log is ahead of the first picture, where strokes repeat
 
-[errors]                          # standard errors that all readings share, which no scatter shows
+[errors]                          # standard errors that all readings share, which no scatter shows; what
+                                  # sources say of one thing is compared by them
 rest_length_mm = 0.2              # of the active length, by a ruler
 wall_thickness_mm = 0.02          # of the bladder, by a caliper; E_n go with it
 bladder_diameter_mm = 0.1
@@ -122,6 +123,11 @@ class Fit:
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker"
     starts: int = 16
     seed: int = 0
+
+
+ASSUMED = SharedErrors(rest_length=0.5e-3, shortening=0.003, force_reading=0.02)
+"""Standard errors by which sources are compared where the sheet states none: of the rest length, of the
+machine's displacement with what its frame gives way, of either load cell."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,16 +1,15 @@
 """A twin: a characterisation folder of a muscle that is known, made by the simulated rig and camera."""
 
+import csv
 import dataclasses
 import datetime
-import json
-from collections.abc import Callable
+import io
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-import jax.numpy as jnp
 import numpy as np
 
-import famjax
 from famjax.boundary.errors import InputError
 from famjax.units import INCH, PSI
 from rig.control import Control, Isobaric, PlanFile
@@ -18,81 +17,16 @@ from rig.simulation import MachineClock
 
 from ..simulation import LOG, simulate, simulated_muscle
 from .sheet import SHEET
+from .truth import MOST, TRUTH, Truth, TwinMuscle, drawn_truth, read_truth, truth_text
 
-TRUTH = "truth.json"
-"""What a twin is made from; no step of an evaluation reads it."""
+TRUE_LENGTHS = "truth-lengths.csv"
+"""The true length in every picture; no step of an evaluation reads it."""
 
-_STATIONS, _CONTRACTIONS = 201, 29
-_REST, _MOST = 9.28125 * INCH, 0.345  # the profiles are known up to 0.35
-_FITTING = 0.875 * INCH  # diameter of fittings and tapes
 _STRANDS = 36  # of the reference work's braid
-_START = datetime.datetime(2021, 3, 1, 10, 0, 0)
+_BEGAN = datetime.datetime(2021, 3, 1, 10, 0, 0, tzinfo=datetime.UTC)
+_LOG_INTERVAL = 0.02  # s, of the simulated machine
 
-
-class Size(NamedTuple):
-    """How large a twin is: set pressures [psi], cycles, stroke [in], rate [in/s], pictures, their rows."""
-
-    pressures: tuple[float, ...]
-    cycles: int
-    stroke: float
-    rate: float
-    pictures: int
-    rows: int
-
-
-SIZES: dict[str, Size] = {
-    "small": Size((40.0, 70.0, 100.0), 1, 2.4, 0.1, 36, 900),
-    "large": Size(tuple(range(10, 101, 10)), 3, 3.1, 0.1, 200, 1200),
-}
-
-
-@dataclasses.dataclass(frozen=True)
-class TwinMuscle:
-    """A muscle drawn about the reference work's 7/8 in one.
-
-    Attributes:
-        coefficients: E_1 to E_3 of the law [Pa].
-        deadband: P_d [Pa].
-        turns: of one thread.
-        friction: part of the force by which the branches differ from their mean.
-    """
-
-    coefficients: tuple[float, float, float]
-    deadband: float
-    turns: float
-    friction: float = 0.01
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> "TwinMuscle":
-        """Within a tenth of the reference work's, stable."""
-        scale = 1 + rng.uniform(-0.1, 0.1, 3)
-        law = np.array([257.8, -57.9, 32.7]) * PSI * scale
-        return cls(
-            (float(law[0]), float(law[1]), float(law[2])),
-            float(rng.uniform(2e3, 12e3)),
-            float(1.09 * (1 + rng.uniform(-0.02, 0.02))),
-        )
-
-    def muscle(self) -> famjax.Muscle:
-        """As a model: the shape that the camera sees, and the law."""
-        from imaging.synthetic import stroke_shape  # noqa: PLC0415 -- where a twin is made
-
-        x, c = np.linspace(0, 1, _STATIONS), np.linspace(0.0, 0.35, _CONTRACTIONS)
-        shapes = np.stack([np.asarray(stroke_shape(float(one), _FITTING)(x)) for one in c])
-        braid = famjax.Braid(9.89 * INCH, self.turns, 0.011 * INCH)
-        surface = famjax.profiles.SampledSurface(
-            lengths=_REST * (1 - c),
-            pressures=[0.0],
-            diameters=shapes[None],
-            braid=braid,
-            margin=0.0,
-        )
-        geometry = famjax.MeasuredGeometry(
-            surface, famjax.Bladder(_REST, 0.875 * INCH, 0.0625 * INCH)
-        )
-        return famjax.Muscle(
-            geometry, famjax.PolynomialMaterial(jnp.array(self.coefficients)), self.deadband
-        )
+_Show = Callable[[str, float, float], None]
 
 
 def write_twin(
@@ -101,66 +35,71 @@ def write_twin(
     seed: int = 0,
     size: Literal["small", "large"] = "small",
     flawed: bool = True,
-    progress: Callable[[str, float, float], None] | None = None,
+    truth: Path | None = None,
+    progress: _Show | None = None,
 ) -> TwinMuscle:
     """Make a characterisation folder of a known muscle.
 
     A test on the simulated rig in air, photographs of it by a camera with a clock of its own, a
-    ruler, the sheet, and `truth.json`. With noise everywhere, a shutter that jitters, clocks that
-    drift and, if it is to be flawed, a damaged picture and a second that the log lacks.
+    ruler, the sheet, and the truth. With noise everywhere, a shutter that jitters, clocks that
+    drift and, if it is to be flawed, a damaged picture and a second that the log lacks. The same
+    arguments make the same bytes.
 
     Args:
         folder: must not hold a sheet.
         seed: of the muscle and of all noise.
         size: small, for a try in minutes, or large, of ten pressures and two hundred pictures.
         flawed: whether a picture and the log are damaged.
+        truth: a file as the twin's own `truth.toml`; what it does not say is drawn.
         progress: called with what is made, what is done and what there is to do.
 
     Returns:
         The true muscle.
 
     Raises:
-        InputError: the folder has a sheet.
+        InputError: the folder has a sheet, or what is wrong with the truth.
     """
     if (folder / SHEET).exists():
         raise InputError(f"{folder} has a {SHEET}: give a new folder for the twin")
     show = progress or (lambda *_: None)
-    rng = np.random.default_rng(seed)
-    true, scope = TwinMuscle.drawn(rng), SIZES[size]
+    made_of = drawn_truth(seed, size, flawed=flawed)
+    if truth is not None:
+        made_of = read_truth(truth, made_of)
     folder.mkdir(parents=True, exist_ok=True)
-    plan = Isobaric(
-        tuple(P * PSI for P in scope.pressures), scope.cycles, scope.stroke * INCH,
-        scope.rate * INCH, settle=6.0,
+    rng = np.random.default_rng((seed, 1))
+    record = _test(folder, made_of, seed, show)
+    lengths = _photographs(folder, record, made_of, rng, seed, show)
+    _flaw(folder, made_of, rng)
+    (folder / SHEET).write_text(_sheet(made_of.muscle, seed), encoding="utf-8")
+    again = f"famjax twin OTHER --seed {seed} --size {size} --truth {TRUTH}"
+    (folder / TRUTH).write_text(truth_text(made_of, seed, again), encoding="utf-8")
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows([("picture", "length_m"), *lengths.items()])
+    (folder / TRUE_LENGTHS).write_text(table.getvalue(), encoding="utf-8")
+    return made_of.muscle
+
+
+def _test(folder: Path, truth: Truth, seed: int, show: _Show) -> Any:
+    """Journal and log of the test; its record, which the evaluation makes anew."""
+    muscle, rig = truth.muscle, truth.rig
+    plan = Isobaric(rig.pressures, rig.cycles, rig.stroke, rig.rate, settle=rig.settle)
+    limit = max(115 * PSI, 1.15 * max(rig.pressures))
+    held = simulated_muscle(
+        [muscle.muscle()], shortest=muscle.rest_length * (1 - MOST + 0.005),
+        friction=muscle.friction,
     )  # fmt: skip
-    test = PlanFile(plan, "air", 115 * PSI, Control.per_psi(4, 2))
-    clock = MachineClock(float(rng.uniform(-20, 20)), float(rng.uniform(-60e-6, 60e-6)))
-    muscle = simulated_muscle([true.muscle()], shortest=_REST * (1 - _MOST), friction=true.friction)
     made = simulate(
-        test, folder, muscle=muscle, clock=clock, seed=seed,
+        PlanFile(plan, "air", limit, Control.per_psi(4, 2)), folder, muscle=held,
+        clock=MachineClock(rig.clock_ahead, rig.clock_drift), seed=seed, began=_BEGAN,
         progress=lambda done, total: show("simulating the test", done, total),
     )  # fmt: skip
-    (folder / "dataset.csv").unlink()  # the evaluation makes its own
-    record = made.analysis.record
-    shown = _photographs(folder, record, scope, rng, seed, show)
-    if flawed:
-        _flaw(folder, rng)
-    (folder / SHEET).write_text(_sheet(seed), encoding="utf-8")
-    truth = {
-        **dataclasses.asdict(true), "seed": seed, "size": size, "lengths_m": shown,
-        "clock": dataclasses.asdict(clock),
-    }  # fmt: skip
-    (folder / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-    return true
+    (folder / "dataset.csv").unlink()
+    return made.analysis.record
 
 
 def _photographs(
-    folder: Path,
-    record: Any,
-    scope: Size,
-    rng: np.random.Generator,
-    seed: int,
-    show: Callable[[str, float, float], None],
-) -> dict[str, float]:
+    folder: Path, record: Any, truth: Truth, rng: np.random.Generator, seed: int, show: _Show
+) -> Mapping[str, float]:
     """Pictures over the strokes of the test, and the ruler; the true length [m] by picture."""
     from imaging.synthetic import (  # noqa: PLC0415 -- OpenCV, where a twin is made
         Tape,
@@ -168,57 +107,78 @@ def _photographs(
         published_scene,
         render,
         render_ruler,
-        stroke_shape,
     )
 
-    size = (scope.rows, round(scope.rows * 1100 / 2650))
-    scene = published_scene(0.0, size=size)
-    assert scene.muscle is not None
-    render_ruler(published_ruler(size=size), seed + 1).save(folder / "ruler.jpg")
+    camera, rest, fitting = (
+        truth.camera, truth.muscle.rest_length, truth.muscle.bladder_diameter,
+    )  # fmt: skip
+    size = (camera.rows, round(camera.rows * 1100 / 2650))
+    scene = published_scene(0.0, size=size, rest_length=rest)
+    sensor = dataclasses.replace(
+        scene.sensor, full_well=camera.electrons, read_noise=camera.read_noise
+    )
+    scene = dataclasses.replace(scene, sensor=sensor)
+    ruler = dataclasses.replace(
+        published_ruler(size=size), sensor=sensor, offset=camera.ruler_offset
+    )
+    render_ruler(ruler, seed + 1).save(folder / "ruler.jpg")
     held = np.flatnonzero(np.isfinite(record.set_pressure))
-    times = np.linspace(record.time[held[0]] + 2, record.time[held[-1]] - 2, scope.pictures)
-    taken = times + 0.01 * rng.standard_normal(times.size)
-    lengths = np.minimum(np.interp(taken, record.time, record.length), _REST)
-    ahead, rate = float(rng.uniform(-300, 300)), 1 + float(rng.uniform(-30e-6, 30e-6))
+    times = np.linspace(record.time[held[0]] + 2, record.time[held[-1]] - 2, camera.pictures)
+    taken = times + camera.jitter * rng.standard_normal(times.size)
+    lengths = np.minimum(np.interp(taken, record.time, record.length), rest)
     (folder / "photographs").mkdir(exist_ok=True)
     # Yarns as fine as the real ones, at every scale: thick ones shift the outline where they cross.
-    tape = Tape(diameter=_FITTING)
+    tape = Tape(diameter=fitting)
+    assert scene.muscle is not None
     body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
-    for k, (time, length) in enumerate(zip(times, lengths, strict=True)):
+    found = {}
+    for k, (time, length) in enumerate(zip(times, lengths.tolist(), strict=True)):
         show("taking photographs", k, times.size)
-        contraction = float(np.clip(1 - length / _REST, 0.0, 0.35))
+        contraction = float(np.clip(1 - length / rest, 0.0, MOST))
         now = dataclasses.replace(
-            body, profile=stroke_shape(contraction, _FITTING), length=float(length),
-            y0=body.y0 - (_REST - float(length)) / 2,
+            body, profile=truth.muscle.shape(contraction), length=length,
+            y0=body.y0 - (rest - length) / 2,
         )  # fmt: skip
-        stamp = _START + datetime.timedelta(seconds=ahead + rate * float(time))
+        shown = camera.clock_ahead + (1 + camera.clock_drift) * float(time)
+        stamp = _BEGAN.replace(tzinfo=None) + datetime.timedelta(seconds=shown)
         picture = dataclasses.replace(scene, muscle=now, time=stamp)
-        render(picture, seed + 100 + k).save(folder / "photographs" / f"DSC_{k:04d}.JPG")
-    return {f"DSC_{k:04d}.JPG": float(length) for k, length in enumerate(lengths)}
+        name = f"DSC_{k:04d}.JPG"
+        render(picture, seed + 100 + k).save(folder / "photographs" / name)
+        found[name] = length
+    return found
 
 
-def _flaw(folder: Path, rng: np.random.Generator) -> None:
-    """Cut a picture short, and a second out of the machine's log."""
+def _flaw(folder: Path, truth: Truth, rng: np.random.Generator) -> None:
+    """Cut pictures short, and a piece out of the machine's log, in the middle half of each."""
     pictures = sorted((folder / "photographs").iterdir())
-    victim = pictures[int(rng.integers(len(pictures) // 4, 3 * len(pictures) // 4))]
-    content = victim.read_bytes()
-    victim.write_bytes(content[: len(content) // 3])
+    middle = np.arange(len(pictures) // 4, max(3 * len(pictures) // 4, 1))
+    for k in rng.choice(middle, min(truth.camera.damaged, middle.size), replace=False).tolist():
+        content = pictures[k].read_bytes()
+        pictures[k].write_bytes(content[: len(content) // 3])
     log = folder / LOG
     lines = log.read_text(encoding="utf-8").splitlines(keepends=True)
     first = int(rng.integers(len(lines) // 4, 3 * len(lines) // 4))
-    log.write_text("".join(lines[:first] + lines[first + 50 :]), encoding="utf-8")
+    rows = round(truth.rig.lost / _LOG_INTERVAL)
+    log.write_text("".join(lines[:first] + lines[first + rows :]), encoding="utf-8")
 
 
-def _sheet(seed: int) -> str:
+def _sheet(muscle: TwinMuscle, seed: int) -> str:
+    rest, wall, bladder, braid = (
+        f"{value / INCH:.9g}"
+        for value in (
+            muscle.rest_length, muscle.wall_thickness, muscle.bladder_diameter,
+            muscle.braid_thickness,
+        )
+    )  # fmt: skip
     return f"""\
-# A twin: made by the simulated rig and camera, seed {seed}. truth.json holds what it was made from.
+# A twin: made by the simulated rig and camera, seed {seed}. {TRUTH} holds what it was made from.
 
 [specimen]
 name = "twin {seed}"
-rest_length_in = 9.28125
-wall_thickness_in = 0.0625
-bladder_diameter_in = 0.875
-braid_thickness_in = 0.011
+rest_length_in = {rest}
+wall_thickness_in = {wall}
+bladder_diameter_in = {bladder}
+braid_thickness_in = {braid}
 
 [records]
 journal = "test.fam"
@@ -233,6 +193,6 @@ ruler_placement_in = 0.01
 
 [fit]
 law = "polynomial"
-order = 3
+order = {min(len(muscle.coefficients), 4)}
 starts = 4
 """

@@ -239,7 +239,7 @@ def test_signs_and_zero_of_the_machine_are_honoured() -> None:
     )  # fmt: skip
     assert np.allclose(found.length, truth.length)
     assert np.allclose(found.force, truth.force)
-    with pytest.raises(InputError, match="check rest_length and the sign"):
+    with pytest.raises(InputError, match="check the unit of the displacement, its sign"):
         combine(
             log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=0.05,
             shortening_positive=True,

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from fitting.saved import PageTable
 
+from ..cross_checks import checks_table
 from ..evaluation import PICTURES, RECORDS
 from .bladder_charts import law_charts, strain_charts
 from .chart import Chart, Drawing
@@ -58,6 +59,7 @@ def sections(source: Source) -> list[Section]:
             "Uncertainty", ridge_sentences(source),
             tables=[uncertainty_table(source), *shared_table(source)],
         ),
+        Section("Cross-checks", tables=checks_table(source.steps)),
     ]  # fmt: skip
     return [one for one in found if one.text or one.figures or one.tables]
 
@@ -88,6 +90,27 @@ def unknown(source: Source) -> list[str]:
         said.append(
             "There is a force map and no record of the test: hysteresis, the pressure that was held, "
             "blocked force and free contraction as measured are not known."
+        )
+        if PICTURES in source.names:
+            said.append(
+                "The photographs have no log beside them: force and pressure at each are not known, "
+                "their clock and scale are not checked, and the shape is taken as one at all pressures."
+            )
+    photographs = source.sheet.photographs
+    if photographs is not None and photographs.ruler is None:
+        said.append(
+            "There is no photograph of a ruler: the scale of the pictures is as stated, and all "
+            "lengths and diameters are as wrong as it is."
+        )
+    if PICTURES in source.names and source.sheet.specimen.bladder_diameter is None:
+        said.append(
+            "The bladder's diameter at rest is not stated: it is taken to fill the braid, and its "
+            "strain is as wrong as that."
+        )
+    if not source.sheet.errors.stated():
+        said.append(
+            "The sheet states no errors that all readings share: standard errors and bands are of "
+            "scatter and shape alone."
         )
     if source.sheet.turns is None and PICTURES in source.names:
         said.append(

@@ -30,7 +30,7 @@ from .states import States, states_of
 
 COLOURS = dict(zip(GEOMETRIES, ("0.35", "0.65", "#e69f00", "#0072b2", "#009e73"), strict=True))
 """Of the geometries in every chart; also told apart by those who see no red or green."""
-DASHES = dict(zip(GEOMETRIES, ("--", (0, (1, 1)), "-.", "-", ":"), strict=True))
+DASHES = dict(zip(GEOMETRIES, ("--", "--", "-.", "-", ":"), strict=True))
 NONE, MINUS = "\N{EN DASH}", "\N{MINUS SIGN}"
 """As printed: what is not known, and below zero."""
 _STROKE = 41
@@ -110,6 +110,11 @@ class Source:
     def results(self) -> Path:
         """The folder of the steps."""
         return self.sheet.folder / RESULTS
+
+    @property
+    def steps(self) -> list[Path]:
+        """The folder of every step."""
+        return [self.results / name for name in self.names]
 
     @property
     def best(self) -> Fitted:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from famjax.boundary.files import write_all
 from famjax.boundary.origin import Origin
 from fitting.saved import inline_svg, page
 
 from ..cached_steps import Step
+from ..cross_checks import doubts
 from ..evaluation import REPORT, shown_pictures
 from ..sheet import SHEET, Sheet
 from .chart import Drawing
@@ -19,7 +21,7 @@ from .sections import Section, notes, sections, summary, unknown
 from .source import read_source
 
 FIRST_RUN = "first-run.json"
-PAGE, FIGURES, INPUTS = "report.html", "figures", "inputs.sha256"
+PAGE, FIGURES, INPUTS, UNKNOWN = "report.html", "figures", "inputs.sha256", "unknown.json"
 """Names in the step's folder."""
 
 
@@ -27,7 +29,7 @@ def first_run(results: Path, now: Origin) -> Origin:
     """When the folder was first evaluated, and by which command: the date of all its files."""
     path = results / FIRST_RUN
     if not path.exists():
-        path.write_text(json.dumps(now.as_dict()) + "\n", encoding="utf-8")
+        write_all(results, {FIRST_RUN: (json.dumps(now.as_dict()) + "\n").encode()})
     return Origin(**json.loads(path.read_text(encoding="utf-8")))
 
 
@@ -38,26 +40,30 @@ def report_step(sheet: Sheet, steps: Sequence[Step], *, origin: Origin, system: 
     def run(place: Path) -> None:
         _write(sheet, names, origin, system, place)
 
-    return Step(REPORT, [sheet.folder / SHEET], {"system": system}, names, run)
+    return Step(
+        REPORT, [sheet.folder / SHEET], {"system": system}, names, run,
+        says=lambda place: json.loads((place / UNKNOWN).read_text(encoding="utf-8")),
+    )  # fmt: skip
 
 
 def _write(sheet: Sheet, names: Sequence[str], origin: Origin, system: str, place: Path) -> None:
     source = read_source(sheet, names, system)
     digests = input_digests(sheet)
     taken = 0 if sheet.photographs is None else len(shown_pictures(sheet, sheet.photographs))
-    parts = sections(source)
+    parts, lacking = sections(source), unknown(source)
     told = Section("Provenance", tables=[origin_table(origin), input_table(digests, taken)])
     figures, tables = itertools.count(1), itertools.count(1)
     text = page(
         "characterisation.html", "famjax",
         name=sheet.specimen.name,
         summary=summary(source),
-        unknown=unknown(source),
+        unknown=[*lacking, *doubts(source.steps)],
         sections=[_shown(part, figures, tables) for part in (*parts, told)],
         notes=notes(source),
     )  # fmt: skip
     (place / PAGE).write_text(text, encoding="utf-8")
     (place / INPUTS).write_text(input_lines(digests), encoding="utf-8")
+    (place / UNKNOWN).write_text(json.dumps(lacking, indent=1) + "\n", encoding="utf-8")
     folder = place / FIGURES
     folder.mkdir()
     for drawing in (drawing for part in parts for drawing in part.figures):
