@@ -48,6 +48,13 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish() -> None:
+    """Look for garbage once: pytest does so five times at the end, through all that was compiled."""
+    gc.collect()
+    gc.freeze()
+
+
 MAPPINGS = Path("/proc/self/maps")
 MANY = 20_000  # of the 65 530 mappings that Linux gives a process
 
