@@ -63,6 +63,13 @@ def headless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[object]:
         yield running
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish() -> None:
+    """Look for garbage once: pytest does so five times at the end, through all that was compiled."""
+    gc.collect()
+    gc.freeze()
+
+
 MAPPINGS = Path("/proc/self/maps")
 MANY = 20_000  # of the 65 530 mappings that Linux gives a process
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from .elastic_root import strain_under_cubic, strain_under_line
@@ -181,11 +181,9 @@ class ElasticBraid(AbstractBraid):
     ) -> RealArray:
         """B0 (1 + strain), for arguments of any shape; the first is the active length."""
         arrays = jnp.broadcast_arrays(*(as_real(argument) for argument in arguments))
-        flat, found = jax.vmap(strain)(*(array.ravel() for array in arrays))
-        shape = arrays[0].shape
-        found = found.reshape(shape)
+        strains, found = at_each(strain, *arrays)
         # No nan takes part in what follows: it would spoil the derivatives of all others.
-        stretched = self.rest_thread_length * (1 + jnp.where(found, flat.reshape(shape), 0.0))
+        stretched = self.rest_thread_length * (1 + jnp.where(found, strains, 0.0))
         encloses = stretched > arrays[0]
         if throw:
             stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)

@@ -55,17 +55,16 @@ def characterise(
     Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. What two sources
     say of one thing is compared, such as the length in the pictures and the machine's displacement:
     where they contradict each other the work stops, and what is doubtful or not known is said here
-    and in the report.
-    Its figures are in `report/figures` as SVG, PDF and CSV. Exit code 3 when some pictures could not be
-    measured: they are in the table with the reason.
+    and in the report, as are pictures that could not be measured. The report's figures are in
+    `report/figures` as SVG, PDF and CSV.
 
     Parameters
     ----------
     folder
         With a `characterisation.toml`.
     only
-        Steps to carry out, repeatable: records, pictures, shape, cylinder, average-diameter,
-        measured, virtual-work, report.
+        Steps to carry out, repeatable: records, pictures, shape, cylinder, elastic-cylinder,
+        average-diameter, measured, virtual-work, report.
     force
         Steps to carry out again, repeatable.
     jobs

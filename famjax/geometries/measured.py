@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Bool
 
+from .._each import at_each
 from .._types import Real, RealArray, as_real
 from ..braids.inextensible import AbstractBraid
 from ..profiles.family import AbstractMeasuredFamily
@@ -164,8 +165,7 @@ def _measures(
             outline.volume,
         )
 
-    flat = jax.vmap(one)(length.ravel(), pressure.ravel())
-    return tuple(values.reshape(*length.shape, *values.shape[1:]) for values in flat)
+    return at_each(one, length, pressure)
 
 
 @eqx.filter_jit

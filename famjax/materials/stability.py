@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._each import at_each
 from .._types import Real, RealArray, as_real
 from ..geometries.dimensions import AbstractGeometry
 from .abstract_material import AbstractMaterial
@@ -66,9 +67,7 @@ def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> Pa
         )
         return PathStrains(pressure, axial, hoop, axial_rate, hoop_rate, weights)
 
-    lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-    flat = jax.vmap(one)(lengths.ravel(), pressures.ravel())
-    return jax.tree.map(lambda leaf: leaf.reshape(lengths.shape + leaf.shape[1:]), flat)
+    return at_each(one, as_real(length), as_real(pressure))
 
 
 def path_modulus(

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .._compiled import compiled
+from .._each import at_each
 from .._types import Real, RealArray, as_real
 from ..parameters import Parametrised
 from .equilibrium import longest_equilibrium, required
@@ -119,10 +120,8 @@ def _force(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> Re
 
 @compiled
 def _stiffness(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    lengths, pressures = jnp.broadcast_arrays(length, pressure)
-    slope = jax.vmap(jax.value_and_grad(muscle.force))
-    force, stiffness = slope(lengths.ravel(), pressures.ravel())
-    return jnp.where(jnp.isnan(force), jnp.nan, stiffness).reshape(lengths.shape)
+    force, stiffness = at_each(jax.value_and_grad(muscle.force), length, pressure)
+    return jnp.where(jnp.isnan(force), jnp.nan, stiffness)
 
 
 @compiled
@@ -130,26 +129,21 @@ def _length_at_load(
     muscle: AbstractMuscle, load: RealArray, pressure: RealArray
 ) -> tuple[RealArray, Bool[Array, "..."]]:
     shortest, longest = muscle.length_range()
-    loads, pressures = jnp.broadcast_arrays(load, pressure)
 
     def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
         return longest_equilibrium(
             lambda length: muscle.force(length, pressure), shortest, longest, load
         )
 
-    length, found = jax.vmap(one)(loads.ravel(), pressures.ravel())
-    return length.reshape(loads.shape), found.reshape(loads.shape)
+    return at_each(one, load, pressure)
 
 
 @compiled
 def _onset_pressure(
     muscle: AbstractMuscle, length: RealArray, highest: RealArray
 ) -> tuple[RealArray, Bool[Array, "..."]]:
-    lengths, tops = jnp.broadcast_arrays(length, highest)
-
     def one(length: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
         none = jnp.zeros_like(top)
         return longest_equilibrium(lambda pressure: muscle.force(length, pressure), none, top, none)
 
-    pressure, found = jax.vmap(one)(lengths.ravel(), tops.ravel())
-    return pressure.reshape(lengths.shape), found.reshape(lengths.shape)
+    return at_each(one, length, highest)

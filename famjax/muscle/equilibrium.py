@@ -35,6 +35,7 @@ def longest_equilibrium(
     Returns:
         (length [m], found): nan and False where the force does not fall through the load.
     """
+    force = jax.jit(force)  # traced once, for the walk and for the parts of the solve
     grid = jnp.linspace(longest, shortest, _CELLS + 1)
     pull = jax.lax.stop_gradient(jax.vmap(force)(grid) - load)
     # A zero at the very end that rounding left above zero is one: the force at rest without pressure.
@@ -102,7 +103,7 @@ def bisected(
         ).value
 
     start = jax.lax.stop_gradient(0.5 * (lower + upper))
-    return jax.lax.custom_root(residual, start, solve, over_slope)
+    return jax.lax.custom_root(jax.jit(residual), start, solve, over_slope)
 
 
 def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArray:

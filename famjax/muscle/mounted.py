@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._compiled import compiled
+from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import Declared, parameter
 from .abstract_muscle import AbstractMuscle
@@ -62,8 +63,6 @@ class MountedMuscle(AbstractMuscle):
 
 @compiled
 def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    lengths, pressures = jnp.broadcast_arrays(length, pressure)
-
     def one(length: RealArray, pressure: RealArray) -> RealArray:
         rigid = jax.lax.stop_gradient(mounted.muscle.force(length, pressure))
         scale = jnp.where(jnp.isfinite(rigid) & (rigid != 0), rigid, 1.0)
@@ -87,4 +86,4 @@ def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> R
         found = jnp.abs(residual(share)) < _FOUND + rounding
         return jnp.where(found & jnp.isfinite(rigid), share * scale, jnp.nan)
 
-    return jax.vmap(one)(lengths.ravel(), pressures.ravel()).reshape(lengths.shape)
+    return at_each(one, length, pressure)

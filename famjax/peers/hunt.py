@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._compiled import compiled
+from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
@@ -122,5 +123,4 @@ class Hunt(PeerModel):
 
 @compiled
 def _forces(model: Hunt, length: RealArray, pressure: RealArray) -> RealArray:
-    eps, P = jnp.broadcast_arrays(1 - length / model.rest_length, pressure)
-    return jax.vmap(model._root)(eps.ravel(), P.ravel()).reshape(eps.shape)
+    return at_each(model._root, 1 - length / model.rest_length, pressure)

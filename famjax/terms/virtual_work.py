@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
 from ..braids.gaylord import gaylord_force
 from ..braids.inextensible import AbstractBraid
@@ -50,8 +51,7 @@ def volume_rate(
     Returns:
         dV/dL [m2], broadcast shape.
     """
-    lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-    return _rates(source, lengths.ravel(), pressures.ravel(), braid).reshape(lengths.shape)
+    return _rates(source, as_real(length), as_real(pressure), braid)
 
 
 def virtual_work_force(
@@ -143,11 +143,11 @@ def pressure_terms(
 @eqx.filter_jit
 def _rates(
     source: AbstractGeometry | AbstractProfileFamily,
-    lengths: RealArray,
-    pressures: RealArray,
+    length: RealArray,
+    pressure: RealArray,
     braid: AbstractBraid | None,
 ) -> RealArray:
-    """dV/dL [m2] at pairs of length and pressure, shape (pairs,)."""
+    """dV/dL [m2], broadcast shape."""
 
     def one(length: RealArray, pressure: RealArray) -> RealArray:
         volume, rate = jax.value_and_grad(_outline_volume)(length, pressure, source)
@@ -156,7 +156,7 @@ def _rates(
             rate -= stretch * 2 * thread * volume / ((thread - length) * (thread + length))
         return rate
 
-    return jax.vmap(one)(lengths, pressures)
+    return at_each(one, length, pressure)
 
 
 def _outline_volume(

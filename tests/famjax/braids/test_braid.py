@@ -48,8 +48,8 @@ def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo: famjax.Mus
 
     braid = festo.geometry.braid
     lengths = jnp.linspace(0.2, 0.33, 40)
-    slope = jax.vmap(
-        jax.grad(lambda L: famjax.geometries.cylinder_volume(L, braid.diameter(L) / 2))
+    slope = jax.jit(
+        jax.vmap(jax.grad(lambda L: famjax.geometries.cylinder_volume(L, braid.diameter(L) / 2)))
     )(lengths)
     force = famjax.braids.gaylord_force(
         4e5, braid.diameter(lengths) / 2, braid.braid_angle(lengths)

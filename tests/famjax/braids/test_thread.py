@@ -40,7 +40,7 @@ def test_laws_keep_the_contract_of_the_root_solve(thread: AbstractThread) -> Non
     """Concave, from zero, between T / k and T / k + offset, with the compliance going to 1 / k."""
     k = float(thread.far_stiffness)
     strain = np.asarray(thread.strain(TENSIONS))
-    compliance = np.asarray(jax.vmap(jax.grad(thread.strain))(jnp.asarray(TENSIONS)))
+    compliance = np.asarray(jax.jit(jax.vmap(jax.grad(thread.strain)))(jnp.asarray(TENSIONS)))
     assert strain[0] == 0
     assert np.all(np.diff(compliance) <= 0)
     assert np.all(compliance * k >= 1 - EXACT)
@@ -54,7 +54,7 @@ def test_toe_law_by_hand() -> None:
     toe = ToeThread(16.9e6, AREA, 0.002, 2.0)
     k = 16.9e6 * AREA
     assert float(toe.strain(2.0)) == pytest.approx(2 / k + 0.001, rel=EXACT)
-    at_rest = float(jax.grad(toe.tension)(0.0))
+    at_rest = float(jax.jit(jax.grad(toe.tension))(0.0))
     assert at_rest == pytest.approx(k / (1 + k * 0.002 / 2.0), rel=EXACT)
     searched = brentq(lambda T: float(toe.strain(T)) - 0.004, 0.0, 100.0, xtol=1e-13)
     assert float(toe.tension(0.004)) == pytest.approx(searched, rel=1e-12)
@@ -74,29 +74,29 @@ def test_slack_toe_thread_pushes_less_than_its_toe_tension() -> None:
     toe = THREADS["toe"]
     assert -2.0 < float(toe.tension(-10.0)) < -1.99
     assert np.isnan(float(toe.strain(-2.5)))
-    assert np.isfinite(float(jax.grad(lambda T: jnp.nan_to_num(toe.strain(T)))(-2.5)))
+    assert np.isfinite(float(jax.jit(jax.grad(lambda T: jnp.nan_to_num(toe.strain(T))))(-2.5)))
 
 
 @pytest.mark.parametrize("tension", [-1e-4, 0.0, 0.3, 20.0])
 def test_derivatives_match_differences(thread: AbstractThread, tension: float) -> None:
     """Steps of 1e-4 of the tension, or of the sharpest toe, whichever is larger."""
     h = 1e-4 * max(abs(tension), 1e-3)
-    slope = float(jax.grad(thread.strain)(tension))
+    slope = float(jax.jit(jax.grad(thread.strain))(tension))
     differences = (thread.strain(tension + h) - thread.strain(tension - h)) / (2 * h)
     assert slope == pytest.approx(float(differences), rel=DIFFERENCE)
     strain, h = float(thread.strain(tension)), h * slope
     differences = (thread.tension(strain + h) - thread.tension(strain - h)) / (2 * h)
-    assert float(jax.grad(thread.tension)(strain)) == pytest.approx(
+    assert float(jax.jit(jax.grad(thread.tension))(strain)) == pytest.approx(
         float(differences), rel=DIFFERENCE
     )
-    assert float(jax.grad(thread.tension)(strain)) * slope == pytest.approx(1, rel=1e-9)
+    assert float(jax.jit(jax.grad(thread.tension))(strain)) * slope == pytest.approx(1, rel=1e-9)
 
 
 def test_jit_and_vmap_change_nothing(thread: AbstractThread) -> None:
     strain = jnp.linspace(0, 0.02, 9)
     expected = np.array([float(thread.tension(one)) for one in strain])
     np.testing.assert_allclose(eqx.filter_jit(thread.tension)(strain), expected, rtol=EXACT)
-    np.testing.assert_allclose(jax.vmap(thread.tension)(strain), expected, rtol=EXACT)
+    np.testing.assert_allclose(jax.jit(jax.vmap(thread.tension))(strain), expected, rtol=EXACT)
 
 
 def test_float32_stays_float32() -> None:

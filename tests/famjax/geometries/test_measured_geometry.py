@@ -159,7 +159,7 @@ def test_jit_and_vmap_equal_eager(geometry: MeasuredGeometry | AverageDiameterGe
     L, P = jnp.linspace(6.1, 9.3, 5), jnp.linspace(5.0, 110.0, 5)
     eager = geometry.dimensions(L, P)
     jitted = eqx.filter_jit(lambda geometry, L, P: geometry.dimensions(L, P))(geometry, L, P)
-    batched = jax.vmap(lambda L, P: geometry.dimensions(L, P).hoop_strain)(L, P)
+    batched = jax.jit(jax.vmap(lambda L, P: geometry.dimensions(L, P).hoop_strain))(L, P)
     for one, other in zip(jax.tree.leaves(jitted), jax.tree.leaves(eager), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-11)
     np.testing.assert_allclose(batched, eager.hoop_strain, rtol=1e-11)
@@ -185,7 +185,7 @@ def test_derivative_of_free_contraction_in_the_law(measured_family: About) -> No
     def free(coefficients: jax.Array) -> jax.Array:
         return Muscle(measured, PolynomialMaterial(coefficients)).free_contraction(60.0)
 
-    by_ad = jax.grad(free)(LATEX.coefficients)
+    by_ad = jax.jit(jax.grad(free))(LATEX.coefficients)
     h = 1e-3
     numeric = [
         (free(LATEX.coefficients + h * step) - free(LATEX.coefficients - h * step)) / (2 * h)

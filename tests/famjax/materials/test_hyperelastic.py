@@ -36,6 +36,22 @@ HYPERELASTIC: dict[str, AbstractHyperelastic] = {
 LAWS = {**HYPERELASTIC, "saturating": SaturatingMaterial(0.5, 0.3, 0.2)}
 
 
+@eqx.filter_jit
+def _stresses(law: famjax.materials.AbstractMaterial, axial: jax.Array, hoop: jax.Array):
+    """Those without pressure, compiled once for each law and shape."""
+    return law.stresses(axial, hoop, jnp.zeros_like(hoop))
+
+
+@eqx.filter_jit
+def _stresses_at_pressure(law: AbstractHyperelastic, axial: jax.Array, hoop: jax.Array):
+    return law.stresses(axial, hoop, 1e5)
+
+
+@eqx.filter_jit
+def _alone(law: AbstractHyperelastic, strain: jax.Array) -> jax.Array:
+    return law.uniaxial_stress(strain)
+
+
 def _closed_form(name: str, a: float, b: float) -> float:
     """Cauchy stress along the stretch a, the other in-plane stretch being b."""
     c = 1 / (a * b)
@@ -59,15 +75,18 @@ STATES: dict[str, Callable[[float], float]] = {
 @pytest.mark.parametrize("name", HYPERELASTIC)
 def test_cauchy_stresses_equal_closed_forms(name: str, state: str) -> None:
     law = HYPERELASTIC[name]
-    for stretch in (0.6, 0.95, 1.0, 1.3, 2.5):
-        other = STATES[state](stretch)
-        axial, hoop = law.stresses(stretch - 1, other - 1, 1e5)
+    stretches = np.array([0.6, 0.95, 1.0, 1.3, 2.5])
+    others = np.array([STATES[state](stretch) for stretch in stretches])
+    everything = (
+        *_stresses_at_pressure(law, stretches - 1, others - 1),
+        _alone(law, stretches - 1),
+    )
+    for stretch, other, axial, hoop, along in zip(stretches, others, *everything, strict=True):
         size = abs(_closed_form(name, stretch, other)) + 1
         assert float(axial) == pytest.approx(_closed_form(name, stretch, other), abs=EXACT * size)
         assert float(hoop) == pytest.approx(_closed_form(name, other, stretch), abs=EXACT * size)
         if state == "uniaxial":
             assert float(hoop) == pytest.approx(0, abs=EXACT * size)
-            along = law.uniaxial_stress(stretch - 1)
             assert float(along) == pytest.approx(float(axial), abs=EXACT * size)
 
 
@@ -78,20 +97,21 @@ def test_small_strain_is_linear_elasticity_at_poissons_ratio_one_half(
     mu = float(law.initial_shear_modulus)
     assert mu > 0
     assert float(law.initial_modulus) == pytest.approx(3 * mu)
-    assert float(jax.grad(law.uniaxial_stress)(0.0)) == pytest.approx(3 * mu, rel=EXACT)
+    assert float(jax.jit(jax.grad(law.uniaxial_stress))(0.0)) == pytest.approx(3 * mu, rel=EXACT)
     # Plane stress: E / (1 - nu^2) = 4 mu along, nu times that across.
-    tangent = jax.jacobian(lambda e: jnp.stack(law.stresses(e[0], e[1], 0.0)))(jnp.zeros(2))
+    both = jax.jacobian(lambda e: jnp.stack(law.stresses(e[0], e[1], 0.0)))
+    tangent = jax.jit(both)(np.zeros(2))
     np.testing.assert_allclose(tangent, [[4 * mu, 2 * mu], [2 * mu, 4 * mu]], rtol=EXACT)
 
 
 def test_ogden_contains_neo_hookean_and_mooney_rivlin() -> None:
-    strain = jnp.linspace(-0.3, 1.5, 7)
+    strain, hoop = np.linspace(-0.3, 1.5, 7), np.full(7, 0.4)
     pairs = [
         (OgdenMaterial([MU], [2.0]), HYPERELASTIC["neo-hookean"]),
         (OgdenMaterial([2 * C10, -2 * C01], [2.0, -2.0]), HYPERELASTIC["mooney-rivlin"]),
     ]
     for ogden, law in pairs:
-        pair = zip(ogden.stresses(strain, 0.4, 0.0), law.stresses(strain, 0.4, 0.0), strict=True)
+        pair = zip(_stresses(ogden, strain, hoop), _stresses(law, strain, hoop), strict=True)
         for one, other in pair:
             np.testing.assert_allclose(one, other, rtol=EXACT, atol=EXACT)
 
@@ -113,26 +133,27 @@ def test_stress_is_stretch_times_slope_of_the_energy(
 ) -> None:
     assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
     z, c, h = 0.8, 2.1, 1e-5
+    stored = jax.jit(law.energy)
 
     def central(energy: Callable[[float], jax.Array], at: float) -> float:
         return at * float(energy(at + h) - energy(at - h)) / (2 * h)
 
-    axial, hoop = law.stresses(z - 1, c - 1, 0.0)
-    assert central(lambda x: law.energy(x, c), z) == pytest.approx(float(axial), rel=DIFFERENCE)
-    assert central(lambda x: law.energy(z, x), c) == pytest.approx(float(hoop), rel=DIFFERENCE)
-    assert float(law.energy(1.0, 1.0)) == 0.0
+    axial, hoop = _stresses(law, np.array(z - 1), np.array(c - 1))
+    assert central(lambda x: stored(x, c), z) == pytest.approx(float(axial), rel=DIFFERENCE)
+    assert central(lambda x: stored(z, x), c) == pytest.approx(float(hoop), rel=DIFFERENCE)
+    assert float(stored(1.0, 1.0)) == 0.0
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_jit_vmap_and_loop_agree(law: famjax.materials.AbstractMaterial) -> None:
-    z, c = jnp.linspace(-0.3, 0.1, 5), jnp.linspace(0.0, 1.8, 5)
-    eager = jnp.stack(law.stresses(z, c, 0.0))
-    jitted = jnp.stack(eqx.filter_jit(law.stresses)(z, c, 0.0))
-    mapped = jnp.stack(jax.vmap(lambda a, b: law.stresses(a, b, 0.0))(z, c))
-    loop = jnp.array([law.stresses(a, b, 0.0) for a, b in zip(z, c, strict=True)]).T
+    z, c = np.linspace(-0.3, 0.1, 5), np.linspace(0.0, 1.8, 5)
+    eager = np.stack(law.stresses(z, c, 0.0))
+    jitted = np.stack(_stresses(law, z, c))
+    mapped = np.stack(jax.jit(jax.vmap(lambda a, b: law.stresses(a, b, 0.0)))(z, c))
+    loop = np.array([_stresses(law, *pair) for pair in np.stack([z, c], axis=1)]).T
     for other in (jitted, mapped, loop):
         np.testing.assert_allclose(other, eager, rtol=EXACT, atol=EXACT)
-    grid = law.stresses(z[:, None], c, 0.0)
+    grid = _stresses(law, z[:, None], c)
     assert jnp.broadcast_shapes(*(s.shape for s in grid)) == (5, 5)
 
 
@@ -143,20 +164,19 @@ def test_derivatives_in_strains_and_parameters(law: famjax.materials.AbstractMat
     def stress(arrays: famjax.materials.AbstractMaterial, strains: jax.Array) -> jax.Array:
         return jnp.stack(eqx.combine(arrays, static).stresses(strains[0], strains[1], 0.0))
 
-    check_grads(stress, (arrays, jnp.array([-0.2, 0.9])), order=1, atol=DIFFERENCE, rtol=DIFFERENCE)
-    at_rest = jax.jacobian(stress, argnums=(0, 1))(arrays, jnp.zeros(2))
-    assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(at_rest))
-    np.testing.assert_array_equal(stress(arrays, jnp.zeros(2)), 0)
+    jitted, at = jax.jit(stress), (arrays, jnp.array([-0.2, 0.9]))
+    check_grads(jitted, at, order=1, atol=DIFFERENCE, rtol=DIFFERENCE)
+    at_rest = jax.jit(jax.jacobian(stress, argnums=(0, 1)))(arrays, jnp.zeros(2))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(at_rest))
+    np.testing.assert_array_equal(jitted(arrays, jnp.zeros(2)), 0)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_float32_stays_and_is_as_exact_as_it_can_be(law: famjax.materials.AbstractMaterial) -> None:
     single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), law)
-    z, c = jnp.float32(-0.25), jnp.linspace(0, 1.5, 4, dtype=jnp.float32)
+    z, c = np.float32(-0.25), np.linspace(0, 1.5, 4, dtype=np.float32)
     for got, want in zip(
-        single.stresses(z, c, jnp.float32(0)),
-        law.stresses(jnp.float64(-0.25), c.astype(float), 0.0),
-        strict=True,
+        _stresses(single, z, c), _stresses(law, np.float64(z), c.astype(float)), strict=True
     ):
         assert got.dtype == jnp.float32
         np.testing.assert_allclose(got, want, rtol=SINGLE, atol=SINGLE)
@@ -174,9 +194,9 @@ def test_bladder_force_is_the_slope_of_the_stored_energy(
         at = muscle.geometry.dimensions(length, 2e5)
         return at.bladder_volume * law.energy(1 + at.axial_strain, 1 + at.hoop_strain[0])
 
-    for length in jnp.array([0.22, 0.26, 0.296, 0.3]):
-        want = jax.grad(stored)(length)
-        assert float(muscle.bladder_force(length, 2e5)) == pytest.approx(float(want), rel=1e-10)
+    lengths = np.array([0.22, 0.26, 0.296, 0.3])
+    want = np.asarray(jax.jit(jax.vmap(jax.grad(stored)))(lengths))
+    assert np.asarray(muscle.bladder_force(lengths, 2e5)) == pytest.approx(want, rel=1e-10)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
@@ -190,7 +210,7 @@ def test_laws_work_in_a_muscle(
         replace_fn=lambda modulus: 50 * modulus,
     )
     muscle = eqx.tree_at(lambda m: m.material, chambers, stiff)
-    L, P = jnp.array([6.5, 9.28125]), jnp.array([60.0, 100.0])
+    L, P = np.array([6.5, 9.28125]), np.array([60.0, 100.0])
     force = eqx.filter_jit(muscle.force)(L[:, None], P)
     assert force.shape == (2, 2)
     for i, j in np.ndindex(2, 2):
@@ -203,7 +223,7 @@ def test_laws_work_in_a_muscle(
         slope, rel=1e-4
     )  # a root, to 1e-14
     modulus = famjax.path_modulus(stiff, muscle.geometry, jnp.array([6.5, 9.28125, 9.3]), 80.0)
-    assert bool(jnp.all(modulus > 0))
+    assert (np.asarray(modulus) > 0).all()
 
 
 def test_saturating_law_has_its_two_moduli_and_is_odd() -> None:
@@ -235,17 +255,19 @@ def test_saturating_energy_is_the_work_of_true_stress(s: float) -> None:
 def test_saturating_path_modulus_is_the_weighted_tangent(festo: famjax.Muscle) -> None:
     law = SaturatingMaterial(4e5, 2e5, 0.15)
     at = festo.geometry.dimensions(0.26, 2e5)
-    rates = jax.jacobian(
-        lambda L: jnp.stack(
-            [
-                festo.geometry.dimensions(L, 2e5).axial_strain,
-                festo.geometry.dimensions(L, 2e5).hoop_strain[0],
-            ]
+    rates = jax.jit(
+        jax.jacobian(
+            lambda L: jnp.stack(
+                [
+                    festo.geometry.dimensions(L, 2e5).axial_strain,
+                    festo.geometry.dimensions(L, 2e5).hoop_strain[0],
+                ]
+            )
         )
     )(0.26)
-    moduli = jnp.stack(
+    moduli = np.stack(
         [law.tangent_modulus(at.axial_strain), law.tangent_modulus(at.hoop_strain[0])]
     )
-    want = jnp.sum(moduli * rates**2) / jnp.sum(rates**2)
+    want = np.sum(moduli * rates**2) / np.sum(rates**2)
     got = famjax.path_modulus(law, festo.geometry, 0.26, 2e5)
     assert float(got) == pytest.approx(float(want), rel=EXACT)

@@ -11,7 +11,7 @@ def test_law_is_odd_and_its_tangent_at_zero_is_the_first_coefficient(order: int)
     law = famjax.PolynomialMaterial(jnp.arange(1.0, order + 1))
     strain = jnp.linspace(-1, 1, 11)
     np.testing.assert_allclose(law.stress(-strain), -law.stress(strain), rtol=1e-14)
-    assert float(jax.grad(law.stress)(0.0)) == 1.0
+    assert float(jax.jit(jax.grad(law.stress))(0.0)) == 1.0
     expected = sum((n + 1) * 0.5 ** (n + 1) for n in range(order))
     assert float(law.stress(0.5)) == pytest.approx(expected, rel=1e-14)
 

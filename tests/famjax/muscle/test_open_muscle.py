@@ -1,6 +1,7 @@
 """The open muscle: laws that hold in every geometry, for every force term and for every model."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import equinox as eqx
@@ -109,6 +110,8 @@ def numbers_of(model: eqx.Module) -> tuple[list[jax.Array], Callable]:
 GOOD = jnp.array([0.99 * L0, 0.8 * L0])
 MIXED = jnp.array([0.99 * L0, -0.9 * L0, 0.8 * L0, 1.3 * L0, jnp.nan])
 IS_GOOD = np.array([True, False, True, False, False])
+# Of the same shape, so that one compiled program takes both.
+ALL_GOOD = jnp.where(IS_GOOD, MIXED, 0.9 * L0)
 
 
 @pytest.fixture(params=GEOMETRIES)
@@ -118,12 +121,13 @@ def muscle(request: pytest.FixtureRequest) -> famjax.Muscle:
 
 
 def test_unreachable_members_spoil_nothing(muscle: famjax.Muscle) -> None:
-    """Values, and derivatives in every number, forward and reverse, of a batch and of its good part."""
+    """Values, and derivatives in every number, forward and reverse, of a batch and of a good one."""
     numbers, remade = numbers_of(muscle)
 
     def forces(numbers: list, lengths: jax.Array, pressure: jax.Array) -> jax.Array:
         return jax.vmap(remade(numbers).force, (0, None))(lengths, pressure)
 
+    @jax.jit
     def everything(lengths: jax.Array) -> tuple:
         at = (numbers, lengths, jnp.asarray(P))
         of = (0, 2)  # the numbers and the pressure are shared by all members
@@ -134,35 +138,37 @@ def test_unreachable_members_spoil_nothing(muscle: famjax.Muscle) -> None:
             jax.vmap(jax.grad(muscle.force), (0, None))(lengths, P),
         )
 
-    mixed, good = jax.jit(everything)(MIXED), jax.jit(everything)(GOOD)
+    mixed, good = everything(MIXED), everything(ALL_GOOD)
     np.testing.assert_array_equal(np.isnan(mixed[0]), ~IS_GOOD)
     assert np.isfinite(good[0]).all()
     for got, want in zip(jax.tree.leaves(mixed), jax.tree.leaves(good), strict=True):
         assert np.isfinite(want).all()
         size = max(np.abs(want).max(), 1e-6)
-        np.testing.assert_allclose(np.asarray(got)[IS_GOOD] / size, want / size, atol=SOLVED)
+        both = (np.asarray(each)[IS_GOOD] / size for each in (got, want))
+        np.testing.assert_allclose(*both, atol=SOLVED)
     shared = [*numbers, jnp.asarray(P)]
     pairs = zip(jax.tree.leaves(good[1]), jax.tree.leaves(good[2]), shared, strict=True)
     for reverse, forward, number in pairs:
         size = np.abs(number).max() / np.abs(good[0]).max()
         np.testing.assert_allclose(reverse * size, forward * size, rtol=SOLVED, atol=SOLVED)
     # One independent witness: central differences along a direction that moves every number.
-    step = 1e-6
+    step, jitted = 1e-6, jax.jit(forces)
     moved = [
-        forces([x * (1 + sign * step) for x in numbers], GOOD, jnp.asarray(P)) for sign in (1, -1)
+        jitted([np.asarray(x) * (1 + sign * step) for x in numbers], ALL_GOOD, jnp.asarray(P))
+        for sign in (1, -1)
     ]
-    along = sum(
-        jnp.tensordot(slope, x, x.ndim) for slope, x in zip(good[2][0], numbers, strict=True)
-    )
-    difference = (moved[0] - moved[1]) / (2 * step)
+    slopes = zip(good[2][0], numbers, strict=True)
+    along = sum(np.tensordot(slope, x, np.ndim(x)) for slope, x in slopes)
+    difference = np.subtract(*moved) / (2 * step)
     np.testing.assert_allclose(along, difference, rtol=1e-5, atol=1e-5 * np.abs(along).max())
 
 
 def test_jit_equals_eager_and_vmap_a_loop(muscle: famjax.Muscle) -> None:
     eager = muscle.force(GOOD, P)
     np.testing.assert_allclose(jax.jit(muscle.force)(GOOD, P), eager, rtol=EXACT)
-    np.testing.assert_allclose(jax.vmap(muscle.force, (0, None))(GOOD, P), eager, rtol=EXACT)
-    looped = [float(muscle.force(length, P)) for length in GOOD]
+    mapped = jax.jit(jax.vmap(muscle.force, (0, None)))(GOOD, P)
+    np.testing.assert_allclose(mapped, eager, rtol=EXACT)
+    looped = [float(muscle.force(length, P)) for length in np.asarray(GOOD)]
     np.testing.assert_allclose(looped, eager, rtol=EXACT)
     stiffness = muscle.stiffness(MIXED, P)
     np.testing.assert_array_equal(np.isnan(stiffness), ~IS_GOOD)
@@ -236,23 +242,28 @@ def test_laws_of_every_term(name: str) -> None:
         eager, term.force(geometry.dimensions_with_rates(GOOD, P), P), rtol=EXACT
     )
     np.testing.assert_allclose(jax.jit(muscle.force)(GOOD, P), eager, rtol=EXACT)
-    looped = [float(muscle.force(length, P)) for length in GOOD]
-    np.testing.assert_allclose(jax.vmap(muscle.force, (0, None))(GOOD, P), looped, rtol=EXACT)
+    looped = [float(muscle.force(length, P)) for length in np.asarray(GOOD)]
+    mapped = jax.jit(jax.vmap(muscle.force, (0, None)))(GOOD, P)
+    np.testing.assert_allclose(mapped, looped, rtol=EXACT)
     numbers, remade = numbers_of(muscle)
 
     def of(scales: jax.Array) -> jax.Array:
         scaled = [x * scale for x, scale in zip(numbers, scales, strict=False)]
         return remade(scaled).force(GOOD * scales[-2], P * scales[-1])
 
-    ones = jnp.ones(len(numbers) + 2)
-    forward, reverse = (jax.jit(mode(of))(ones) for mode in (jax.jacfwd, jax.jacrev))
+    ones, step = np.ones(len(numbers) + 2), 1e-6
+    steps = step * np.eye(len(ones))
+
+    @jax.jit
+    def slopes(at: jax.Array, moved: jax.Array) -> tuple[jax.Array, ...]:
+        return jax.jacfwd(of)(at), jax.jacrev(of)(at), jax.lax.map(of, moved)
+
+    forward, reverse, moved = slopes(ones, np.concatenate([ones + steps, ones - steps]))
     largest = max(float(np.abs(forward).max()), 1.0)
     np.testing.assert_allclose(reverse, forward, atol=SOLVED * largest)
-    step, jitted = 1e-6, jax.jit(of)
-    for i in range(len(ones)):
-        up, down = (jitted(ones.at[i].add(sign * step)) for sign in (1, -1))
-        difference = (up - down) / (2 * step)
-        np.testing.assert_allclose(forward[:, i], difference, atol=DIFFERENCE * largest)
+    up, down = np.split(np.asarray(moved), 2)
+    difference = (up - down) / (2 * step)
+    np.testing.assert_allclose(forward, difference.T, atol=DIFFERENCE * largest)
     single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), muscle)
     coarse = single.force(GOOD.astype(jnp.float32), jnp.float32(P))
     assert coarse.dtype == jnp.float32
@@ -339,27 +350,42 @@ def test_every_method_of_every_model(name: str, caplog: pytest.LogCaptureFixture
     """Jit equals eager, vmap a loop, and what was called once is not traced again."""
     model = MUSCLES[name]
     assert isinstance(model, famjax.AbstractMuscle)
+    calls, eager = {}, {}
     for method, arguments in CALLS.items():
-        call, options = getattr(model, method), {}
-        if method not in ("force", "stiffness", "blocked_force"):
-            options = {"throw": False}  # not every surface has an equilibrium
-        eager = call(*arguments, **options)
-        *fixed, last = arguments
-
-        def one(last: jax.Array, call=call, fixed=fixed, options=options) -> jax.Array:
-            return call(*fixed, last, **options)
-
-        many = jax.jit(jax.vmap(one))(jnp.array([last, 0.8 * last]))
-        np.testing.assert_allclose(many[0], eager, rtol=SOLVED)
+        # Not every surface has an equilibrium.
+        raises = method not in ("force", "stiffness", "blocked_force")
+        call = getattr(model, method)
+        calls[method] = functools.partial(call, throw=False) if raises else call
+        eager[method] = calls[method](*arguments)
         caplog.clear()
         with jax.log_compiles():
-            call(*(1.01 * argument for argument in arguments), **options)
+            calls[method](*(1.01 * argument for argument in arguments))
         assert not caplog.records, (method, caplog.records[0].getMessage())
-    np.testing.assert_allclose(jax.jit(model.force)(0.23, 4e5), model.force(0.23, 4e5), rtol=SOLVED)
+
+    @jax.jit  # one program for all of them
+    def many(factors: jax.Array) -> tuple:
+        mapped = {
+            method: jax.vmap(functools.partial(call, *CALLS[method][:-1]))(
+                factors * CALLS[method][-1]
+            )
+            for method, call in calls.items()
+        }
+        slope = jax.grad(model.force)(0.23, 4e5)
+        return (
+            mapped,
+            jax.jit(model.force)(0.23, 4e5),
+            slope,
+            model.force(jnp.array([-0.2, 0.22]), 4e5),
+        )
+
+    mapped, force, slope, batch = many(jnp.array([1.0, 0.8]))
+    for method, values in mapped.items():
+        np.testing.assert_allclose(values[0], eager[method], rtol=SOLVED, err_msg=method)
+    np.testing.assert_allclose(force, model.force(0.23, 4e5), rtol=SOLVED)
     h = 1e-6
-    slope = (model.force(0.23 + h, 4e5) - model.force(0.23 - h, 4e5)) / (2 * h)
-    assert float(jax.grad(model.force)(0.23, 4e5)) == pytest.approx(float(slope), rel=1e-5)
-    assert np.isnan(model.force(jnp.array([-0.2, 0.22]), 4e5)).tolist() == [True, False]
+    difference = (model.force(0.23 + h, 4e5) - model.force(0.23 - h, 4e5)) / (2 * h)
+    assert float(slope) == pytest.approx(float(difference), rel=1e-5)
+    assert np.isnan(batch).tolist() == [True, False]
 
 
 def test_the_log_would_show_a_trace(caplog: pytest.LogCaptureFixture) -> None:
@@ -371,9 +397,9 @@ def test_the_log_would_show_a_trace(caplog: pytest.LogCaptureFixture) -> None:
 def test_derivatives_of_equilibria_in_pressure() -> None:
     muscle = MUSCLES["mounted"]
     for method in (muscle.free_contraction, lambda P: muscle.length_at_load(20.0, P)):
-        jitted = jax.jit(method)
-        difference = (jitted(4e5 + 10) - jitted(4e5 - 10)) / 20
-        assert float(jax.grad(method)(4e5)) == pytest.approx(float(difference), rel=1e-5)
+        jitted = jax.jit(jax.value_and_grad(method))
+        difference = (jitted(4e5 + 10)[0] - jitted(4e5 - 10)[0]) / 20
+        assert float(jitted(4e5)[1]) == pytest.approx(float(difference), rel=1e-5)
 
 
 def test_methods_of_a_traced_muscle_can_be_jitted_twice() -> None:

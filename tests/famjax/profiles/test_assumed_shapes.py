@@ -50,7 +50,7 @@ def test_jit_vmap_and_precision(name: str) -> None:
     eager = shape.diameter(INSIDE, LENGTH)
     jitted = eqx.filter_jit(lambda shape, x: shape.diameter(x, LENGTH))(shape, INSIDE)
     np.testing.assert_allclose(jitted, eager, rtol=EXACT)
-    one_by_one = jax.vmap(lambda x: shape.diameter(x, LENGTH))(INSIDE)
+    one_by_one = jax.jit(jax.vmap(lambda x: shape.diameter(x, LENGTH)))(INSIDE)
     np.testing.assert_allclose(one_by_one, eager, rtol=EXACT)
     single = jax.tree.map(lambda leaf: leaf.astype(np.float32), shape)
     diameter = single.diameter(np.float32(INSIDE), np.float32(LENGTH))
@@ -66,7 +66,7 @@ def test_derivatives_are_finite_and_right(name: str) -> None:
     def diameters(middle: jax.Array, length: jax.Array) -> jax.Array:
         return eqx.tree_at(lambda s: s.middle_diameter, shape, middle).diameter(INSIDE, length)
 
-    by_ad = jax.jacfwd(diameters, (0, 1))(middle, jnp.array(LENGTH))
+    by_ad = jax.jit(jax.jacfwd(diameters, (0, 1)))(middle, jnp.array(LENGTH))
     h = 1e-6
     numeric = (
         (diameters(middle + h, LENGTH) - diameters(middle - h, LENGTH)) / (2 * h),

@@ -58,7 +58,7 @@ def test_direction_is_odd_smooth_and_saturates() -> None:
     direction = smooth_sign(v, 0.01)
     np.testing.assert_allclose(direction, np.tanh(v / 0.01), rtol=EXACT)
     np.testing.assert_allclose(direction, -direction[::-1], rtol=EXACT)
-    assert float(jax.grad(smooth_sign)(0.0, 0.01)) == pytest.approx(100.0)
+    assert float(jax.jit(jax.grad(smooth_sign))(0.0, 0.01)) == pytest.approx(100.0)
 
 
 @pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
@@ -91,7 +91,7 @@ def test_jit_vmap_and_broadcasting(term: AbstractFriction, festo: famjax.Muscle)
 
     eager = force(L, P, v)
     np.testing.assert_allclose(eqx.filter_jit(force)(L, P, v), eager, rtol=EXACT, atol=EXACT)
-    np.testing.assert_allclose(jax.vmap(force)(L, P, v), eager, rtol=EXACT, atol=EXACT)
+    np.testing.assert_allclose(jax.jit(jax.vmap(force))(L, P, v), eager, rtol=EXACT, atol=EXACT)
     assert force(L[:, None], P, v).shape == (4, 4)
 
 

@@ -114,7 +114,7 @@ def test_coordinates_are_products_of_contraction_and_pressure() -> None:
 def _work(L: np.ndarray, P: np.ndarray) -> np.ndarray:
     """What machine and fluid do in each step, F dL - V dP by the trapezoidal rule."""
     states = SLIP.states(L, P)
-    F, V = np.asarray(SLIP.along(L, P)), np.asarray(jax.vmap(SLIP.volume)(states, L))
+    F, V = np.asarray(SLIP.along(L, P)), np.asarray(jax.jit(jax.vmap(SLIP.volume))(states, L))
     return (F[1:] + F[:-1]) / 2 * np.diff(L) - (V[1:] + V[:-1]) / 2 * np.diff(P)
 
 
@@ -128,7 +128,7 @@ def test_no_closed_cycle_gives_energy(seed: int) -> None:
     once = fine.size - 1
     L, P = (np.append(x, x[1:]) for x in (L, P))
     work, heat = _work(L, P), float(SLIP.heat(L, P))
-    stored = np.asarray(jax.vmap(SLIP.energy)(SLIP.states(L, P)))
+    stored = np.asarray(jax.jit(jax.vmap(SLIP.energy))(SLIP.states(L, P)))
     assert heat >= 0
     assert (stored >= 0).all()
     assert work.sum() == pytest.approx(heat + stored[-1], rel=1e-3)
@@ -162,13 +162,14 @@ def test_derivatives_against_differences(seed: int) -> None:
         jnp.asarray(L / REST),
         jnp.asarray(P / 1e5),
     )
-    slope = jax.grad(value)(at)
+    slope, valued = jax.jit(jax.grad(value))(at), jax.jit(value)
     for direction in range(3):
         rng = np.random.default_rng(100 + direction)
         leaves, form = jax.tree.flatten(at)
         step = jax.tree.unflatten(form, [leaf * rng.normal(size=leaf.shape) for leaf in leaves])
         ends = [
-            float(value(jax.tree.map(lambda x, d, h=h: x + h * d, at, step))) for h in (STEP, -STEP)
+            float(valued(jax.tree.map(lambda x, d, h=h: x + h * d, at, step)))
+            for h in (STEP, -STEP)
         ]
         along = sum(
             float(jnp.vdot(a, b))
