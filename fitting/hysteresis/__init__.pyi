@@ -1,5 +1,4 @@
 from .branch_pairs import BranchPairs as BranchPairs
-from .centred_slip import CentredSlip as CentredSlip, ReferenceCycle as ReferenceCycle
 from .history_file import History as History, read_history as read_history
 from .left_out import leave_out as leave_out
 from .slip_columns import threshold_grid as threshold_grid

@@ -8,9 +8,8 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import from_si, unit_system
-from famjax.terms import MaxwellSlip, SlipElements
+from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
-from .centred_slip import CentredSlip, ReferenceCycle
 from .slip_fit import HysteresisFit
 
 PREDICTS = 0.6

@@ -13,9 +13,9 @@ import numpy as np
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.cards import muscle_from_dict
+from famjax.terms import CentredSlip
 
 from ..evidence.model_error import ModelError
-from ..hysteresis.centred_slip import CentredSlip
 from ..hysteresis.slip_report import hysteresis_from_dict
 
 SCHEMA = "famjax-fit/1"

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.terms import MaxwellSlip, SlipElements
+from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 from fitting.hysteresis import (
     BranchPairs,
-    CentredSlip,
     HysteresisFit,
-    ReferenceCycle,
     fit_hysteresis,
     hysteresis_as_dict,
     hysteresis_from_dict,
