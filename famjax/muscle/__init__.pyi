@@ -4,5 +4,12 @@ from .continued import ContinuedMuscle as ContinuedMuscle
 from .cutting import cut_to_length as cut_to_length
 from .mean import MeanMuscle as MeanMuscle
 from .mounted import MountedMuscle as MountedMuscle
-from .region import Region as Region, rising_region as rising_region
+from .numbers import flatten as flatten, number_names as number_names
+from .region import (
+    Region as Region,
+    grid_slopes as grid_slopes,
+    rising as rising,
+    rising_region as rising_region,
+)
 from .safe import SafeMuscle as SafeMuscle
+from .volume import continued_volume as continued_volume, muscle_volume as muscle_volume

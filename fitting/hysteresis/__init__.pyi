@@ -9,7 +9,6 @@ from .slip_fit import (
 )
 from .slip_report import (
     hysteresis_as_dict as hysteresis_as_dict,
-    hysteresis_from_dict as hysteresis_from_dict,
     hysteresis_table as hysteresis_table,
     hysteresis_warnings as hysteresis_warnings,
 )
