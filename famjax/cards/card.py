@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import msgspec
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +23,6 @@ from ..muscle import (
     SafeMuscle,
     continued_volume,
     cut_to_length,
-    grid_slopes,
     number_names,
 )
 from ..terms import CentredSlip
@@ -104,8 +105,8 @@ class MuscleCard:
     def sample(self) -> AbstractMuscle | None:
         """Muscles drawn from the fit's errors, each array with a leading axis; None without errors.
 
-        One after another under `equinox.filter_vmap`. Each rises throughout the region; they do not
-        spread by the model's own error, which `provenance.model_error` tells.
+        Ask them under `equinox.filter_vmap`. They do not spread by the model's own error, which
+        `provenance.model_error` tells.
         """
         if self.draws is None:
             return None
@@ -117,16 +118,23 @@ class MuscleCard:
         )(as_real(self.draws.rows))
 
     def safe_sample(self) -> SafeMuscle | None:
-        """The sample as safe muscles in the card's region, each array with a leading axis."""
-        muscles, region = self.sample, self.region
-        if muscles is None:
+        """The sample as safe muscles, each array with a leading axis; None without errors.
+
+        Each is continued from where it rises within the card's region.
+        """
+        muscles = self.sample
+        if muscles is None or self.draws is None:
             return None
-
-        def one(muscle: AbstractMuscle) -> SafeMuscle:
-            at = grid_slopes(muscle, region)
-            return SafeMuscle.within(muscle, region, at, self.data, self.hysteresis)
-
-        return eqx.filter_jit(eqx.filter_vmap(one))(muscles)
+        region = [np.asarray(one) for one in (self.region.length, self.region.pressure)]
+        each = [
+            SafeMuscle.of(
+                jax.tree.map(lambda leaf, k=k: leaf[k], muscles),
+                *region,
+                hysteresis=self.hysteresis,
+            )
+            for k in range(len(self.draws.rows))
+        ]
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
 
     def with_draws(self, draws: Draws | None) -> "MuscleCard":
         """The card with another sample, or none."""

@@ -5,6 +5,7 @@
 
 import json
 import math
+import re
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -190,4 +191,10 @@ def _tables(found: CardDocument) -> list[tuple[list, str, tuple[int, ...]]]:
 
 def as_text(document: CardDocument) -> str:
     """The file's content: indented, one line for each row of numbers."""
-    return json.dumps(msgspec.to_builtins(document), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(msgspec.to_builtins(document), indent=1, allow_nan=False)
+    # A line break stands nowhere within a text of JSON, so that only lists are joined.
+    return re.sub(r"\[\n([^\[\]{}]*)\n *\]", _on_one_line, text) + "\n"
+
+
+def _on_one_line(found: re.Match[str]) -> str:
+    return "[" + ", ".join(line.strip().rstrip(",") for line in found[1].split("\n")) + "]"

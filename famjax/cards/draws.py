@@ -18,11 +18,13 @@ from ..muscle import (
     Region,
     flatten,
     grid_slopes,
+    largest_share,
     number_names,
     rising,
 )
 
 _AT_ONCE = 32
+_RISES = 0.9  # of the region
 _TRIES = 50  # times the number of muscles wanted
 
 
@@ -82,17 +84,18 @@ def draw(
     seed: int = 0,
     count: int = 32,
 ) -> Draws:
-    """Muscles whose numbers vary as a fit's do, each of which rises throughout the region.
+    """Muscles whose numbers vary as a fit's do, each of which can be made safe.
 
     x = x0 + sum z_k d_k with z_k standard normal. What leaves the range that a parameter declares,
-    or is not monotone in the region, is drawn again: no muscle is like that.
+    has no force somewhere in the region, or rises in less than nine tenths of it, is drawn again:
+    no muscle is like that.
 
     Args:
         members: models of the muscle; the first one's numbers vary.
         weights: theirs in the pull.
         directions: of one standard deviation each, independent of one another, in the order of
             `flatten`.
-        region: in which the pull must rise with length and pressure.
+        region: in which the pull of the card's own muscle rises.
         seed: of NumPy's default generator.
         count: of muscles.
 
@@ -109,30 +112,37 @@ def draw(
     while len(kept) < count and tried < _TRIES * count:
         z = rng.standard_normal((_AT_ONCE, len(directions)))
         rows = np.asarray(flat) + z @ directions
-        good = np.asarray(_sound(tuple(members), weights, region, rows, any_gives_way(members)))
-        kept += [row for row, fine in zip(rows, good, strict=True) if fine]
+        good = _looked_at(tuple(members), weights, region, rows, any_gives_way(members))
+        possible, rises = (np.asarray(one) for one in good)
+        kept += [
+            row
+            for row, one, cells in zip(rows, possible, rises, strict=True)
+            if one and largest_share(cells) >= _RISES
+        ]
         tried += _AT_ONCE
     if len(kept) < count:
         raise InputError(
             f"of {tried} muscles drawn from the fit's errors {len(kept)} have numbers in their ranges "
-            f"and a pull that rises throughout the data, and {count} were wanted: the fit determines "
+            f"and a pull that rises where the card's does, and {count} were wanted: the fit determines "
             "too little"
         )
     return Draws(seed, number_names(first), np.array(kept[:count]))
 
 
 @quick_jit
-def _sound(
+def _looked_at(
     members: tuple[MountedMuscle, ...],
     weights: Float[Array, " members"],
     region: Region,
     rows: Float[Array | np.ndarray, "n numbers"],
     gives_way: bool,
-) -> Bool[Array, " n"]:
-    def one(row: Array) -> Array:
-        muscle = varied(members, weights, row, gives_way=gives_way)
-        rises = rising(grid_slopes(muscle, region))
-        return _in_ranges(flatten(members[0])[1](row)) & jnp.all(rises)
+) -> tuple[Bool[Array, " n"], Bool[Array, "n lengths pressures"]]:
+    """Whether each muscle is possible and has a force everywhere, and where it rises."""
+
+    def one(row: Array) -> tuple[Array, Array]:
+        at = grid_slopes(varied(members, weights, row, gives_way=gives_way), region)
+        possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
+        return possible, jnp.asarray(rising(at))
 
     return jax.vmap(one)(jnp.asarray(rows))
 

@@ -8,6 +8,7 @@ from .numbers import flatten as flatten, number_names as number_names
 from .region import (
     Region as Region,
     grid_slopes as grid_slopes,
+    largest_share as largest_share,
     rising as rising,
     rising_region as rising_region,
 )

@@ -126,6 +126,14 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
 _grid_slopes = quick_jit(grid_slopes)
 
 
+def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
+    """Share [-] of a grid's cells in the largest rectangle in which all is good."""
+    if good.all():
+        return 1.0
+    (i0, i1), (j0, j1) = _largest(good)
+    return (i1 - i0) * (j1 - j0) / float(np.prod(np.subtract(good.shape, 1)))
+
+
 def _largest(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     """First and last lines of the largest rectangle of a grid in which all is good."""
     bad = np.pad(np.cumsum(np.cumsum(~good, 0), 1), ((1, 0), (1, 0)))

@@ -24,7 +24,7 @@ def card_of(
         name: of the muscle; the specimen's unless given.
         count: of muscles in the sample; none of a fit that has no standard errors.
         seed: of the sample.
-        origin: date and command; those of the fit unless given.
+        origin: date and command of the card, beside those of the fit.
 
     Raises:
         InputError: the model is monotone nowhere, or hardly any muscle can be drawn.
@@ -74,7 +74,8 @@ def _covariance(document: dict) -> Covariance | None:
 
 def _provenance(document: dict, origin: Origin | None) -> Provenance:
     data, made = document["data"], document.get("origin") or {}
-    told = made if origin is None else origin.as_dict()
+    told = {} if origin is None else origin.as_dict()
+    commands = [one["command"] for one in (made, told) if one.get("command")]
     return Provenance(
         verdict=document.get("verdict"),
         reasons=document.get("reasons") or [],
@@ -85,7 +86,7 @@ def _provenance(document: dict, origin: Origin | None) -> Provenance:
         source=data.get("source"),
         data_sha256=data.get("sha256"),
         specimen={k: v for k, v in data["specimen"].items() if v is not None},
-        date=told.get("date"),
-        command=told.get("command"),
+        date=told.get("date", made.get("date")),
+        command=" && ".join(commands) or None,
         versions=document.get("versions") or {},
     )
