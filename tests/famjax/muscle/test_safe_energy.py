@@ -14,8 +14,10 @@ from famjax.muscle import SafeMuscle
 from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 STEPS, DT = 100_000, 1e-3  # a step that a simulator of robots takes
-RK4_ERROR = 1e-6  # of the energy at the start, its own unit: RK4 itself loses, and gains nothing
-EULER_WAVE = 0.05  # the semi-implicit step's energy swings by about omega dt / 2, without a trend
+RK4_ERROR = 1e-3  # of the largest kinetic energy: where it runs into a stop, omega dt = 0.2
+EULER_WAVE = 0.2  # of the same: the semi-implicit step's energy swings by omega dt, without a trend
+FINER = 0.5  # of either is left at a quarter of the step, or more would not be the integrator's
+TABLE = 1e-8  # of the same: the trapezium rule of the elastic energy
 DRIFT = 1e-3  # of the same, between the first tenth of the run and the last
 ROUNDING = 1e-9  # of force times path
 
@@ -49,25 +51,28 @@ def loops() -> SafeMuscle:
     return SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=LOOPS)
 
 
-def euler(pull: Callable, L: jax.Array, v: jax.Array, m: jax.Array) -> tuple[jax.Array, jax.Array]:
-    v = v + DT * (G - pull(L) / m)
-    return L + DT * v, v
+State = tuple[jax.Array, jax.Array]
 
 
-def rk4(pull: Callable, L: jax.Array, v: jax.Array, m: jax.Array) -> tuple[jax.Array, jax.Array]:
+def euler(pull: Callable, L: jax.Array, v: jax.Array, m: jax.Array, dt: float) -> State:
+    v = v + dt * (G - pull(L) / m)
+    return L + dt * v, v
+
+
+def rk4(pull: Callable, L: jax.Array, v: jax.Array, m: jax.Array, dt: float) -> State:
     def rate(y: jax.Array) -> jax.Array:
         return jnp.stack([y[1], G - pull(y[0]) / m])
 
     y = jnp.stack([L, v])
     a = rate(y)
-    b = rate(y + DT / 2 * a)
-    c = rate(y + DT / 2 * b)
-    y = y + DT / 6 * (a + 2 * b + 2 * c + rate(y + DT * c))
+    b = rate(y + dt / 2 * a)
+    c = rate(y + dt / 2 * b)
+    y = y + dt / 6 * (a + 2 * b + 2 * c + rate(y + dt * c))
     return y[0], y[1]
 
 
 @eqx.filter_jit
-def hung(of: SafeMuscle, starts: jax.Array, step: Callable) -> tuple[jax.Array, jax.Array]:
+def hung(of: SafeMuscle, starts: jax.Array, step: Callable, dt: jax.Array) -> State:
     """Length and velocity of a mass that hangs on the muscle, (starts, STEPS + 1)."""
 
     def run(start: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -75,7 +80,7 @@ def hung(of: SafeMuscle, starts: jax.Array, step: Callable) -> tuple[jax.Array, 
 
         def one(carry: tuple, _: None) -> tuple:
             L, v, state = carry
-            L, v = step(lambda at: of.pull(state, at, P), L, v, m)
+            L, v = step(lambda at: of.pull(state, at, P), L, v, m, dt)
             after = L, v, of.moved(state, L, P)
             return after, after[:2]
 
@@ -101,7 +106,7 @@ def energies(of: SafeMuscle, L: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, 
 
 @pytest.mark.parametrize("step", [euler, rk4])
 def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) -> None:
-    L, v = (np.asarray(one) for one in hung(plain, STARTS, step))
+    L, v = (np.asarray(one) for one in hung(plain, STARTS, step, jnp.asarray(DT)))
     assert np.isfinite(L).all()
     E, scale = energies(plain, L, v)
     above = (E - E[:, :1]).max(axis=1) / scale
@@ -110,11 +115,15 @@ def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) 
     drift = (E[:, -tenth:].max(axis=1) - E[:, :tenth].max(axis=1)) / scale
     assert (drift <= DRIFT).all(), drift
     assert (v**2).max() > 1.0  # it did move
+    finer = hung(plain, STARTS, step, jnp.asarray(DT / 4))
+    E, scale = energies(plain, *(np.asarray(one) for one in finer))
+    left = (E - E[:, :1]).max(axis=1) / scale
+    assert (left <= FINER * above + TABLE).all(), (left, above)
 
 
 @pytest.mark.parametrize("step", [euler, rk4])
 def test_with_hysteresis_the_mass_comes_to_rest(loops: SafeMuscle, step: Callable) -> None:
-    L, v = (np.asarray(one) for one in hung(loops, STARTS, step))
+    L, v = (np.asarray(one) for one in hung(loops, STARTS, step, jnp.asarray(DT)))
     E, scale = energies(loops, L, v)
     tenth = STEPS // 10
     # What the springs have stored at the start is given back at most: less than the loops' width.
@@ -123,8 +132,8 @@ def test_with_hysteresis_the_mass_comes_to_rest(loops: SafeMuscle, step: Callabl
     assert (above <= stored + (RK4_ERROR if step is rk4 else EULER_WAVE) * scale).all(), above
     last = E[:, -tenth:].max(axis=1) - E[:, :tenth].max(axis=1)
     assert (last <= 0).all()
-    # Small motions go on: within the elements' thresholds nothing slides.
-    assert (0.5 * STARTS[:, 2] * (v[:, -tenth:] ** 2).max(axis=1) < 0.05 * scale).all()
+    # Of up to 400 J small motions are left: within the elements' thresholds nothing slides.
+    assert (0.5 * STARTS[:, 2] * (v[:, -tenth:] ** 2).max(axis=1) < 0.1).all()
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
