@@ -39,7 +39,7 @@ from .document import (
     as_text,
     checked,
 )
-from .draws import Draws, any_gives_way, joined, varied
+from .draws import Draws, giving_way, joined, varied
 from .muscle_card import muscle_as_dict, muscle_from_dict
 from .slip_card import slip_as_dict, slip_from_dict
 
@@ -77,7 +77,7 @@ class MuscleCard:
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
         """The model as it was identified: what the rig of the fit measures. Not for a simulator."""
-        return joined(self.members, as_real(self.weights), gives_way=any_gives_way(self.members))
+        return joined(self.members, as_real(self.weights), mounted=giving_way(self.members))
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
@@ -111,9 +111,9 @@ class MuscleCard:
         if self.draws is None:
             return None
         members, weights = self.members, as_real(self.weights)
-        gives_way = any_gives_way(members)
+        mounted = giving_way(members)
         return eqx.filter_vmap(
-            lambda row: varied(members, weights, row, gives_way=gives_way),
+            lambda row: varied(members, weights, row, mounted=mounted),
             out_axes=eqx.if_array(0),
         )(as_real(self.draws.rows))
 

@@ -28,13 +28,13 @@ LENGTHS, PRESSURES = [0.15, 0.24, 0.27, 0.3, 0.33], [2e4, 2e5, 5e5, 9e5]
 
 
 def golden_card() -> MuscleCard:
-    """All that a card can hold: two models, a compliant rig, errors, sample, hysteresis."""
+    """All that a card can hold: two models, errors, sample, hysteresis."""
     braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
     shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.0018, embedded=True))
     first = famjax.Muscle(shape, famjax.PolynomialMaterial([6e5, 2e5, 1e5]), 4e4)
     ends = famjax.geometries.EndEffectGeometry(shape, 1.05)
     second = famjax.Muscle(ends, famjax.materials.NeoHookeanMaterial(2e5), 3.5e4)
-    members = MountedMuscle(first, 1e-6), MountedMuscle(second, 0.0)
+    members = MountedMuscle(first, 0.0), MountedMuscle(second, 0.0)
     slip = MaxwellSlip(
         SlipElements([0.004], [8.0]), SlipElements([0.002, 0.01], [10.0, 40.0]), 0.3, 1e6
     )

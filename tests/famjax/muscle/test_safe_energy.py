@@ -17,7 +17,7 @@ STEPS, DT = 100_000, 1e-3  # a step that a simulator of robots takes
 RK4_ERROR = 1e-3  # of the largest kinetic energy: where it runs into a stop, omega dt = 0.2
 EULER_WAVE = 0.2  # of the same: the semi-implicit step's energy swings by omega dt, without a trend
 FINER = 0.5  # of either is left at a quarter of the step, or more would not be the integrator's
-TABLE = 1e-8  # of the same: the trapezium rule of the elastic energy
+ONSETS = 3e-5  # of the same: a step across the onset of a stop gains or loses as it falls
 DRIFT = 1e-3  # of the same, between the first tenth of the run and the last
 ROUNDING = 1e-9  # of force times path
 
@@ -26,7 +26,10 @@ SHAPE = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.3, 0.02, 0.0018, embedd
 MUSCLE = famjax.Muscle(SHAPE, famjax.PolynomialMaterial([6e5, 2e5, 1e5]), 4e4)
 LOOPS = CentredSlip(
     MaxwellSlip(
-        SlipElements([0.004, 0.02], [8.0, 15.0]), SlipElements([0.002, 0.01], [10.0, 40.0]), 0.3, 1e6
+        SlipElements([0.004, 0.02], [8.0, 15.0]),
+        SlipElements([0.002, 0.01], [10.0, 40.0]),
+        0.3,
+        1e6,
     ),
     ReferenceCycle("ramp", 0.0, 6e5, True),
 )
@@ -118,7 +121,7 @@ def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) 
     finer = hung(plain, STARTS, step, jnp.asarray(DT / 4))
     E, scale = energies(plain, *(np.asarray(one) for one in finer))
     left = (E - E[:, :1]).max(axis=1) / scale
-    assert (left <= FINER * above + TABLE).all(), (left, above)
+    assert (left <= FINER * above + ONSETS).all(), (left, above)
 
 
 @pytest.mark.parametrize("step", [euler, rk4])
