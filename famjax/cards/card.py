@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -19,6 +19,7 @@ from ..boundary.files import write_all
 from ..muscle import (
     AbstractMuscle,
     MountedMuscle,
+    Muscle,
     Region,
     SafeMuscle,
     continued_volume,
@@ -42,6 +43,9 @@ from .document import (
 from .draws import Draws, giving_way, joined, varied
 from .muscle_card import muscle_as_dict, muscle_from_dict
 from .slip_card import slip_as_dict, slip_from_dict
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 _TABLE = 33, 5  # lengths and pressures of the table of volumes
 
@@ -188,6 +192,11 @@ def card_as_document(card: MuscleCard) -> CardDocument:
     """
     safe, members = card.safe(), []
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
+        if not isinstance(one.muscle, Muscle):
+            raise InputError(
+                f"a muscle card holds a famjax.Muscle, got a {type(one.muscle).__name__}, which has no "
+                "card format"
+            )
         of = muscle_as_dict(one.muscle)
         members.append(Member(of, float(one.compliance), float(weight)))
     loops = card.hysteresis
@@ -239,7 +248,7 @@ def card_from_document(document: CardDocument) -> MuscleCard:
     )
 
 
-def read_card(path: "str | Path | Any") -> MuscleCard:
+def read_card(path: "str | Path | Traversable") -> MuscleCard:
     """The muscle card in a file, of this version of its schema or an earlier one.
 
     Args:
@@ -251,9 +260,9 @@ def read_card(path: "str | Path | Any") -> MuscleCard:
     Raises:
         InputError: no such file, no muscle card, or a damaged one.
     """
-    path = Path(path) if isinstance(path, str) else path
+    file = Path(path) if isinstance(path, str) else path
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:
@@ -284,7 +293,7 @@ def _ranges(region: Region) -> Ranges:
 def _volume(card: MuscleCard) -> Volume | None:
     """A table over the region for readers that have no geometry; None for a model without one."""
     L, P = (
-        np.linspace(*np.asarray(ends, float), count)
+        np.linspace(float(ends[0]), float(ends[1]), count)
         for ends, count in zip((card.region.length, card.region.pressure), _TABLE, strict=True)
     )
     try:

@@ -40,7 +40,7 @@ def test_a_bundled_muscle_can_be_cut_and_taken_anywhere() -> None:
     assert (np.diff(found, axis=0) >= 0).all()
     with pytest.raises(InputError, match="rest length must be > 0"):
         dmsp_10(length=-0.1)
-    with pytest.raises(InputError, match="cannot be cut to 0.001 m"):
+    with pytest.raises(InputError, match=r"cannot be cut to 0\.001 m"):
         dmsp_20(length=0.001)
     with pytest.raises(InputError, match="no card of a muscle 'DMSP-40'"):
         bundled_card("DMSP-40")

@@ -12,11 +12,17 @@ from famjax.cards import read_card
 from fitting.saved import card_of, load_fit, predict
 
 
+def run(*arguments: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert not ended.value.code
+
+
 @pytest.fixture(scope="module")
 def fit_json(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fit")
     asked = ["--law", "neo-hookean", "--output", str(folder)]
-    assert main(["fit", "DMSP-10-250", *asked]) == 0
+    run("fit", "DMSP-10-250", *asked)
     return folder / "fit.json"
 
 
@@ -24,7 +30,7 @@ def test_the_command_writes_what_predict_says(
     fit_json: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     path = tmp_path / "muscle.json"
-    assert main(["card", str(fit_json), "-o", str(path), "--name", "mine", "--seed", "5"]) == 0
+    run("card", str(fit_json), "-o", str(path), "--name", "mine", "--seed", "5")
     assert f"written: {path}" in " ".join(capsys.readouterr().out.split())
     card, fit = read_card(path), load_fit(fit_json)
     L, P = np.array([0.21, 0.24]), np.array([3e5, 5e5])
@@ -60,6 +66,6 @@ def test_without_errors_there_is_no_sample(fit_json: Path) -> None:
 
 
 def test_the_command_says_json(fit_json: Path, capsys: pytest.CaptureFixture) -> None:
-    assert main(["card", str(fit_json), "--sample", "0", "--json"]) == 0
+    run("card", str(fit_json), "--sample", "0", "--json")
     assert json.loads(capsys.readouterr().out)["schema"] == "famjax-card/1"
     assert fit_json.with_name("card.json").exists()
