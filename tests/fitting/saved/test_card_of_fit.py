@@ -35,7 +35,7 @@ def test_the_command_writes_what_predict_says(
     card, fit = read_card(path), load_fit(fit_json)
     L, P = np.array([0.21, 0.24]), np.array([3e5, 5e5])
     rows = predict(fit, L, P)
-    wanted = [row["force_N"] for row in rows]
+    wanted = [max(row["force_N"], 0.0) for row in rows]  # predict does not cut a slack muscle
     found = card.safe().force(
         *(np.array([row[k] for row in rows]) for k in ("length_m", "pressure_Pa"))
     )
