@@ -8,6 +8,7 @@ from . import (
     geometries as geometries,
     materials as materials,
     muscle as muscle,
+    muscles as muscles,
     parameters as parameters,
     peers as peers,
     profiles as profiles,
@@ -27,6 +28,7 @@ from .muscle.abstract_muscle import AbstractMuscle as AbstractMuscle
 from .muscle.balance import Muscle as Muscle
 from .muscle.cutting import cut_to_length as cut_to_length
 from .muscle.mounted import MountedMuscle as MountedMuscle
+from .muscle.safe import SafeMuscle as SafeMuscle
 from .parameters.apart import take_apart as take_apart
 from .parameters.declared import parameter as parameter
 

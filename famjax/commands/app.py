@@ -10,6 +10,9 @@ from . import rig
 _HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
 
 COMMANDS = {
+    "fits.card:card": (
+        "Write the muscle card of a fit: what a simulator, a controller or a colleague needs of it."
+    ),
     "characterise:characterise": (
         "Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report."
     ),

@@ -6,6 +6,11 @@ from .bladder_wall import (
     bladder_axial_force as bladder_axial_force,
     bladder_hoop_force as bladder_hoop_force,
 )
+from .centred_slip import (
+    CentredSlip as CentredSlip,
+    ReferenceCycle as ReferenceCycle,
+    there_and_back as there_and_back,
+)
 from .friction import (
     AbstractFriction as AbstractFriction,
     Friction as Friction,

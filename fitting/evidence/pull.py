@@ -5,17 +5,16 @@ deviation each, independent of one another, and the force with them; see `muscle
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 import famjax
 from famjax.compile_options import quick_jit
+from famjax.muscle import flatten
 
 ROWS = 65
 """Rows that the program computes at once; fewer are filled up, more are computed in parts."""
@@ -109,12 +108,3 @@ def _pull(
     std = jnp.sqrt(jnp.sum(slopes**2, axis=0))
     muscle_force = alone(mounted).force(length, pressure) if gives_way else found
     return found, muscle_force, std
-
-
-def flatten(
-    mounted: famjax.MountedMuscle,
-) -> tuple[Float[Array, " numbers"], Callable[[Float[Array, " numbers"]], famjax.MountedMuscle]]:
-    """All numbers of a mounted muscle in one row, and the way back."""
-    numbers, rest = eqx.partition(mounted, eqx.is_inexact_array)
-    flat, unflat = ravel_pytree(numbers)
-    return flat, lambda changed: eqx.combine(unflat(changed), rest)

@@ -1,5 +1,4 @@
 from .branch_pairs import BranchPairs as BranchPairs
-from .centred_slip import CentredSlip as CentredSlip, ReferenceCycle as ReferenceCycle
 from .history_file import History as History, read_history as read_history
 from .left_out import leave_out as leave_out
 from .slip_columns import threshold_grid as threshold_grid
@@ -10,7 +9,6 @@ from .slip_fit import (
 )
 from .slip_report import (
     hysteresis_as_dict as hysteresis_as_dict,
-    hysteresis_from_dict as hysteresis_from_dict,
     hysteresis_table as hysteresis_table,
     hysteresis_warnings as hysteresis_warnings,
 )

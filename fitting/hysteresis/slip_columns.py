@@ -3,10 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
-from famjax.terms import slip_coordinates, slip_shares
+from famjax.terms import slip_coordinates, slip_shares, there_and_back
 
 from .branch_pairs import BranchPairs
-from .centred_slip import there_and_back
 
 MODULUS = 1e6
 """E [Pa] of the coordinates, the order of rubber's: see `famjax.terms.MaxwellSlip`."""

@@ -6,13 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
-from famjax.terms import MaxwellSlip, SlipElements
+from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 from ..convex.arrays import member
 from ..convex.host_qp import solve_host_qps
 from ..convex.status import Status
 from .branch_pairs import BranchPairs
-from .centred_slip import CentredSlip, ReferenceCycle
 from .slip_columns import (
     MODULUS,
     Thresholds,

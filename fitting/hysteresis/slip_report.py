@@ -1,47 +1,28 @@
 """A fit of hysteresis in `fit.json`, on the terminal and in the report, and back from the file."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from famjax.boundary.errors import InputError
 from famjax.boundary.units import from_si, unit_system
-from famjax.terms import MaxwellSlip, SlipElements
+from famjax.cards import slip_as_dict
 
-from .centred_slip import CentredSlip, ReferenceCycle
 from .slip_fit import HysteresisFit
 
 PREDICTS = 0.6
 """Error on what was left out, in parts of what was measured, above which a reader is warned."""
 
 _SETS = ("wall", "braid")
-_UNITS = {"ramp": "Pa", "stroke": "m"}
 _GROUPS = {"record": "", "length": "_m", "pressure": "_Pa"}
 
 
 def hysteresis_as_dict(fit: HysteresisFit) -> dict[str, Any]:
-    """The fit as JSON-ready data in SI."""
-    slip, cycle, pairs = fit.slip, fit.centred.cycle, fit.pairs
-    unit = _UNITS[cycle.kind]
+    """The fit as JSON-ready data in SI; `famjax.cards.slip_from_dict` reads its elements."""
+    pairs = fit.pairs
     records = np.unique(pairs.record).tolist()
     return {
-        "rest_length_m": float(slip.rest_length),
-        "modulus_Pa": float(slip.modulus),
-        **{
-            name: {
-                "thresholds": np.asarray(getattr(slip, name).threshold).tolist(),
-                "strengths_N": np.asarray(getattr(slip, name).strength).tolist(),
-            }
-            for name in _SETS
-        },
-        "cycle": {
-            "kind": cycle.kind,
-            f"start_{unit}": cycle.start,
-            f"turn_{unit}": cycle.turn,
-            "cycled": cycle.cycled,
-        },
+        **slip_as_dict(fit.centred),
         "n_points": int(pairs.half_difference.size),
         "measured_rms_N": pairs.measured_rms,
         "rms_N": fit.rms,
@@ -59,33 +40,6 @@ def hysteresis_as_dict(fit: HysteresisFit) -> dict[str, Any]:
         "records": [pairs.names[k] for k in records],
         "lost_energy_J": [fit.heat(k) for k in records],
     }
-
-
-def hysteresis_from_dict(document: Mapping[str, Any]) -> CentredSlip:
-    """The elements and their cycle back from `hysteresis_as_dict`.
-
-    Raises:
-        InputError: something is missing or is no number.
-    """
-    try:
-        cycle = document["cycle"]
-        unit = _UNITS[cycle["kind"]]
-        wall, braid = (
-            SlipElements(
-                np.array(document[name]["thresholds"], float),
-                np.array(document[name]["strengths_N"], float),
-            )
-            for name in _SETS
-        )
-        rest_length, modulus = float(document["rest_length_m"]), float(document["modulus_Pa"])
-        start, turn = (float(cycle[f"{end}_{unit}"]) for end in ("start", "turn"))
-        reference = ReferenceCycle(cycle["kind"], start, turn, bool(cycle["cycled"]))
-        return CentredSlip(MaxwellSlip(wall, braid, rest_length, modulus), reference)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"the hysteresis of the fit cannot be read ({type(error).__name__}: {error}): write "
-            "the file anew with famjax fit --hysteresis"
-        ) from None
 
 
 def hysteresis_table(

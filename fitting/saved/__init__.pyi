@@ -1,3 +1,4 @@
+from .card import card_of as card_of
 from .fit_file import (
     correlations as correlations,
     fit_as_dict as fit_as_dict,

@@ -1,12 +1,11 @@
 """What a saved fit covers, and why a state lies beyond it."""
 
 import dataclasses
-import math
 
 import numpy as np
 
 import famjax
-from famjax.braids import NEUTRAL_ANGLE
+from famjax.geometries import braid_limits
 
 from .saved_fit import SavedFit
 
@@ -81,7 +80,7 @@ def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
         ratios, pressures = np.array(readings["length_m"]) / fitted, readings["pressure_Pa"]
         rest = (asked,)
     muscle = fit.muscle if rest_length is None else famjax.cut_to_length(fit.muscle, rest_length)
-    thread, lock = _braid_limits(muscle.geometry)
+    lock, thread = (float(at) for at in braid_limits(muscle.geometry))
     return Reach(
         rest_length=asked,
         ratios=(min(ratios), max(ratios)),
@@ -90,18 +89,3 @@ def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
         thread_length=thread,
         lock=lock,
     )
-
-
-def _braid_limits(geometry: famjax.geometries.AbstractGeometry) -> tuple[float, float]:
-    """Active lengths [m] at which the unloaded threads are straight and at the neutral angle."""
-    factor = 1.0
-    if isinstance(geometry, famjax.geometries.EndEffectGeometry):
-        geometry, factor = geometry.cylinder, float(geometry.end_factor)
-    braid, rest = getattr(geometry, "braid", None), float(geometry.rest_length)
-    if braid is None:
-        return math.nan, math.nan
-    thread = float(braid.rest_thread_length)
-    straight, neutral = (
-        rest + (length - rest) / factor for length in (thread, thread * math.sin(NEUTRAL_ANGLE))
-    )
-    return straight, neutral

@@ -12,11 +12,10 @@ import numpy as np
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.cards import muscle_from_dict
+from famjax.cards import muscle_from_dict, slip_from_dict
+from famjax.terms import CentredSlip
 
 from ..evidence.model_error import ModelError
-from ..hysteresis.centred_slip import CentredSlip
-from ..hysteresis.slip_report import hysteresis_from_dict
 
 SCHEMA = "famjax-fit/1"
 
@@ -73,7 +72,7 @@ def load_fit(path: str | Path) -> SavedFit:
         muscle = muscle_from_dict(card)
         _check(document, muscle)
         loops = document.get("hysteresis")
-        hysteresis = None if loops is None else hysteresis_from_dict(loops)
+        hysteresis = None if loops is None else slip_from_dict(loops)
         told = document.get("model_error")
         others = tuple(_mounted(one) for one in document.get("averaged_with") or ())
     except InputError as error:

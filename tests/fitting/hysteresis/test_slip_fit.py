@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.terms import MaxwellSlip, SlipElements
+from famjax.cards import slip_from_dict
+from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 from fitting.hysteresis import (
     BranchPairs,
-    CentredSlip,
     HysteresisFit,
-    ReferenceCycle,
     fit_hysteresis,
     hysteresis_as_dict,
-    hysteresis_from_dict,
     hysteresis_table,
     hysteresis_warnings,
     leave_out,
@@ -185,14 +183,14 @@ def test_branches_the_other_way_round_have_no_elements() -> None:
 def test_saved_and_read_back() -> None:
     fit = leave_out(fit_hysteresis(_ramps(noise=0.1)))
     document = hysteresis_as_dict(fit)
-    again = hysteresis_from_dict(document)
+    again = slip_from_dict(document)
     assert again.cycle == fit.centred.cycle
     L, P = np.full(5, 0.22), np.array([0, 3e5, 6e5, 2e5, 4e5])
     np.testing.assert_array_equal(again.along(L, P), fit.centred.along(L, P))
     assert document["left_out"]["length"]["ratio"] == pytest.approx(fit.left_out[1].ratio)
     assert len(document["lost_energy_J"]) == len(document["records"]) == 4
     with pytest.raises(InputError, match=r"cannot be read \(KeyError: 'wall'\)"):
-        hysteresis_from_dict({k: v for k, v in document.items() if k != "wall"})
+        slip_from_dict({k: v for k, v in document.items() if k != "wall"})
     title, header, rows = hysteresis_table(fit, "us")
     assert "80 points" in title
     assert header[1] == "lbf"

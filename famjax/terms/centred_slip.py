@@ -8,30 +8,29 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Num
 
-from famjax.terms import MaxwellSlip, slip, slip_shares
-
-from ..convex.arrays import AnyArray
+from .._types import Real, RealArray, as_real
+from .maxwell_slip import MaxwellSlip, SlipState
+from .slip_elements import Either, slip, slip_shares
 
 Cycle = Literal["ramp", "stroke"]
 """Pressure up and down at one length, or shorter and longer at one pressure."""
 
 
-def there_and_back(
-    path: Sequence[Float[AnyArray, "*n"]], threshold: Float[AnyArray, " k"]
-) -> tuple[Float[AnyArray, "*n k"], Float[AnyArray, "*n k"]]:
+def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, Either]:
     """Deflections of relaxed elements when a path reaches a point, turns round and comes back to it.
 
     Args:
         path: coordinate at the start, at other ends of motions, at the point, at the turn and at the
             point again. Between two of them it moves one way.
-        threshold: of the elements.
+            Arrays of one shape (*n,), NumPy's or JAX's.
+        threshold: of the elements, shape (k,).
 
     Returns:
-        (deflection on the way there, and on the way back).
+        (deflection on the way there, and on the way back), shape (*n, k).
     """
-    s: list[Float[AnyArray, "*n k"]] = [0.0 * path[0][..., None] * threshold]
+    s: list[Either] = [0.0 * path[0][..., None] * threshold]
     for before, after in itertools.pairwise(path):
         s.append(slip(s[-1], (after - before)[..., None], threshold))
     return s[-3], s[-1]
@@ -69,7 +68,7 @@ class CentredSlip(eqx.Module):
     cycle: ReferenceCycle = eqx.field(static=True)
 
     def middle(
-        self, length: Float[AnyArray, "*n"], pressure: Float[AnyArray, "*n"]
+        self, length: Num[Array | np.ndarray, "*n"], pressure: Num[Array | np.ndarray, "*n"]
     ) -> Float[Array, "*n"]:
         """Mean [N] of the elements' force over both branches of the cycle through a point.
 
@@ -87,6 +86,22 @@ class CentredSlip(eqx.Module):
             out, home = there_and_back(path, elements.threshold)
             total = total + shares[k] * elements.force(jnp.asarray(out + home) / 2)
         return total
+
+    def start(self, length: Real, pressure: Real) -> SlipState:
+        """The state in which a history begins at a length [m] and a pressure [Pa], both scalars.
+
+        Reached from the start of the reference cycle: from the vented muscle of that length, or from
+        the longest length under that pressure. After a cycle, if one went before.
+        """
+        there, back = self._ends(as_real(length), as_real(pressure))
+        state = self.slip.start(*there)
+        for at in [back, there] if self.cycle.cycled else []:
+            state = self.slip.moved(state, *at)
+        return self.slip.moved(state, length, pressure)
+
+    def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
+        """What the history adds to the static map [N] in a state at that length and pressure."""
+        return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))
 
     def along(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
@@ -107,7 +122,7 @@ class CentredSlip(eqx.Module):
         return self.slip.along(L, P)[len(first) :] - self.middle(length, pressure)
 
     def _ends(
-        self, length: Float[AnyArray, "*n"], pressure: Float[AnyArray, "*n"]
+        self, length: Num[Array | np.ndarray, "*n"], pressure: Num[Array | np.ndarray, "*n"]
     ) -> tuple[tuple, tuple]:
         """Length and pressure at the start and at the turn of the cycle through each point."""
         if self.cycle.kind == "ramp":

@@ -1,0 +1,167 @@
+"""Muscles drawn from what a fit leaves open: the numbers of one of its models, moved together."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..boundary.errors import InputError
+from ..compile_options import quick_jit
+from ..muscle import (
+    AbstractMuscle,
+    MeanMuscle,
+    MountedMuscle,
+    Region,
+    flatten,
+    grid_slopes,
+    largest_share,
+    number_names,
+    rising,
+)
+
+_AT_ONCE = 32
+_RISES = 0.9  # of the region
+_TRIES = 50  # times the number of muscles wanted
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Draws:
+    """Numbers of muscles drawn by a seed.
+
+    Attributes:
+        seed: of NumPy's default generator.
+        names: of the numbers, as attributes of `famjax.MountedMuscle`.
+        rows: SI, shape (muscles, numbers).
+    """
+
+    seed: int
+    names: tuple[str, ...]
+    rows: Float[np.ndarray, "muscles numbers"]
+
+
+def varied(
+    members: Sequence[MountedMuscle],
+    weights: Float[Array | np.ndarray, " members"],
+    numbers: Float[Array, " numbers"],
+    *,
+    mounted: tuple[bool, ...],
+) -> AbstractMuscle:
+    """The muscle with other numbers of its first member; the others' pull moves along with it.
+
+    So the spread of the pull is the first member's, whatever its weight: what a fit knows of the
+    others' numbers is not said.
+    """
+    first = flatten(members[0])[1](numbers)
+    if len(members) == 1:
+        return joined([first], weights, mounted=mounted)
+    shifted = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
+    return joined([first, *members], shifted, mounted=(mounted[0], *mounted))
+
+
+def joined(
+    members: Sequence[MountedMuscle],
+    weights: Float[Array | np.ndarray, " members"],
+    *,
+    mounted: tuple[bool, ...],
+) -> AbstractMuscle:
+    """One muscle of all members, each in its mounting where that gives way."""
+    own = [
+        one if gives_way else one.muscle for one, gives_way in zip(members, mounted, strict=True)
+    ]
+    return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
+
+
+def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
+    """Whether the mounting of each member is compliant."""
+    return tuple(bool(np.any(np.asarray(one.compliance))) for one in members)
+
+
+def draw(
+    members: Sequence[MountedMuscle],
+    weights: Float[Array | np.ndarray, " members"],
+    directions: Float[np.ndarray, "directions numbers"],
+    region: Region,
+    *,
+    seed: int = 0,
+    count: int = 32,
+) -> Draws:
+    """Muscles whose numbers vary as a fit's do, each of which can be made safe.
+
+    x = x0 + sum z_k d_k with z_k standard normal. What leaves the range that a parameter declares,
+    has no force somewhere in the region, or rises in less than nine tenths of it, is drawn again:
+    no muscle is like that.
+
+    Args:
+        members: models of the muscle; the first one's numbers vary.
+        weights: theirs in the pull.
+        directions: of one standard deviation each, independent of one another, in the order of
+            `flatten`.
+        region: in which the pull of the card's own muscle rises.
+        seed: of NumPy's default generator.
+        count: of muscles.
+
+    Raises:
+        InputError: hardly any draw is a muscle, or the directions are of another muscle.
+    """
+    first = members[0]
+    flat, _ = flatten(first)
+    if directions.ndim != 2 or directions.shape[1] != flat.size:
+        raise InputError(
+            f"the directions must be of {flat.size} numbers, got shape {directions.shape}"
+        )
+    rng, kept, tried = np.random.default_rng(seed), [], 0
+    while len(kept) < count and tried < _TRIES * count:
+        z = rng.standard_normal((_AT_ONCE, len(directions)))
+        rows = np.asarray(flat) + z @ directions
+        good = _looked_at(tuple(members), weights, region, rows)
+        possible, rises = (np.asarray(one) for one in good)
+        kept += [
+            row
+            for row, one, cells in zip(rows, possible, rises, strict=True)
+            if one and largest_share(cells) >= _RISES
+        ]
+        tried += _AT_ONCE
+    if len(kept) < count:
+        raise InputError(
+            f"of {tried} muscles drawn from the fit's errors {len(kept)} have numbers in their ranges "
+            f"and a pull that rises where the card's does, and {count} were wanted: the fit determines "
+            "too little"
+        )
+    return Draws(seed, number_names(first), np.array(kept[:count]))
+
+
+@quick_jit
+def _looked_at(
+    members: tuple[MountedMuscle, ...],
+    weights: Float[Array | np.ndarray, " members"],
+    region: Region,
+    rows: Float[Array | np.ndarray, "n numbers"],
+) -> tuple[Bool[Array, " n"], Bool[Array, "n lengths pressures"]]:
+    """Whether each muscle is possible and has a force everywhere, and where it rises.
+
+    Without mountings, which take time: in series with them what rises still rises.
+    """
+    rigid = (False,) * len(members)
+
+    def one(row: Array) -> tuple[Array, Array]:
+        at = grid_slopes(varied(members, weights, row, mounted=rigid), region)
+        possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
+        return possible, jnp.asarray(rising(at))
+
+    return jax.vmap(one)(jnp.asarray(rows))
+
+
+def _in_ranges(mounted: MountedMuscle) -> Bool[Array, ""]:
+    """Whether no parameter has left the range that it declares, by more than rounding."""
+    values = mounted.parameters()
+    inside = jnp.ones((), bool)
+    for name, spec in mounted.declared().items():
+        for end, sign in ((spec.low, 1.0), (spec.high, -1.0)):
+            if math.isfinite(end):
+                spare = 1e-9 * max(abs(end), 1e-12)
+                inside &= sign * (values[name] - end) >= -spare
+    return inside

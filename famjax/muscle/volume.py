@@ -1,0 +1,76 @@
+"""The fluid's volume of any muscle, continued beyond the states that its geometry knows."""
+
+import jax
+import jax.numpy as jnp
+
+from .._compiled import compiled
+from .._types import Real, RealArray, as_real
+from ..boundary.errors import InputError
+from ..geometries import inner_volume
+from .abstract_muscle import AbstractMuscle
+from .balance import Muscle
+from .mean import MeanMuscle
+from .mounted import MountedMuscle
+from .region import Region
+
+
+def muscle_volume(muscle: AbstractMuscle, length: Real, pressure: Real) -> RealArray:
+    """Volume V [m3] of the fluid in a muscle, `famjax.geometries.inner_volume`, broadcast shape.
+
+    Of the mean of several models it is the first's, and of a mounted muscle that at the length that
+    its mountings leave it.
+
+    Raises:
+        InputError: a model that has no geometry.
+    """
+    if isinstance(muscle, MeanMuscle):
+        return muscle_volume(muscle.members[0], length, pressure)
+    if isinstance(muscle, MountedMuscle):
+        own = as_real(length) - muscle.compliance * muscle.force(length, pressure)
+        return muscle_volume(muscle.muscle, own, pressure)
+    if isinstance(muscle, Muscle):
+        return inner_volume(muscle.geometry, length, pressure)
+    raise InputError(
+        f"a {type(muscle).__name__} has no volume, as it has no geometry: ask a famjax.Muscle"
+    )
+
+
+def continued_volume(
+    muscle: AbstractMuscle, region: Region, length: Real, pressure: Real
+) -> RealArray:
+    """V [m3] at any length [m] and pressure [Pa], broadcast shape: positive, C1, rising as at the edge.
+
+    Inside the region it is `muscle_volume`. Beyond an edge it goes on with the slope of the edge
+    where it grows, and where it shrinks as V/(1 + s), which never reaches zero.
+
+    Args:
+        muscle: the model.
+        region: where its geometry is taken as it is.
+        length: active length L [m].
+        pressure: gauge pressure P [Pa].
+    """
+    at = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+    return _continued(muscle, region, *at)
+
+
+@compiled
+def _continued(
+    muscle: AbstractMuscle, region: Region, length: RealArray, pressure: RealArray
+) -> RealArray:
+    L = jnp.clip(length, region.length[0], region.length[1])
+    P = jnp.clip(pressure, region.pressure[0], region.pressure[1])
+
+    def along(pressure: RealArray) -> RealArray:
+        volume, slope = jax.jvp(
+            lambda length: muscle_volume(muscle, length, pressure), (L,), (jnp.ones_like(L),)
+        )
+        return _grown(volume, slope * (length - L))
+
+    volume, slope = jax.jvp(along, (P,), (jnp.ones_like(P),))
+    return _grown(volume, slope * (pressure - P))
+
+
+def _grown(volume: RealArray, change: RealArray) -> RealArray:
+    """V + dV where that grows, V/(1 - dV/V) where it shrinks: C1 and positive."""
+    shrunk = volume / (1 - jnp.minimum(change, 0.0) / volume)
+    return jnp.where(change < 0, shrunk, volume + change)

@@ -1,0 +1,5 @@
+"""Muscles that come with famjax, ready to be asked or simulated: no data, no fit."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
