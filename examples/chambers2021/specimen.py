@@ -1,18 +1,11 @@
-"""The reference work's specimen, and the row in which one of its figures is held to ours.
+"""The dissertation's 7/8 in muscle as models: its braid, bladder, shape and latex, in inch and psi."""
 
-Everything is in inch, psi, lbf and degrees, as printed. The figures come from
-`reference/chambers2021.toml`, transcribed from Chambers 2021.
-"""
-
-import dataclasses
 import functools
-import tomllib
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from beside_print import printed
 
 from famjax import Bladder, Braid, ElasticBraid, EstimatedGeometry, MeasuredGeometry, Muscle, Real
 from famjax.braids import LinearThread
@@ -26,55 +19,6 @@ PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
 
 ENDS = (10.0, 100.0)
 """Lowest and highest gauge pressure tested [psi]: the nodes of a law that is linear in pressure."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """One figure, published and computed.
-
-    Attributes:
-        table: of the work, as in "6.11", or what the figure belongs to.
-        entry: which figure, and under which conditions.
-        computed: ours, in `unit`.
-        unit: "in", "psi", "1" for a pure number and so on.
-        published: theirs; None where it was not given to us.
-        tolerance: largest difference that counts as agreement, in `unit`; None with `published`.
-    """
-
-    table: str
-    entry: str
-    computed: float
-    unit: str
-    published: float | None = None
-    tolerance: float | None = None
-
-    @property
-    def difference(self) -> float | None:
-        """Computed minus published, None where nothing was published."""
-        return None if self.published is None else self.computed - self.published
-
-    @property
-    def within(self) -> bool | None:
-        """Whether the difference is within the tolerance; rounding of binary numbers forgiven."""
-        if self.difference is None or self.tolerance is None:
-            return None
-        return abs(self.difference) <= self.tolerance * (1 + 1e-9)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The row as the command's --json prints it."""
-        names = ("table", "entry", "published", "computed", "unit", "tolerance", "within")
-        return {name: getattr(self, name) for name in names}
-
-
-Table = tuple[str, Callable[[], list[Row]]]
-"""What is computed, in words, and the function that gives its rows."""
-
-
-@functools.cache
-def printed() -> dict[str, Any]:
-    """The figures of the reference work; see the comments in the file."""
-    path = Path(__file__).parent / "reference" / "chambers2021.toml"
-    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def bladder() -> Bladder:

@@ -1,4 +1,4 @@
-"""Chapter 4: volumes, the printed profiles, and how many Fourier terms a profile needs."""
+"""Chapter 4, photogrammetry: the muscle's shape, from print and from pictures of its twin."""
 
 import functools
 import math
@@ -7,32 +7,34 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from chambers_reference import Row, Table, inelastic_braid, printed, profile, transcribed_profile
+from beside_print import Chapter, Row, printed
 from jaxtyping import Array, Float
+from specimen import inelastic_braid, profile, transcribed_profile
 
 from famjax.braids import braid_angle_from_blocked_force, diameter_from_length
 from famjax.compile_options import quick_jit
 from famjax.geometries import Meridian, tube_volume
 from famjax.profiles import EllipticToroidEnds, FourierProfile
 
+chapter = Chapter(__name__)
+
+
+# %% [markdown]
+# # Chapter 4: photogrammetry
+# One camera, 60 in away, photographs the muscle once a second while the machine strokes it. Bright
+# tapes on the fittings show where the active length ends, a ruler shows the scale, and in every
+# picture the outline is found and described by three Fourier terms. The chapter holds the lengths
+# against the test machine, and the shape against the cylinder that everybody else assumes.
+#
+# ## What follows from sizes and set-up
+
+# %%
 VOLUME = 0.0005
 """Tolerance [in3]: half the last digit of the printed volumes."""
 
-ANGLE = 0.1
-"""Tolerance [deg] of angles from the slope of blocked force."""
 
-END_LENGTH, END_ANGLE = 1.1, 1.0
-"""Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
-ellipse at the fitting: a finite slope there."""
-
-SHAPE_X = np.linspace(0, 1, 301)
-"""Positions at which the profiles of table 4.3 are drawn."""
-
-_X = np.linspace(0, 1, 401)
-_WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
-
-
-def _volumes() -> list[Row]:
+@chapter.table("section 4: volumes")
+def volumes() -> list[Row]:
     of = printed()["specimen"]
     length, rubber = of["active_length_in"], of["bladder_thickness_in"]
     bladder = float(tube_volume(length, of["bladder_outer_diameter_in"], rubber))
@@ -43,7 +45,8 @@ def _volumes() -> list[Row]:
     ]
 
 
-def _camera() -> list[Row]:
+@chapter.table("section 4: camera")
+def camera() -> list[Row]:
     """What follows from scale and distance, to a unit of the last digit: 60 in is a nominal one."""
     of = printed()["photogrammetry"]
     length, distance = printed()["specimen"]["active_length_in"], of["camera_distance_in"]
@@ -58,7 +61,18 @@ def _camera() -> list[Row]:
     ]  # fmt: skip
 
 
-def _angle_from_slope() -> list[Row]:
+# %% [markdown]
+# ## The braid angle from the slope of blocked force
+# Without a camera the angle is estimated so: the braid's blocked force rises with pressure by
+# pi R^2 (2 tan^2 theta - 1). Two diameters are on offer, of bladder and of braid, and so are two angles.
+
+# %%
+ANGLE = 0.1
+"""Tolerance [deg] of angles from the slope of blocked force."""
+
+
+@chapter.table("section 4: angle from the slope of blocked force")
+def angle_from_slope() -> list[Row]:
     """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does.
 
     The printed angles are also held to the slopes at the two ends of the tested pressures.
@@ -78,6 +92,19 @@ def _angle_from_slope() -> list[Row]:
     return found
 
 
+# %% [markdown]
+# ## Table 4.3: profiles at 100 psi
+# D(x) = a0 + sum a_n cos(n w x) + b_n sin(n w x), five contractions. Only the row at 0 % describes a
+# muscle as it is printed: the others come out lopsided, some negative. A profile that is symmetric
+# about x = 1/2 needs b_n/a_n = tan(n w/2), and that gives w back.
+
+# %%
+SHAPE_X = np.linspace(0, 1, 301)
+"""Positions at which the profiles of table 4.3 are drawn."""
+
+_X = np.linspace(0, 1, 401)
+
+
 def printed_diameter(
     row: dict, x: Float[np.ndarray, " n"], *, corrected: bool
 ) -> Float[np.ndarray, " n"]:
@@ -86,38 +113,6 @@ def printed_diameter(
     b = [row["b"][0] if corrected else row.get("b1_as_printed", row["b"][0]), *row["b"][1:]]
     angle = np.arange(1, len(b) + 1) * w * np.asarray(x)[:, None]
     return row["a"][0] + np.cos(angle) @ row["a"][1:] + np.sin(angle) @ b
-
-
-def _profiles() -> list[Row]:
-    """Table 4.3 as printed, corrected, and as used: corrected and made symmetric."""
-    rest = printed()["specimen"]["active_length_in"]
-    found = []
-    for k, row in enumerate(printed()["profile_100psi"]):
-        at = f"{100 * row['contraction']:.4g} %"
-        for label, corrected in (("as printed", False), ("corrected", True)):
-            D = printed_diameter(row, _X, corrected=corrected)
-            values = (
-                ("D at x = 0", D[0]),
-                ("D at x = 1/2", D[_X.size // 2]),
-                ("D at x = 1", D[-1]),
-                ("largest |D(x) - D(1 - x)|", np.abs(D - D[::-1]).max()),
-            )
-            found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
-        for label, of in shapes().items():
-            found += [
-                Row("4.3", f"{label}, {at}, w", float(of["w"][k]), "1"),
-                Row("4.3", f"{label}, {at}, mean D", float(of["mean D"][k]), "in"),
-                Row("4.3", f"{label}, {at}, outline volume", float(of["volume"][k]), "in3"),
-                Row("4.3", f"{label}, {at}, axial strain", float(of["arc"][k]) / rest - 1, "1"),
-            ]
-    return found
-
-
-@functools.cache
-def shapes() -> dict[str, dict[str, Float[np.ndarray, "profiles ..."]]]:
-    """w, mean D, arc length and volume in inches, and D at `SHAPE_X`, of table 4.3's profiles."""
-    used, transcribed = jax.tree.map(np.asarray, _shapes())
-    return {"used": used, "transcribed w": transcribed}
 
 
 @quick_jit
@@ -145,6 +140,59 @@ def _shapes() -> tuple[dict[str, Float[Array, "profiles ..."]], ...]:
     )
 
 
+@functools.cache
+def shapes() -> dict[str, dict[str, Float[np.ndarray, "profiles ..."]]]:
+    """w, mean D, arc length and volume in inches, and D at `SHAPE_X`, of table 4.3's profiles."""
+    used, transcribed = jax.tree.map(np.asarray, _shapes())
+    return {"used": used, "transcribed w": transcribed}
+
+
+@chapter.table("table 4.3: profiles")
+def profiles() -> list[Row]:
+    """Table 4.3 as printed, corrected, and as used: corrected and made symmetric."""
+    rest = printed()["specimen"]["active_length_in"]
+    found = []
+    for k, row in enumerate(printed()["profile_100psi"]):
+        at = f"{100 * row['contraction']:.4g} %"
+        for label, corrected in (("as printed", False), ("corrected", True)):
+            D = printed_diameter(row, _X, corrected=corrected)
+            values = (
+                ("D at x = 0", D[0]),
+                ("D at x = 1/2", D[_X.size // 2]),
+                ("D at x = 1", D[-1]),
+                ("largest |D(x) - D(1 - x)|", np.abs(D - D[::-1]).max()),
+            )
+            found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
+        for label, of in shapes().items():
+            found += [
+                Row("4.3", f"{label}, {at}, w", float(of["w"][k]), "1"),
+                Row("4.3", f"{label}, {at}, mean D", float(of["mean D"][k]), "in"),
+                Row("4.3", f"{label}, {at}, outline volume", float(of["volume"][k]), "in3"),
+                Row("4.3", f"{label}, {at}, axial strain", float(of["arc"][k]) / rest - 1, "1"),
+            ]
+    return found
+
+
+# %% [markdown]
+# ## Table 4.2: how many Fourier terms a profile needs
+# The photographs are not printed: here on profiles made of elliptic ends and a cylinder.
+
+# %%
+END_LENGTH, END_ANGLE = 1.1, 1.0
+"""Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
+ellipse at the fitting: a finite slope there."""
+
+_WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
+
+CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
+"""Of the synthetic profiles."""
+
+
+def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarray, "n p"]:
+    angle = np.arange(1, terms + 1) * w * x[:, None]
+    return np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
+
+
 def fit_terms(
     x: Float[np.ndarray, " n"], diameters: Float[np.ndarray, "profiles n"], terms: int
 ) -> Float[np.ndarray, "profiles n"]:
@@ -159,13 +207,13 @@ def fit_terms(
     return np.array([plane @ (plane.T @ D) for plane, D in zip(best, diameters, strict=True)])
 
 
-def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarray, "n p"]:
-    angle = np.arange(1, terms + 1) * w * x[:, None]
-    return np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
-
-
-CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
-"""Of the synthetic profiles."""
+@quick_jit
+def _synthetic_diameters() -> Float[Array, "profiles n"]:
+    of, braid = printed()["specimen"], inelastic_braid()
+    length = of["active_length_in"] * (1 - jnp.array(CONTRACTIONS)[:, None])
+    middle = diameter_from_length(length, braid.rest_thread_length, braid.turns)
+    shape = EllipticToroidEnds(middle, of["braid_resting_diameter_in"], END_LENGTH, END_ANGLE)
+    return shape.diameter(_X[::2], length)
 
 
 @functools.cache
@@ -177,16 +225,8 @@ def synthetic_profiles() -> dict[float, Float[np.ndarray, " n"]]:
     return dict(zip(CONTRACTIONS, np.asarray(_synthetic_diameters()), strict=True))
 
 
-@quick_jit
-def _synthetic_diameters() -> Float[Array, "profiles n"]:
-    of, braid = printed()["specimen"], inelastic_braid()
-    length = of["active_length_in"] * (1 - jnp.array(CONTRACTIONS)[:, None])
-    middle = diameter_from_length(length, braid.rest_thread_length, braid.turns)
-    shape = EllipticToroidEnds(middle, of["braid_resting_diameter_in"], END_LENGTH, END_ANGLE)
-    return shape.diameter(_X[::2], length)
-
-
-def _fourier_terms() -> list[Row]:
+@chapter.table("table 4.2: Fourier terms of a profile")
+def fourier_terms() -> list[Row]:
     """Table 4.2's errors on synthetic profiles: the photographs are not printed."""
     profiles = np.stack(list(synthetic_profiles().values()))
     found = []
@@ -200,13 +240,3 @@ def _fourier_terms() -> list[Row]:
                 Row("4.2", f"SYNTHETIC profiles, {terms} terms, {name}", float(value), "in")
             )
     return found
-
-
-TABLES: tuple[Table, ...] = (
-    ("section 4: volumes", _volumes),
-    ("section 4: camera", _camera),
-    ("section 4: angle from the slope of blocked force", _angle_from_slope),
-    ("table 4.3: profiles", _profiles),
-    ("table 4.2: Fourier terms of a profile", _fourier_terms),
-)
-"""In the order of the page's sections."""
