@@ -5,7 +5,7 @@ from typing import Any
 
 import chapter2_design
 import chapter5_braid
-import chapter6_force
+import chapter6_virtual_work
 import matplotlib as mpl
 import numpy as np
 from beside_print import printed
@@ -198,10 +198,11 @@ def forces() -> Figure:
 def work() -> Figure:
     """Gaylord's force against virtual work."""
     figure, ((left, right),) = _axes(1, 2, (10, 4.0))
-    at = chapter6_force.CONTRACTIONS
-    for name, of in chapter6_force.over_contraction().items():
+    at = chapter6_virtual_work.CONTRACTIONS
+    for name, of in chapter6_virtual_work.over_contraction().items():
         force, gaylord = (
-            of[key] for key in (chapter6_force.AT_THREAD_LENGTH, chapter6_force.GAYLORD_FORCE)
+            of[key]
+            for key in (chapter6_virtual_work.AT_THREAD_LENGTH, chapter6_virtual_work.GAYLORD)
         )
         left.plot(at, force, label=f"{name}, -P dV/dL", **_STYLES[name])
         right.plot(at, force - gaylord, **_STYLES[name])

@@ -14,6 +14,7 @@ import chapter2_design
 import chapter4_shape
 import chapter5_braid
 import chapter6_force
+import chapter6_virtual_work
 import chapter7_identification
 import jax
 import specimen
@@ -29,7 +30,7 @@ CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
     ("chapter 4", chapter4_shape.chapter.tables),
     ("chapter 5", chapter5_braid.chapter.tables),
     ("chapter 6", chapter6_force.chapter.tables),
-    ("virtual work", chapter6_force.virtual_work.tables),
+    ("virtual work", chapter6_virtual_work.chapter.tables),
 )
 
 PAGE = "reproduce.html"

@@ -6,6 +6,8 @@ Everything is in inch, psi, lbf and degrees, as printed. The figures come from
 
 import dataclasses
 import functools
+import itertools
+import math
 import tomllib
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -91,21 +93,27 @@ class Chapter:
 
         def keep(compute: Callable[[], list[Row]]) -> Callable[[], list[Row]]:
             self._tables.append((title, compute))
-            self.show(title, compute)
+            if self.shown:
+                rows = compute()
+                _print(title, _lines(rows, _MOST), _remarks(rows))
             return compute
 
         return keep
 
-    def show(self, title: str, compute: Callable[[], Iterable[Row]]) -> None:
-        """Print a table in a script or a notebook, with the notes on it."""
-        if self.shown:
-            rows = list(compute())
-            print(f"\n{title[0].upper()}{title[1:]}", *_lines(rows), *_remarks(rows), sep="\n")
+    def show(self, title: str, rows: Iterable[Row]) -> None:
+        """Print a table of a twin, all of it, in a script or a notebook."""
+        _print(title, _lines(list(rows)))
 
 
-def _lines(rows: list[Row]) -> list[str]:
-    """What was printed beside ours; of what was not printed, the first few."""
-    shown = [row for row in rows if row.published is not None] or rows[:_MOST]
+def _print(title: str, *lines: list[str]) -> None:
+    print(f"\n{title[0].upper()}{title[1:]}", *itertools.chain(*lines), sep="\n")
+
+
+def _lines(rows: list[Row], most: int | None = None) -> list[str]:
+    """All rows; or those of which a figure was printed, or where none was, the first few."""
+    shown = rows
+    if most is not None:
+        shown = [row for row in rows if row.published is not None] or rows[:most]
     wide = max((len(row.entry) for row in shown), default=0)
     lines = [f"  {'':{wide}}  {'published':>10}  {'computed':>10}"] + [
         f"  {row.entry:{wide}}  {_number(row.published):>10}  {_number(row.computed):>10} "
@@ -113,11 +121,11 @@ def _lines(rows: list[Row]) -> list[str]:
         for row in shown
     ]
     more = len(rows) - len(shown)
-    return [*lines, f"  and {more} figures more that have no printed one here"] if more else lines
+    return [*lines, f"  and {more} more that have no printed figure here"] if more else lines
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
+    return "-" if value is None or math.isnan(value) else f"{value:.5g}"
 
 
 def _remarks(rows: list[Row]) -> list[str]:

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -10,7 +11,9 @@ import numpy as np
 from beside_print import Chapter, Row, printed
 from jaxtyping import Array, Float
 from specimen import inelastic_braid, profile, transcribed_profile
+from twin import Twin
 
+from famjax import units
 from famjax.braids import braid_angle_from_blocked_force, diameter_from_length
 from famjax.compile_options import quick_jit
 from famjax.geometries import Meridian, tube_volume
@@ -240,3 +243,47 @@ def fourier_terms() -> list[Row]:
                 Row("4.2", f"SYNTHETIC profiles, {terms} terms, {name}", float(value), "in")
             )
     return found
+
+
+# %% [markdown]
+# ## Photographs of the twin
+# What the work's photographs were for: lengths against the test machine, and the number of Fourier terms
+# that a profile takes. The twin's were rendered, and its true lengths are known.
+
+
+# %%
+def photographed_lengths(twin: Twin) -> list[Row]:
+    """Largest error of the length, against the machine as in the work, and against the truth."""
+    table, rest = twin.pictures, twin.sheet.specimen.rest_length
+    errors = {"the machine": table["length"] - (rest + table["displacement"])}
+    true = np.array([twin.truth["lengths_m"][Path(path).name] for path in table.path])
+    errors["the truth"] = table["length"] - true
+    published = {"the machine": printed()["photogrammetry"]["max_length_error_in"]}
+    return [
+        Row("4.1", f"TWIN, {table.ok.sum()} of {len(table)} pictures, largest error of the length "
+            f"against {what}", float(np.nanmax(np.abs(error))) / units.INCH, "in", published.get(what))
+        for what, error in errors.items()
+    ]  # fmt: skip
+
+
+def photographed_terms(twin: Twin) -> list[Row]:
+    """Table 4.2 on the twin's photographs."""
+    table, of = twin.pictures, printed()["fourier_terms"]
+    diameters = table.diameter[table.ok] / units.INCH
+    found = []
+    for terms, largest, rmse in zip(of["terms"], of["max_error_in"], of["rmse_in"], strict=True):
+        errors = fit_terms(table.position, diameters, terms) - diameters
+        for name, value, theirs in (
+            ("largest error", np.abs(errors).max(axis=1).mean(), largest),
+            ("RMSE", np.sqrt((errors**2).mean(axis=1)).mean(), rmse),
+        ):
+            entry = f"TWIN, {terms} terms, {name}, mean of the pictures"
+            found.append(Row("4.2", entry, float(value), "in", theirs))
+    return found
+
+
+# %%
+if chapter.shown:
+    twin = Twin.of_command_line()
+    chapter.show("table 4.1: lengths of the twin", photographed_lengths(twin))
+    chapter.show("table 4.2: Fourier terms of the twin", photographed_terms(twin))

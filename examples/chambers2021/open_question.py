@@ -27,8 +27,6 @@ ORDER = 3
 FORMS = ("constant", "linear", "free")
 """How E_n may depend on pressure; free: values at each pressure tested, straight lines between."""
 WORK = "measured, virtual work"
-ENOUGH = 1.1
-"""A constant law suffices that errs at pressures left out at most so many times as the best form."""
 RUBBER = famjax.materials.MooneyRivlinMaterial(25.0 * units.PSI, 15.0 * units.PSI)
 """As stiff as the latex of chapter 6 at its largest strain, and no polynomial."""
 
@@ -147,7 +145,7 @@ def ends_of_isobars() -> fitting.ForceData:
         force=np.array([*tested["blocked_force_lbf"], *[0.01] * P.size]) * units.LBF,
         pressure=np.concatenate([P, P]),
         length=np.concatenate([np.full(P.size, float(tube.rest_length)), free]),
-        specimen=fitting.data.Specimen(
+        specimen=fitting.Specimen(
             "the work's", float(tube.rest_length), float(tube.rest_thickness)
         ),
         source="tables 6.11 and 6.12",

@@ -1,0 +1,76 @@
+"""Chapter 6, beyond the print: what virtual work changes, -P dV/dL in place of Gaylord's force."""
+
+import functools
+
+import numpy as np
+from beside_print import Chapter, Row
+from force_balance import balance, terms
+from jaxtyping import Float
+from specimen import muscles
+
+chapter = Chapter(__name__)
+
+# %% [markdown]
+# # Chapter 6, beyond the print: virtual work in the place of Gaylord's force
+# Gaylord's force belongs to a cylinder. A body of any outline pulls with -P dV/dL; where threads
+# stretch, at constant thread length, as the work that stretches them is not the muscle's.
+
+# %%
+PRESSURE = 100.0
+
+
+CONTRACTIONS = np.linspace(0, 0.35, 71)
+"""The range of the measured profiles."""
+
+TABULATED = (0.0, 0.1, 0.2, 0.3, 0.35)
+
+GAYLORD = "Gaylord force"
+
+AT_PRESSURE = "-P dV/dL at constant pressure"
+
+AT_THREAD_LENGTH = "-P dV/dL at constant thread length"
+"""The pressure's pull by the cylinder, and by virtual work; at constant thread length the work
+that stretches the threads is not counted as the muscle's."""
+
+
+@functools.cache
+def over_contraction() -> dict[str, dict[str, Float[np.ndarray, " contractions"]]]:
+    """The pressure terms [lbf] of each geometry at `CONTRACTIONS`."""
+    found = {}
+    for name, muscle in muscles().items():
+        at = balance(muscle, CONTRACTIONS, PRESSURE)
+        found[name] = {term: at[term] for term in (GAYLORD, AT_PRESSURE, AT_THREAD_LENGTH)}
+    return found
+
+
+def _mean(values: Float[np.ndarray, " n"]) -> float:
+    """Mean over the range of contraction."""
+    return float(np.trapezoid(values, CONTRACTIONS) / np.ptp(CONTRACTIONS))
+
+
+@chapter.table("the pressure's pull")
+def work() -> list[Row]:
+    """Both terms and their means.
+
+    At constant pressure the rate's mean over the range is exact, the difference of two volumes; at
+    one contraction the rate is that of the spline between five profiles.
+    """
+    table, found = "virtual work", []
+    for name, columns in over_contraction().items():
+        for quantity, values in columns.items():
+            for c in TABULATED:
+                force = float(np.interp(c, CONTRACTIONS, values))
+                entry = f"{name}, 100 psi, contraction {c:g}, {quantity}"
+                found.append(Row(table, entry, force, "lbf"))
+        gaylord, work = columns[GAYLORD], columns[AT_THREAD_LENGTH]
+        blocked = work[0] + terms()[name].at("bladder force", -1, "rest")
+        for entry, value in (
+            *(
+                (f"mean {quantity}, 0 to 35 %", _mean(values))
+                for quantity, values in columns.items()
+            ),
+            ("mean absolute change of the pressure term, 0 to 35 %", _mean(np.abs(work - gaylord))),
+            ("blocked force with -P dV/dL at constant thread length", blocked),
+        ):
+            found.append(Row(table, f"{name}, 100 psi, {entry}", float(value), "lbf"))
+    return found
