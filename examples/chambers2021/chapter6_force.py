@@ -313,7 +313,7 @@ def free() -> list[Row]:
 # %% [markdown]
 # ## The twin: what each geometry misses of measured forces
 # The shape is that of its photographs, the law that of its own rubber, which a tensile test would have
-# given; nothing is fitted. As in the print the cylinder is the worse, and most at the ends.
+# given; nothing is fitted. As in the print the cylinders are the worse.
 
 
 # %%
