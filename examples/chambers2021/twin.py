@@ -106,7 +106,8 @@ class Twin:
     @functools.cached_property
     def surface(self) -> fitting.shapes.ShapeSurface:
         """D(z; L) through the pictures."""
-        return fitting.shape_surface(self.pictures)
+        _ = self.pictures
+        return fitting.shape_surface(self.folder / "pictures" / "measurements.nc")
 
     def geometries(self) -> dict[str, AbstractGeometry]:
         """The work's four, with its thread length and the twin's turns, which one counts."""
