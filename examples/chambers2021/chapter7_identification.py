@@ -316,5 +316,5 @@ def _known(share: float) -> float:
 
 # %%
 if chapter.shown:
-    judged = [one for truth in truths(twin) for one in trials(truth)]
+    judged = [one for truth in truths(Twin.of_command_line()) for one in trials(truth)]
     print(*question_table(judged), "", *answer(judged), sep="\n")

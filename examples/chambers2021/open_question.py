@@ -1,7 +1,7 @@
 """Do pressure-independent E_n suffice? Fits of each geometry to muscles whose truth is known or printed."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import jax
@@ -70,7 +70,9 @@ def truths(twin: Twin) -> Iterator[Truth]:
     given is the true one, as photographs show it; their cylinders are those of the printed braid.
     """
     yield Truth("twin", twin.data, models(twin.geometries()))
-    printed_shapes = dict(zip(GEOMETRIES, four_geometries(units.INCH, units.PSI), strict=True))
+    printed_shapes: dict[str, AbstractGeometry] = dict(
+        zip(GEOMETRIES, four_geometries(units.INCH, units.PSI), strict=True)
+    )
     cubic = famjax.PolynomialMaterial(jnp.array(twin.muscle.coefficients))
     for name, shapes, law, pull, friction in (
         ("elastic braid", printed_shapes, cubic, PressurisedBraid(0.0), 0.01),
@@ -85,7 +87,7 @@ def truths(twin: Twin) -> Iterator[Truth]:
     yield Truth("the work's own, as printed", ends_of_isobars(), models(printed_shapes))
 
 
-def models(shapes: dict[str, AbstractGeometry]) -> dict[str, Model]:
+def models(shapes: Mapping[str, AbstractGeometry]) -> dict[str, Model]:
     """Gaylord's force in the four geometries, and virtual work in the measured one."""
     found: dict[str, Model] = {name: (one, PressurisedBraid(0.0)) for name, one in shapes.items()}
     return {**found, WORK: (shapes["measured"], VirtualWork(0.0))}
@@ -254,8 +256,8 @@ class System:
 def _linear(
     geometry: AbstractGeometry,
     pull: AbstractForceTerm,
-    length: Float[Array, " n"],
-    pressure: Float[Array, " n"],
+    length: Float[Array | np.ndarray, " n"],
+    pressure: Float[Array | np.ndarray, " n"],
 ) -> tuple[Float[Array, " n"], Float[Array, "unknowns n"]]:
     """Force [N] without law and deadband, and what each unknown adds [N/Pa]."""
 
@@ -287,8 +289,8 @@ def least_modulus(
 def _moduli(
     E: Float[Array, " order"],
     geometry: AbstractGeometry,
-    length: Float[Array, " n"],
-    pressure: Float[Array, " n"],
+    length: Float[Array | np.ndarray, " n"],
+    pressure: Float[Array | np.ndarray, " n"],
 ) -> Float[Array, " n"]:
     return famjax.path_modulus(famjax.PolynomialMaterial(E), geometry, length, pressure)
 
