@@ -3,17 +3,18 @@
 from collections.abc import Callable
 from typing import Any
 
-import chambers_braid
-import chambers_design
-import chambers_virtual_work
+import chapter2_design
+import chapter5_braid
+import chapter6_virtual_work
 import matplotlib as mpl
 import numpy as np
-from chambers_balance import OWN, PRINTED_FREE, terms
-from chambers_reference import PRESSURES, printed
-from chambers_shape import SHAPE_X, printed_diameter, shapes, synthetic_profiles
+from beside_print import printed
+from chapter4_shape import SHAPE_X, printed_diameter, shapes, synthetic_profiles
+from force_balance import OWN, PRINTED_FREE, terms
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from specimen import PRESSURES
 
 from famjax import units
 from famjax.braids import BraidState
@@ -54,7 +55,7 @@ def combinations() -> Figure:
         for D, shade in zip(table["fam_diameter_in"], _SHADES, strict=False):
             if feasibility(D * units.INCH, braid) is Feasibility.INFEASIBLE:
                 continue
-            pair = chambers_design.combination(D, braid)
+            pair = chapter2_design.combination(D, braid)
             at = np.linspace(0, float(pair.usable_contraction(COMBINED_PSI)), 61)
             style = {"color": shade, "ls": line, "label": f"{D} in, {nominal} in braid"}
             axes[0].plot(at, pair.force(at, COMBINED_PSI), **style)
@@ -92,9 +93,9 @@ def synthetic() -> Figure:
 def stretch() -> Figure:
     """B, D, theta and Gaylord's force over pressure."""
     figure, axes = _axes(1, 4, (12, 3.4))
-    P = chambers_braid.SWEPT
-    soft = chambers_braid.stretch(chambers_braid.SOFT).elastic
-    kevlar = chambers_braid.stretch()
+    P = chapter5_braid.SWEPT
+    soft = chapter5_braid.stretch(chapter5_braid.SOFT).elastic
+    kevlar = chapter5_braid.stretch()
     lines: tuple[tuple[str, BraidState, dict[str, Any]], ...] = (
         ("inelastic", kevlar.inelastic, {"color": "0.5", "ls": ":"}),
         ("Kevlar", kevlar.elastic, {"color": "C0"}),
@@ -197,11 +198,11 @@ def forces() -> Figure:
 def work() -> Figure:
     """Gaylord's force against virtual work."""
     figure, ((left, right),) = _axes(1, 2, (10, 4.0))
-    at = chambers_virtual_work.CONTRACTIONS
-    for name, of in chambers_virtual_work.over_contraction().items():
+    at = chapter6_virtual_work.CONTRACTIONS
+    for name, of in chapter6_virtual_work.over_contraction().items():
         force, gaylord = (
             of[key]
-            for key in (chambers_virtual_work.AT_THREAD_LENGTH, chambers_virtual_work.GAYLORD)
+            for key in (chapter6_virtual_work.AT_THREAD_LENGTH, chapter6_virtual_work.GAYLORD)
         )
         left.plot(at, force, label=f"{name}, -P dV/dL", **_STYLES[name])
         right.plot(at, force - gaylord, **_STYLES[name])

@@ -8,10 +8,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from beside_print import Row
 from chambers_figures import FIGURES
-from chambers_notes import NOT_COMPUTED, NOTES, PAGE
-from chambers_reference import Row
 from matplotlib.figure import Figure
+from notes import NOT_COMPUTED, NOTES
 
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -25,15 +25,15 @@ nav a{white-space:nowrap}
 
 
 def write(
-    folder: Path,
+    path: Path,
     rows: list[Row],
     synthetic: list[Row] | None = None,
     begin: Callable[[str], None] | None = None,
 ) -> list[Path]:
-    """The page `PAGE` in the folder, which is made if need be; written whole or not.
+    """The page; written whole or not.
 
     Args:
-        folder: of the page.
+        path: of the page; its folder is made if need be.
         rows: published beside computed.
         synthetic: fits of the SYNTHETIC reconstruction beside the printed errors, without verdicts.
         begin: called with the name of each figure before it is drawn.
@@ -41,8 +41,7 @@ def write(
     Returns:
         The files written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / PAGE
+    path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_suffix(".html.part")
     draft.write_text(_page(rows, synthetic or [], begin), encoding="utf-8")
     os.replace(draft, path)

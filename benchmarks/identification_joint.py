@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 import lmfit
 import numpy as np
-from chambers_reference import geometries
 from identification_problem import GEOMETRY, force_map
+from specimen import geometries
 
 import famjax
 import fitting

@@ -8,10 +8,12 @@ import dataclasses
 import functools
 import itertools
 
+import chambers_examples  # noqa: F401 -- where the specimen is found
 import numpy as np
-from chambers_reference import geometries, printed
+from beside_print import printed
 from jaxtyping import Float
 from reconstruction import NAME, reconstruct
+from specimen import geometries
 
 from famjax import units
 from fitting import ForceData, Specimen

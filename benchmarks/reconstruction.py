@@ -31,12 +31,14 @@ import dataclasses
 import functools
 from pathlib import Path
 
+import chambers_examples  # noqa: F401 -- where the specimen is found
 import jax.numpy as jnp
 import numpy as np
-from chambers_balance import balance, free_contraction
-from chambers_reference import ENDS, geometries, printed
+from beside_print import printed
+from force_balance import balance, free_contraction
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
+from specimen import ENDS, geometries
 
 from famjax import Muscle, units
 from famjax.materials import PressurePolynomialMaterial

@@ -1,35 +1,40 @@
 """The reference work's printed figures, computed: the code behind `famjax reproduce`.
 
 Chambers 2021, chapters 2, 4, 5 and 6, from the inputs that the work prints, and on the page chapter
-7 on a synthetic reconstruction. The modules beside this one are loaded by plain name, so that its
-folder must be on `sys.path`.
+7 on a synthetic reconstruction. The tables are those of `examples/chambers2021`, a module for each
+chapter. The modules beside this one are loaded by plain name, so that its folder must be on `sys.path`.
 """
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-import chambers_braid
-import chambers_design
-import chambers_force
-import chambers_identification
-import chambers_shape
-import chambers_virtual_work
+import chambers_examples  # noqa: F401 -- where the chapters are found
+import chapter2_design
+import chapter4_shape
+import chapter5_braid
+import chapter6_force
+import chapter6_virtual_work
+import chapter7_identification
 import jax
-from chambers_notes import NOT_COMPUTED, NOTES, PAGE as PAGE
-from chambers_reference import Row, Table
+import specimen
+from beside_print import Row, Table
+from notes import NOT_COMPUTED, NOTES
 
 Progress = Callable[[int, int, str], None]
 """Called before each table and figure, with the number of those done, of all, and its name, and once
 at the end."""
 
 CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
-    ("chapter 2", chambers_design.TABLES),
-    ("chapter 4", chambers_shape.TABLES),
-    ("chapter 5", chambers_braid.TABLES),
-    ("chapter 6", chambers_force.TABLES),
-    ("virtual work", chambers_virtual_work.TABLES),
+    ("chapter 2", chapter2_design.chapter.tables),
+    ("chapter 4", chapter4_shape.chapter.tables),
+    ("chapter 5", chapter5_braid.chapter.tables),
+    ("chapter 6", chapter6_force.chapter.tables),
+    ("virtual work", chapter6_virtual_work.chapter.tables),
 )
+
+PAGE = "reproduce.html"
+"""Name of the page's file."""
 
 
 def reproduce(
@@ -57,10 +62,10 @@ def reproduce(
     else:
         from chambers_page import FIGURES, write  # noqa: PLC0415 -- matplotlib, only for a page
 
-        fits = chambers_identification.tables() if synthetic else ()
+        fits = reconstructed() if synthetic else ()
         steps.total += len(fits) + len(FIGURES)
         found = steps.rows(tables)
-        write(output, found, steps.rows(fits), steps.begin)
+        write(output / PAGE, found, steps.rows(fits), steps.begin)
     steps.end()
     return found
 
@@ -76,13 +81,23 @@ def rows(progress: Progress | None = None) -> list[dict[str, Any]]:
 def synthetic_fits() -> list[Row]:
     """Chapter 7's printed errors beside fits of the SYNTHETIC reconstruction: no verdicts."""
     _check_float64()
-    return _Steps(None).rows(chambers_identification.tables())
+    return _Steps(None).rows(reconstructed())
+
+
+def reconstructed() -> tuple[Table, ...]:
+    """Chapter 7's tables of the SYNTHETIC reconstruction in the measured geometry."""
+    from identification_problem import GEOMETRY, force_map  # noqa: PLC0415 -- not for --json
+
+    shape = specimen.geometries()[GEOMETRY]
+    return chapter7_identification.tables(
+        chapter7_identification.Isobars("SYNTHETIC", force_map(), shape)
+    )
 
 
 def write_page(
     folder: Path, found: list[Row] | None = None, synthetic: list[Row] | None = None
 ) -> list[Path]:
-    """The page, one self-contained file.
+    """The page `PAGE`, one self-contained file.
 
     Args:
         folder: made if need be.
@@ -94,7 +109,7 @@ def write_page(
     """
     from chambers_page import write  # noqa: PLC0415 -- matplotlib, only for a page
 
-    return write(folder, reproduce() if found is None else found, synthetic)
+    return write(folder / PAGE, reproduce() if found is None else found, synthetic)
 
 
 def notes() -> list[dict[str, str]]:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
-from ..data.force_data import COLUMNS, ForceData, Specimen
+from ..data.force_data import ForceData, Specimen
 
 Groups = Literal["pressure", "length", "specimen"]
 GROUPS: tuple[Groups, ...] = ("pressure", "length", "specimen")
@@ -106,7 +106,7 @@ def cross_validate(
     predicted = np.full(data.force.size, math.nan)
     for group in np.unique(labels[data.loaded]):
         held = (labels == group) & data.loaded
-        predict = cast(FitAndPredict, fit_and_predict)(subset(data, labels != group))
+        predict = cast(FitAndPredict, fit_and_predict)(data.part(labels != group))
         predicted[held] = predict(data.length[held], data.pressure[held])
     return held_out_errors(data, cast(Groups, groups), predicted[data.loaded])
 
@@ -127,16 +127,6 @@ def check_groups(data: ForceData, groups: str) -> None:
 def group_labels(data: ForceData, groups: str) -> Float[np.ndarray, " n"]:
     """The pressure or length level of every reading."""
     return (data.pressures if groups == "pressure" else data.lengths).level
-
-
-def subset(data: ForceData, rows: Bool[np.ndarray, " n"]) -> ForceData:
-    """The force map of some of the readings."""
-    columns = {name: getattr(data, name) for name in COLUMNS}
-    kept = {name: None if values is None else values[rows] for name, values in columns.items()}
-    # What is at one pressure or length must not change with what is left.
-    same = {f"{name}_tolerance": of.tolerance
-            for name, of in (("pressure", data.pressures), ("length", data.lengths))}  # fmt: skip
-    return dataclasses.replace(data, **kept, **same)
 
 
 def held_out_errors(

@@ -14,7 +14,7 @@ from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData
 from ..families.geometry_source import EstimatedSource
-from .cross_validation import Predictor, subset
+from .cross_validation import Predictor
 
 ORDER = 4
 ANGLE = math.radians(90 - 28.6)  # from the circumference: the nominal one of Festo muscles
@@ -69,7 +69,7 @@ def fit_hocking_wereley(train: ForceData) -> Predictor:
     geometry = EstimatedSource(specimen).geometry(
         {"braid_diameter": specimen.nominal_diameter + inset, "braid_angle": ANGLE}
     )
-    loaded = subset(train, train.loaded)
+    loaded = train.part(train.loaded)
     area, columns = _parts(geometry, loaded.length)
     coefficients = np.zeros((len(orders), ORDER))
     for row, (level, order) in enumerate(orders.items()):

@@ -265,6 +265,26 @@ class ForceData:
         """Largest measured force [N], by which errors are scaled."""
         return float(self.force.max())
 
+    def part(self, rows: Bool[np.ndarray, " n"]) -> "ForceData":
+        """The force map of some of the readings.
+
+        What is at one pressure or length does not change with what is left.
+
+        Args:
+            rows: which, shape (n,).
+
+        Raises:
+            InputError: none of them is loaded.
+        """
+        columns = {name: getattr(self, name) for name in COLUMNS}
+        kept = {name: None if values is None else values[rows] for name, values in columns.items()}
+        return dataclasses.replace(
+            self,
+            **kept,
+            pressure_tolerance=self.pressures.tolerance,
+            length_tolerance=self.lengths.tolerance,
+        )
+
     @property
     def sha256(self) -> str:
         """Hash of the numbers in SI and of the specimen; the file's format does not matter."""

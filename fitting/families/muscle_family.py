@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 import famjax
 
@@ -18,8 +18,13 @@ from .laws import Law
 class _NearestNode(famjax.materials.PressurePolynomialMaterial):
     """The coefficients of the nearest node: readings of one level differ a little in pressure."""
 
-    def coefficients_at(self, pressure: famjax.Real) -> Float[Array, "... order"]:
-        distance = jnp.abs(jnp.asarray(pressure)[..., None] - self.node_pressures)
+    def known(self, pressure: famjax.Real) -> Bool[Array, "..."]:
+        """Everywhere: a reading of the first or last level may lie a little outside the nodes."""
+        return jnp.isfinite(jnp.asarray(pressure))
+
+    def interpolated(self, at: famjax.Real) -> Float[Array, "... order"]:
+        """Coefficients E_n [Pa] at a pressure [Pa], shape (..., order): no interpolation."""
+        distance = jnp.abs(jnp.asarray(at)[..., None] - self.node_pressures)
         return self.node_coefficients[jnp.argmin(distance, axis=-1)]
 
 

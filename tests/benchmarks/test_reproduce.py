@@ -32,7 +32,7 @@ SUBJECTS = {
 }
 EXACT = 1e-12
 L0, B0, N, PSI, LBF = 9.28125, 9.89, 1.09, 6894.757293168361, 4.4482216152605
-# What differs by more than its tolerance; benchmarks/chambers_notes.py says why of each.
+# What differs by more than its tolerance; examples/chambers2021/notes.py says why of each.
 OUT = {
     ("4, angle", "initial angle from the slope of blocked force, D0 = 0.875 in"),
     ("4, angle", "initial angle from the slope of blocked force, D0 = 1.025 in"),
@@ -49,12 +49,13 @@ OUT = {
 
 @pytest.fixture(scope="module")
 def loaded() -> Iterator[ModuleType]:
+    before = sys.path[:]
     sys.path.insert(0, str(BENCHMARKS))
     spec = importlib.util.spec_from_file_location("famjax_reproduce", BENCHMARKS / "reproduce.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     yield module
-    sys.path.remove(str(BENCHMARKS))
+    sys.path[:] = before
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +122,7 @@ def test_every_printed_figure_at_hand_is_compared_or_an_input(
     loaded: ModuleType, found: list
 ) -> None:
     """Chapters 2 and 4 to 6 of the transcription, figure by figure."""
-    printed = sys.modules["chambers_reference"].printed()
+    printed = sys.modules["beside_print"].printed()
     published = {(row.table, row.published) for row in found}
     for table, key, names in (
         ("2.2", "kevlar_braid", ("angle_range_deg",)),
@@ -228,7 +229,7 @@ def test_mean_absolute_errors_are_means_of_the_rows(computed: dict, geometry: st
 
 def test_mean_absolute_differences_over_contraction(loaded: ModuleType, computed: dict) -> None:
     """From the muscles themselves, at 100 psi from rest to the tested free contraction."""
-    muscles = sys.modules["chambers_reference"].muscles()
+    muscles = sys.modules["specimen"].muscles()
     lengths = L0 * (1 - np.linspace(0, 0.354, 101))
     name = "estimated inelastic"
     one, measured = (np.asarray(muscles[n].force(lengths, 100.0)) for n in (name, "measured"))
@@ -283,8 +284,8 @@ def test_virtual_work_is_the_difference_of_volumes(computed: dict) -> None:
 
 def test_profiles_are_symmetric_within_the_rounding_of_their_print(loaded: ModuleType) -> None:
     """What makes a row symmetric moves no printed coefficient by more than half its last digit."""
-    reference = sys.modules["chambers_reference"]
-    for row in reference.printed()["profile_100psi"]:
+    reference = sys.modules["specimen"]
+    for row in sys.modules["beside_print"].printed()["profile_100psi"]:
         used = reference.profile(row)
         x = np.linspace(0, 0.5, 9)
         np.testing.assert_allclose(used.diameter(x, 1.0), used.diameter(1 - x, 1.0), rtol=EXACT)
@@ -298,7 +299,7 @@ def test_profiles_are_symmetric_within_the_rounding_of_their_print(loaded: Modul
 
 
 def test_fourier_terms_return_a_series_exactly(loaded: ModuleType) -> None:
-    fit_terms = sys.modules["chambers_shape"].fit_terms
+    fit_terms = sys.modules["chapter4_shape"].fit_terms
     x = np.linspace(0, 1, 51)
     series = 1.5 + 0.3 * np.cos(5 * x) - 0.1 * np.sin(5 * x) + 0.05 * np.cos(10 * x)
     profiles = np.stack([series, 2 * series])
@@ -330,10 +331,9 @@ def test_progress_goes_on_to_the_last_figure(
     loaded: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Tables, the fits of chapter 7, then the figures of the page."""
-    row = sys.modules["chambers_reference"].Row("1.1", "an entry", 1.0, "in")
-    identification = sys.modules["chambers_identification"]
+    row = sys.modules["beside_print"].Row("1.1", "an entry", 1.0, "in")
     monkeypatch.setattr(loaded, "CHAPTERS", (("chapter 1", (("table 1.1", lambda: [row]),)),))
-    monkeypatch.setattr(identification, "tables", lambda: (("chapter 7, fits", lambda: [row]),))
+    monkeypatch.setattr(loaded, "reconstructed", lambda: (("chapter 7, fits", lambda: [row]),))
     steps = []
     found = loaded.reproduce(tmp_path, lambda *step: steps.append(step), synthetic=True)
     assert found == [row]
@@ -346,7 +346,7 @@ def test_progress_goes_on_to_the_last_figure(
 
 
 def test_free_contraction_is_the_muscles(loaded: ModuleType, computed: dict) -> None:
-    muscle = sys.modules["chambers_reference"].muscles()["estimated inelastic"]
+    muscle = sys.modules["specimen"].muscles()["estimated inelastic"]
     theirs = muscle.free_contraction(np.array(PRESSURES, float))
     for P, contraction in zip(PRESSURES, theirs, strict=True):
         ours = computed["6.12", f"estimated inelastic, {P} psi, free contraction"]

@@ -25,7 +25,6 @@ from fitting.comparison import (
     peer_families,
     plot_comparison,
 )
-from fitting.comparison.cross_validation import subset
 from fitting.comparison.hocking import hocking_orders
 
 pytestmark = pytest.mark.slow
@@ -291,10 +290,10 @@ def test_bad_requests_are_refused(dmsp10: ForceData, monkeypatch: pytest.MonkeyP
     inches = dataclasses.replace(dmsp10, length=dmsp10.length * 2.54)
     with pytest.raises(InputError, match="has the length 635 mm, too long for a braid"):
         fit_peer("polynomial_3", inches)
-    at_rest = subset(dmsp10, dmsp10.length == 0.25)
+    at_rest = dmsp10.part(dmsp10.length == 0.25)
     with pytest.raises(InputError, match="away from the rest length, 250 mm: there are none"):
         fit_hocking_wereley(at_rest)
-    few = subset(dmsp10, dmsp10.pressure > 6.4e5)
+    few = dmsp10.part(dmsp10.pressure > 6.4e5)
     with pytest.raises(InputError, match="has 10 parameters and the map 4 loaded readings"):
         fit_peer("polynomial_3", few)
     with pytest.raises(InputError, match="to leave out a pressure there must be"):

@@ -192,6 +192,25 @@ def test_linear_and_free_laws_recover_a_linear_truth() -> None:
     assert np.isfinite(free.muscle.force(0.28, 0.5 * (levels[0] + levels[1])))
 
 
+def test_free_coefficients_where_readings_scatter_about_their_pressures() -> None:
+    """A reading beyond the first or the last level takes that level's coefficients."""
+    values = np.array([2e6, 3e6, 2.5e6])
+    length = np.tile(np.linspace(0.25, 0.298, 8), 3)
+    pressure = np.repeat([3e5, 5e5, 7e5], 8) + np.tile([-40.0, 60.0, -50.0, 30.0], 6)
+
+    def force(E: float) -> np.ndarray:
+        muscle = known_muscle(famjax.PolynomialMaterial([E]))
+        return np.asarray(muscle.force(length, pressure))
+
+    true = force(0.0) + np.repeat(values, 8) * (force(1e6) - force(0.0)) / 1e6
+    fit = identify(
+        ForceData(true, pressure, length, SPECIMEN, pressure_tolerance=500.0), order=1,
+        dependence="free", constraint="none",
+        geometry=known_muscle(SOFTENING).geometry, bounds={"deadband_pressure": (3e4, 3e4)}, starts=1,
+    )  # fmt: skip
+    np.testing.assert_allclose(fit.coefficients[:, 0], values, rtol=1e-6)
+
+
 def test_units_of_the_file_do_not_matter(
     tmp_path, dmsp20: ForceData, fitted20: Identification
 ) -> None:

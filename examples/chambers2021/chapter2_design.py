@@ -1,4 +1,4 @@
-"""Chapter 2: angles of braids on bladders, and the inner fitting."""
+"""Chapter 2, design: which braid on which bladder, and the fitting that holds both."""
 
 import fractions
 import itertools
@@ -6,7 +6,7 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from chambers_reference import Row, Table, printed
+from beside_print import Chapter, Row, printed
 from jaxtyping import Array, Float
 
 from famjax import units
@@ -26,12 +26,53 @@ from famjax.design import (
     swaged_bore,
 )
 
+chapter = Chapter(__name__)
+
+
+# %% [markdown]
+# # Chapter 2: design
+# The muscles are made of a latex tube, a braided Kevlar sleeve and two end-fittings over which a
+# metal tube is swaged. The chapter asks what force and contraction a braid on a bladder gives, which
+# braids go on which bladders at all, and how wide the inner fitting must be for the swage to hold.
+# Nothing is measured here that famjax could compute: each table follows from sizes in the print.
+#
+# ## Table 2.1: what muscles built before do, and what their braids alone would
+# Gaylord's force P pi R^2 (2 tan^2 theta - 1) at rest, and the contraction at which theta has fallen to
+# the neutral angle of 35.26 deg. Every built muscle contracts less: its bladder takes a share. Two pull
+# more than the braid of their name and angle would.
+
+
+# %%
+@chapter.table("table 2.1: muscles and their braids alone")
+def swaged() -> list[Row]:
+    """Table 2.1: what the ideal braid alone would do, and how far the built muscles are from it."""
+    found = []
+    for of in printed()["swaged_fam"]:
+        name, pressure, theta = of["name"], of["pressure_psi"], math.radians(of["braid_angle_deg"])
+        diameter = float(fractions.Fraction(name.split()[0]))
+        force = float(gaylord_force(pressure, diameter / 2, theta))
+        contraction = 1 - math.sin(NEUTRAL_ANGLE) / math.sin(theta)
+        for what, computed, tested, unit in (
+            ("blocked force", force, of["max_force_lbf"], "lbf"),
+            ("free contraction", contraction, of["contraction"], "1"),
+        ):
+            entry = f"{name}, {what} of the braid alone"
+            shown = f"{tested} lbf" if unit == "lbf" else f"{tested}"
+            found += [
+                Row("2.1", entry, computed, unit),
+                Row("2.1", f"{entry} minus the tested {shown}", computed - tested, unit),
+            ]
+    return found
+
+
+# %% [markdown]
+# ## Table 2.2: angles at which braids jam
+# A braid is named by its diameter at 45 deg. The same thread at another diameter lies at another
+# angle, and where yarns touch, the braid can go no further.
+
+# %%
 ANGLE = 0.05
 """Tolerance [deg]: half the last digit of tables 2.2 and 2.3."""
-
-FITTING = 0.001
-"""Tolerance [in]: the last digit of table 2.4, whose rule is derived and not copied."""
-
 
 _angle_rad = quick_jit(fam_angle)
 
@@ -41,7 +82,8 @@ def _angle(diameter: float, nominal: float) -> float:
     return math.degrees(_angle_rad(np.array(diameter), np.array(nominal)))
 
 
-def _jamming_angles() -> list[Row]:
+@chapter.table("table 2.2: angles at which braids jam")
+def jamming_angles() -> list[Row]:
     found = []
     for braid in printed()["kevlar_braid"]:
         nominal = braid["nominal_diameter_in"]
@@ -54,7 +96,14 @@ def _jamming_angles() -> list[Row]:
     return found
 
 
-def _braid_angles() -> list[Row]:
+# %% [markdown]
+# ## Table 2.3: braids on bladders
+# The angle that each braid takes on each bladder; empty in the print where the braid jams first.
+
+
+# %%
+@chapter.table("table 2.3: angles of braids on bladders")
+def braid_angles() -> list[Row]:
     table = printed()["braid_angle_table"]
     columns = {1.5: table["braid_1p5"], 2.0: table["braid_2p0"], 2.5: table["braid_2p5"]}
     offered = {
@@ -88,6 +137,16 @@ def combination(diameter: float, braid: CatalogueBraid) -> Combination:
     return Combination(*map(jnp.asarray, numbers), rest_length=jnp.ones(()))
 
 
+# %% [markdown]
+# ## Table 2.4: the inner fitting
+# The swaged tube presses braid, and bladder, onto the inner fitting: its diameter follows from the
+# bore after swaging and the compression wanted. A thousandth of an inch matters.
+
+# %%
+FITTING = 0.001
+"""Tolerance [in]: the last digit of table 2.4, whose rule is derived and not copied."""
+
+
 @quick_jit
 def _fittings() -> tuple[Float[Array, ""], ...]:
     """Diameters [in] under braid and bladder, and the change of compression [-]."""
@@ -100,7 +159,8 @@ def _fittings() -> tuple[Float[Array, ""], ...]:
     return on_braid, on_bladder, 0.001 * compression_sensitivity(bore, on_braid, braid)
 
 
-def _end_fitting() -> list[Row]:
+@chapter.table("table 2.4: inner fittings")
+def end_fitting() -> list[Row]:
     of = printed()["end_fitting"]
     on_braid, on_bladder, per_thousandth = _fittings()
     under_braid, under_bladder = (
@@ -127,28 +187,13 @@ def _end_fitting() -> list[Row]:
     ]
 
 
-def _swaged() -> list[Row]:
-    """Table 2.1: what the ideal braid alone would do, and how far the built muscles are from it."""
-    found = []
-    for of in printed()["swaged_fam"]:
-        name, pressure, theta = of["name"], of["pressure_psi"], math.radians(of["braid_angle_deg"])
-        diameter = float(fractions.Fraction(name.split()[0]))
-        force = float(gaylord_force(pressure, diameter / 2, theta))
-        contraction = 1 - math.sin(NEUTRAL_ANGLE) / math.sin(theta)
-        for what, computed, tested, unit in (
-            ("blocked force", force, of["max_force_lbf"], "lbf"),
-            ("free contraction", contraction, of["contraction"], "1"),
-        ):
-            entry = f"{name}, {what} of the braid alone"
-            shown = f"{tested} lbf" if unit == "lbf" else f"{tested}"
-            found += [
-                Row("2.1", entry, computed, unit),
-                Row("2.1", f"{entry} minus the tested {shown}", computed - tested, unit),
-            ]
-    return found
+# %% [markdown]
+# ## Table 2.5: how far the tested muscles were from breaking
 
 
-def _safety() -> list[Row]:
+# %%
+@chapter.table("table 2.5: safety factors")
+def safety() -> list[Row]:
     of = printed()["tested_fams"]
     force = max(of["blocked_force_100psi_lbf"])
     burst = float(safety_factor(of["burst_pressure_psi"], 100.0))
@@ -159,13 +204,3 @@ def _safety() -> list[Row]:
         Row("2.5", "burst pressure over 100 psi", burst, "1"),
         Row("2.5", "tensile failure over the largest blocked force at 100 psi", pull, "1"),
     ]
-
-
-TABLES: tuple[Table, ...] = (
-    ("table 2.1: muscles and their braids alone", _swaged),
-    ("table 2.2: angles at which braids jam", _jamming_angles),
-    ("table 2.3: angles of braids on bladders", _braid_angles),
-    ("table 2.4: inner fittings", _end_fitting),
-    ("table 2.5: safety factors", _safety),
-)
-"""In the order of the work."""

@@ -1,18 +1,14 @@
-"""The reference work's specimen, and the row in which one of its figures is held to ours.
+"""The dissertation's 7/8 in muscle as models: its braid, bladder, shape and latex.
 
-Everything is in inch, psi, lbf and degrees, as printed. The figures come from
-`reference/chambers2021.toml`, transcribed from Chambers 2021.
+They are in inch and psi, as printed, or in the units of which `inch` and `psi` are the multiples.
 """
 
-import dataclasses
 import functools
-import tomllib
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from beside_print import printed
 
 from famjax import Bladder, Braid, ElasticBraid, EstimatedGeometry, MeasuredGeometry, Muscle, Real
 from famjax.braids import LinearThread
@@ -28,74 +24,27 @@ ENDS = (10.0, 100.0)
 """Lowest and highest gauge pressure tested [psi]: the nodes of a law that is linear in pressure."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """One figure, published and computed.
-
-    Attributes:
-        table: of the work, as in "6.11", or what the figure belongs to.
-        entry: which figure, and under which conditions.
-        computed: ours, in `unit`.
-        unit: "in", "psi", "1" for a pure number and so on.
-        published: theirs; None where it was not given to us.
-        tolerance: largest difference that counts as agreement, in `unit`; None with `published`.
-    """
-
-    table: str
-    entry: str
-    computed: float
-    unit: str
-    published: float | None = None
-    tolerance: float | None = None
-
-    @property
-    def difference(self) -> float | None:
-        """Computed minus published, None where nothing was published."""
-        return None if self.published is None else self.computed - self.published
-
-    @property
-    def within(self) -> bool | None:
-        """Whether the difference is within the tolerance; rounding of binary numbers forgiven."""
-        if self.difference is None or self.tolerance is None:
-            return None
-        return abs(self.difference) <= self.tolerance * (1 + 1e-9)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The row as the command's --json prints it."""
-        names = ("table", "entry", "published", "computed", "unit", "tolerance", "within")
-        return {name: getattr(self, name) for name in names}
-
-
-Table = tuple[str, Callable[[], list[Row]]]
-"""What is computed, in words, and the function that gives its rows."""
-
-
-@functools.cache
-def printed() -> dict[str, Any]:
-    """The figures of the reference work; see the comments in the file."""
-    path = Path(__file__).parent / "reference" / "chambers2021.toml"
-    return tomllib.loads(path.read_text(encoding="utf-8"))
-
-
-def bladder() -> Bladder:
+def bladder(inch: float = 1.0) -> Bladder:
     """The latex tube of the 7/8 in specimen."""
     of = printed()["specimen"]
     return Bladder(
-        of["active_length_in"], of["bladder_outer_diameter_in"], of["bladder_thickness_in"]
+        of["active_length_in"] * inch,
+        of["bladder_outer_diameter_in"] * inch,
+        of["bladder_thickness_in"] * inch,
     )
 
 
-def inelastic_braid() -> Braid:
+def inelastic_braid(inch: float = 1.0) -> Braid:
     """The specimen's braid, its threads not stretching."""
     of = printed()["specimen"]
-    return Braid(of["thread_length_B_in"], of["turns_N"], of["braid_thickness_in"])
+    return Braid(of["thread_length_B_in"] * inch, of["turns_N"], of["braid_thickness_in"] * inch)
 
 
-def elastic_braid(softness: Real = 1.0) -> ElasticBraid:
+def elastic_braid(softness: Real = 1.0, *, inch: float = 1.0, psi: float = 1.0) -> ElasticBraid:
     """The specimen's braid with the modulus found in situ, 11.6e6 psi over `softness`."""
-    of, braid = printed()["specimen"], inelastic_braid()
-    modulus = of["thread_modulus_in_situ_linear_psi"] / softness
-    thread = LinearThread(modulus, of["thread_area_in2"])
+    of, braid = printed()["specimen"], inelastic_braid(inch)
+    modulus = of["thread_modulus_in_situ_linear_psi"] * psi / softness
+    thread = LinearThread(modulus, of["thread_area_in2"] * inch**2)
     return ElasticBraid(
         braid.rest_thread_length, braid.turns, braid.thickness, of["threads"], thread
     )
@@ -127,16 +76,20 @@ def profile(row: dict[str, Any]) -> FourierProfile:
     return FourierProfile(row["a"][0], a, b, w).symmetrised()
 
 
-def measured_family() -> MeasuredFamily:
+def measured_family(inch: float = 1.0, psi: float = 1.0) -> MeasuredFamily:
     """Table 4.3, corrected and symmetrised, scaled in pressure by the elastic braid."""
-    rest = printed()["specimen"]["active_length_in"]
+    rest = printed()["specimen"]["active_length_in"] * inch
     rows = printed()["profile_100psi"]
     return MeasuredFamily(
         jnp.array([rest * (1 - row["contraction"]) for row in rows]),
-        [profile(row) for row in rows],
-        100.0,
-        elastic_braid(),
+        [_scaled(profile(row), inch) for row in rows],
+        100.0 * psi,
+        elastic_braid(inch=inch, psi=psi),
     )
+
+
+def _scaled(one: FourierProfile, inch: float) -> FourierProfile:
+    return FourierProfile(one.a0 * inch, one.a * inch, one.b * inch, one.w)
 
 
 def latex() -> PressurePolynomialMaterial:
@@ -152,16 +105,21 @@ GEOMETRIES = ("estimated inelastic", "estimated elastic", "measured average diam
 """Names of the four geometries, in the order of the design."""
 
 
+def four_geometries(inch: float = 1.0, psi: float = 1.0) -> tuple[AbstractGeometry, ...]:
+    """The geometries of the specimen, in the order of their names."""
+    family, tube = measured_family(inch, psi), bladder(inch)
+    return (
+        EstimatedGeometry(inelastic_braid(inch), tube),
+        EstimatedGeometry(elastic_braid(inch=inch, psi=psi), tube),
+        AverageDiameterGeometry(family, tube),
+        MeasuredGeometry(family, tube),
+    )
+
+
 @quick_jit
 def _build() -> tuple[tuple[AbstractGeometry, ...], PressurePolynomialMaterial]:
     """The geometries and the latex, in one program; alone each of their sums would be one."""
-    family = measured_family()
-    return (
-        EstimatedGeometry(inelastic_braid(), bladder()),
-        EstimatedGeometry(elastic_braid(), bladder()),
-        AverageDiameterGeometry(family, bladder()),
-        MeasuredGeometry(family, bladder()),
-    ), latex()
+    return four_geometries(), latex()
 
 
 @functools.cache

@@ -1,8 +1,5 @@
 """What stands beside the figures: how tables were read, why some differ, what cannot be computed."""
 
-PAGE = "reproduce.html"
-"""Name of the page's file."""
-
 NOTES: tuple[tuple[str, str], ...] = (
     (
         "2.1",

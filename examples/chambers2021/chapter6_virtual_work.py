@@ -1,20 +1,33 @@
-"""What virtual work changes: -P dV/dL in place of Gaylord's force, 100 psi."""
+"""Chapter 6, beyond the print: what virtual work changes, -P dV/dL in place of Gaylord's force."""
 
 import functools
 
 import numpy as np
-from chambers_balance import balance, terms
-from chambers_reference import Row, Table, muscles
+from beside_print import Chapter, Row
+from force_balance import balance, terms
 from jaxtyping import Float
+from specimen import muscles
 
+chapter = Chapter(__name__)
+
+# %% [markdown]
+# # Chapter 6, beyond the print: virtual work in the place of Gaylord's force
+# Gaylord's force belongs to a cylinder. A body of any outline pulls with -P dV/dL; where threads
+# stretch, at constant thread length, as the work that stretches them is not the muscle's.
+
+# %%
 PRESSURE = 100.0
+
+
 CONTRACTIONS = np.linspace(0, 0.35, 71)
 """The range of the measured profiles."""
 
 TABULATED = (0.0, 0.1, 0.2, 0.3, 0.35)
 
 GAYLORD = "Gaylord force"
+
 AT_PRESSURE = "-P dV/dL at constant pressure"
+
 AT_THREAD_LENGTH = "-P dV/dL at constant thread length"
 """The pressure's pull by the cylinder, and by virtual work; at constant thread length the work
 that stretches the threads is not counted as the muscle's."""
@@ -35,7 +48,8 @@ def _mean(values: Float[np.ndarray, " n"]) -> float:
     return float(np.trapezoid(values, CONTRACTIONS) / np.ptp(CONTRACTIONS))
 
 
-def _work() -> list[Row]:
+@chapter.table("the pressure's pull")
+def work() -> list[Row]:
     """Both terms and their means.
 
     At constant pressure the rate's mean over the range is exact, the difference of two volumes; at
@@ -60,7 +74,3 @@ def _work() -> list[Row]:
         ):
             found.append(Row(table, f"{name}, 100 psi, {entry}", float(value), "lbf"))
     return found
-
-
-TABLES: tuple[Table, ...] = (("the pressure's pull", _work),)
-"""One."""

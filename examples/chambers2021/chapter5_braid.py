@@ -1,12 +1,13 @@
-"""Chapter 5: the threads' stretch at the resting length."""
+"""Chapter 5, the elastic braid: how the threads stretch at the resting length."""
 
 import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from chambers_reference import PRESSURES, Row, Table, elastic_braid, printed
+from beside_print import Chapter, Row, printed
 from jaxtyping import Array, Float
+from specimen import PRESSURES, elastic_braid
 
 from famjax import units
 from famjax.braids import BraidState, BraidStretch
@@ -14,33 +15,35 @@ from famjax.compile_options import quick_jit
 from famjax.design import thread_strength_margin
 from fitting.rubber import InSitu, thread_in_situ
 
-FROM_PRINT = {"B": 0.001, "theta": 0.03}
-"""Tolerance [in, deg] of what follows from the printed D: 0.0005 in of D, and the print's digit."""
-
-MODEL = {"D": 0.004, "B": 0.005, "theta": 0.08}
-"""Tolerance [in, deg] of the model against photographs: one pixel, 0.004 in of D."""
-
-HIGH_PRESSURE = {60.0: 0.065, 80.0: 0.14}
-"""First pressure [psi] of the high-pressure points, which is not printed, and the relative
-tolerance of their modulus: 0.0005 in of D at either end of the strain's range."""
-
-LINEAR = 0.025
-"""The same tolerance of the modulus through all points."""
-
-SOFT = 10.0
-"""Stiffness of Kevlar over that of the soft braid."""
-
-_BRAIDS = (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT))
-"""Table, label and softness of the braids that are listed with and without stretch."""
-
-SWEPT = np.linspace(0, 100, 51)
-"""Gauge pressures [psi] of the sweep; those of tables 5.1 and 5.2 are among them."""
+chapter = Chapter(__name__)
 
 
-def _area() -> list[Row]:
+# %% [markdown]
+# # Chapter 5: the elastic braid
+# Photographs of the blocked muscle show that it grows with pressure: 1.001 in at rest, 1.044 in at 100
+# psi. A braid of threads that do not stretch cannot grow at constant length, so they stretch, and the
+# chapter finds out how much, and what that does to angle and force. Nothing is measured here: the
+# diameters and blocked forces are printed.
+#
+# ## The threads
+
+
+# %%
+@chapter.table("section 5: thread area")
+def area() -> list[Row]:
     of = printed()["specimen"]
     area = of["fibres_per_thread"] * np.pi * of["fibre_diameter_in"] ** 2 / 4
     return [Row("5, thread", "area of the fibres", area, "in2", of["thread_area_in2"], 5e-8)]
+
+
+# %% [markdown]
+# ## Table 5.1: from the printed diameters
+# With L = B sin(theta) and pi N D = B cos(theta), each diameter gives a thread length and an angle; the
+# balance of forces gives the tension of a thread, (F + P pi R^2)/(n sin theta).
+
+# %%
+FROM_PRINT = {"B": 0.001, "theta": 0.03}
+"""Tolerance [in, deg] of what follows from the printed D: 0.0005 in of D, and the print's digit."""
 
 
 def in_situ(high_pressure: float = 60.0) -> InSitu:
@@ -64,20 +67,21 @@ def in_situ(high_pressure: float = 60.0) -> InSitu:
     )
 
 
-def _row_5_1(symbol: str, entry: str, computed: float, k: int, tolerance: dict[str, float]) -> Row:
+def row_5_1(symbol: str, entry: str, computed: float, k: int, tolerance: dict[str, float]) -> Row:
     unit = "deg" if symbol == "theta" else "in"
     published = printed()["elastic_braid"][f"{symbol}_{unit}"][k]
     return Row("5.1", entry, float(computed), unit, published, tolerance[symbol])
 
 
-def _from_diameters() -> list[Row]:
+@chapter.table("table 5.1: threads at the printed diameters")
+def from_diameters() -> list[Row]:
     table, state = printed()["elastic_braid"], in_situ()
     found = []
     for k, P in enumerate(table["pressure_psi"]):
         B, theta = state.thread_length[k] / units.INCH, float(np.rad2deg(state.braid_angle[k]))
         found += [
-            _row_5_1("B", f"B from the printed D, {P} psi", B, k, FROM_PRINT),
-            _row_5_1("theta", f"theta from the printed D, {P} psi", theta, k, FROM_PRINT),
+            row_5_1("B", f"B from the printed D, {P} psi", B, k, FROM_PRINT),
+            row_5_1("theta", f"theta from the printed D, {P} psi", theta, k, FROM_PRINT),
         ]
     tension = float(state.tension.max() / units.LBF)
     strain = float(state.strain.max())
@@ -88,7 +92,22 @@ def _from_diameters() -> list[Row]:
     ]
 
 
-def _moduli() -> list[Row]:
+# %% [markdown]
+# ## The modulus in situ
+# Tension over area against strain: the slope is the threads' modulus. The work printed two, through
+# all points and through those at high pressure, where the toe region is behind.
+
+# %%
+HIGH_PRESSURE = {60.0: 0.065, 80.0: 0.14}
+"""First pressure [psi] of the high-pressure points, which is not printed, and the relative
+tolerance of their modulus: 0.0005 in of D at either end of the strain's range."""
+
+LINEAR = 0.025
+"""The same tolerance of the modulus through all points."""
+
+
+@chapter.table("section 5: moduli in situ")
+def moduli() -> list[Row]:
     """Both readings of "linear", with an intercept and through the origin, stand side by side."""
     of, state = printed()["specimen"], in_situ()
     table, published = "5, thread", of["thread_modulus_in_situ_linear_psi"]
@@ -107,11 +126,22 @@ def _moduli() -> list[Row]:
     return found
 
 
-@functools.cache
-def stretch(softness: float = 1.0) -> BraidStretch:
-    """The braid at the resting length at `SWEPT`, with and without stretch; NumPy arrays."""
-    rest = np.asarray(printed()["specimen"]["active_length_in"])
-    return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness), rest, SWEPT))
+# %% [markdown]
+# ## Table 5.1 again: the elastic braid as a model
+# Now with the modulus alone: tension stretches the thread, and the stretched thread changes angle and
+# tension, a root in B. It is held against the photographs' diameters.
+
+# %%
+MODEL = {"D": 0.004, "B": 0.005, "theta": 0.08}
+"""Tolerance [in, deg] of the model against photographs: one pixel, 0.004 in of D."""
+
+SWEPT = np.linspace(0, 100, 51)
+"""Gauge pressures [psi] of the sweep; those of tables 5.1 and 5.2 are among them."""
+
+
+def _at(pressure: float) -> int:
+    """Where a pressure [psi] is in `SWEPT`."""
+    return SWEPT.tolist().index(pressure)
 
 
 @quick_jit
@@ -123,7 +153,15 @@ def _stretched(
     return elastic_braid(softness).stretch(length, pressure)
 
 
-def _model() -> list[Row]:
+@functools.cache
+def stretch(softness: float = 1.0) -> BraidStretch:
+    """The braid at the resting length at `SWEPT`, with and without stretch; NumPy arrays."""
+    rest = np.asarray(printed()["specimen"]["active_length_in"])
+    return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness), rest, SWEPT))
+
+
+@chapter.table("table 5.1: the elastic braid")
+def model() -> list[Row]:
     """The model from B0 = 9.89 in, against the diameters that were photographed."""
     table = printed()["elastic_braid"]["pressure_psi"]
     state = stretch().elastic
@@ -133,24 +171,21 @@ def _model() -> list[Row]:
         "theta": np.rad2deg(state.braid_angle),
     }
     return [
-        _row_5_1(symbol, f"{symbol} of the model, {P} psi", column[_at(P)], k, MODEL)
+        row_5_1(symbol, f"{symbol} of the model, {P} psi", column[_at(P)], k, MODEL)
         for k, P in enumerate(table)
         for symbol, column in columns.items()
     ]
 
 
-def _stretch() -> list[Row]:
-    """Table 5.2, and the same for the soft braid."""
-    found = []
-    for table, label, softness in _BRAIDS:
-        both = stretch(softness)
-        for name, state in (("with stretch", both.elastic), ("without stretch", both.inelastic)):
-            found += [
-                Row(table, f"{label}{quantity} {name}, {P:g} psi", float(values[_at(P)]), unit)
-                for P in (0.0, *PRESSURES)
-                for quantity, (unit, values) in _columns(state).items()
-            ]
-    return found
+# %% [markdown]
+# ## Table 5.2: with and without stretch, and a braid ten times softer
+
+# %%
+SOFT = 10.0
+"""Stiffness of Kevlar over that of the soft braid."""
+
+BRAIDS = (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT))
+"""Table, label and softness of the braids that are listed with and without stretch."""
 
 
 def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
@@ -164,13 +199,29 @@ def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
     }
 
 
-def _changes() -> list[Row]:
+@chapter.table("table 5.2: with and without stretch")
+def stretched() -> list[Row]:
+    """Table 5.2, and the same for the soft braid."""
+    found = []
+    for table, label, softness in BRAIDS:
+        both = stretch(softness)
+        for name, state in (("with stretch", both.elastic), ("without stretch", both.inelastic)):
+            found += [
+                Row(table, f"{label}{quantity} {name}, {P:g} psi", float(values[_at(P)]), unit)
+                for P in (0.0, *PRESSURES)
+                for quantity, (unit, values) in _columns(state).items()
+            ]
+    return found
+
+
+@chapter.table("table 5.2: changes by the elastic braid")
+def changes() -> list[Row]:
     """What the stretch of the threads changes at rest and at the tested free contraction."""
     tested, rest = printed()["tested"], printed()["specimen"]["active_length_in"]
     free = rest * (1 - np.array(tested["free_contraction"]))
     lengths = np.stack([np.full_like(free, rest), free])
     found = []
-    for table, label, softness in _BRAIDS:
+    for table, label, softness in BRAIDS:
         both = _stretched(jnp.asarray(softness), lengths, np.array(tested["pressure_psi"], float))
         before, after = _columns(both.inelastic), _columns(both.elastic)
         for place, state in enumerate(("at rest", "at the tested free contraction")):
@@ -186,7 +237,13 @@ def _changes() -> list[Row]:
     return found
 
 
-def _strength() -> list[Row]:
+# %% [markdown]
+# ## How far the threads are from breaking
+
+
+# %%
+@chapter.table("section 5: strength of the threads")
+def strength() -> list[Row]:
     """How far the threads are from breaking: their test's load and strain over those in use."""
     of, table = printed()["specimen"], printed()["elastic_braid"]
     burst = printed()["tested_fams"]
@@ -212,20 +269,3 @@ def _strength() -> list[Row]:
     strain = of["thread_elongation_at_break"] / float(state.strain.max())
     entry = "elongation at break over the largest strain of table 5.1"
     return [*found, Row("5, thread", entry, strain, "1")]
-
-
-def _at(pressure: float) -> int:
-    """Where a pressure [psi] is in `SWEPT`."""
-    return SWEPT.tolist().index(pressure)
-
-
-TABLES: tuple[Table, ...] = (
-    ("section 5: thread area", _area),
-    ("table 5.1: threads at the printed diameters", _from_diameters),
-    ("section 5: moduli in situ", _moduli),
-    ("table 5.1: the elastic braid", _model),
-    ("table 5.2: with and without stretch", _stretch),
-    ("table 5.2: changes by the elastic braid", _changes),
-    ("section 5: strength of the threads", _strength),
-)
-"""In the order of the page's sections."""

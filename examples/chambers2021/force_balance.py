@@ -5,9 +5,10 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
-from chambers_reference import PRESSURES, muscles, printed
+from beside_print import printed
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
+from specimen import PRESSURES, muscles
 
 from famjax import Muscle
 from famjax.braids import gaylord_force

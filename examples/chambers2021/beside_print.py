@@ -1,0 +1,133 @@
+"""A figure of the dissertation beside ours, and the tables of a chapter, shown where they are defined.
+
+Everything is in inch, psi, lbf and degrees, as printed. The figures come from
+`benchmarks/reference/chambers2021.toml`, transcribed from Chambers 2021.
+"""
+
+import dataclasses
+import functools
+import itertools
+import math
+import tomllib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import jax
+from notes import NOTES
+
+_MOST = 12
+"""Rows that are shown of a table of which no figure was printed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One figure, published and computed.
+
+    Attributes:
+        table: of the work, as in "6.11", or what the figure belongs to.
+        entry: which figure, and under which conditions.
+        computed: ours, in `unit`.
+        unit: "in", "psi", "1" for a pure number and so on.
+        published: theirs; None where it was not given to us.
+        tolerance: largest difference that counts as agreement, in `unit`; None with `published`, and
+            where ours comes from a twin or a reconstruction, which need not agree.
+    """
+
+    table: str
+    entry: str
+    computed: float
+    unit: str
+    published: float | None = None
+    tolerance: float | None = None
+
+    @property
+    def difference(self) -> float | None:
+        """Computed minus published, None where nothing was published."""
+        return None if self.published is None else self.computed - self.published
+
+    @property
+    def within(self) -> bool | None:
+        """Whether the difference is within the tolerance; rounding of binary numbers forgiven."""
+        if self.difference is None or self.tolerance is None:
+            return None
+        return abs(self.difference) <= self.tolerance * (1 + 1e-9)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The row as the command's --json prints it."""
+        names = ("table", "entry", "published", "computed", "unit", "tolerance", "within")
+        return {name: getattr(self, name) for name in names}
+
+
+Table = tuple[str, Callable[[], list[Row]]]
+"""What is computed, in words, and the function that gives its rows."""
+
+
+@functools.cache
+def printed() -> dict[str, Any]:
+    """The figures of the reference work; see the comments in the file."""
+    folder = Path(__file__).resolve().parents[2] / "benchmarks" / "reference"
+    return tomllib.loads((folder / "chambers2021.toml").read_text(encoding="utf-8"))
+
+
+class Chapter:
+    """The tables of a chapter, in the order of the work.
+
+    In a script or a notebook each is computed and shown where it is defined; a chapter that is
+    imported only keeps them.
+    """
+
+    def __init__(self, module: str) -> None:
+        self.shown = module == "__main__"
+        self._tables: list[Table] = []
+        if self.shown:  # equilibria are found to the last digit in float64
+            jax.config.update("jax_enable_x64", True)
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """Of the chapter."""
+        return tuple(self._tables)
+
+    def table(self, title: str) -> Callable[[Callable[[], list[Row]]], Callable[[], list[Row]]]:
+        """Marks a function that gives the rows of a table from what the work prints."""
+
+        def keep(compute: Callable[[], list[Row]]) -> Callable[[], list[Row]]:
+            self._tables.append((title, compute))
+            if self.shown:
+                rows = compute()
+                _print(title, _lines(rows, _MOST), _remarks(rows))
+            return compute
+
+        return keep
+
+    def show(self, title: str, rows: Iterable[Row]) -> None:
+        """Print a table of a twin, all of it, in a script or a notebook."""
+        _print(title, _lines(list(rows)))
+
+
+def _print(title: str, *lines: list[str]) -> None:
+    print(f"\n{title[0].upper()}{title[1:]}", *itertools.chain(*lines), sep="\n")
+
+
+def _lines(rows: list[Row], most: int | None = None) -> list[str]:
+    """All rows; or those of which a figure was printed, or where none was, the first few."""
+    shown = rows
+    if most is not None:
+        shown = [row for row in rows if row.published is not None] or rows[:most]
+    wide = max((len(row.entry) for row in shown), default=0)
+    lines = [f"  {'':{wide}}  {'published':>10}  {'computed':>10}"] + [
+        f"  {row.entry:{wide}}  {_number(row.published):>10}  {_number(row.computed):>10} "
+        f"{'' if row.unit == '1' else row.unit}{' OUT' if row.within is False else ''}".rstrip()
+        for row in shown
+    ]
+    more = len(rows) - len(shown)
+    return [*lines, f"  and {more} more that have no printed figure here"] if more else lines
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:.5g}"
+
+
+def _remarks(rows: list[Row]) -> list[str]:
+    of = {row.table for row in rows}
+    return [f"  Note on {table}: {note}" for table, note in NOTES if table in of]

@@ -1,0 +1,289 @@
+"""Chapter 4, photogrammetry: the muscle's shape, from print and from pictures of its twin."""
+
+import functools
+import math
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from beside_print import Chapter, Row, printed
+from jaxtyping import Array, Float
+from specimen import inelastic_braid, profile, transcribed_profile
+from twin import Twin
+
+from famjax import units
+from famjax.braids import braid_angle_from_blocked_force, diameter_from_length
+from famjax.compile_options import quick_jit
+from famjax.geometries import Meridian, tube_volume
+from famjax.profiles import EllipticToroidEnds, FourierProfile
+
+chapter = Chapter(__name__)
+
+
+# %% [markdown]
+# # Chapter 4: photogrammetry
+# One camera, 60 in away, photographs the muscle once a second while the machine strokes it. Bright
+# tapes on the fittings show where the active length ends, a ruler shows the scale, and in every
+# picture the outline is found and described by three Fourier terms. The chapter holds the lengths
+# against the test machine, and the shape against the cylinder that everybody else assumes.
+#
+# ## What follows from sizes and set-up
+
+# %%
+VOLUME = 0.0005
+"""Tolerance [in3]: half the last digit of the printed volumes."""
+
+
+@chapter.table("section 4: volumes")
+def volumes() -> list[Row]:
+    of = printed()["specimen"]
+    length, rubber = of["active_length_in"], of["bladder_thickness_in"]
+    bladder = float(tube_volume(length, of["bladder_outer_diameter_in"], rubber))
+    braid = float(tube_volume(length, of["braid_resting_diameter_in"], of["braid_thickness_in"]))
+    return [
+        Row("4, volumes", "bladder", bladder, "in3", of["bladder_volume_in3"], VOLUME),
+        Row("4, volumes", "braid", braid, "in3", of["braid_volume_in3"], VOLUME),
+    ]
+
+
+@chapter.table("section 4: camera")
+def camera() -> list[Row]:
+    """What follows from scale and distance, to a unit of the last digit: 60 in is a nominal one."""
+    of = printed()["photogrammetry"]
+    length, distance = printed()["specimen"]["active_length_in"], of["camera_distance_in"]
+    view = math.degrees(2 * math.atan(length / (2 * distance)))
+    return [
+        Row("4, camera", "size of a pixel", 1 / of["scale_px_per_in"], "in",
+            of["resolution_in_per_px"], 0.001),
+        Row("4, camera", "angle of view of the active length", view, "deg",
+            of["angle_of_view_deg"], 0.01),
+        Row("4, camera", "change of scale per inch of depth", 1 / distance, "1",
+            of["scale_change_per_inch_of_depth"], 0.01),
+    ]  # fmt: skip
+
+
+# %% [markdown]
+# ## The braid angle from the slope of blocked force
+# Without a camera the angle is estimated so: the braid's blocked force rises with pressure by
+# pi R^2 (2 tan^2 theta - 1). Two diameters are on offer, of bladder and of braid, and so are two angles.
+
+# %%
+ANGLE = 0.1
+"""Tolerance [deg] of angles from the slope of blocked force."""
+
+
+@chapter.table("section 4: angle from the slope of blocked force")
+def angle_from_slope() -> list[Row]:
+    """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does.
+
+    The printed angles are also held to the slopes at the two ends of the tested pressures.
+    """
+    tested, table = printed()["tested"], printed()["photogrammetry"]["estimated_theta0_deg"]
+    P, F = (np.array(tested[key], float) for key in ("pressure_psi", "blocked_force_lbf"))
+    found = []
+    for diameter, key, ends, part in (
+        (0.875, "from_D0_0p875", "20 to 40 psi", slice(2)),
+        (1.025, "from_D0_1p025", "80 to 100 psi", slice(-2, None)),
+    ):
+        entry = f"initial angle from the slope of blocked force, D0 = {diameter} in"
+        for which, readings in ((entry, slice(None)), (f"{entry}, {ends} alone", part)):
+            angle = braid_angle_from_blocked_force(P[readings], F[readings], diameter)
+            degrees = math.degrees(float(angle))
+            found.append(Row("4, angle", which, degrees, "deg", table[key], ANGLE))
+    return found
+
+
+# %% [markdown]
+# ## Table 4.3: profiles at 100 psi
+# D(x) = a0 + sum a_n cos(n w x) + b_n sin(n w x), five contractions. Only the row at 0 % describes a
+# muscle as it is printed: the others come out lopsided, some negative. A profile that is symmetric
+# about x = 1/2 needs b_n/a_n = tan(n w/2), and that gives w back.
+
+# %%
+SHAPE_X = np.linspace(0, 1, 301)
+"""Positions at which the profiles of table 4.3 are drawn."""
+
+_X = np.linspace(0, 1, 401)
+
+
+def printed_diameter(
+    row: dict, x: Float[np.ndarray, " n"], *, corrected: bool
+) -> Float[np.ndarray, " n"]:
+    """Diameter [in] of a row of table 4.3 at x, also where the print makes it negative."""
+    w = row["w_corrected" if corrected else "w_as_printed"]
+    b = [row["b"][0] if corrected else row.get("b1_as_printed", row["b"][0]), *row["b"][1:]]
+    angle = np.arange(1, len(b) + 1) * w * np.asarray(x)[:, None]
+    return row["a"][0] + np.cos(angle) @ row["a"][1:] + np.sin(angle) @ b
+
+
+@quick_jit
+def _shapes() -> tuple[dict[str, Float[Array, "profiles ..."]], ...]:
+    rows, rest = printed()["profile_100psi"], printed()["specimen"]["active_length_in"]
+    lengths = jnp.array([rest * (1 - row["contraction"]) for row in rows])
+
+    def measures(even: FourierProfile, length: Float[Array, ""]) -> dict[str, Float[Array, "..."]]:
+        meridian = Meridian.of(even, length)
+        return {
+            "w": even.w,
+            "mean D": meridian.mean_diameter,
+            "arc": meridian.arc_length,
+            "volume": meridian.volume,
+            "D": even.diameter(SHAPE_X, length),
+        }
+
+    def of(profiles: list[FourierProfile]) -> dict[str, Float[Array, "profiles ..."]]:
+        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *profiles)
+        return eqx.filter_vmap(measures)(stacked, lengths)
+
+    return (
+        of([profile(row) for row in rows]),
+        of([transcribed_profile(row).symmetrised() for row in rows]),
+    )
+
+
+@functools.cache
+def shapes() -> dict[str, dict[str, Float[np.ndarray, "profiles ..."]]]:
+    """w, mean D, arc length and volume in inches, and D at `SHAPE_X`, of table 4.3's profiles."""
+    used, transcribed = jax.tree.map(np.asarray, _shapes())
+    return {"used": used, "transcribed w": transcribed}
+
+
+@chapter.table("table 4.3: profiles")
+def profiles() -> list[Row]:
+    """Table 4.3 as printed, corrected, and as used: corrected and made symmetric."""
+    rest = printed()["specimen"]["active_length_in"]
+    found = []
+    for k, row in enumerate(printed()["profile_100psi"]):
+        at = f"{100 * row['contraction']:.4g} %"
+        for label, corrected in (("as printed", False), ("corrected", True)):
+            D = printed_diameter(row, _X, corrected=corrected)
+            values = (
+                ("D at x = 0", D[0]),
+                ("D at x = 1/2", D[_X.size // 2]),
+                ("D at x = 1", D[-1]),
+                ("largest |D(x) - D(1 - x)|", np.abs(D - D[::-1]).max()),
+            )
+            found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
+        for label, of in shapes().items():
+            found += [
+                Row("4.3", f"{label}, {at}, w", float(of["w"][k]), "1"),
+                Row("4.3", f"{label}, {at}, mean D", float(of["mean D"][k]), "in"),
+                Row("4.3", f"{label}, {at}, outline volume", float(of["volume"][k]), "in3"),
+                Row("4.3", f"{label}, {at}, axial strain", float(of["arc"][k]) / rest - 1, "1"),
+            ]
+    return found
+
+
+# %% [markdown]
+# ## Table 4.2: how many Fourier terms a profile needs
+# The photographs are not printed: here on profiles made of elliptic ends and a cylinder.
+
+# %%
+END_LENGTH, END_ANGLE = 1.1, 1.0
+"""Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
+ellipse at the fitting: a finite slope there."""
+
+_WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
+
+CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
+"""Of the synthetic profiles."""
+
+
+def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarray, "n p"]:
+    angle = np.arange(1, terms + 1) * w * x[:, None]
+    return np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
+
+
+def fit_terms(
+    x: Float[np.ndarray, " n"], diameters: Float[np.ndarray, "profiles n"], terms: int
+) -> Float[np.ndarray, "profiles n"]:
+    """The series of so many terms and free w that comes nearest to each profile, in the squares.
+
+    For each w of a grid the coefficients are a linear least-squares fit; the best w is kept.
+    """
+    columns = [_series(w, x, terms) for w in _WAVE_NUMBERS]
+    planes = [np.linalg.qr(column)[0] for column in columns]
+    caught = np.array([np.sum((diameters @ plane) ** 2, axis=1) for plane in planes])
+    best = [planes[k] for k in caught.argmax(axis=0)]
+    return np.array([plane @ (plane.T @ D) for plane, D in zip(best, diameters, strict=True)])
+
+
+@quick_jit
+def _synthetic_diameters() -> Float[Array, "profiles n"]:
+    of, braid = printed()["specimen"], inelastic_braid()
+    length = of["active_length_in"] * (1 - jnp.array(CONTRACTIONS)[:, None])
+    middle = diameter_from_length(length, braid.rest_thread_length, braid.turns)
+    shape = EllipticToroidEnds(middle, of["braid_resting_diameter_in"], END_LENGTH, END_ANGLE)
+    return shape.diameter(_X[::2], length)
+
+
+@functools.cache
+def synthetic_profiles() -> dict[float, Float[np.ndarray, " n"]]:
+    """SYNTHETIC diameters [in] at 201 positions, by contraction: elliptic ends, a cylinder.
+
+    The middle follows the braid's triangle, and the ends have the braid's resting diameter.
+    """
+    return dict(zip(CONTRACTIONS, np.asarray(_synthetic_diameters()), strict=True))
+
+
+@chapter.table("table 4.2: Fourier terms of a profile")
+def fourier_terms() -> list[Row]:
+    """Table 4.2's errors on synthetic profiles: the photographs are not printed."""
+    profiles = np.stack(list(synthetic_profiles().values()))
+    found = []
+    for terms in printed()["fourier_terms"]["terms"]:
+        errors = fit_terms(_X[::2], profiles, terms) - profiles
+        for name, value in (
+            ("largest error, mean of the profiles", np.abs(errors).max(axis=1).mean()),
+            ("RMSE, mean of the profiles", np.sqrt((errors**2).mean(axis=1)).mean()),
+        ):
+            found.append(
+                Row("4.2", f"SYNTHETIC profiles, {terms} terms, {name}", float(value), "in")
+            )
+    return found
+
+
+# %% [markdown]
+# ## Photographs of the twin
+# What the work's photographs were for: lengths against the test machine, and the number of Fourier terms
+# that a profile takes. The twin's were rendered, and its true lengths are known.
+
+
+# %%
+def photographed_lengths(twin: Twin) -> list[Row]:
+    """Largest error of the length, against the machine as in the work, and against the truth."""
+    table, rest = twin.pictures, twin.sheet.specimen.rest_length
+    errors = {"the machine": table["length"] - (rest + table["displacement"])}
+    true = np.array([twin.truth["lengths_m"][Path(path).name] for path in table.path])
+    errors["the truth"] = table["length"] - true
+    published = {"the machine": printed()["photogrammetry"]["max_length_error_in"]}
+    return [
+        Row("4.1", f"TWIN, {table.ok.sum()} of {len(table)} pictures, largest error of the length "
+            f"against {what}", float(np.nanmax(np.abs(error))) / units.INCH, "in", published.get(what))
+        for what, error in errors.items()
+    ]  # fmt: skip
+
+
+def photographed_terms(twin: Twin) -> list[Row]:
+    """Table 4.2 on the twin's photographs."""
+    table, of = twin.pictures, printed()["fourier_terms"]
+    diameters = table.diameter[table.ok] / units.INCH
+    found = []
+    for terms, largest, rmse in zip(of["terms"], of["max_error_in"], of["rmse_in"], strict=True):
+        errors = fit_terms(table.position, diameters, terms) - diameters
+        for name, value, theirs in (
+            ("largest error", np.abs(errors).max(axis=1).mean(), largest),
+            ("RMSE", np.sqrt((errors**2).mean(axis=1)).mean(), rmse),
+        ):
+            entry = f"TWIN, {terms} terms, {name}, mean of the pictures"
+            found.append(Row("4.2", entry, float(value), "in", theirs))
+    return found
+
+
+# %%
+if chapter.shown:
+    twin = Twin.of_command_line()
+    chapter.show("table 4.1: lengths of the twin", photographed_lengths(twin))
+    chapter.show("table 4.2: Fourier terms of the twin", photographed_terms(twin))

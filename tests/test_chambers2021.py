@@ -1,0 +1,143 @@
+"""The dissertation as one example: its scripts run as a user would run them, and its answer is honest."""
+
+import ast
+import dataclasses
+import importlib
+import itertools
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import fitting
+
+FOLDER = Path(__file__).parents[1] / "examples" / "chambers2021"
+PACKAGES = ("famjax", "fitting", "imaging", "rig")
+
+
+def said(script: str, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, str(FOLDER / f"{script}.py"), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "XLA_FLAGS": ""},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def chapter7() -> Iterator[ModuleType]:
+    before = sys.path[:]
+    sys.path.insert(0, str(FOLDER))
+    yield importlib.import_module("chapter7_identification")
+    sys.path[:] = before
+
+
+@pytest.mark.parametrize(
+    ("script", "lines"),
+    [
+        (
+            "chapter2_design",
+            ["inner fitting under the braid                  0.838     0.83874 in"],
+        ),
+        ("chapter5_braid", ["largest thread tension", "Note on 5.1:"]),
+    ],
+)
+def test_chapters_from_the_print(script: str, lines: list[str]) -> None:
+    told = " ".join(said(script).split())
+    for line in lines:
+        assert " ".join(line.split()) in told
+
+
+def test_scripts_are_cells_of_public_calls() -> None:
+    """Whatever is imported of the packages is a room, or listed in a room's stub."""
+    for file in FOLDER.glob("*.py"):
+        text = file.read_text(encoding="utf-8")
+        if file.name.startswith("chapter"):
+            assert "# %% [markdown]\n# # Chapter" in text
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in PACKAGES:
+                room = importlib.import_module(node.module)
+                listed = getattr(room, "__all__", None) or vars(room)
+                public = node.module.count(".") == 0 or hasattr(room, "__path__")
+                assert public or node.module == "famjax.compile_options", (file.name, node.module)
+                for name in node.names:
+                    assert name.name in listed, (file.name, node.module, name.name)
+
+
+def test_least_squares_are_the_identification(chapter7: ModuleType) -> None:
+    """Columns and least squares of the open question, and the library's certified fit."""
+    question = importlib.import_module("open_question")
+    data = question.ends_of_isobars()
+    shapes = importlib.import_module("specimen").four_geometries(0.0254, 6894.757293168361)
+    model = (shapes[0], question.PressurisedBraid(0.0))
+    rmse, left_out, unknowns = question.System.of(data, model).judged("constant", deadband=False)
+    fit = fitting.identify(
+        data,
+        geometry=shapes[0],
+        constraint="none",
+        bounds={"deadband_pressure": (0.0, 0.0)},
+        starts=1,
+    )
+    np.testing.assert_allclose(unknowns[:3], fit.coefficients[0], rtol=1e-6)
+    assert rmse * data.max_force == pytest.approx(fit.errors.rmse, rel=1e-9)
+    assert left_out > rmse
+    modulus = question.least_modulus(data, model, unknowns)
+    assert modulus == pytest.approx(fit.certificate.stability_margin, rel=0.02)  # 50 stations
+
+
+def test_answer_follows_from_the_numbers(chapter7: ModuleType) -> None:
+    question = importlib.import_module("open_question")
+    models = ("estimated inelastic", "measured", question.WORK)
+    base = [
+        question.Trial(truth, model, deadband, form, 0.001, 0.001, 1e6)
+        for truth, model, deadband, form in itertools.product(
+            ("one", "other", "own"), models, (False, True), question.FORMS
+        )
+    ]
+    first, second = chapter7.answer(base)
+    assert "E_n suffice: they are enough for 2 of 2" in first
+    assert "they suffice:" in second
+
+    def changed(truth: str, **to: float) -> list:
+        return [
+            dataclasses.replace(one, **to) if one.truth == truth and one.form == "constant" else one
+            for one in base
+        ]
+
+    first, second = chapter7.answer(changed("other", modulus=-1.0))
+    assert "do not suffice in every one: they are enough for 1 of 2" in first
+    assert "they suffice:" in second
+    first, second = chapter7.answer(changed("own", left_out=0.02))
+    assert "they are enough for 2 of 2" in first
+    assert (
+        "they do not: the best constant law (estimated inelastic, deadband zero) errs by 2 %"
+        in second
+    )
+    lines = "\n".join(chapter7.question_table(changed("own", left_out=0.02)))
+    assert lines.count("  yes") == 12
+    assert lines.count("  no") == 6
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_chapters_on_a_twin(tmp_path: Path) -> None:
+    """All from one folder; chapter by chapter what the twin is known to be."""
+    folder = ("--folder", str(tmp_path / "twin"))
+    told = said("chapter3_rig", *folder)
+    assert "TWIN, water, 100 psi, mean pressure" in told
+    told = said("chapter4_shape", *folder)
+    assert "TWIN, 35 of 36 pictures" in told
+    assert "TWIN, measured, 100 psi" in said("chapter6_force", *folder)
+    told = said("chapter7_identification", *folder)
+    assert "TWIN, order 3, fixed, E_1" in told
+    # What was made of a constant law needs no other where shape, deadband and pull are right.
+    assert "they are enough for 4 of 4 muscles of known truth" in told
+    assert "For the work's own muscle, as far as ten printed readings tell, they do not" in told
