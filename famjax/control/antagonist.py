@@ -215,8 +215,8 @@ def _torque_range(pair: Antagonist, angle: RealArray) -> Range:
 
 def _stiffness_range(pair: Antagonist, angle: RealArray, torque: RealArray) -> Range:
     curve = pair.at(angle).curve(torque)
-    least, most = curve.extremes()
-    return _range(curve.stiffness(least), curve.stiffness(most), curve.code)
+    lowest, highest = jax.vmap(curve.stiffness)(curve.extremes())
+    return _range(lowest, highest, curve.code)
 
 
 def _range(lowest: RealArray, highest: RealArray, code: Int[Array, ""]) -> Range:

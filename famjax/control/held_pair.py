@@ -1,21 +1,18 @@
 """An antagonistic pair at one angle: its torque and stiffness, and the curve of co-contraction."""
 
-from collections.abc import Callable
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._types import RealArray
-from .crossing import ROUNDED, Crossing, first_crossing
-from .inverse import HasForce, inverse_pressure
+from .crossing import ROUNDED, Crossing, bracketed, first_crossing
+from .inverse import HasForce
 from .outcome import Outcome
 from .paths import AbstractPath
 
 _CELLS = 32
-_GOLDEN = 0.5 * (5**0.5 - 1)
-_SECTIONS = 40  # of two cells: to a few parts in 1e10 of the curve, squared in the value
+_ROUNDS = 7  # each to a 16th: to 1 part in 1e9 of the curve, squared in the value
 
 
 class HeldPair(eqx.Module):
@@ -107,11 +104,24 @@ class HeldPair(eqx.Module):
             jnp.minimum(flexor[1], (torque - r_e * extensor[1]) / arm),
         )
         length = self.paths[0].length(self.angle)
-        start, end = (
-            inverse_pressure(self.flexor, pull, length, self.low, self.high).pressure
-            for pull in ends
+        start, end = jax.vmap(lambda pull: self.pressure(self.flexor, length, pull))(
+            jnp.stack(ends)
         )
-        return CoContraction(self, torque, _number(start), _number(end), code)
+        return CoContraction(self, torque, start, end, code)
+
+    def pressure(self, muscle: HasForce, length: RealArray, pull: RealArray) -> RealArray:
+        """The pressure [Pa] of a pull [N] that a muscle has between the limits, to rounding."""
+
+        def residual(pressure: RealArray) -> RealArray:
+            return (_number(muscle.force(length, pressure)) - pull) / size
+
+        limits = jnp.stack([self.low, self.high])
+        values = jax.lax.stop_gradient(jax.vmap(lambda P: _number(muscle.force(length, P)))(limits))
+        size = jnp.where(values[1] == values[0], 1.0, jnp.abs(values[1] - values[0]))
+        left = (values - jax.lax.stop_gradient(pull)) / size
+        # At a limit, or beyond it by rounding, the limit is the answer.
+        left = jnp.stack([jnp.minimum(left[0], 0.0), jnp.maximum(left[1], 0.0)])
+        return bracketed(residual, (limits[0], left[0]), (limits[1], left[1]))
 
     def _bounds(self) -> tuple[tuple[RealArray, RealArray], tuple[RealArray, RealArray]]:
         """Least and largest taut pull [N] of flexor and extensor; a number in any case."""
@@ -153,54 +163,38 @@ class CoContraction(eqx.Module):
         pull = _number(pair.flexor.force(lengths[0], flexor))
         arm = jnp.where(r_e < 0, -r_e, 1.0)
         wanted = (r_f * pull - self.torque) / arm
-        found = inverse_pressure(pair.extensor, wanted, lengths[1], pair.low, pair.high)
-        return flexor, _number(found.pressure)
+        return flexor, pair.pressure(pair.extensor, lengths[1], wanted)
 
     def stiffness(self, share: RealArray) -> RealArray:
         """K [N m/rad] there."""
         return self.pair.stiffness(*self.pressures(share), slack=False)
 
-    def extremes(self) -> tuple[RealArray, RealArray]:
+    def extremes(self) -> Float[Array, "2"]:
         """Shares [-] of the way at which the stiffness is least and largest; not differentiated.
 
         What depends on the place of an extremum changes there in second order only.
         """
-        shares = jnp.linspace(jnp.zeros_like(self.start), jnp.ones_like(self.start), _CELLS + 1)
         held = jax.lax.stop_gradient(self)
-        values = jax.vmap(held.stiffness)(shares)
+        even = jnp.linspace(0.0, 1.0, _CELLS + 1, dtype=self.start.dtype)
 
         def extreme(sign: RealArray) -> RealArray:
-            at = jnp.argmin(sign * values)
-            low, high = shares[jnp.maximum(at - 1, 0)], shares[jnp.minimum(at + 1, _CELLS)]
-            inside = _least(lambda share: sign * held.stiffness(share), low, high)
-            return jnp.where(sign * held.stiffness(inside) < sign * values[at], inside, shares[at])
+            def nearer(_: int, ends: tuple) -> tuple[RealArray, RealArray, RealArray]:
+                shares = ends[0] + even * (ends[1] - ends[0])
+                at = jnp.argmin(sign * jax.vmap(held.stiffness)(shares))
+                left, right = jnp.maximum(at - 1, 0), jnp.minimum(at + 1, _CELLS)
+                return shares[left], shares[right], shares[at]
 
-        least, most = jax.vmap(extreme)(jnp.array([1.0, -1.0], values.dtype))
-        return least, most
+            return jax.lax.fori_loop(0, _ROUNDS, nearer, (even[0], even[-1], even[0]))[2]
+
+        return jax.vmap(extreme)(jnp.array([1.0, -1.0], even.dtype))
 
     def share_of(self, stiffness: RealArray) -> Crossing:
         """The first share [-] of the way with a stiffness [N m/rad], or that with the nearest."""
-        least, most = self.extremes()
-        even = jnp.linspace(jnp.zeros_like(least), jnp.ones_like(least), _CELLS + 1)
-        shares = jnp.sort(jnp.concatenate([even, jnp.stack([least, most])]))
+        even = jnp.linspace(0.0, 1.0, _CELLS + 1, dtype=self.start.dtype)
+        shares = jnp.sort(jnp.concatenate([even, self.extremes()]))
         return first_crossing(self.stiffness, shares, stiffness)
 
 
 def _number(value: RealArray) -> RealArray:
     """The value, 0 where it is not a number: nan would spoil the derivatives of others in a batch."""
     return jnp.where(jnp.isfinite(value), value, 0.0)
-
-
-def _least(
-    function: Callable[[RealArray], RealArray], low: RealArray, high: RealArray
-) -> RealArray:
-    """Where a function with one minimum between two ends has it, by golden sections."""
-
-    def section(_: int, ends: tuple[RealArray, RealArray]) -> tuple[RealArray, RealArray]:
-        low, high = ends
-        inner, outer = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        left = function(inner) < function(outer)
-        return jnp.where(left, low, inner), jnp.where(left, outer, high)
-
-    low, high = jax.lax.fori_loop(0, _SECTIONS, section, (low, high))
-    return 0.5 * (low + high)
