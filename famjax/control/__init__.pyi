@@ -1,8 +1,19 @@
+from .air_line import (
+    AirLine as AirLine,
+    LinePressure as LinePressure,
+    Passage as Passage,
+    Volume as Volume,
+)
 from .antagonist import (
     Antagonist as Antagonist,
     JointEquilibrium as JointEquilibrium,
     PairPressures as PairPressures,
     Range as Range,
+)
+from .gas_volume import (
+    HeldLength as HeldLength,
+    HeldLoad as HeldLoad,
+    fluid_volume as fluid_volume,
 )
 from .inverse import (
     HasForce as HasForce,

@@ -165,13 +165,10 @@ class Antagonist(eqx.Module):
         """
         return _each(self, _equilibrium, flexor, extensor, torque)
 
-
     def at(self, angle: RealArray) -> HeldPair:
         """The pair held at an angle [rad], shape ()."""
         low, high = self.pressures
-        return HeldPair(
-            self.flexor, self.extensor, self.paths, low, high, self.least_pull, angle
-        )
+        return HeldPair(self.flexor, self.extensor, self.paths, low, high, self.least_pull, angle)
 
 
 @compiled
@@ -230,9 +227,7 @@ def _pressures_for(
     curve = pair.at(angle).curve(torque)
     crossing = curve.share_of(stiffness)
     flexor, extensor = curve.pressures(crossing.at)
-    beyond = jnp.where(
-        stiffness < crossing.lowest, Outcome.STIFFNESS_LOW, Outcome.STIFFNESS_HIGH
-    )
+    beyond = jnp.where(stiffness < crossing.lowest, Outcome.STIFFNESS_LOW, Outcome.STIFFNESS_HIGH)
     beyond = jnp.where(jnp.isfinite(stiffness), beyond, Outcome.NO_STATE)
     code = jnp.where(crossing.found | (curve.code != Outcome.FEASIBLE), curve.code, beyond)
     found = (flexor, extensor, curve.stiffness(crossing.at), curve.torque)

@@ -83,9 +83,7 @@ def first_crossing(
         return (function(x) - target) / scale
 
     # A search that has no root ends before it begins: others in the batch would wait for it.
-    ends = tuple(
-        (stations[k], jnp.where(found, -left[k] / scale, 0.0)) for k in (cell, cell + 1)
-    )
+    ends = tuple((stations[k], jnp.where(found, -left[k] / scale, 0.0)) for k in (cell, cell + 1))
     root = bracketed(residual, *ends)
     nearest = stations[jnp.where(wanted > highest, most_at, least_at)]
     at = jnp.where(found, root, jnp.where(known, nearest, jnp.nan))

@@ -178,7 +178,7 @@ class CoContraction(eqx.Module):
         even = jnp.linspace(0.0, 1.0, _CELLS + 1, dtype=self.start.dtype)
 
         def extreme(sign: RealArray) -> RealArray:
-            def nearer(_: int, ends: tuple) -> tuple[RealArray, RealArray, RealArray]:
+            def nearer(_: object, ends: tuple) -> tuple[RealArray, RealArray, RealArray]:
                 shares = ends[0] + even * (ends[1] - ends[0])
                 at = jnp.argmin(sign * jax.vmap(held.stiffness)(shares))
                 left, right = jnp.maximum(at - 1, 0), jnp.minimum(at + 1, _CELLS)

@@ -1,6 +1,6 @@
 """The pressure at which a muscle of a given length pulls with a given force."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ from .outcome import Outcome
 _CELLS = 16
 
 
+@runtime_checkable
 class HasForce(Protocol):
     """Whatever pulls: a `Muscle`, a model of other authors, a muscle read from a file."""
 
@@ -70,7 +71,7 @@ def pressure_for_force(
     >>> muscle = famjax.Muscle(shape, famjax.materials.NeoHookeanMaterial(3e5), 40e3)
     >>> found = pressure_for_force(muscle, np.array([500.0, 5000.0]), 0.28, (0.0, 6e5))
     >>> [f"{kPa:.1f}" for kPa in found.pressure / 1e3], [Outcome(int(c)).name for c in found.code]
-    (['278.7', '600.0'], ['FEASIBLE', 'FORCE_HIGH'])
+    (['284.0', '600.0'], ['FEASIBLE', 'FORCE_HIGH'])
     """
     low, high = (as_real(one) for one in pressures)
     return _inverse(muscle, as_real(force), as_real(length), low, high)

@@ -1,0 +1,77 @@
+"""The volume of gas in a muscle: at any state, at a held length, under a held load."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from .._compiled import compiled
+from .._types import Given, Real, RealArray, as_real
+from ..muscle import AbstractMuscle
+from .inverse import HasForce
+
+
+def fluid_volume(muscle: HasForce, length: Real, pressure: Real) -> RealArray:
+    """Volume of fluid [m3] in a muscle: within the braid's outline, less the rubber.
+
+    Args:
+        muscle: with a `geometry`.
+        length: active length L [m].
+        pressure: gauge pressure P [Pa].
+
+    Returns:
+        V [m3], broadcast shape; nan where the muscle has no state.
+
+    Raises:
+        ValueError: the model has no geometry, as those of other authors.
+    """
+    geometry: Any = getattr(muscle, "geometry", None)
+    if geometry is None:
+        raise ValueError(
+            f"a fluid volume needs a muscle with a geometry, got {type(muscle).__name__}: give a "
+            "function of the gauge pressure [Pa] that returns the volume [m3] instead"
+        )
+    return _fluid_volume(geometry, as_real(length), as_real(pressure))
+
+
+@compiled
+def _fluid_volume(geometry: Any, length: RealArray, pressure: RealArray) -> RealArray:
+    at = geometry.dimensions(*jnp.broadcast_arrays(length, pressure))
+    return jnp.where(at.reached, at.volume - at.bladder_volume, jnp.nan)
+
+
+class HeldLength(eqx.Module):
+    """The volume of a muscle whose length is held: a function of the gauge pressure.
+
+    Attributes:
+        muscle: with a geometry.
+        length: active length L [m].
+    """
+
+    muscle: AbstractMuscle
+    length: Float[Given, ""] = eqx.field(converter=as_real)
+
+    def __call__(self, pressure: Real) -> RealArray:
+        """V [m3] at a gauge pressure P [Pa], of its shape."""
+        return fluid_volume(self.muscle, self.length, pressure)
+
+
+class HeldLoad(eqx.Module):
+    """The volume of a muscle that moves a constant load: a function of the gauge pressure.
+
+    The muscle is at every moment at the length at which it carries the load; the load's inertia is
+    neglected.
+
+    Attributes:
+        muscle: with a geometry.
+        load: [N].
+    """
+
+    muscle: AbstractMuscle
+    load: Float[Given, ""] = eqx.field(converter=as_real)
+
+    def __call__(self, pressure: Real) -> RealArray:
+        """V [m3] at a gauge pressure P [Pa], of its shape; nan where it does not carry the load."""
+        length = self.muscle.length_at_load(self.load, pressure, throw=False)
+        return fluid_volume(self.muscle, length, pressure)
