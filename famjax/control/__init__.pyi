@@ -10,6 +10,13 @@ from .antagonist import (
     PairPressures as PairPressures,
     Range as Range,
 )
+from .feed_forward import (
+    CommandedPressure as CommandedPressure,
+    FollowedLength as FollowedLength,
+    HasMemory as HasMemory,
+    length_along as length_along,
+    pressure_along as pressure_along,
+)
 from .gas_volume import (
     HeldLength as HeldLength,
     HeldLoad as HeldLoad,

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from famjax.terms import MaxwellSlip, slip, slip_shares
+from famjax._types import Real, RealArray
+from famjax.terms import MaxwellSlip, SlipState, slip, slip_shares
 
 from ..convex.arrays import AnyArray
 
@@ -87,6 +88,30 @@ class CentredSlip(eqx.Module):
             out, home = there_and_back(path, elements.threshold)
             total = total + shares[k] * elements.force(jnp.asarray(out + home) / 2)
         return total
+
+    def start(self, length: Real, pressure: Real) -> SlipState:
+        """The state where a history begins: that of the reference cycle through its first point.
+
+        Args:
+            length: L [m] of the first point.
+            pressure: gauge pressure P [Pa] there.
+        """
+        L, P = jnp.asarray(length), jnp.asarray(pressure)
+        there, back = self._ends(L, P)
+        state = self.slip.start(*there)
+        for at in (back, there) if self.cycle.cycled else ():
+            state = self.slip.moved(state, *at)
+        return self.slip.moved(state, L, P)
+
+    def moved(self, state: SlipState, length: Real, pressure: Real) -> SlipState:
+        """The state after a motion to a length [m] and a pressure [Pa] that does not turn round."""
+        return self.slip.moved(state, length, pressure)
+
+    def force(self, state: SlipState, pressure: Real) -> RealArray:
+        """What a state adds to the static map at its gauge pressure P [Pa], F_h - middle [N]."""
+        wall, braid = state.coordinates[..., 0], state.coordinates[..., 1]
+        length = self.slip.rest_length * (1 + wall - braid)  # wall less braid is the strain
+        return self.slip.force(state, pressure) - self.middle(length, jnp.asarray(pressure))
 
     def along(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]

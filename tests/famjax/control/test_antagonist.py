@@ -30,7 +30,7 @@ class Bent(eqx.Module):
 def _pair(flexor: object, extensor: object, kind: str = "pulley", **more: float) -> Antagonist:
     paths: tuple[AbstractPath, AbstractPath] = (Pulley(0.02, 0.275), Pulley(-0.018, 0.272))
     if kind == "lever":
-        paths = (Lever([0.03, 0.0], [0.01, -0.3], 0.02), Lever([-0.03, 0.0], [-0.01, -0.3], 0.02))
+        paths = (Lever([-0.03, 0.0], [-0.01, -0.3], 0.025), Lever([0.03, 0.0], [0.01, -0.3], 0.025))
     return Antagonist(flexor, extensor, paths, (0.0, HIGH), (-0.9, 0.9), **more)
 
 
