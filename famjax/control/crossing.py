@@ -7,10 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._implicit import over_slope
 from .._types import RealArray
+from ..muscle.equilibrium import bisected
 
-_STEPS = 200  # bisection alone would need 52, and every other step is one where it is slow
 ROUNDED = 64  # times the precision, per largest value: a few sums and powers of rounded numbers
 
 
@@ -97,66 +96,25 @@ def bracketed(
 ) -> RealArray:
     """The root of a residual between two points, with the derivatives of the implicit function theorem.
 
-    Chandrupatla's method: inverse quadratic interpolation where three points allow it, else
-    bisection, so that a nearly straight residual takes some five evaluations instead of fifty: roots
-    stand inside of roots here. To a few times the precision of the larger end. Where the bracket
-    holds no root some point of it is returned.
+    Bisected to the last digit of the bracket. Where it holds no root some point of it is returned.
 
     Args:
-        residual: r(x), of a scalar.
+        residual: r(x), of a scalar, of order one in the bracket.
         low: one end and the residual there, each of shape ().
         high: the other end.
 
     Returns:
         x, shape ().
-
-    References:
-        Chandrupatla 1997, Advances in Engineering Software 28(3), 145-149.
     """
-    low, high = jax.lax.stop_gradient((low, high))
-    dtype = jnp.result_type(low[1], high[1])
-    fine = 4 * jnp.finfo(dtype).eps
-    tolerance = fine * jnp.maximum(jnp.abs(low[0]), jnp.abs(high[0]))
-
-    def solve(function: Callable[[RealArray], RealArray], _: RealArray) -> RealArray:
-        def going(state: tuple) -> Bool[Array, ""]:
-            steps, (a, f_a), (b, f_b), _, _ = state
-            apart = (jnp.abs(b - a) > tolerance) & (f_a != 0) & (f_b != 0)
-            return (steps < _STEPS) & apart
-
-        def narrowed(state: tuple) -> tuple:
-            steps, a, b, c, share = state
-            x = a[0] + share * (b[0] - a[0])
-            new = (x, function(x))
-            same = jnp.sign(new[1]) == jnp.sign(a[1])
-            c, b = _either(same, (a, b), (b, a))  # the root stays between the new one and b
-            a = new
-            least = 0.5 * tolerance / jnp.where(b[0] == a[0], 1.0, jnp.abs(b[0] - a[0]))
-            share = jnp.clip(_next(a, b, c), least, 1 - least)
-            return steps + 1, a, b, c, share
-
-        start = (0, low, high, high, jnp.full_like(low[0], 0.5))
-        _, a, b, _, _ = jax.lax.while_loop(going, narrowed, start)
-        return jnp.where(jnp.abs(a[1]) <= jnp.abs(b[1]), a[0], b[0])
-
-    return jax.lax.custom_root(residual, low[0], solve, over_slope)
-
-
-def _next(a: tuple, b: tuple, c: tuple) -> RealArray:
-    """Share of the way from a to b at which to ask next: a is the newest, c the one before."""
-    (x_a, f_a), (x_b, f_b), (x_c, f_c) = a, b, c
-    xi = _ratio(x_a - x_b, x_c - x_b)
-    phi = _ratio(f_a - f_b, f_c - f_b)
-    smooth = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi)
-    inverse = _ratio(f_a, f_b - f_a) * _ratio(f_c, f_b - f_c)
-    inverse += _ratio(x_c - x_a, x_b - x_a) * _ratio(f_a, f_c - f_a) * _ratio(f_b, f_c - f_b)
-    return jnp.where(smooth, inverse, 0.5)
-
-
-def _ratio(over: RealArray, under: RealArray) -> RealArray:
-    return over / jnp.where(under == 0, 1.0, under)
-
-
-def _either(first: Bool[Array, ""], these: tuple, those: tuple) -> tuple:
-    """One of two tuples of the same kind."""
-    return jax.tree.map(lambda one, other: jnp.where(first, one, other), these, those)
+    (start, before), (end, after) = jax.lax.stop_gradient((low, high))
+    width = jnp.where(end == start, 1.0, end - start)
+    rising = jnp.where(before > after, -1.0, 1.0)
+    fine = jnp.finfo(jnp.result_type(before, after))
+    share = bisected(
+        lambda share: rising * residual(start + share * width),
+        jnp.zeros_like(width),
+        jnp.ones_like(width),
+        tolerance=float(fine.eps),
+        max_steps=fine.nmant + 2,
+    )
+    return start + share * width

@@ -24,7 +24,7 @@ class Bent(eqx.Module):
     def force(self, length: jax.Array, pressure: jax.Array) -> jax.Array:
         x = pressure / HIGH
         contraction = 1 - length / 0.3
-        return self.area * pressure * (1 - 3 * contraction) - 900 * x * (1 - x) * contraction
+        return self.area * pressure * (1 - 3 * contraction) - 9000 * x * (1 - x) * contraction
 
 
 def _pair(flexor: object, extensor: object, kind: str = "pulley", **more: float) -> Antagonist:
@@ -61,7 +61,7 @@ def test_moment_arm_is_the_slope_and_the_distance_from_the_line(kind: str) -> No
 
 def _asked() -> tuple[np.ndarray, ...]:
     return np.meshgrid(
-        np.linspace(-0.6, 0.6, 7), np.linspace(0.05, 0.95, 5), np.array([-3.0, 0.0, 2.0]),
+        np.linspace(-0.6, 0.6, 5), np.linspace(0.05, 0.95, 4), np.array([-3.0, 0.0, 2.0]),
         indexing="ij",
     )  # fmt: skip
 
@@ -74,7 +74,7 @@ def test_round_trip(festo: famjax.Muscle, softer: famjax.Muscle, kind: str) -> N
     stiffness = range_.lowest + share * (range_.highest - range_.lowest)
     found = pair.pressures_for(angle, stiffness, torque)
     inside = np.asarray(range_.code) == Outcome.FEASIBLE
-    assert inside.sum() > 60
+    assert inside.sum() > 40
     np.testing.assert_array_equal(np.asarray(found.code)[inside], 0)
     rests = pair.equilibrium(found.flexor, found.extensor, torque)
     np.testing.assert_allclose(np.asarray(rests.angle)[inside], angle[inside], atol=ANGLE)
@@ -131,7 +131,7 @@ def test_feasible_set_against_brute_force(
         "pretension": lambda: _pair(festo, softer, least_pull=50.0),
         "bent": lambda: _pair(Bent(), Bent(5e-4)),
     }[case]()
-    angles, torques = np.meshgrid(np.linspace(-0.7, 0.7, 5), np.array([-20.0, -2.0, 0.0, 1.5]))
+    angles, torques = np.meshgrid(np.linspace(-0.6, 0.6, 5), np.array([-2.0, 0.0, 1.5]))
     range_ = pair.stiffness_range(angles, torques)
     checked = 0
     for k in np.ndindex(angles.shape):
@@ -146,7 +146,7 @@ def test_feasible_set_against_brute_force(
         assert low - rounding <= brute[0] <= low + 2e-3 * (high - low)
         assert high - 2e-3 * (high - low) <= brute[1] <= high + rounding
         checked += 1
-    assert checked >= 12
+    assert checked >= 9
 
 
 def test_extrema_inside_the_curve_count() -> None:
