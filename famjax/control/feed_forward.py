@@ -33,7 +33,7 @@ class HasMemory(Protocol):
 
 
 class CommandedPressure(eqx.Module):
-    """Pressures for a trajectory.
+    """Pressures for a trajectory, each leaf of shape (n,).
 
     Attributes:
         pressure: gauge pressure P [Pa] at each point, within the limits; where the force is not
@@ -41,20 +41,20 @@ class CommandedPressure(eqx.Module):
         code: an `Outcome` at each point: FEASIBLE, FORCE_LOW, FORCE_HIGH or NO_STATE.
     """
 
-    pressure: Float[Array, " n"]
-    code: Int[Array, " n"]
+    pressure: RealArray
+    code: Int[Array, "..."]
 
 
 class FollowedLength(eqx.Module):
-    """Lengths that follow from a history of pressures.
+    """Lengths that follow from a history of pressures, each leaf of shape (n,).
 
     Attributes:
         length: active length L [m] at each point; nan from where there is none.
         code: an `Outcome` at each point: FEASIBLE or NO_EQUILIBRIUM.
     """
 
-    length: Float[Array, " n"]
-    code: Int[Array, " n"]
+    length: RealArray
+    code: Int[Array, "..."]
 
 
 class _Loaded(eqx.Module):

@@ -7,7 +7,8 @@ import pytest
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
 OWN_MODELS = (Path(__file__).parents[2] / "docs" / "own-models.md").read_text()
-EXAMPLES = re.findall(r"```python\n(.*?)```", README + OWN_MODELS, re.DOTALL)
+CONTROL = (Path(__file__).parents[2] / "docs" / "control.md").read_text()
+EXAMPLES = re.findall(r"```python\n(.*?)```", README + OWN_MODELS + CONTROL, re.DOTALL)
 
 
 def test_readme_is_short_and_holds_the_two_commands() -> None:
