@@ -12,7 +12,6 @@ from fitting.hysteresis import BranchPairs, CentredSlip, HysteresisFit, fit_hyst
 
 REST, TOP, LOAD = 0.296, 6e5, 250.0
 HALF = 0.5  # of the tracking error without compensation: the promise
-ROUND_TRIP = 1e-9  # m
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +74,6 @@ def test_the_tracking_error_is_halved(
         followed = length_along(muscle, plant, command.pressure, LOAD)
         assert not np.any(followed.code)
         errors.append(float(np.sqrt(np.mean((np.asarray(followed.length) - wanted)[10:] ** 2))))
-    print(errors)
     assert errors[1] <= HALF * errors[0]
 
 
