@@ -230,9 +230,13 @@ def _pressures_for(
     beyond = jnp.where(stiffness < crossing.lowest, Outcome.STIFFNESS_LOW, Outcome.STIFFNESS_HIGH)
     beyond = jnp.where(jnp.isfinite(stiffness), beyond, Outcome.NO_STATE)
     code = jnp.where(crossing.found | (curve.code != Outcome.FEASIBLE), curve.code, beyond)
-    found = (flexor, extensor, curve.stiffness(crossing.at), curve.torque)
     there = curve.exists & jnp.isfinite(stiffness)
-    return PairPressures(*(jnp.where(there, one, jnp.nan) for one in found), code)
+
+    def kept(value: RealArray) -> RealArray:
+        return jnp.where(there, value, jnp.nan)
+
+    made = curve.stiffness(crossing.at)
+    return PairPressures(kept(flexor), kept(extensor), kept(made), kept(curve.torque), code)
 
 
 def _equilibrium(
