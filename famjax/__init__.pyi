@@ -4,6 +4,7 @@ from . import (
     cards as cards,
     chain as chain,
     compile_options as compile_options,
+    control as control,
     design as design,
     geometries as geometries,
     materials as materials,

@@ -34,6 +34,14 @@ def test_foreign_solvers_reach_the_optimum(name: str) -> None:
     assert float(rmse) == pytest.approx(BEST, abs=1e-3)
 
 
+def test_a_joint_in_mujoco() -> None:
+    pytest.importorskip("mujoco")
+    told = said("mujoco_joint")
+    (held, stiffness), *_ = re.findall(r"held at ([\d.]+) rad; pushed ([\d.]+)", told)
+    assert float(held) == pytest.approx(0.4, abs=1e-6)
+    assert float(stiffness) == pytest.approx(9.0, rel=0.01)  # the secant of a push of 3 degrees
+
+
 @pytest.mark.slow
 def test_nuts() -> None:
     told = said("nuts_blackjax")

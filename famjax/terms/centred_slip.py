@@ -99,6 +99,10 @@ class CentredSlip(eqx.Module):
             state = self.slip.moved(state, *at)
         return self.slip.moved(state, length, pressure)
 
+    def moved(self, state: SlipState, length: Real, pressure: Real) -> SlipState:
+        """The state after a motion to a length [m] and a pressure [Pa] that does not turn round."""
+        return self.slip.moved(state, length, pressure)
+
     def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
         """What the history adds to the static map [N] in a state at that length and pressure."""
         return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))

@@ -98,6 +98,11 @@ class MaxwellSlip(eqx.Module):
         wall, braid = slip_shares(as_real(pressure), self.modulus)
         return wall * self.wall.force(state.wall) + braid * self.braid.force(state.braid)
 
+    def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
+        """What the history adds to the static pull [N] at that pressure; the state holds its length."""
+        del length
+        return self.force(state, pressure)
+
     def volume(self, state: SlipState, length: Real) -> RealArray:
         """The elements' part of the fluid's volume [m3], without which they are not passive."""
         shortened = self.rest_length - as_real(length)

@@ -8,7 +8,7 @@ import pytest
 README = (Path(__file__).parents[2] / "README.md").read_text()
 DOCS = "".join(
     (Path(__file__).parents[2] / "docs" / name).read_text()
-    for name in ("own-models.md", "cards.md")
+    for name in ("own-models.md", "cards.md", "control.md")
 )
 EXAMPLES = re.findall(r"```python\n(.*?)```", README + DOCS, re.DOTALL)
 

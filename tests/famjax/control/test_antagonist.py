@@ -1,0 +1,241 @@
+"""Antagonistic pairs: round trips, the feasible set against brute force, codes, derivatives."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+import famjax
+from famjax.control import AbstractPath, Antagonist, Lever, Outcome, Pulley
+
+HIGH = 6e5
+PRESSURE, ANGLE = 1.0, 1e-6  # Pa, rad: what a round trip may lose; it loses a millionth of that
+GRID = 4001  # pressures of the brute force, whose ends are exact
+STEP = 1e-5  # rad, of its central differences
+
+
+class Bent(eqx.Module):
+    """A muscle whose stiffness turns round with the pressure, so that extrema lie inside."""
+
+    area: float = 4e-4
+
+    def force(self, length: jax.Array, pressure: jax.Array) -> jax.Array:
+        x = pressure / HIGH
+        contraction = 1 - length / 0.3
+        return self.area * pressure * (1 - 3 * contraction) - 3000 * x * (1 - x) * (
+            contraction - 0.1
+        )
+
+
+def _pair(flexor: object, extensor: object, kind: str = "pulley", **more: float) -> Antagonist:
+    paths: tuple[AbstractPath, AbstractPath] = (Pulley(0.02, 0.275), Pulley(-0.018, 0.272))
+    if kind == "lever":
+        paths = (Lever([-0.03, 0.0], [-0.01, -0.3], 0.025), Lever([0.03, 0.0], [0.01, -0.3], 0.025))
+    return Antagonist(flexor, extensor, paths, (0.0, HIGH), (-0.9, 0.9), **more)
+
+
+@pytest.fixture
+def softer(festo: famjax.Muscle) -> famjax.Muscle:
+    return famjax.Muscle(festo.geometry, famjax.PolynomialMaterial([4e6, -12e6, 16e6]), 30e3)
+
+
+PATHS = {
+    "pulley": Pulley(0.02, 0.28),
+    "lever": Lever([0.03, 0.004], [0.01, -0.3], 0.02),
+}
+
+
+@pytest.mark.parametrize("kind", PATHS)
+def test_moment_arm_is_the_slope_and_the_distance_from_the_line(kind: str) -> None:
+    path, angle = PATHS[kind], np.linspace(-0.8, 0.8, 9)
+    central = -(path.length(angle + 1e-6) - path.length(angle - 1e-6)) / 2e-6
+    np.testing.assert_allclose(path.moment_arm(angle), central, rtol=1e-7)
+    if isinstance(path, Lever):
+        c, s = np.cos(angle), np.sin(angle)
+        a = np.array([0.03 * c - 0.004 * s, 0.03 * s + 0.004 * c])
+        b = np.array([0.01, -0.3])[:, None]
+        along = (b - a) / np.linalg.norm(b - a, axis=0)
+        # The pull at the pin of the link, towards the base: its moment about the joint.
+        np.testing.assert_allclose(path.moment_arm(angle), a[0] * along[1] - a[1] * along[0])
+
+
+def _asked() -> tuple[np.ndarray, ...]:
+    return np.meshgrid(
+        np.linspace(-0.6, 0.6, 5), np.linspace(0.05, 0.95, 4), np.array([-3.0, 0.0, 2.0]),
+        indexing="ij",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["pulley", "lever"])
+def test_round_trip(festo: famjax.Muscle, softer: famjax.Muscle, kind: str) -> None:
+    pair = _pair(festo, softer, kind)
+    angle, share, torque = _asked()
+    range_ = pair.stiffness_range(angle, torque)
+    stiffness = range_.lowest + share * (range_.highest - range_.lowest)
+    found = pair.pressures_for(angle, stiffness, torque)
+    inside = np.asarray(range_.code) == Outcome.FEASIBLE
+    assert inside.sum() > 40
+    np.testing.assert_array_equal(np.asarray(found.code)[inside], 0)
+    rests = pair.equilibrium(found.flexor, found.extensor, torque)
+    np.testing.assert_allclose(np.asarray(rests.angle)[inside], angle[inside], atol=ANGLE)
+    again = pair.pressures_for(rests.angle, rests.stiffness, torque)
+    for one, other in ((again.flexor, found.flexor), (again.extensor, found.extensor)):
+        np.testing.assert_allclose(
+            np.asarray(one)[inside], np.asarray(other)[inside], rtol=0, atol=PRESSURE
+        )
+    made = pair.torque(angle, found.flexor, found.extensor)
+    np.testing.assert_allclose(np.asarray(made)[inside], torque[inside], atol=1e-9)
+
+
+def _brute(pair: Antagonist, angle: float, torque: float) -> tuple[float, float] | None:
+    """Bounds of the stiffness over a dense grid of pressures, by differences and in NumPy."""
+    grid = np.linspace(0.0, HIGH, GRID)
+    muscles = (pair.flexor, pair.extensor)
+
+    def each(at: float) -> list[np.ndarray]:
+        return [
+            np.asarray(jax.vmap(muscle.force, (None, 0))(path.length(at), grid))
+            for muscle, path in zip(muscles, pair.paths, strict=True)
+        ]
+
+    arms = [float(path.moment_arm(angle)) for path in pair.paths]
+    pulls = each(angle)
+    least = float(pair.least_pull)
+    wanted = (arms[0] * pulls[0] - torque) / -arms[1]
+    ends = (max(least, pulls[1][0]), pulls[1][-1])
+    taut = (pulls[0] >= least) & (wanted >= ends[0]) & (wanted <= ends[1])
+    if not taut.any():
+        return None
+    share = np.interp(wanted[taut], pulls[1], grid)
+    parts = []
+    for sign in (1, -1):
+        at = angle + sign * STEP
+        lever = [float(path.moment_arm(at)) for path in pair.paths]
+        flexor, extensor = each(at)
+        parts.append(lever[0] * flexor[taut] + lever[1] * np.interp(share, grid, extensor))
+    stiffness = -(parts[0] - parts[1]) / (2 * STEP)
+    return float(stiffness.min()), float(stiffness.max())
+
+
+CASES = ["festo", "lever", "pretension", "bent"]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_feasible_set_against_brute_force(
+    festo: famjax.Muscle, softer: famjax.Muscle, case: str
+) -> None:
+    """Nothing of the grid is outside the range, and its ends are attained to the grid's step."""
+    pair = {
+        "festo": lambda: _pair(festo, softer),
+        "lever": lambda: _pair(festo, softer, "lever"),
+        "pretension": lambda: _pair(festo, softer, least_pull=50.0),
+        "bent": lambda: _pair(Bent(), Bent(5e-4)),
+    }[case]()
+    angles, torques = np.meshgrid(np.linspace(-0.6, 0.6, 5), np.array([-2.0, 0.0, 1.5]))
+    range_ = pair.stiffness_range(angles, torques)
+    checked = 0
+    for k in np.ndindex(angles.shape):
+        brute = _brute(pair, float(angles[k]), float(torques[k]))
+        code = int(range_.code[k])
+        if brute is None:
+            assert code != Outcome.FEASIBLE
+            continue
+        assert code == Outcome.FEASIBLE
+        low, high = float(range_.lowest[k]), float(range_.highest[k])
+        rounding = 1e-6 * high  # of the differences
+        assert low - rounding <= brute[0] <= low + 2e-3 * (high - low)
+        assert high - 2e-3 * (high - low) <= brute[1] <= high + rounding
+        checked += 1
+    assert checked >= 9
+
+
+def test_extrema_inside_the_curve_count() -> None:
+    pair = _pair(Bent(), Bent(5e-4))
+    curve = pair.at(jnp.array(0.2)).curve(jnp.array(0.0))
+    ends = np.sort([float(curve.stiffness(jnp.array(share))) for share in (0.0, 1.0)])
+    range_ = pair.stiffness_range(0.2)
+    assert float(range_.highest) > ends[1] + 0.01 * ends[1]
+    between = 0.5 * (ends[1] + float(range_.highest))
+    found = pair.pressures_for(0.2, between)
+    assert int(found.code) == Outcome.FEASIBLE
+    np.testing.assert_allclose(pair.stiffness(0.2, found.flexor, found.extensor), between)
+
+
+def test_codes_and_the_nearest_state(festo: famjax.Muscle) -> None:
+    pair = _pair(festo, festo)
+    angle = np.array([0.1, 0.1, 0.1, 0.1, 0.1, np.nan, 8.0])
+    stiffness = np.array([0.01, 1e4, 10.0, 10.0, 10.0, 10.0, 10.0])
+    torque = np.array([0.0, 0.0, -100.0, 100.0, 0.0, 0.0, 0.0])
+    found = pair.pressures_for(angle, stiffness, torque)
+    names = [Outcome(code).name for code in found.code.tolist()]
+    assert names[:4] == ["STIFFNESS_LOW", "STIFFNESS_HIGH", "TORQUE_LOW", "TORQUE_HIGH"]
+    assert names[5:] == ["NO_STATE", "NO_STATE"]
+    range_, torques = pair.stiffness_range(0.1), pair.torque_range(0.1)
+    np.testing.assert_allclose(found.stiffness[:2], [range_.lowest, range_.highest], rtol=1e-12)
+    np.testing.assert_allclose(found.torque[2:4], [torques.lowest, torques.highest], rtol=1e-12)
+    np.testing.assert_allclose(
+        pair.torque(0.1, found.flexor[2:4], found.extensor[2:4]), found.torque[2:4], rtol=1e-9
+    )
+    assert np.isnan(found.flexor[5:]).all()
+    exchanged = Antagonist(festo, festo, pair.paths[::-1], pair.pressures, pair.angles)
+    assert int(exchanged.stiffness_range(0.1).code) == Outcome.MOMENT_ARM
+    short = Antagonist(festo, festo, (Pulley(0.02, 0.19), Pulley(-0.02, 0.275)), (0, HIGH), (-1, 1))
+    assert int(short.torque_range(0.0).code) == Outcome.SLACK
+
+
+def test_slack_muscles_pull_with_nothing(festo: famjax.Muscle) -> None:
+    pair = _pair(festo, festo)
+    flexor, extensor = pair.pulls(0.5, 4e5, 0.0)
+    assert float(flexor) > 0
+    lone = Antagonist(festo, festo, (Pulley(0.02, 0.275), Pulley(-0.02, 0.2)), (0, HIGH), (-1, 1))
+    assert float(lone.pulls(-0.1, 3e5, 0.0)[1]) == 0
+    np.testing.assert_allclose(
+        lone.torque(-0.1, 3e5, 0.0), 0.02 * festo.force(0.277, 3e5), rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        lone.stiffness(-0.1, 3e5, 0.0), 0.02**2 * festo.stiffness(0.277, 3e5), rtol=1e-9
+    )
+    none = pair.equilibrium(HIGH, 0.0, 1e4)
+    assert int(none.code) == Outcome.NO_EQUILIBRIUM
+    assert np.isnan(float(none.angle))
+    assert float(extensor) >= 0
+
+
+def test_derivatives(festo: famjax.Muscle, softer: famjax.Muscle) -> None:
+    pair = _pair(festo, softer, "lever")
+
+    can = pair.stiffness_range(0.2, 1.0)
+    middle = 0.5 * (can.lowest + can.highest)
+
+    def pressures(x: jax.Array) -> jax.Array:
+        found = pair.pressures_for(0.2 * x[0], middle * x[1], x[2])
+        return jnp.stack([found.flexor, found.extensor]) / HIGH
+
+    x = jnp.array([1.0, 1.0, 1.0])
+    assert int(pair.pressures_for(0.2, middle, 1.0).code) == Outcome.FEASIBLE
+    check_grads(jax.jit(pressures), (x,), order=1, atol=1e-5, rtol=1e-5)
+
+    def bounds(x: jax.Array) -> jax.Array:
+        found = _pair(Bent(), Bent(5e-4)).stiffness_range(0.2 * x[0], x[1])
+        return jnp.stack([found.lowest, found.highest])
+
+    check_grads(jax.jit(bounds), (jnp.array([1.0, 0.5]),), order=1, atol=1e-5, rtol=1e-5)
+
+    def rests(x: jax.Array) -> jax.Array:
+        return pair.equilibrium(x[0] * 3e5, x[1] * 2e5, x[2]).angle
+
+    check_grads(jax.jit(rests), (x,), order=1, atol=1e-5, rtol=1e-5)
+
+
+def test_float32(festo: famjax.Muscle) -> None:
+    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), _pair(festo, festo))
+    f = jnp.float32
+    found = single.pressures_for(f(0.2), f(8.0), f(1.0))
+    double = _pair(festo, festo).pressures_for(0.2, 8.0, 1.0)
+    assert found.flexor.dtype == jnp.float32
+    assert int(found.code) == int(double.code) == Outcome.FEASIBLE
+    np.testing.assert_allclose(found.flexor, double.flexor, rtol=1e-3)
+    rests = single.equilibrium(found.flexor, found.extensor, f(1.0))
+    assert float(rests.angle) == pytest.approx(0.2, abs=1e-5)
