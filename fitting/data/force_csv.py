@@ -20,7 +20,7 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.files import csv_lines
 from famjax.boundary.units import to_si
 
-from .force_data import ForceData, Specimen
+from .force_data import NOT_NEGATIVE, ForceData, Specimen
 from .header import columns_of, quoted
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
@@ -175,7 +175,9 @@ def _check_range(name: str, value: float, cell: str, row: int) -> None:
             f"row {row}: contraction is {cell.strip()}; (L0 - L)/L0 lies below 1: write percent "
             "in a column contraction_%, lengths in a column such as length_mm"
         )
-    if name not in {"pressure", "force", "contraction"} and value <= 0:
+    if name in NOT_NEGATIVE and value < 0:
+        raise InputError(f"row {row}: {name} is {cell.strip()}; it must be >= 0")
+    if name not in {"pressure", "force", "contraction", *NOT_NEGATIVE} and value <= 0:
         hint = (
             ": contractions stand in a column contraction, as fractions, or contraction_%, in percent"
             if name == "length" else ""

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
+NOT_NEGATIVE = frozenset({"pressure_std", "length_std"})
+"""Columns that weigh no reading: they may be zero, where a converter shows no scatter."""
+
 _PUSHES = 3.0  # times the largest pull: nothing that pulls pushes so hard
 
 
@@ -131,8 +134,9 @@ class ForceData:
                     "finite: remove the reading"
                 )
             if name != "force":
-                must = ">= 0" if name == "pressure" else "> 0"
-                wrong = values < 0 if name == "pressure" else values <= 0
+                may_be_zero = name == "pressure" or name in NOT_NEGATIVE
+                must = ">= 0" if may_be_zero else "> 0"
+                wrong = values < 0 if may_be_zero else values <= 0
                 if wrong.any():
                     first = int(np.flatnonzero(wrong)[0])
                     gauge = " (gauge pressure, not absolute)" if name == "pressure" else ""

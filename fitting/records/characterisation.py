@@ -152,7 +152,15 @@ def characterise(
             f"{record.time[-1] - record.time[0]:.5g} s, lengths {record.length.min():.5g} to "
             f"{record.length.max():.5g} m, skipping {skip_cycles}. " + " ".join(notes)
         )
-    isobars = [_isobar(record, by_pressure[P], grid) for P in sorted(by_pressure)]
+    isobars = []
+    for pressure in sorted(by_pressure):
+        try:
+            isobars.append(_isobar(record, by_pressure[pressure], grid))
+        except InputError as error:
+            # A muscle that is slack soon turns soon: a short stroke has few rows.
+            notes.append(f"The strokes at {pressure:.6g} Pa were left out: {error}")
+    if not isobars:
+        raise InputError(notes[-1])
     return Characterisation(tuple(isobars), record.rest_length, (*record.notes, *notes))
 
 

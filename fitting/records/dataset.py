@@ -16,6 +16,8 @@ TURN = 0.03
 """Part of a stroke after a turn that is left out: friction turns round there, so that the mean of both
 branches is not the muscle's own force."""
 
+_ALIKE = 1e-3  # of a pressure: differences of branches below that are noise
+
 
 def dataset_text(
     found: Characterisation,
@@ -52,8 +54,9 @@ def dataset_text(
     turnless = _turnless(found.isobars)
     own = [bar.length[use] for bar, use in zip(found.isobars, turnless, strict=True)]
     common = np.linspace(max(at[0] for at in own), min(at[-1] for at in own), points)
+    friction = _friction(found.isobars, turnless)
     readings = [
-        _readings(bar, use, common, branch)
+        _readings(bar, use, common, branch, friction)
         for bar, use in zip(found.isobars, turnless, strict=True)
     ]
     lines = [f"# note: {note}" for note in found.notes]
@@ -93,7 +96,9 @@ def _turnless(isobars: Sequence[Isobar]) -> list[np.ndarray]:
     return found
 
 
-def _readings(bar: Isobar, use: np.ndarray, common: np.ndarray, branch: str) -> np.ndarray:
+def _readings(
+    bar: Isobar, use: np.ndarray, common: np.ndarray, branch: str, friction: float
+) -> np.ndarray:
     """Pressure, length, force and scatter of the pressure at the common lengths, shape (n, 4).
 
     Each is the mean of the isobar's own values within half a step of the common lengths, about a
@@ -101,7 +106,7 @@ def _readings(bar: Isobar, use: np.ndarray, common: np.ndarray, branch: str) -> 
     ones and a bend does not shift them.
     """
     pressure = {
-        "mean": _mean_pressure(bar, use),
+        "mean": _mean_pressure(bar, friction),
         "shortening": bar.shortening_pressure,
         "lengthening": bar.lengthening_pressure,
     }[branch]
@@ -120,17 +125,36 @@ def _readings(bar: Isobar, use: np.ndarray, common: np.ndarray, branch: str) -> 
     return np.stack([columns[0], at, columns[1], scatter], axis=1)
 
 
-def _mean_pressure(bar: Isobar, use: np.ndarray) -> np.ndarray:
+def _friction(isobars: Sequence[Isobar], turnless: Sequence[np.ndarray]) -> float:
+    """Part f of the force that friction takes on either branch, of all isobars together.
+
+    The branches of one isobar differ by 2 f F and by what their pressures differ. An isobar tells f
+    the better, the less its pressures differ in parts of its own: by the square of that it is weighed.
+    """
+    shares, weights = [], []
+    for bar, use in zip(isobars, turnless, strict=True):
+        apart = np.abs(bar.lengthening_pressure - bar.shortening_pressure)
+        alike = (
+            use & (apart <= np.median(apart[use])) & (bar.shortening > 0) & (bar.lengthening > 0)
+        )
+        if not alike.any():
+            continue
+        share = (bar.lengthening - bar.shortening)[alike] / (2 * bar.force[alike])
+        shares.append(float(np.median(share)))
+        weights.append(
+            (bar.pressure / max(float(np.median(apart[alike])), _ALIKE * bar.pressure)) ** 2
+        )
+    return float(np.average(shares, weights=weights)) if shares else 0.0
+
+
+def _mean_pressure(bar: Isobar, friction: float) -> np.ndarray:
     """The pressure [Pa] to which half the sum of both branches' forces belongs, shape (n,).
 
     Where friction takes the part f of the force, F = D (P - P_d) gives
     ((1 - f) F(P_s) + (1 + f) F(P_l))/2 = F(((1 - f) P_s + (1 + f) P_l)/2).
     """
-    apart = np.abs(bar.lengthening_pressure - bar.shortening_pressure)
-    alike = use & (apart <= np.median(apart[use])) & (bar.shortening > 0) & (bar.lengthening > 0)
-    share = (bar.lengthening - bar.shortening)[alike] / (2 * bar.force[alike])
-    f = float(np.median(share)) if share.size else 0.0
-    return ((1 - f) * bar.shortening_pressure + (1 + f) * bar.lengthening_pressure) / 2
+    low, high = bar.shortening_pressure, bar.lengthening_pressure
+    return ((1 - friction) * low + (1 + friction) * high) / 2
 
 
 def _tolerance(pressures: list[np.ndarray]) -> float | None:

@@ -203,6 +203,42 @@ def test_every_reading_of_the_dataset_has_the_pressure_that_was_measured_there(
     assert np.unique(data.length).size == 30  # common to both
 
 
+def test_pressures_that_part_the_branches_are_no_friction(tmp_path: Path) -> None:
+    """At a low pressure it is the held pressure that parts them, by a quarter; friction is 2 %."""
+    friction, whole = 0.02, record(pressures=(5e4, 3e5, 5e5), stroke=0.02)
+    away = {5e4: 0.25, 3e5: 0.003, 5e5: 0.002}
+    lengthens = np.sign(np.gradient(whole.length))
+    held = whole.set_pressure * (1 + lengthens * np.vectorize(away.get)(whole.set_pressure))
+
+    def static(length: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        """Slack below 20 kPa at every length, and proportional to the pressure beyond."""
+        return (pressure - 2e4) / 100 * (1 - (L0 - length) / 0.05)
+
+    force = (1 + friction * lengthens) * static(whole.length, held)
+    swings = IsobaricRecord(
+        whole.time, whole.length, force, held, whole.set_pressure, rest_length=L0
+    )
+    specimen = {"wall_thickness_mm": 1.6, "nominal_diameter_mm": 22.0}
+    data = read_csv(write_dataset(characterise(swings), tmp_path / "set.csv", specimen=specimen))
+    low = data.pressure < 1e5
+    assert low.any()
+    error = np.abs(data.force - static(data.length, data.pressure))
+    assert error[low].max() < 0.01 * data.force[low].max()
+
+
+def test_a_stroke_too_short_for_its_log_is_left_out_and_the_others_stay() -> None:
+    long, short = record(pressures=(3e5,)), record(pressures=(1e5,), stroke=2e-4)
+    later = short.time + long.time[-1] + DT
+    names = ("length", "force", "pressure", "set_pressure")
+    both = IsobaricRecord(
+        np.append(long.time, later),
+        *(np.append(getattr(long, one), getattr(short, one)) for one in names), rest_length=L0,
+    )  # fmt: skip
+    found = characterise(both)
+    assert [bar.set_pressure for bar in found.isobars] == [3e5]
+    assert any("The strokes at 100000 Pa were left out" in note for note in found.notes)
+
+
 def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
     fields = {
         "time": found.time + 50.0, "displacement": found.length - L0, "force": found.force,
