@@ -69,6 +69,7 @@ def analyse(
     shortening_positive: bool = False,
     zero_displacement: float = 0.0,
     pushing_positive: bool = False,
+    clock_moved: float = 0.0,
 ) -> Analysis:
     """The characterisation of a muscle from the two records of one test.
 
@@ -86,6 +87,7 @@ def analyse(
         shortening_positive: the machine's displacement grows as the muscle shortens.
         zero_displacement: what the machine shows at L0 [m].
         pushing_positive: the machine's force is positive in compression.
+        clock_moved: by how many of its standard errors the alignment is moved, to see what they do.
 
     Returns:
         Alignment, record and characterisation.
@@ -115,6 +117,9 @@ def analyse(
         # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
         resolution = log.interval / math.sqrt(12) * math.sqrt(2)
         alignment = align_by_pulses(ours, theirs, resolution=resolution)
+    alignment = dataclasses.replace(
+        alignment, offset=alignment.offset + clock_moved * alignment.offset_error
+    )
     record = combine(
         log,
         alignment,

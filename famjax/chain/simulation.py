@@ -12,6 +12,7 @@ import numpy as np
 import famjax
 from famjax.units import PSI
 from fitting.records import read_machine_log, write_dataset
+from rig.calibration import Calibration
 from rig.control import JOURNAL, PlanFile, Watcher, record_test
 from rig.device import Device, NativeDevice
 from rig.errors import RigError
@@ -84,6 +85,7 @@ def simulate(
     baud: int = 115200,
     seed: int = 0,
     began: datetime.datetime | None = None,
+    calibrated: Callable[[Calibration], Calibration] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SimulatedTest:
     """Carry out a test against a simulated rig, in virtual time, and analyse its files.
@@ -92,7 +94,7 @@ def simulate(
     where the muscle has no force left, or after the plan's stroke.
 
     Args:
-        test: plan, circuit, limit and gains. Its calibration is not used: a perfect one is.
+        test: plan, circuit, limit and gains. Its calibration is not used.
         folder: for the files; must not hold a journal.
         muscle: the reference work's 7/8 in muscle unless given.
         specimen: entries of the dataset besides the rest length, unit in the key.
@@ -101,6 +103,7 @@ def simulate(
         device: as for `SimulatedRig`, just switched on.
         baud: as for `SimulatedRig`.
         seed: of all noise.
+        calibrated: from the sensors as they are to what is believed of them; perfect unless given.
         began: date of the test; now if None.
         progress: called with the seconds done and the seconds planned.
 
@@ -132,8 +135,9 @@ def simulate(
         clock_rate=clock_rate,
         seed=seed,
     )
+    believed = rig.calibration() if calibrated is None else calibrated(rig.calibration())
     record_test(
-        test, VirtualLink(rig), rig.calibration(), paths[0], machine=machine,
+        test, VirtualLink(rig), believed, paths[0], machine=machine,
         attendant=None if progress is None else Watcher(progress), began=began,
     )  # fmt: skip
     machine.write_log(paths[1])

@@ -1,6 +1,7 @@
 """The steps from what lies in a folder to fitted muscles: force, pictures, shape, fits."""
 
 import dataclasses
+import functools
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,7 +19,7 @@ from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.saved import pdf_file, svg_file, write_fit
 from imaging.campaign import PARTS, CampaignChanged
-from rig.journal import read_journal
+from rig.journal import read_journal, stored_calibration
 
 from ..isobaric_analysis import analyse
 from ..isobaric_figures import branches_csv, figures
@@ -28,6 +29,7 @@ from .cached_steps import Step
 from .cross_checks import settle, warnings_of
 from .picture_checks import JournalTime, picture_checks
 from .record_checks import record_checks, specimen_checks
+from .shared_errors import clock_moves, shared_errors, write_shared
 from .sheet import RESULTS, Photographs, Sheet
 
 RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
@@ -127,9 +129,8 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     assert records.machine_log is not None
     rest = sheet.specimen.rest_length
     journal = read_journal(sheet.path(records.journal))
-    found = analyse(
-        journal,
-        read_machine_log(sheet.path(records.machine_log)),
+    analysed = functools.partial(
+        analyse, journal, read_machine_log(sheet.path(records.machine_log)),
         rest_length=rest,
         sync_column=records.sync_column,
         near=None if records.near is None else (records.near, 5.0),
@@ -137,7 +138,9 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
         shortening_positive=records.shortening_positive,
         zero_displacement=records.zero_displacement,
         pushing_positive=records.pushing_positive,
-    )
+    )  # fmt: skip
+    found = analysed()
+    write_shared(analysed(clock_moved=1.0), stored_calibration(journal), place)
     entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
     write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
     dates = [note["wall"] for note in journal.notes_of("journal")]
@@ -302,10 +305,17 @@ def _shared(
     surface: fitting.shapes.ShapeSurface | None,
 ) -> dict[str, list[Move]]:
     """The errors that the sheet states, and that of the shape."""
+    records = _results(sheet) / RECORDS
+    errors, clock = shared_errors(sheet, records), clock_moves(data, records)
     if surface is None:
-        return moves_of(data, sheet.errors)
+        return {**moves_of(data, errors), **clock}
+    here = _geometry(sheet, sheet.specimen, name, surface)
     return {
-        **moves_of(data, sheet.errors, lambda other: _geometry(sheet, other, name, surface)),
+        **moves_of(data, errors, lambda other: _geometry(sheet, other, name, surface)),
+        **{
+            source: [dataclasses.replace(one, geometry=here) for one in of]
+            for source, of in clock.items()
+        },
         SHAPE: [
             Move(None, _geometry(sheet, sheet.specimen, name, surface, draw))
             for draw in range(SHAPE_DRAWS)

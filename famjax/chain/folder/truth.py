@@ -20,6 +20,8 @@ from famjax.boundary.toml_file import (
     toml_text,
 )
 from famjax.units import INCH, PSI
+from fitting.data import SharedErrors
+from fitting.data.shared_errors import FORM as SHARED_ERRORS
 
 TRUTH = "truth.toml"
 """Name of the file in a twin's folder; no step of an evaluation reads it."""
@@ -27,6 +29,13 @@ MOST = 0.35
 """Contraction up to which the shapes are known."""
 LONGEST = 0.34
 """Stroke over rest length that the machine allows."""
+
+STATED = SharedErrors(
+    rest_length=0.005 * INCH, wall_thickness=0.0003 * INCH, bladder_diameter=0.002 * INCH,
+    braid_thickness=0.0003 * INCH, pressure_reading=1e-3, pressure_zero=0.05 * PSI,
+    force_reading=1e-3,
+)  # fmt: skip
+"""Standard errors of what the laboratory says of muscle and sensors."""
 
 _STATIONS, _CONTRACTIONS = 201, 29
 _REST, _BORE = 9.28125 * INCH, 0.875 * INCH  # of the reference work's muscle
@@ -148,16 +157,47 @@ class TwinCamera:
 
 
 @dataclasses.dataclass(frozen=True)
+class TwinErrors:
+    """What the laboratory is wrong by, as said less as it is; the sheet and the journal state how wrong.
+
+    Attributes:
+        rest_length, wall_thickness, bladder_diameter, braid_thickness: of the sheet [m].
+        pressure_reading, force_reading: of the transducer and the machine's load cell, in parts of
+            the reading.
+        pressure_zero: of the transducer [Pa].
+    """
+
+    rest_length: float = 0.0
+    wall_thickness: float = 0.0
+    bladder_diameter: float = 0.0
+    braid_thickness: float = 0.0
+    pressure_reading: float = 0.0
+    pressure_zero: float = 0.0
+    force_reading: float = 0.0
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> "TwinErrors":
+        """Each with the standard error that is stated of it."""
+        return cls(
+            **{
+                field.name: float(rng.normal(0, getattr(STATED, field.name)))
+                for field in dataclasses.fields(cls)
+            }
+        )
+
+
+@dataclasses.dataclass(frozen=True)
 class Truth:
     """All that a twin is made from, but for the seed of its noise."""
 
     muscle: TwinMuscle
     rig: TwinRig
     camera: TwinCamera
+    errors: TwinErrors
 
 
 _SIZES: dict[str, tuple[tuple[float, ...], int, float, int, int]] = {
-    "small": ((40.0, 70.0, 100.0), 1, 2.4, 36, 900),
+    "small": ((40.0, 70.0, 100.0), 2, 2.4, 36, 900),
     "large": (tuple(range(10, 101, 10)), 3, 3.1, 200, 1200),
 }
 """Set pressures [psi], cycles, stroke [in], pictures, rows."""
@@ -187,11 +227,12 @@ _FORMS: dict[str, tuple[Any, Form]] = {
         TwinCamera,
         Form(dict.fromkeys(("jitter", "clock_ahead"), "time") | {"ruler_offset": "length"}),
     ),
+    "errors": (TwinErrors, SHARED_ERRORS),
 }
 
 
 def drawn_truth(seed: int, size: Literal["small", "large"], *, flawed: bool) -> Truth:
-    """The truth of a seed: a muscle near the reference work's, clocks and a ruler that are off.
+    """The truth of a seed: a muscle near the reference work's; clocks, a ruler and sensors that are off.
 
     Args:
         seed: of what is drawn.
@@ -213,6 +254,7 @@ def drawn_truth(seed: int, size: Literal["small", "large"], *, flawed: bool) -> 
             clock_ahead=float(rng.uniform(-300, 300)), clock_drift=float(rng.uniform(-30e-6, 30e-6)),
             ruler_offset=ruler, damaged=1 if flawed else 0,
         ),
+        TwinErrors.drawn(rng),
     )  # fmt: skip
 
 
@@ -225,7 +267,7 @@ def read_truth(path: Path, drawn: Truth) -> Truth:
     content = read_toml(path, "truth")
     if unknown := content.keys() - _FORMS.keys():
         raise InputError(
-            f"{path}: a truth has the tables [muscle], [rig] and [camera], all or some; got "
+            f"{path}: a truth has the tables [muscle], [rig], [camera] and [errors], all or some; got "
             f"{', '.join(sorted(unknown))}"
         )
     parts = {}

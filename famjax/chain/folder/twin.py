@@ -12,12 +12,23 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.units import INCH, PSI
+from rig.calibration import Calibration
 from rig.control import Control, Isobaric, PlanFile
 from rig.simulation import MachineClock
 
 from ..simulation import LOG, simulate, simulated_muscle
 from .sheet import SHEET
-from .truth import MOST, TRUTH, Truth, TwinMuscle, drawn_truth, read_truth, truth_text
+from .truth import (
+    MOST,
+    STATED,
+    TRUTH,
+    Truth,
+    TwinErrors,
+    TwinMuscle,
+    drawn_truth,
+    read_truth,
+    truth_text,
+)
 
 TRUE_LENGTHS = "truth-lengths.csv"
 """The true length in every picture; no step of an evaluation reads it."""
@@ -70,7 +81,7 @@ def write_twin(
     record = _test(folder, made_of, seed, show)
     lengths = _photographs(folder, record, made_of, rng, seed, show)
     _flaw(folder, made_of, rng)
-    (folder / SHEET).write_text(_sheet(made_of.muscle, seed), encoding="utf-8")
+    (folder / SHEET).write_text(_sheet(made_of, seed), encoding="utf-8")
     again = f"famjax twin OTHER --seed {seed} --size {size} --truth {TRUTH}"
     (folder / TRUTH).write_text(truth_text(made_of, seed, again), encoding="utf-8")
     table = io.StringIO()
@@ -91,10 +102,34 @@ def _test(folder: Path, truth: Truth, seed: int, show: _Show) -> Any:
     made = simulate(
         PlanFile(plan, "air", limit, Control.per_psi(4, 2)), folder, muscle=held,
         clock=MachineClock(rig.clock_ahead, rig.clock_drift), seed=seed, began=_BEGAN,
+        calibrated=lambda perfect: _calibrated(perfect, truth.errors),
         progress=lambda done, total: show("simulating the test", done, total),
     )  # fmt: skip
     (folder / "dataset.csv").unlink()
+    _rescale(folder / LOG, "Load", 1 + truth.errors.force_reading)
     return made.analysis.record
+
+
+def _calibrated(perfect: Calibration, errors: TwinErrors) -> Calibration:
+    """What the laboratory believes of its transducer, with the standard errors of that."""
+    gain = perfect.pressure.gain * (1 + errors.pressure_reading)
+    believed = dataclasses.replace(
+        perfect.pressure,
+        gain=gain,
+        zero=perfect.pressure.zero - errors.pressure_zero / gain,
+        gain_std=STATED.pressure_reading * gain,
+        zero_std=STATED.pressure_zero / gain,
+    )
+    return dataclasses.replace(perfect, pressure=believed)
+
+
+def _rescale(log: Path, name: str, by: float) -> None:
+    """Multiply a column of the machine's log; two lines are its header."""
+    rows = list(csv.reader(log.read_text(encoding="utf-8").splitlines()))
+    place = rows[0].index(name)
+    for row in rows[2:]:
+        row[place] = f"{float(row[place]) * by:.4f}"
+    log.write_text("\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8")
 
 
 def _photographs(
@@ -162,14 +197,17 @@ def _flaw(folder: Path, truth: Truth, rng: np.random.Generator) -> None:
     log.write_text("".join(lines[:first] + lines[first + rows :]), encoding="utf-8")
 
 
-def _sheet(muscle: TwinMuscle, seed: int) -> str:
+def _sheet(truth: Truth, seed: int) -> str:
+    muscle, names = (
+        truth.muscle,
+        ("rest_length", "wall_thickness", "bladder_diameter", "braid_thickness"),
+    )
     rest, wall, bladder, braid = (
-        f"{value / INCH:.9g}"
-        for value in (
-            muscle.rest_length, muscle.wall_thickness, muscle.bladder_diameter,
-            muscle.braid_thickness,
-        )
-    )  # fmt: skip
+        f"{(getattr(muscle, name) + getattr(truth.errors, name)) / INCH:.6g}" for name in names
+    )
+    rest_std, wall_std, bladder_std, braid_std = (
+        f"{getattr(STATED, name) / INCH:.3g}" for name in names
+    )
     return f"""\
 # A twin: made by the simulated rig and camera, seed {seed}. {TRUTH} holds what it was made from.
 
@@ -190,6 +228,13 @@ ruler = "ruler.jpg"
 distance_in = 60
 pitch_in = 0.125
 ruler_placement_in = 0.01
+
+[errors]
+rest_length_in = {rest_std}
+wall_thickness_in = {wall_std}
+bladder_diameter_in = {bladder_std}
+braid_thickness_in = {braid_std}
+force_reading = {STATED.force_reading:g}
 
 [fit]
 law = "polynomial"
