@@ -5,7 +5,7 @@ from .cross_checks import (
     read_checks as read_checks,
     settle as settle,
 )
-from .evaluation import evaluation_steps as evaluation_steps
+from .evaluation import GEOMETRIES as GEOMETRIES, evaluation_steps as evaluation_steps
 from .report import first_run as first_run, report_step as report_step
 from .sheet import (
     RESULTS as RESULTS,

@@ -45,7 +45,7 @@ def test_what_a_truth_does_not_say_is_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[mussel]\n", "tables .muscle., .rig. and .camera., all or some; got mussel"),
+        ("[mussel]\n", "tables .muscle., .rig., .camera. and .errors., all or some; got mussel"),
         ("[rig]\nstroke_in = 4\n", "stroke must be at most 0.080153 m"),
         ("[rig]\nstroke = 4\n", "has no unit"),
         ("[rig]\npressures_psi = []\n", "pressures must be numbers > 0"),
