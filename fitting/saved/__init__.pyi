@@ -14,6 +14,7 @@ from .fit_plot import (
     plot_residuals as plot_residuals,
 )
 from .history import predict_history as predict_history
+from .inverse import pressures_for as pressures_for
 from .page import (
     PageTable as PageTable,
     inline_svg as inline_svg,

@@ -17,6 +17,7 @@ def predict(
     *,
     length: tuple[str, ...] = (),
     pressure: tuple[str, ...] = (),
+    force: tuple[str, ...] = (),
     onset: Annotated[bool, Parameter(negative=())] = False,
     rest_length: str | None = None,
     length_std: str | None = None,
@@ -34,6 +35,9 @@ def predict(
         Active lengths with their unit, repeatable or separated by commas: `--length 270mm,250mm`.
     pressure
         Gauge pressures with their unit: `--pressure 500kPa`.
+    force
+        Forces with their unit, in the place of pressures: at which pressure the muscle pulls with
+        them, up to the highest measured: `--force 200N`.
     onset
         Also the pressure at which the force leaves zero at each length.
     rest_length
@@ -54,7 +58,7 @@ def predict(
     fitting = load_fitting()
     import numpy as np
 
-    from famjax.boundary.units import parse_quantities
+    from famjax.boundary.units import parse_quantities, quantity_unit
     from famjax.commands.options.answers import answer_units, in_units
 
     sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
@@ -65,6 +69,24 @@ def predict(
             others={"length": length, "pressure": pressure, "onset": onset,
                     "rest-length": rest_length, "length-std": length_std},
         )  # fmt: skip
+    if force:
+        if pressure or onset or rest_length is not None or length_std is not None:
+            raise fitting.InputError(
+                "--force asks for a pressure, and takes --length alone beside it: leave out --pressure, "
+                "--onset, --rest-length and --length-std"
+            )
+        rows = fitting.saved.pressures_for(
+            saved, np.array(parse_quantities(length, "length")),
+            np.array(parse_quantities(force, "force")),
+        )  # fmt: skip
+        asked = {**answer_units(units, length, pressure)}
+        if units is None:
+            asked["force"] = quantity_unit(force[0])
+        if json_:
+            print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
+            return 0
+        _print_rows("Pressure", in_units(rows, asked))
+        return 0
     other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
     spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]
     rows = fitting.predict(
@@ -83,11 +105,7 @@ def predict(
     for title, of_force in (("Force", True), ("Onset", False)):
         chosen = [row for row in rows if ("slack" in row) == of_force]
         if chosen:
-            print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in chosen])
-    if not all(row["inside"] for row in rows):
-        print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
-        for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {reason}")
+            _print_rows(title, chosen)
     if saved.document.get("series_compliance_m_per_N"):
         print("note: force is what the rig of the fit measures, which gives way; muscle force "
               "that of the muscle alone")  # fmt: skip
@@ -100,3 +118,12 @@ def predict(
     elif pressure and not (saved.document.get("spread") or {}).get("directions"):
         print("note: no error band, as the fit has no standard errors")
     return 0
+
+
+def _print_rows(title: str, rows: list[dict]) -> None:
+    """A table of answers, and below it why some are not inside."""
+    print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in rows])
+    if not all(row["inside"] for row in rows):
+        print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
+        for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
+            print(f"- {reason}")

@@ -10,7 +10,7 @@ import pytest
 import famjax
 from fitting import predict
 from fitting.evidence.pull import ROWS, pull
-from fitting.saved import SavedFit
+from fitting.saved import SavedFit, pressures_for
 from fitting.saved.onset import onset_pressure
 
 LENGTHS = np.linspace(0.23, 0.29, 7)  # at rest the law has a kink
@@ -134,3 +134,20 @@ def count_compilations() -> Callable[[], int]:
     names: list[str] = []
     jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: names.append(name))
     return lambda: sum(name.endswith("backend_compile_duration") for name in names)
+
+
+def test_a_force_is_turned_into_its_pressure_and_back() -> None:
+    one = saved(muscle(40e3))
+    lengths, forces = np.array([0.25, 0.28]), np.array([0.0, 100.0, 1e5])
+    rows = pressures_for(one, lengths, forces)
+    assert [row["inside"] for row in rows] == [True, True, False] * 2
+    for row in rows:
+        if row["pressure_Pa"] is None:
+            assert "more than the muscle pulls" in row["outside"]
+            continue
+        (back,) = predict(one, np.array([row["length_m"]]), np.array([row["pressure_Pa"]]))
+        assert back["force_N"] == pytest.approx(row["force_N"], abs=1e-6)
+    for length, force, words in (([], [1.0], "one of each"), ([-1.0], [1.0], "> 0"),
+                                 ([0.25], [-1.0], "only pulls")):  # fmt: skip
+        with pytest.raises(famjax.boundary.errors.InputError, match=words):
+            pressures_for(one, np.array(length), np.array(force))
