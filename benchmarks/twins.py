@@ -65,13 +65,15 @@ def compared(folder: Path, size: str) -> dict[str, Any]:
     rest = sheet.specimen.rest_length
     surface = fitting.shape_surface(results / "pictures" / "measurements.nc")
     x = np.linspace(0, 1, surface.diameters.shape[-1])
-    shape = np.asarray(known.family.diameter(x, surface.lengths[:, None], 0.0))
+    # A picture at rest may be measured a hair longer than the muscle.
+    where = np.minimum(surface.lengths, truth.rest_length)
+    shape = np.asarray(known.family.diameter(x, where[:, None], 0.0))
     error = surface.diameters[0] - shape
     pictures = Pictures.of(results / "pictures" / "measurements.nc")
     with (folder / TRUE_LENGTHS).open(encoding="utf-8", newline="") as file:
         known_lengths = {row["picture"]: float(row["length_m"]) for row in csv.DictReader(file)}
     lengths = np.array([known_lengths[Path(name).name] for name in pictures.names])
-    strain = np.linspace(0.0, _largest_strain(true, surface.lengths), 200)
+    strain = np.linspace(0.0, _largest_strain(true, where), 200)
     stress, truly = (np.asarray(law(one).stress(strain)) for one in (saved.muscle, true))
     data = fitting.read_csv(results / "records" / "dataset.csv", {})
     at = np.linspace(max(data.length.min(), surface.lengths[-1]), data.length.max(), 12)
