@@ -7,3 +7,4 @@ from .force_csv import (
 )
 from .force_data import ForceData as ForceData, Specimen as Specimen
 from .levels import levels_of as levels_of
+from .shared_errors import SharedErrors as SharedErrors

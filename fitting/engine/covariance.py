@@ -1,6 +1,8 @@
 """Standard errors of an optimum: Gauss-Newton covariance on the directions that stay free."""
 
 import dataclasses
+import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -71,19 +73,11 @@ def covariance(
     p = jacobian.shape[1]
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
-    fixed_rows = np.concatenate([np.eye(p)[held], _unit(active / scale)])
-    _, singular, directions = np.linalg.svd(fixed_rows, full_matrices=True)
-    rank = int(np.sum(singular > 1e-10))
-    Z = directions[rank:].T
-    freedom = residual.size - Z.shape[1]
+    root, directions, condition = free_root(jacobian, active, held)
+    freedom = residual.size - directions
     nothing = np.full((p, p), np.nan)
-    if Z.shape[1] == 0 or freedom <= 0:
-        return Covariance(nothing, nothing, np.nan, freedom)
-    _, s, Vt = np.linalg.svd(jacobian / scale @ Z, full_matrices=False)
-    condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
-    if condition > CONDITION_LIMIT:
+    if directions == 0 or freedom <= 0 or condition > CONDITION_LIMIT:
         return Covariance(nothing, nothing, condition, freedom)
-    root = Z @ (Vt.T / s) / scale[:, None]
     variance = residual @ residual / freedom
     if n_priors:
         variance = max(variance, noise**2)
@@ -97,6 +91,47 @@ def covariance(
     for spread in (matrix, sandwich):
         spread[stuck] = spread[:, stuck] = np.nan
     return Covariance(matrix, sandwich, condition, freedom)
+
+
+class FreeRoot(NamedTuple):
+    """A root of (Z^T J^T J Z)^-1 in all parameters.
+
+    Attributes:
+        root: R with R R^T = Z (Z^T J^T J Z)^-1 Z^T, shape (p, directions).
+        directions: number of directions that stay free.
+        condition: condition number of the scaled Jacobian on them; nan where there is none.
+    """
+
+    root: Float[np.ndarray, "p directions"]
+    directions: int
+    condition: float
+
+
+def free_root(
+    jacobian: Float[np.ndarray, "k p"],
+    active: Float[np.ndarray, "a p"],
+    held: Bool[np.ndarray, " p"],
+) -> FreeRoot:
+    """The root on the directions Z in which held parameters and active constraints stay.
+
+    Args:
+        jacobian: of the weighted residual in all parameters.
+        active: gradients of the active constraints.
+        held: True for parameters at a bound or fixed.
+    """
+    p = jacobian.shape[1]
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    fixed_rows = np.concatenate([np.eye(p)[held], _unit(active / scale)])
+    _, singular, directions = np.linalg.svd(fixed_rows, full_matrices=True)
+    rank = int(np.sum(singular > 1e-10))
+    Z = directions[rank:].T
+    if Z.shape[1] == 0:
+        return FreeRoot(np.zeros((p, 0)), 0, math.nan)
+    _, s, Vt = np.linalg.svd(jacobian / scale @ Z, full_matrices=False)
+    if not s[-1] > 0:
+        return FreeRoot(np.zeros((p, 0)), Z.shape[1], math.inf)
+    return FreeRoot(Z @ (Vt.T / s) / scale[:, None], Z.shape[1], float(s[0] / s[-1]))
 
 
 def _unit(rows: np.ndarray) -> np.ndarray:

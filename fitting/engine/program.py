@@ -182,6 +182,11 @@ class Program:
         other._arrays = [*self._arrays[: len(self._arrays) - len(own)], *own]
         return other
 
+    def with_family(self, family: AbstractFamily, inputs: MapInputs) -> "Program | None":
+        """The same program of other numbers; None where the family has another structure."""
+        other = Program(family, self._key[2], inputs)
+        return other if other._key == self._key else None
+
     @property
     def size(self) -> int:
         """Number of readings that one call takes."""

@@ -18,6 +18,7 @@ from .left_out import groups_of, leave_out
 from .likelihood import LEVELS, Profile, profile
 from .model_error import ModelError, model_error
 from .resampling import Bootstrap, bootstrap
+from .shared_errors import Carried, Moves, carry
 from .validation import validate
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
@@ -69,6 +70,7 @@ class Evidence:
         error: of predictions, as readings left out show it; None of a law that depends on pressure
             and of specimens identified together.
         posterior: draws, or None.
+        shared: what errors that all readings share do, or None.
     """
 
     validations: tuple[GroupErrors, ...] = ()
@@ -77,11 +79,15 @@ class Evidence:
     hysteresis: HysteresisFit | None = None
     error: ModelError | None = None
     posterior: Posterior | None = None
+    shared: Carried | None = None
 
     @property
     def empty(self) -> bool:
         """Whether nothing was asked for."""
-        asked = (self.validations, self.profiles, self.bootstrap, self.hysteresis, self.posterior)
+        asked = (
+            self.validations, self.profiles, self.bootstrap, self.hysteresis, self.posterior,
+            self.shared,
+        )  # fmt: skip
         return not any(asked)
 
 
@@ -96,6 +102,7 @@ def gather(
     error: ModelError | None = None,
     posterior: bool = False,
     noise: float | None = None,
+    shared: Moves | None = None,
 ) -> Evidence:
     """The evidence that was asked for, with `progress(what, done, total)` as it comes.
 
@@ -109,6 +116,7 @@ def gather(
         error: of predictions, where it is known; found by leaving out unless given.
         posterior: draw from it.
         noise: standard deviation of a reading [N], where it is known, of the posterior.
+        shared: errors that all readings share, see `carry`.
     """
     validations = []
     if validation:
@@ -138,7 +146,10 @@ def gather(
             result, noise=noise, seed=seed, progress=lambda d, t: progress("posterior", d, t)
         )
     told = _error(result) if error is None else error
-    return Evidence(tuple(validations), tuple(found), drawn, error=told, posterior=sampled)
+    carried = carry(result, shared) if shared else None
+    return Evidence(
+        tuple(validations), tuple(found), drawn, error=told, posterior=sampled, shared=carried
+    )
 
 
 def _error(result: Identification) -> ModelError | None:
@@ -209,6 +220,8 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
         document["hysteresis"] = hysteresis_as_dict(evidence.hysteresis)
     if evidence.posterior is not None:
         document["posterior"] = posterior_as_dict(evidence.posterior)
+    if evidence.shared is not None:
+        document["shared_errors"] = evidence.shared.by_source()
     return document
 
 
@@ -235,6 +248,8 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
         tables.append(hysteresis_table(evidence.hysteresis, system))
     if evidence.posterior is not None:
         tables.append(posterior_table(evidence.posterior, system))
+    if evidence.shared is not None:
+        tables.append(_budget(evidence.shared, result, system))
     return tables
 
 
@@ -272,6 +287,31 @@ def _bootstrap_table(drawn: Bootstrap, result: Identification, system: str) -> T
     failed = f", {drawn.failed} more did not converge" if drawn.failed else ""
     title = f"Bootstrap, {len(drawn.samples)} replicates{failed}"
     return title, ("parameter", "unit", "std. error", "95 %"), rows
+
+
+def _budget(shared: Carried, result: Identification, system: str) -> Table:
+    """Standard errors of every parameter by source, and of all together."""
+    scatter = np.sqrt(np.diag(result.covariance))
+    units = {one.name: (unit_system(system)[one.kind], one.kind) for one in result.estimates}
+    rows = []
+    for k, name in enumerate(shared.names):
+        if name not in units or not math.isfinite(scatter[k]):
+            continue
+        unit, kind = units[name]
+        every = [float(scatter[k]), *shared.effects[:, k].tolist()]
+        total = math.hypot(*every)
+        # What has no effect has one of rounding.
+        told = (
+            f"{from_si(one, unit, kind):.2g}" if one > 1e-9 * total else "0"
+            for one in (*every, total)
+        )  # fmt: skip
+        rows.append((name, unit, *told))
+    sources = (source.replace("_", " ") for source in shared.sources)
+    return (
+        "Standard errors by source",
+        ("parameter", "unit", "scatter", *sources, "all together"),
+        rows,
+    )
 
 
 def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, ...]:

@@ -27,6 +27,13 @@ def muscle_spread(
         One row for each independent direction, of the arrays of `famjax.MountedMuscle(muscle,
         compliance)` one after another; no rows where there are no standard errors.
     """
+    slopes = numbers_by_parameters(result)
+    covariance = result.covariance if drawn is None else _covariance(result, drawn)
+    return (slopes @ _root(covariance)).T
+
+
+def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers p"]:
+    """Derivatives of the mounted muscle's numbers, the compliance last, in parameters and coefficients."""
     problem, point = result.problem, result.end.point
     part, q = problem.parts[result.place], len(problem.names)
     own = point.x[part.coefficients]
@@ -38,8 +45,7 @@ def muscle_spread(
     slopes[:-1, q + part.coefficients] = value.number_columns
     if part.compliance is not None:
         slopes[-1, part.compliance] = 1.0
-    covariance = result.covariance if drawn is None else _covariance(result, drawn)
-    return (slopes @ _root(covariance)).T
+    return slopes
 
 
 def _covariance(result: Identification, drawn: Bootstrap) -> Float[np.ndarray, "p p"]:

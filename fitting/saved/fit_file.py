@@ -203,7 +203,17 @@ def _spread(result: Identification, evidence: Evidence | None) -> dict[str, Any]
     """What `predict` makes error bands of, see `muscle_spread`."""
     drawn = None if evidence is None else evidence.bootstrap
     directions = muscle_spread(result, drawn)
-    return {"band": "linear" if drawn is None else "bootstrap", "directions": directions.tolist()}
+    shared = None if evidence is None else evidence.shared
+    return {
+        "band": "linear" if drawn is None else "bootstrap",
+        "directions": directions.tolist(),
+        "shared_directions": [] if shared is None else _short(shared.directions),
+    }
+
+
+def _short(rows: Float[np.ndarray, "directions numbers"]) -> list[list[float]]:
+    """Errors to six digits: there may be thousands of numbers in a measured shape."""
+    return [[float(f"{value:.6g}") for value in row] for row in rows]
 
 
 def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:

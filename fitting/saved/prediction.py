@@ -48,7 +48,8 @@ def predict(
         such readings, null where nothing is known of it: that is so of another rest length, unless
         the fit is of a series. `band` says what they are made of: "left
         out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
-        theory of the parameters alone in fits without it, and "specimens" of a series. Where the rig
+        theory of the parameters alone in fits without it, "specimens" of a series, and "shared errors"
+        where they were stated. Where the rig
         gives way, `muscle_force_N` is the force of the muscle alone, were it of that length itself.
         With `onset` rows `length_m, onset_pressure_Pa, slack_up_to_Pa, pulls_from_Pa, inside, outside`
         follow; null where there is none. At a length that was measured the onset lies between the
@@ -132,7 +133,11 @@ def _pull(
     of the first.
     """
     compliance = fit.document.get("series_compliance_m_per_N") or 0.0
-    directions = None if _by_what_was_left_out(fit) else _spread(fit).get("directions")
+    spread = _spread(fit)
+    directions = [
+        *([] if _by_what_was_left_out(fit) else spread.get("directions", [])),
+        *spread.get("shared_directions", []),
+    ]
     first = pull(
         famjax.MountedMuscle(fit.muscle, np.asarray(compliance)),
         np.array(directions) if directions else None,
@@ -161,16 +166,17 @@ def _rows(
     found = _pull(fit, length, pressure, rest_length, length_std)
     force = found.force
     std, factor, band = _band(fit, found, length, pressure, rest_length)
+    half = factor * std
     rows = []
     for k in range(force.size):
-        pull, error = float(force[k]), float(std[k])
+        pull, error, wide = float(force[k]), float(std[k]), float(half[k])
         row = {
             "length_m": float(length[k]),
             "pressure_Pa": float(pressure[k]),
             "force_N": finite_or_none(pull),
             "force_std_N": finite_or_none(error),
-            "low_95_N": finite_or_none(pull - factor * error),
-            "high_95_N": finite_or_none(pull + factor * error),
+            "low_95_N": finite_or_none(pull - wide),
+            "high_95_N": finite_or_none(pull + wide),
             "band": band if math.isfinite(error) else None,
             "slack": bool(pull <= 0) if math.isfinite(pull) else None,
         }
@@ -186,7 +192,7 @@ def _band(
     length: np.ndarray,
     pressure: np.ndarray,
     rest_length: float | None,
-) -> tuple[np.ndarray, float, str | None]:
+) -> tuple[np.ndarray, np.ndarray | float, str | None]:
     """Standard deviation of a reading, how many of them on either side are 95 %, and what it is of."""
     known, theory = np.isfinite(found.force), _spread(fit).get("band")
     std, factor, band = np.full(length.size, np.nan), _NORMAL_95, None
@@ -202,8 +208,13 @@ def _band(
         factor = fit.document["model_error"]["factor_95"]
         if _by_what_was_left_out(fit):
             std, band = np.hypot(model, found.std), "left out"
+            # What all readings share is told by no reading left out: it is stated, and normal.
+            student, normal = factor * model, _NORMAL_95 * found.std
+            factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
         else:
             std, band = np.maximum(model, found.std), f"left out, {theory}"
+        if _spread(fit).get("shared_directions"):
+            band += ", shared errors"
     elif _spread(fit).get("directions"):
         std, band = found.std, theory
     return np.where(known, std, np.nan), factor, band

@@ -110,8 +110,10 @@ def _check(document: dict[str, Any], muscle: famjax.Muscle) -> None:
         # The rig's compliance is one number more than the muscle's own.
         varied = jax.tree.leaves(eqx.filter(muscle, eqx.is_inexact_array))
         count = 1 + sum(np.size(leaf) for leaf in varied)
-        if _entry(document, "spread.directions") != []:
-            _numbers(document, "spread.directions", ("directions", count))
+        _entry(document, "spread.directions")
+        for name in ("directions", "shared_directions"):  # the second came later
+            if document["spread"].get(name, []) != []:
+                _numbers(document, f"spread.{name}", ("directions", count))
     if document.get("model_error") is not None:
         _numbers(document, "model_error.noise_N", ())
         _numbers(document, "model_error.factor_95", ())

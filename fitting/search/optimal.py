@@ -57,13 +57,9 @@ def joint_derivatives(
 
 def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None) -> Optimal:
     """The optimum at the end of a descent, with its covariance; `robust` as the problem is weighed."""
-    point, free = end.point, problem.free
-    moves, at_bound = np.zeros((2, len(problem.names)), bool)
-    moves[free] = True
-    at_bound[free] = (end.u <= 1e-9) | (end.u >= 1 - 1e-9)
-    held = np.concatenate([at_bound | ~moves, np.zeros(len(problem.linear), bool)])
+    point = end.point
     residual, jacobian, rows = joint_derivatives(problem, point)
-    rows = rows[np.sort(point.optimum.rows)]
+    held, rows = held_and_active(problem, end, rows)
     n_priors = residual.size - problem.force.size
     # A censored reading that is off says nothing of the noise or the parameters.
     off = np.zeros(residual.size, bool)
@@ -78,4 +74,15 @@ def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None
             own * residual, robust.weight.size, robust.threshold, max(unknowns, 1)
         )
     spread = covariance(jacobian, residual, rows, held, n_priors=n_priors, noise=problem.noise)
+    at_bound = np.isin(np.arange(len(problem.names)), problem.free) & held[: len(problem.names)]
     return Optimal(problem, end, order, spread, at_bound)
+
+
+def held_and_active(
+    problem: Problem, end: End, rows: Float[np.ndarray, "m p"]
+) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "a p"]]:
+    """Which of all parameters are held or at a bound, and of the constraints' rows the active ones."""
+    held = np.ones(len(problem.names) + len(problem.linear), bool)
+    held[problem.free] = (end.u <= 1e-9) | (end.u >= 1 - 1e-9)
+    held[len(problem.names) :] = False
+    return held, rows[np.sort(end.point.optimum.rows)]

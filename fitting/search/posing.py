@@ -85,7 +85,7 @@ def pose_one(
     """
     given, chosen = dict(bounds or {}), law_named(law, order)
     named = {**given, **(parameters or {})}
-    source = _source(data, geometry, tuple(named))
+    source = source_of(data, geometry, tuple(named))
     if isinstance(source, KnownSource):
         given |= known_bounds(data, source.known, named)
     further = _further(terms)
@@ -127,7 +127,7 @@ def pose_together(
             f"geometry, such as lambda shape: EndEffectGeometry(shape, 1.0); got {type(geometry)}"
         )
     rows, further = {**chosen.shape, **chosen.coefficients}, _further(terms)
-    sources = tuple(_source(one, geometry, tuple(parameters or {})) for one in data)
+    sources = tuple(source_of(one, geometry, tuple(parameters or {})) for one in data)
     tables = [
         _table(one, source, further, chosen, box, {}, parameters or {})
         for one, source in zip(data, sources, strict=True)
@@ -173,7 +173,7 @@ def _table(
     return complete_table(data.specimen, box, rows, bounds, parameters, own)
 
 
-def _source(
+def source_of(
     data: ForceData, geometry: Geometry | None, named: tuple[str, ...]
 ) -> AbstractGeometrySource:
     """What the dimensions follow from, with those of its parameters that are named."""

@@ -13,7 +13,7 @@ import fitting
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
 from fitting.data.force_data import COLUMNS
-from fitting.evidence import Evidence
+from fitting.evidence import Evidence, Move, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.saved import write_fit
@@ -27,17 +27,19 @@ from .cached_steps import Step
 from .sheet import RESULTS, Photographs, Sheet
 
 RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
-CYLINDER, AVERAGE, MEASURED, WORK = "cylinder", "average-diameter", "measured", "virtual-work"
+CYLINDER, ELASTIC = "cylinder", "elastic-cylinder"
+AVERAGE, MEASURED, WORK = "average-diameter", "measured", "virtual-work"
 GEOMETRIES = {
     CYLINDER: "cylinder of the braid's triangle",
+    ELASTIC: "cylinder of a braid whose threads stretch",
     AVERAGE: "cylinder of the measured average diameter",
     MEASURED: "measured shape",
     WORK: "measured shape, braid by virtual work",
 }
 """Geometries that are fitted, and what they are."""
 FORCE_MAP = "dataset.csv"
-SHAPE_DRAWS = 8
-"""Surfaces as probable as the measured one with which the fit is repeated."""
+SHAPE_DRAWS = 32
+"""Surfaces as probable as the measured one, through which its error is carried."""
 
 Recipes = Callable[[Photographs, Path], tuple[Any, dict[str, str]]]
 """From the photographs' table and the folder to `imaging.Recipe` and its provenance."""
@@ -69,7 +71,7 @@ def evaluation_steps(
         Step(RECORDS, inputs, {**about, **dataclasses.asdict(records)}, (),
              lambda place: _force(sheet, place, system)),
     ]  # fmt: skip
-    names = [CYLINDER]
+    names = [CYLINDER, ELASTIC]
     photographs = sheet.photographs
     if photographs is not None:
         recipe, provenance = recipes(photographs, sheet.folder)
@@ -84,8 +86,11 @@ def evaluation_steps(
         ]  # fmt: skip
         names += [AVERAGE, MEASURED, WORK]
     for name in names:
-        after = (RECORDS,) if name == CYLINDER else (RECORDS, SHAPE)
-        options = {"fit": dataclasses.asdict(sheet.fit), "turns": sheet.turns, **about}
+        after = (RECORDS,) if name in (CYLINDER, ELASTIC) else (RECORDS, SHAPE)
+        options = {
+            "fit": dataclasses.asdict(sheet.fit), "turns": sheet.turns,
+            "errors": dataclasses.asdict(sheet.errors), **about,
+        }  # fmt: skip
         steps.append(Step(name, [], options, after, _fitting(sheet, name, origin, system)))
     return steps
 
@@ -194,14 +199,14 @@ def measured_surface(sheet: Sheet) -> fitting.shapes.ShapeSurface:
 def _fitting(sheet: Sheet, name: str, origin: Origin, system: str) -> Callable[[Path], None]:
     def run(place: Path) -> None:
         data = read_map(sheet)
-        surface = None if name == CYLINDER else measured_surface(sheet)
+        surface = None if name in (CYLINDER, ELASTIC) else measured_surface(sheet)
         result = fit_with(sheet, data, name, surface)
         evidence = fitting.evidence.gather(
             result, validation=True, profiles=False, replicates=0, seed=sheet.fit.seed,
-            progress=lambda *_: None,
+            progress=lambda *_: None, shared=_shared(sheet, result.data, name, surface),
         )  # fmt: skip
         write_fit(result, place, system, evidence, origin)
-        _add_figures(sheet, result, evidence, surface, name, place)
+        _add_figures(result, evidence, place)
 
     return run
 
@@ -211,28 +216,59 @@ def fit_with(
     data: fitting.ForceData,
     name: str,
     surface: fitting.shapes.ShapeSurface | None,
-    draw: int | None = None,
 ) -> fitting.Identification:
-    """The law identified with one of the geometries; with a draw of the shape, if it is given."""
+    """The law identified with one of the geometries."""
     fit = sheet.fit
     options: dict[str, Any] = {
         "law": fit.law, "constraint": fit.constraint, "starts": fit.starts, "seed": fit.seed,
     }  # fmt: skip
     if fit.law == "polynomial":
         options["order"] = fit.order
+    if name == ELASTIC:
+        options["parameters"] = {"braid_compliance": Parameter()}
     if surface is None:
         return fitting.identify(data, **options)
-    turns = surface.threads.turns if sheet.turns is None else sheet.turns
-    braid = famjax.Braid(surface.threads.length, turns, sheet.specimen.braid_thickness)
-    geometry = surface.geometry(sheet.specimen, braid=braid, draw=draw)
-    if name == AVERAGE:
-        geometry = famjax.geometries.AverageDiameterGeometry(geometry.family, geometry.bladder)
+    geometry = _geometry(sheet, sheet.specimen, name, surface)
     if name == WORK:
         options["terms"] = famjax.terms.VirtualWork(0.0)
     if sheet.turns is None and name != WORK:
         least, most = surface.threads.turns_range()
         options["parameters"] = {"turns": Parameter(min=least, max=most)}
     return fitting.identify(_within(data, geometry), geometry=geometry, **options)
+
+
+def _geometry(
+    sheet: Sheet,
+    specimen: fitting.Specimen,
+    name: str,
+    surface: fitting.shapes.ShapeSurface,
+    draw: int | None = None,
+) -> famjax.geometries.AbstractGeometry:
+    """A geometry of the shape, of a draw of it if its number is given."""
+    turns = surface.threads.turns if sheet.turns is None else sheet.turns
+    braid = famjax.Braid(surface.threads.length, turns, specimen.braid_thickness)
+    geometry = surface.geometry(specimen, braid=braid, draw=draw)
+    if name == AVERAGE:
+        return famjax.geometries.AverageDiameterGeometry(geometry.family, geometry.bladder)
+    return geometry
+
+
+def _shared(
+    sheet: Sheet,
+    data: fitting.ForceData,
+    name: str,
+    surface: fitting.shapes.ShapeSurface | None,
+) -> dict[str, list[Move]]:
+    """The errors that the sheet states, and that of the shape."""
+    if surface is None:
+        return moves_of(data, sheet.errors)
+    return {
+        **moves_of(data, sheet.errors, lambda other: _geometry(sheet, other, name, surface)),
+        SHAPE: [
+            Move(None, _geometry(sheet, sheet.specimen, name, surface, draw))
+            for draw in range(SHAPE_DRAWS)
+        ],
+    }
 
 
 def _within(
@@ -259,34 +295,19 @@ def _within(
     return dataclasses.replace(data, **columns, notes=(*data.notes, note))
 
 
-def _add_figures(
-    sheet: Sheet,
-    result: fitting.Identification,
-    evidence: Evidence,
-    surface: fitting.shapes.ShapeSurface | None,
-    name: str,
-    place: Path,
-) -> None:
+def _add_figures(result: fitting.Identification, evidence: Evidence, place: Path) -> None:
     """What the comparison of the geometries needs beside the fit's own file."""
-    errors = result.errors
+    errors, shared = result.errors, evidence.shared
     values = {one.name: float(one.value) for one in result.estimates}
-    std = {one.name: float(one.stderr) for one in result.estimates}
+    scatter = {one.name: float(one.stderr) for one in result.estimates}
+    others = {} if shared is None else shared.std
     content: dict[str, Any] = {
         "rmse_N": float(errors.rmse), "largest_N": float(errors.max),
-        "largest_force_N": float(errors.max_force), "values": values, "std": std,
+        "largest_force_N": float(errors.max_force), "values": values, "std_of_scatter": scatter,
+        "std": {name: float(np.hypot(one, others.get(name, 0.0))) for name, one in scatter.items()},
+        "std_by_source": {} if shared is None else shared.by_source(),
         **{f"left_out_{one.groups}_N": float(one.rmse) for one in evidence.validations},
     }  # fmt: skip
-    if surface is not None and name == MEASURED:
-        drawn = [
-            {
-                one.name: float(one.value)
-                for one in fit_with(sheet, result.data, name, surface, k).estimates
-            }
-            for k in range(SHAPE_DRAWS)
-        ]
-        content["std_of_shape"] = {
-            key: float(np.std([one[key] for one in drawn], ddof=1)) for key in values
-        }
     (place / "figures.json").write_text(
         json.dumps(content, indent=1, allow_nan=True) + "\n", encoding="utf-8"
     )

@@ -65,7 +65,7 @@ def _page(sheet: Sheet, names: Sequence[str], origin: Origin, system: str) -> st
         _specimen(sheet, system),
         *_isobars(results, system),
         _errors(fits, system),
-        _parameters(fits, best),
+        *_parameters(fits, best),
         *_onsets(sheet, results, fits, system),
     ]
     figures = [*_figures(sheet, results, names, best, system)]
@@ -192,25 +192,28 @@ def _errors(fits: dict[str, Any], system: str) -> Table:
     return "Errors of the fits by geometry", header, rows
 
 
-def _parameters(fits: dict[str, Any], best: str) -> Table:
-    """Every parameter in every geometry; of the best one with both of its errors."""
+def _parameters(fits: dict[str, Any], best: str) -> list[Table]:
+    """Every parameter in every geometry, and of the best one the sources of its error."""
     fit = fits[best]
-    of_shape = fit.get("std_of_shape", {})
-    rows = []
-    for name, value in fit["values"].items():
-        std, shape = fit["std"][name], of_shape.get(name, 0.0)
-        if not np.isfinite(std):
-            continue
-        others = [
-            _number(other["values"].get(name), 1.0) for key, other in fits.items() if key != best
-        ]
-        total = float(np.hypot(std, shape))
-        rows.append((name, f"{value:.5g}", f"{std:.2g}", f"{shape:.2g}", f"{total:.2g}", *others))
+    known = [name for name in fit["values"] if np.isfinite(fit["std"][name])]
+    rows = [
+        (
+            name, f"{fit['values'][name]:.5g}", f"{fit['std'][name]:.2g}",
+            *(_number(one["values"].get(name), 1.0) for key, one in fits.items() if key != best),
+        )
+        for name in known
+    ]  # fmt: skip
     header = (
-        "parameter (SI)", f"value, {GEOMETRIES[best]}", "std error of the force",
-        "of the shape", "together", *(GEOMETRIES[key] for key in fits if key != best),
+        "parameter (SI)", f"value, {GEOMETRIES[best]}", "std error",
+        *(GEOMETRIES[key] for key in fits if key != best),
     )  # fmt: skip
-    return "Parameters", header, rows
+    sources = {"scatter": fit["std_of_scatter"], **fit["std_by_source"]}
+    shares = [
+        (name, *(f"{of[name]:.2g}" for of in sources.values()), f"{fit['std'][name]:.2g}")
+        for name in known
+    ]
+    told = ("parameter (SI)", *(one.replace("_", " ") for one in sources), "all together")
+    return [("Parameters", header, rows), ("Standard errors by source", told, shares)]
 
 
 def _onsets(sheet: Sheet, results: Path, fits: dict[str, Any], system: str) -> list[Table]:

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
-from fitting.data import Specimen, parse_specimen
+from fitting.data import SharedErrors, Specimen, parse_specimen
+from fitting.data.shared_errors import FORM as SHARED_ERRORS
 
 SHEET = "characterisation.toml"
 """Name of the file."""
@@ -47,6 +48,17 @@ ruler_placement_mm = 0.25         # standard error of its distance from the plan
 # k1 = 0.0                        # radial distortion of the lens; read off the ruler unless given
 # tone = "srgb"                   # the camera's curve, where it is known; it is in the errors unless given
 # log_offset_s = 12.0             # what the log is ahead of the first picture, where strokes repeat
+
+[errors]                          # standard errors that all readings share, which no scatter shows
+rest_length_mm = 0.2              # of the active length, by a ruler
+wall_thickness_mm = 0.02          # of the bladder, by a caliper; E_n go with it
+bladder_diameter_mm = 0.1
+pressure_reading = 0.0025         # of the transducer, as part of the reading
+pressure_zero_kPa = 0.2
+force_reading = 0.002             # of the load cell
+# shortening = 0.001              # of the machine's displacement
+# force_zero_N = 0.1
+# braid_thickness_mm = 0.02
 
 [fit]
 law = "polynomial"
@@ -124,6 +136,7 @@ class Sheet:
         records: force.
         photographs: shape, or None.
         fit: how.
+        errors: that all readings share.
     """
 
     folder: Path
@@ -133,6 +146,7 @@ class Sheet:
     records: Records
     photographs: Photographs | None
     fit: Fit
+    errors: SharedErrors
 
     def path(self, name: str) -> Path:
         """A file of the folder.
@@ -155,6 +169,7 @@ _FORMS: dict[str, tuple[Any, Form]] = {
     "records": (Records, _RECORDS),
     "photographs": (Photographs, _PHOTOGRAPHS),
     "fit": (Fit, Form()),
+    "errors": (SharedErrors, SHARED_ERRORS),
 }
 
 
@@ -173,7 +188,7 @@ def read_sheet(folder: Path) -> Sheet:
     if unknown or missing or not all(isinstance(table, dict) for table in content.values()):
         raise InputError(
             f"{path}: a sheet has the tables [specimen], [records], and where there are pictures "
-            f"[photographs], and [fit]; got {', '.join(content) or 'none'}"
+            f"[photographs], [fit] and [errors]; got {', '.join(content) or 'none'}"
         )
     tables = {
         name: from_entries(kind, content[name], form, where=f"{path}: [{name}]: ")
@@ -195,7 +210,7 @@ def read_sheet(folder: Path) -> Sheet:
         raise InputError(f"{path}: [specimen]: {_in_words(error)}") from None
     return Sheet(
         folder, specimen, entries, None if turns is None else float(turns), tables["records"],
-        tables.get("photographs"), tables.get("fit", Fit()),
+        tables.get("photographs"), tables.get("fit", Fit()), tables.get("errors", SharedErrors()),
     )  # fmt: skip
 
 

@@ -42,6 +42,7 @@ def fit(
     posterior: Annotated[bool, Parameter(negative=())] = False,
     hysteresis: Annotated[bool, Parameter(negative=())] = False,
     shape: Path | None = None,
+    error: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     atmosphere: str | None = None,
     columns: str | None = None,
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
@@ -119,6 +120,12 @@ def fit(
         The muscle's shape as photographs show it, the `measurements.nc` of `famjax measure`, in place
         of a cylinder; the turns of the threads are identified, or held: `--bounds turns=1.09`. The
         law is the polynomial one unless --law names another.
+
+    Error:
+        A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
+        `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names: rest_length,
+        wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero (with a unit);
+        pressure_reading, force_reading and shortening are parts of the reading: `pressure_reading=0.0025`.
     atmosphere
         Of raw ramps: what the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each
         record in which the muscle is vented, `0s:0.5s`.
@@ -146,6 +153,7 @@ def fit(
     from famjax.commands.options.fits import (
         parameter_kinds,
         parse_bounds,
+        parse_errors,
         parse_free,
         parse_priors,
         parse_specimen,
@@ -162,7 +170,7 @@ def fit(
     kinds = parameter_kinds(law) if bounds or free or prior else {}
     kinds |= {} if shape is None else {"turns": "number"}
     tolerances = {"pressure": pressure_tolerance, "length": length_tolerance}
-    known = parse_specimen(specimen)
+    known, stated = parse_specimen(specimen), parse_errors(error)
     measured, pairs = (
         load_ramps(data, known, atmosphere=atmosphere, columns=columns, **tolerances)
         if hysteresis
@@ -178,10 +186,11 @@ def fit(
         "starts": starts,
         "seed": seed,
     }
+    surface = None
     if shape is not None:
         from .measured_shape import with_shape
 
-        measured, options = with_shape(measured, shape, options)
+        measured, options, surface = with_shape(measured, shape, options)
     with progress_bar() as progress:
         steps = Steps(measured, options, progress)
         if (
@@ -197,8 +206,9 @@ def fit(
                 law=law or "polynomial", order=order, dependence=dependence, censored=censored
             )
         steps.gather(
-            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior
-        )
+            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior,
+            errors=stated, surface=surface,
+        )  # fmt: skip
         steps.judge()
         evidence = steps.evidence if pairs is None else with_hysteresis(steps.evidence, pairs)
         told = {"choice": steps.choice, "judgement": steps.judgement}

@@ -6,15 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import fitting
+from fitting.evidence import Move, moves_of
 from fitting.families import Parameter
 
 TURNS = "turns"
+DRAWS = 32
+"""Surfaces as probable as the measured one, through which its error is carried."""
 
 
 def with_shape(
     data: fitting.ForceData, pictures: Path, options: Mapping[str, Any]
-) -> tuple[fitting.ForceData, dict[str, Any]]:
-    """The map with what is told of the shape, and the options of a fit with that geometry.
+) -> tuple[fitting.ForceData, dict[str, Any], fitting.shapes.ShapeSurface]:
+    """The map with what is told of the shape, the options of a fit with that geometry, and the shape.
 
     The turns of the threads are identified unless they are named: the force tells them, and the
     diameters alone do not.
@@ -35,6 +38,23 @@ def with_shape(
     least, most = surface.threads.turns_range()
     free = {} if TURNS in named else {TURNS: Parameter(min=least, max=most)}
     told = dataclasses.replace(data, notes=(*data.notes, *surface.told()))
-    return told, {
-        **options, "geometry": geometry, "parameters": {**options["parameters"], **free},
-    }  # fmt: skip
+    fitted = {**options, "geometry": geometry, "parameters": {**options["parameters"], **free}}
+    return told, fitted, surface
+
+
+def shared_moves(
+    data: fitting.ForceData,
+    errors: fitting.data.SharedErrors,
+    surface: fitting.shapes.ShapeSurface | None,
+) -> dict[str, list[Move]]:
+    """What errors that all readings share move: those that are stated, and that of a measured shape.
+
+    Args:
+        data: the map.
+        errors: that are stated.
+        surface: the measured shape, or None.
+    """
+    if surface is None:
+        return moves_of(data, errors)
+    draws = [Move(None, surface.geometry(data.specimen, draw=draw)) for draw in range(DRAWS)]
+    return {**moves_of(data, errors, surface.geometry), "shape": draws}

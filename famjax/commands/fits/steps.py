@@ -11,6 +11,8 @@ from fitting.choice import Choice, validate_choice
 from fitting.evidence import Evidence, gather, left_out_kinds
 from fitting.verdict import Judgement, doubtful, judge, suspect
 
+from .measured_shape import shared_moves
+
 
 class Steps:
     """A fit in the making: what was found so far.
@@ -51,7 +53,14 @@ class Steps:
         )  # fmt: skip
 
     def gather(
-        self, *, validation: bool, profiles: bool, replicates: int, posterior: bool = False
+        self,
+        *,
+        validation: bool,
+        profiles: bool,
+        replicates: int,
+        posterior: bool,
+        errors: fitting.data.SharedErrors,
+        surface: fitting.shapes.ShapeSurface | None,
     ) -> None:
         """The evidence that was asked for; a choice is made anew in every fold of a validation."""
         choice = self.choice
@@ -60,6 +69,7 @@ class Steps:
             replicates=replicates, seed=self._options["seed"], progress=self._show,
             error=None if choice is None else choice.error, posterior=posterior,
             noise=self._options["noise"] if choice is None else None,
+            shared=shared_moves(self.result.data, errors, surface),
         )  # fmt: skip
         if choice is not None and validation:
             found = [

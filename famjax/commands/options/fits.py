@@ -3,11 +3,15 @@
 from collections.abc import Iterable, Mapping
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.toml_file import from_entries
 from famjax.boundary.units import UNITS, si_unit, to_si
-from fitting.data import parse_specimen as parse_specimen
+from fitting.data import SharedErrors, parse_specimen as parse_specimen
+from fitting.data.shared_errors import FORM as SHARED_ERRORS
 from fitting.families import Parameter, known_laws
 from fitting.families.laws import LawGiven, law_named
 from fitting.families.parameters import KINDS
+
+from .entries import parse_entries
 
 Kinds = Mapping[str, str]
 """Kind of unit of every parameter by name."""
@@ -122,3 +126,21 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
         except ValueError:
             raise InputError(f"prior {entry!r}: {value!r} is not mean+-std") from None
     return found
+
+
+def parse_errors(entries: Iterable[str]) -> SharedErrors:
+    """Standard errors that all readings share, from entries such as `wall_thickness_mm=0.05`.
+
+    Raises:
+        InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
+
+    >>> parse_errors(["wall_thickness_mm=0.05", "pressure_reading=0.0025"]).stated()
+    {'pressure_reading': 0.0025, 'wall_thickness': 5e-05}
+    """
+    numbers = {}
+    for name, value in parse_entries(entries, "error", "wall_thickness_mm=0.05").items():
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise InputError(f"error {name}={value}: {value!r} is not a number") from None
+    return from_entries(SharedErrors, numbers, SHARED_ERRORS, where="error: ")

@@ -112,3 +112,36 @@ def test_a_file_that_is_no_table_is_refused(
     code, _, err = fit(folder, capsys, "--shape", path)
     assert code == 2
     assert words in err
+
+
+def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(
+    folder: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, out, _ = fit(
+        folder, capsys, "--shape", folder / "measurements.nc", "--error", "wall_thickness_mm=0.05"
+    )
+    assert code == 0
+    assert "Standard errors by source" in out
+    by_source = json.loads((folder / "out" / "fit.json").read_text())["shared_errors"]
+    # 0.05 mm of 1.5875 mm, of a volume that goes with t (D - t); the strain at mid-wall takes part, too.
+    part = 0.05e-3 * (0.875 - 2 * 0.0625) / (0.0625 * INCH) / (0.875 - 0.0625)
+    assert by_source["wall_thickness"]["E_1"] / (LAW[0]) == pytest.approx(part, rel=0.15)
+    assert by_source["shape"]["turns"] > 0
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("wall_thickness=0.05", "wall_thickness_mm"),
+        ("wall_thickness_mm", "must read name=value"),
+        ("colour=1", "colour"),
+        ("pressure_reading=-1", ">= 0"),
+        ("pressure_reading=small", "not a number"),
+    ],
+)
+def test_an_error_that_is_none_is_refused(
+    given: str, words: str, folder: Path, capsys: pytest.CaptureFixture
+) -> None:
+    code, _, err = fit(folder, capsys, "--error", given)
+    assert code == 2
+    assert words in err
