@@ -1,0 +1,29 @@
+"""MuJoCo's callbacks for muscles: actuators of `gaintype="user"` and `biastype="user"` on a tendon."""
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def install(model: Any, pulls: Mapping[str, Any]) -> None:
+    """Let MuJoCo ask muscles for the force of actuators; the control is the gauge pressure [Pa].
+
+    The length is the actuator's, that of its tendon. With `dyntype="filter"` the pressure is the
+    actuator's state. MuJoCo has one such callback in a process: a later call replaces it, and
+    `mujoco.set_mjcb_act_bias(None)` and `set_mjcb_act_gain(None)` take it away.
+
+    Args:
+        model: `mujoco.MjModel`; other models with actuators of user type must be installed anew.
+        pulls: the muscle, as anything with `force(length, pressure)`, of each actuator's name.
+    """
+    import mujoco  # noqa: PLC0415 -- an extra of the project
+
+    wanted = {model.actuator(name).id: pull.force for name, pull in pulls.items()}
+    states = model.actuator_actadr.tolist()
+
+    def bias(_: Any, data: Any, number: int) -> float:
+        state = states[number]
+        pressure = data.ctrl[number] if state < 0 else data.act[state]
+        return -wanted[number](float(data.actuator_length[number]), float(pressure))
+
+    mujoco.set_mjcb_act_gain(lambda *_: 0.0)
+    mujoco.set_mjcb_act_bias(bias)
