@@ -5,6 +5,7 @@ from . import (
     chain as chain,
     compile_options as compile_options,
     design as design,
+    export as export,
     geometries as geometries,
     materials as materials,
     muscle as muscle,

@@ -48,10 +48,14 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
     middles = 0.5 * (L[1:] + L[:-1]), 0.5 * (P[1:] + P[:-1])
     true = np.array([[pull.force(one, at) for at in middles[1]] for one in middles[0]])
     straight = 0.25 * (force[1:, 1:] + force[:-1, 1:] + force[1:, :-1] + force[:-1, :-1])
-    off = float(np.abs(straight - true).max()) / subject.errors.largest_force
+    off = np.abs(straight - true) / subject.errors.largest_force
+    # A cell that slack ends in holds a bend, and the least of its corners is slack.
+    corners = np.minimum(force[:-1, :-1], force[1:, :-1])  # the force rises with the pressure
+    taut = corners > pull.slack_width
     about = [
         *subject.about_table,
-        f"bilinear interpolation between its entries is off by {off:.1e} of the largest force",
+        f"bilinear interpolation between its entries is off by {off[taut].max():.1e} of the largest "
+        f"force, by {off.max():.1e} where the muscle goes slack",
         "beyond its ends nothing stops the muscle: extend it by the exported C or MATLAB functions",
     ]
     grid = {"length_m": L, "pressure_Pa": P, "force_N": force, "stiffness_N_per_m": stiffness}

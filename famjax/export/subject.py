@@ -14,7 +14,7 @@ from .. import __version__
 from ..boundary.origin import Origin
 from ..cards import MuscleCard, read_card
 from ..muscle import SafeMuscle
-from ..muscles import NAMES, bundled_card
+from ..muscles import NAMES, bundled_card, bundled_text
 from .plain import TabulatedPull
 from .tabulate import TableErrors, table_errors, tabulated
 
@@ -113,14 +113,16 @@ def read_subject(
     """
     path = Path(source)
     if not path.exists() and str(source).upper() in NAMES:
-        card, of = bundled_card(str(source)), [f"of the bundled card {str(source).upper()}"]
+        name = str(source).upper()
+        text, card = bundled_text(name), bundled_card(name)
+        origins = made_of(f"the bundled card {name}", text, origin)
     else:
         card = read_card(path)
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        of = [f"of {path.name}, sha256 {digest}"]
-    return Subject.of_card(card, length=length, origin=(*of, *made_by(origin)))
+        origins = made_of(path.name, path.read_bytes(), origin)
+    return Subject.of_card(card, length=length, origin=origins)
 
 
-def made_by(origin: Origin | None) -> list[str]:
-    """Lines on the command that makes a file."""
-    return [] if origin is None else [f"by `{origin.command}` on {origin.date}"]
+def made_of(name: str, content: bytes, origin: Origin | None = None) -> tuple[str, ...]:
+    """Lines on the file that a muscle comes from, and on the command that exports it."""
+    lines = [f"of {name}, sha256 {hashlib.sha256(content).hexdigest()}"]
+    return tuple(lines if origin is None else [*lines, f"by `{origin.command}` on {origin.date}"])

@@ -37,9 +37,10 @@ class TableErrors:
         largest_force: in the region [N]; forces are given in parts of it.
         force: largest difference of force in the region [-].
         force_beyond: the same from no length to twice the longest, from no pressure to twice the
-            highest [-]; in parts of the force itself where that is above the largest.
-        pressure: largest error of the inverse [Pa] over all of these states, where the muscle pulls
-            with more than the blend into slack and its area F_P is above a hundredth of the mean.
+            highest [-].
+        pressure: largest error of the inverse [Pa] over all of these states between the stops, where
+            the muscle pulls with more than the blend into slack and its area F_P is above a
+            hundredth of the mean: elsewhere the force hardly tells the pressure.
         states: number of them in each.
     """
 
@@ -126,7 +127,8 @@ def table_errors(muscle: SafeMuscle, pull: TabulatedPull, *, seed: int = 0) -> T
     off = np.abs(np.array([pull.force(*state) for state in states]) - force)
     largest = float(force[:half].max())
     area = np.array([pull.area(*state) for state in states])
-    told = (force > float(muscle.slack_width)) & (area > _STEEP * area[:half].mean())
+    told = (force > pull.slack_width) & (area > _STEEP * area[:half].mean())
+    told &= (L > pull.stops[0]) & (L < pull.stops[1])
     back = [
         abs(pull.pressure(length, one) - pressure)
         for (length, pressure), one, tell in zip(states, force.tolist(), told, strict=True)
@@ -135,7 +137,7 @@ def table_errors(muscle: SafeMuscle, pull: TabulatedPull, *, seed: int = 0) -> T
     return TableErrors(
         largest_force=largest,
         force=float(off[:half].max()) / largest,
-        force_beyond=float((off[half:] / np.maximum(force[half:], largest)).max()),
+        force_beyond=float(off[half:].max()) / largest,
         pressure=max(back, default=math.nan),
         states=half,
     )

@@ -61,27 +61,24 @@ def export(
 
 def _subject(muscle: str, length: float | None):
     """The muscle of a fit, of a card, or a bundled one."""
-    import hashlib
-
     from famjax.boundary.origin import Origin
-    from famjax.export import Subject, made_by, read_subject
+    from famjax.export import Subject, made_of, read_subject
 
-    origin = Origin.of_this_command()
-    path = Path(muscle)
+    origin, path = Origin.of_this_command(), Path(muscle)
     if not _is_fit(path):
         return read_subject(muscle, length=length, origin=origin)
     from fitting.saved import card_of, load_fit
 
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     card = card_of(load_fit(path), count=0, origin=origin)
-    lines = (f"of {path.name}, sha256 {digest}", *made_by(origin))
-    return Subject.of_card(card, length=length, origin=lines)
+    return Subject.of_card(
+        card, length=length, origin=made_of(path.name, path.read_bytes(), origin)
+    )
 
 
 def _is_fit(path: Path) -> bool:
-    """Whether a file is a fit's, and no card."""
+    """Whether a file is a fit's; of any other the reader of cards says what is wrong."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return False  # the reader of cards says what is wrong
+        return False
     return isinstance(found, dict) and str(found.get("schema")).startswith("famjax-fit/")

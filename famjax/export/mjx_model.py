@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import jax
 import jax.numpy as jnp
 
 from .._types import Real
@@ -17,28 +18,32 @@ if TYPE_CHECKING:
     from mujoco import mjx
 
 
-def pulled(
+def mjx_step(
     model: "mjx.Model", data: "mjx.Data", muscles: Mapping[int, tuple[AbstractMuscle, Real]]
 ) -> "mjx.Data":
-    """The data with the muscles' pull at the tendons' present lengths as controls of their motors.
+    """One step of MJX with muscles, which pull at the lengths that their tendons have at its start.
 
-    Call it before each `mjx.step`; it can be jitted, mapped, and differentiated by every number of
-    the muscles. MJX takes no user actuators: a muscle's is a motor of gain 1 on its tendon.
+    It can be jitted, scanned, mapped, and differentiated by every number of the muscles. MJX takes
+    no user actuators: a muscle's is a motor of gain 1 on its tendon, without limits.
 
     Args:
         model: of MJX.
-        data: positions; tendon lengths in them may be older.
+        data: the state.
         muscles: muscle and gauge pressure [Pa] by the number of the actuator.
+
+    Returns:
+        The state after the step.
     """
     from mujoco import mjx  # noqa: PLC0415 -- an extra of the project
 
     placed = mjx.tendon(model, mjx.com_pos(model, mjx.kinematics(model, data)))
     control = jnp.asarray(data.ctrl)
     for number, (muscle, pressure) in muscles.items():
-        tendon = int(model.actuator_trnid[number, 0])
-        length = placed.ten_length[tendon]
+        length = placed.ten_length[int(model.actuator_trnid[number, 0])]
         control = control.at[number].set(-muscle.force(length, pressure))
-    return data.replace(ctrl=control)
+    after = mjx.step(model, data.replace(ctrl=control))
+    # In float64 MJX widens integers of tendons, which a scan does not take.
+    return jax.tree.map(lambda new, old: new.astype(old.dtype), after, data)
 
 
 def mjx_files(subject: Subject) -> dict[str, bytes]:
@@ -50,7 +55,7 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
     if subject.card is None:
         raise InputError(
             "an MJX model takes its muscle from a card, and this one has none: call "
-            "famjax.export.pulled with the muscle itself"
+            "famjax.export.mjx_step with the muscle itself"
         )
     name = subject.identifier
     about = "\n".join(subject.about).replace("\\", "/").replace('"""', "'''")
@@ -73,7 +78,7 @@ MODEL = mjx.put_model(mujoco.MjModel.from_xml_path(str(HERE / "{name}_mjx.xml"))
 
 def step(data, pressure, muscle=MUSCLE):
     """One step at a gauge pressure [Pa]; differentiable by pressure and muscle."""
-    return mjx.step(MODEL, famjax.export.pulled(MODEL, data, {{0: (muscle, pressure)}}))
+    return famjax.export.mjx_step(MODEL, data, {{0: (muscle, pressure)}})
 '''
     xml = hanging_load(subject, 'gainprm="1" biastype="none"', pressure=False)
     return {
