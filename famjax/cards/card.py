@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -19,6 +19,7 @@ from ..boundary.files import write_all
 from ..muscle import (
     AbstractMuscle,
     MountedMuscle,
+    Muscle,
     Region,
     SafeMuscle,
     continued_volume,
@@ -39,9 +40,12 @@ from .document import (
     as_text,
     checked,
 )
-from .draws import Draws, any_gives_way, joined, varied
+from .draws import Draws, giving_way, joined, varied
 from .muscle_card import muscle_as_dict, muscle_from_dict
 from .slip_card import slip_as_dict, slip_from_dict
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 _TABLE = 33, 5  # lengths and pressures of the table of volumes
 
@@ -77,7 +81,7 @@ class MuscleCard:
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
         """The model as it was identified: what the rig of the fit measures. Not for a simulator."""
-        return joined(self.members, as_real(self.weights), gives_way=any_gives_way(self.members))
+        return joined(self.members, as_real(self.weights), mounted=giving_way(self.members))
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
@@ -111,9 +115,9 @@ class MuscleCard:
         if self.draws is None:
             return None
         members, weights = self.members, as_real(self.weights)
-        gives_way = any_gives_way(members)
+        mounted = giving_way(members)
         return eqx.filter_vmap(
-            lambda row: varied(members, weights, row, gives_way=gives_way),
+            lambda row: varied(members, weights, row, mounted=mounted),
             out_axes=eqx.if_array(0),
         )(as_real(self.draws.rows))
 
@@ -188,6 +192,11 @@ def card_as_document(card: MuscleCard) -> CardDocument:
     """
     safe, members = card.safe(), []
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
+        if not isinstance(one.muscle, Muscle):
+            raise InputError(
+                f"a muscle card holds a famjax.Muscle, got a {type(one.muscle).__name__}, which has no "
+                "card format"
+            )
         of = muscle_as_dict(one.muscle)
         members.append(Member(of, float(one.compliance), float(weight)))
     loops = card.hysteresis
@@ -239,7 +248,7 @@ def card_from_document(document: CardDocument) -> MuscleCard:
     )
 
 
-def read_card(path: "str | Path | Any") -> MuscleCard:
+def read_card(path: "str | Path | Traversable") -> MuscleCard:
     """The muscle card in a file, of this version of its schema or an earlier one.
 
     Args:
@@ -251,9 +260,9 @@ def read_card(path: "str | Path | Any") -> MuscleCard:
     Raises:
         InputError: no such file, no muscle card, or a damaged one.
     """
-    path = Path(path) if isinstance(path, str) else path
+    file = Path(path) if isinstance(path, str) else path
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:
@@ -284,7 +293,7 @@ def _ranges(region: Region) -> Ranges:
 def _volume(card: MuscleCard) -> Volume | None:
     """A table over the region for readers that have no geometry; None for a model without one."""
     L, P = (
-        np.linspace(*np.asarray(ends, float), count)
+        np.linspace(float(ends[0]), float(ends[1]), count)
         for ends, count in zip((card.region.length, card.region.pressure), _TABLE, strict=True)
     )
     try:

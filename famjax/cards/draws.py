@@ -45,10 +45,10 @@ class Draws:
 
 def varied(
     members: Sequence[MountedMuscle],
-    weights: Float[Array, " members"],
+    weights: Float[Array | np.ndarray, " members"],
     numbers: Float[Array, " numbers"],
     *,
-    gives_way: bool,
+    mounted: tuple[bool, ...],
 ) -> AbstractMuscle:
     """The muscle with other numbers of its first member; the others' pull moves along with it.
 
@@ -57,27 +57,32 @@ def varied(
     """
     first = flatten(members[0])[1](numbers)
     if len(members) == 1:
-        return joined([first], weights, gives_way=gives_way)
-    shifted = jnp.concatenate([jnp.ones(1), weights.at[0].add(-1.0)])
-    return joined([first, *members], shifted, gives_way=gives_way)
+        return joined([first], weights, mounted=mounted)
+    shifted = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
+    return joined([first, *members], shifted, mounted=(mounted[0], *mounted))
 
 
 def joined(
-    members: Sequence[MountedMuscle], weights: Float[Array, " members"], *, gives_way: bool
+    members: Sequence[MountedMuscle],
+    weights: Float[Array | np.ndarray, " members"],
+    *,
+    mounted: tuple[bool, ...],
 ) -> AbstractMuscle:
-    """One muscle of all members, without their mountings where no mounting gives way."""
-    own = [one if gives_way else one.muscle for one in members]
-    return own[0] if len(own) == 1 else MeanMuscle(own, weights)
+    """One muscle of all members, each in its mounting where that gives way."""
+    own = [
+        one if gives_way else one.muscle for one, gives_way in zip(members, mounted, strict=True)
+    ]
+    return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
 
 
-def any_gives_way(members: Sequence[MountedMuscle]) -> bool:
-    """Whether the mounting of a member is compliant."""
-    return any(bool(np.any(np.asarray(one.compliance))) for one in members)
+def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
+    """Whether the mounting of each member is compliant."""
+    return tuple(bool(np.any(np.asarray(one.compliance))) for one in members)
 
 
 def draw(
     members: Sequence[MountedMuscle],
-    weights: Float[Array, " members"],
+    weights: Float[Array | np.ndarray, " members"],
     directions: Float[np.ndarray, "directions numbers"],
     region: Region,
     *,
@@ -112,7 +117,7 @@ def draw(
     while len(kept) < count and tried < _TRIES * count:
         z = rng.standard_normal((_AT_ONCE, len(directions)))
         rows = np.asarray(flat) + z @ directions
-        good = _looked_at(tuple(members), weights, region, rows, any_gives_way(members))
+        good = _looked_at(tuple(members), weights, region, rows)
         possible, rises = (np.asarray(one) for one in good)
         kept += [
             row
@@ -132,15 +137,18 @@ def draw(
 @quick_jit
 def _looked_at(
     members: tuple[MountedMuscle, ...],
-    weights: Float[Array, " members"],
+    weights: Float[Array | np.ndarray, " members"],
     region: Region,
     rows: Float[Array | np.ndarray, "n numbers"],
-    gives_way: bool,
 ) -> tuple[Bool[Array, " n"], Bool[Array, "n lengths pressures"]]:
-    """Whether each muscle is possible and has a force everywhere, and where it rises."""
+    """Whether each muscle is possible and has a force everywhere, and where it rises.
+
+    Without mountings, which take time: in series with them what rises still rises.
+    """
+    rigid = (False,) * len(members)
 
     def one(row: Array) -> tuple[Array, Array]:
-        at = grid_slopes(varied(members, weights, row, gives_way=gives_way), region)
+        at = grid_slopes(varied(members, weights, row, mounted=rigid), region)
         possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
         return possible, jnp.asarray(rising(at))
 

@@ -29,7 +29,7 @@ def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
     return jnp.where(limited, jnp.sign(step) * beyond / jnp.where(limited, inverse, 1.0), step)
 
 
-def taut(force: RealArray, width: Real) -> RealArray:
+def taut(force: RealArray, width: RealArray) -> RealArray:
     """The force, and none where it would push; between 0 and a width [N] a cubic joins the two.
 
     F = w (2 t^2 - t^3), t = G/w: exactly zero for G <= 0, exactly G for G >= w, C1, rising. It is
@@ -43,10 +43,10 @@ def taut(force: RealArray, width: Real) -> RealArray:
         F [N], >= 0.
     """
     t = jnp.clip(force / width, 0.0, 1.0)
-    return jnp.where(force >= width, force, width * t**2 * (2 - t))
+    return jnp.asarray(jnp.where(force >= width, force, width * t**2 * (2 - t)))
 
 
-def stopped(step: Real, stiffness: Real, onset: Real) -> RealArray:
+def stopped(step: RealArray, stiffness: RealArray, onset: RealArray) -> RealArray:
     """Force [N] of a stop that is run into by a step [m]: none before it, C1, its stiffness bounded.
 
     k x^2/(2 s) on the first s, then k (x - s/2).
@@ -60,7 +60,7 @@ def stopped(step: Real, stiffness: Real, onset: Real) -> RealArray:
     return stiffness * (on**2 / (2 * onset) + jnp.maximum(step - onset, 0.0))
 
 
-def untaut(force: RealArray, width: Real) -> RealArray:
+def untaut(force: RealArray, width: RealArray) -> RealArray:
     """The force G [N] of which `taut` makes F [N] >= 0; zero for F = 0, nan below.
 
     The root of 2 t^2 - t^3 = F/w in [0, 1], t = (2 + 4 cos(arccos(1 - 27 F/(16 w))/3 - 2 pi/3))/3,

@@ -92,7 +92,7 @@ def _ends(at: Slopes) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
         falls, holds = falling > 0, held > 0
         rate = xp.where(falls & holds, falling, 0.0) / xp.where(holds, held, 1.0)
         rate = xp.where(falls & ~holds, _AT_ONCE, rate)
-        return xp.minimum(_SPARE * rate.max(), _AT_ONCE)
+        return xp.asarray(xp.minimum(_SPARE * rate.max(), _AT_ONCE))
 
     K, A, mixed = at.stiffness, at.area, at.stiffening
     lengths = xp.stack([end(mixed[0], A[0]), end(-mixed[-1], A[-1])])

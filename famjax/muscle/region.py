@@ -107,12 +107,12 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
         InputError: there is no such part of two cells by two.
     """
     at = Slopes(*(np.asarray(one) for one in _grid_slopes(muscle, data)))
-    good = rising(at)
+    good = np.asarray(rising(at))
     if good.all():
         return data, at
     (i0, i1), (j0, j1) = _largest(good)
-    L = np.linspace(*np.asarray(data.length, float), LENGTHS)
-    P = np.linspace(*np.asarray(data.pressure, float), PRESSURES)
+    L = np.linspace(float(data.length[0]), float(data.length[1]), LENGTHS)
+    P = np.linspace(float(data.pressure[0]), float(data.pressure[1]), PRESSURES)
     if min(i1 - i0, j1 - j0) < 2:
         raise InputError(
             "the model has no region in which its pull rises with length and pressure: of "

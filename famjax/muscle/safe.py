@@ -43,8 +43,12 @@ class SafeMuscle(AbstractMuscle):
         hysteresis: about the static map, or None.
 
     >>> import famjax
-    >>> muscle = famjax.muscles.dmsp_20()
-    >>> print(f"{muscle.force(0.28, 4e5):.0f} {muscle.force(0.1, 4e5):.0f} {muscle.region.pressure}")
+    >>> braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
+    >>> shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.0018, embedded=True))
+    >>> muscle = famjax.Muscle(shape, famjax.PolynomialMaterial([6e5, 2e5, 1e5]), 4e4)
+    >>> safe = SafeMuscle.of(muscle, length=[0.24, 0.3], pressure=[5e4, 6e5])
+    >>> print(f"{safe.force(0.1, 4e5):.0f} {abs(safe.force(0.28, 4e5) - muscle.force(0.28, 4e5)):.2f}")
+    0 0.00
     """
 
     continued: ContinuedMuscle

@@ -81,7 +81,7 @@ def dmsp_20(length: float | None = None) -> SafeMuscle:
 
     >>> muscle = dmsp_20(length=0.3)
     >>> print(f"{muscle.blocked_force(5e5):.0f} N, {100 * muscle.free_contraction(5e5):.0f} %")
-    1205 N, 22 %
+    1190 N, 22 %
     """
     return _cut("DMSP-20", length)
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from .._types import RealArray
+from .._types import Real, RealArray, as_real
 from .maxwell_slip import MaxwellSlip, SlipState
 from .slip_elements import Either, slip, slip_shares
 
@@ -87,21 +87,21 @@ class CentredSlip(eqx.Module):
             total = total + shares[k] * elements.force(jnp.asarray(out + home) / 2)
         return total
 
-    def start(self, length: RealArray, pressure: RealArray) -> SlipState:
+    def start(self, length: Real, pressure: Real) -> SlipState:
         """The state in which a history begins at a length [m] and a pressure [Pa], both scalars.
 
         Reached from the start of the reference cycle: from the vented muscle of that length, or from
         the longest length under that pressure. After a cycle, if one went before.
         """
-        there, back = self._ends(length, pressure)
+        there, back = self._ends(as_real(length), as_real(pressure))
         state = self.slip.start(*there)
         for at in [back, there] if self.cycle.cycled else []:
             state = self.slip.moved(state, *at)
         return self.slip.moved(state, length, pressure)
 
-    def added(self, state: SlipState, length: RealArray, pressure: RealArray) -> RealArray:
+    def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
         """What the history adds to the static map [N] in a state at that length and pressure."""
-        return self.slip.force(state, pressure) - self.middle(length, pressure)
+        return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))
 
     def along(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]

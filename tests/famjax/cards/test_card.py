@@ -1,0 +1,220 @@
+"""Muscle cards: to the file and back, earlier versions, what is damaged, the sample, the volume."""
+
+import json
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import msgspec
+import numpy as np
+import pytest
+
+import famjax
+from famjax.boundary.errors import InputError
+from famjax.cards import (
+    MuscleCard,
+    card_as_document,
+    card_from_document,
+    draw,
+    read_card,
+    schema,
+    write_card,
+)
+from famjax.cards.document import checked
+from famjax.muscle import MountedMuscle, Region, flatten
+from famjax.muscles import bundled_card
+
+GOLDEN = Path(__file__).parent / "golden"
+SCHEMA_FILE = Path(famjax.cards.__file__).parent / "muscle_card.schema.json"
+RELOADED = 1e-12
+OTHER_MACHINE = 1e-9  # of the largest: rounding of nested derivatives by another compiler
+
+
+@pytest.fixture(scope="module")
+def golden() -> MuscleCard:
+    return read_card(GOLDEN / "card-1.json")
+
+
+def answers(card: MuscleCard, wanted: dict) -> dict:
+    lengths, pressures = [0.15, 0.24, 0.27, 0.3, 0.33], [2e4, 2e5, 5e5, 9e5]
+    L, P = (one.ravel() for one in np.meshgrid(lengths, pressures))
+    safe = card.safe()
+    found = {
+        "force_N": safe.force(L, P),
+        "stiffness_N_per_m": safe.stiffness(L, P),
+        "volume_m3": card.volume(L, P),
+        "pull_N": safe.pull(safe.start(0.27, 0.0), 0.26, 3e5),
+    }
+    return {name: np.asarray(found[name]) for name in wanted}
+
+
+@pytest.mark.parametrize("path", sorted(GOLDEN.glob("*.expected.json")), ids=lambda path: path.name)
+def test_a_card_of_every_version_is_read_and_says_the_same(path: Path) -> None:
+    card = read_card(path.with_name(path.name.replace(".expected", "")))
+    wanted = json.loads(path.read_text())
+    for name, values in answers(card, wanted).items():
+        scale = np.abs(wanted[name]).max()
+        np.testing.assert_allclose(values, wanted[name], rtol=0, atol=OTHER_MACHINE * scale)
+
+
+def test_there_is_a_golden_file_of_the_present_version() -> None:
+    written = {json.loads(path.read_text()).get("schema") for path in GOLDEN.glob("*.json")}
+    assert schema()["$id"] in written
+
+
+def test_a_card_comes_back_to_the_last_digit(golden: MuscleCard, tmp_path: Path) -> None:
+    path = write_card(golden, tmp_path / "new" / "card.json")
+    again = read_card(path)
+    assert path.read_text() == write_card(again, tmp_path / "card.json").read_text()
+    L, P = np.array([0.2, 0.26, 0.29, 0.36]), np.array([1e5, 3e5, 8e5, 2e5])
+    np.testing.assert_allclose(again.safe().force(L, P), golden.safe().force(L, P), rtol=RELOADED)
+    np.testing.assert_allclose(again.volume(L, P), golden.volume(L, P), rtol=RELOADED)
+    assert again.covariance == golden.covariance
+    assert again.provenance == golden.provenance
+    assert again.draws is not None
+    assert golden.draws is not None
+    np.testing.assert_array_equal(again.draws.rows, golden.draws.rows)
+    assert eqx.tree_equal(again.hysteresis, golden.hysteresis)
+    assert eqx.tree_equal(again.members, golden.members)
+
+
+def test_the_schema_file_is_that_of_the_classes() -> None:
+    """`python -c "import json; from famjax.cards import schema; ..."` writes it: see its test."""
+    assert SCHEMA_FILE.read_text() == json.dumps(schema(), indent=1) + "\n"
+
+
+def test_the_file_says_region_stops_and_volume(golden: MuscleCard) -> None:
+    document = msgspec.to_builtins(card_as_document(golden))
+    assert document["schema"] == "famjax-card/1"
+    assert document["data"] == {"length_m": [0.24, 0.3], "pressure_Pa": [5e4, 6e5]}
+    np.testing.assert_array_equal(document["monotone"]["length_m"], golden.region.length)
+    np.testing.assert_array_equal(document["stops_m"], golden.safe().continued.stops)
+    table = document["volume"]
+    L, P = np.array(table["length_m"]), np.array(table["pressure_Pa"])
+    np.testing.assert_allclose(table["volume_m3"], golden.volume(L[:, None], P), rtol=1e-14)
+    assert [one["weight"] for one in document["members"]] == [0.5, 0.5]
+    document["members"][0]["series_compliance_m_per_N"] = 1e-6
+    mounted = card_from_document(checked(document))
+    assert float(mounted.members[0].compliance) == 1e-6
+    # The mean is of the first in its mounting, and of the second as it is.
+    in_mean = [float(one.force(0.28, 4e5)) for one in mounted.members]
+    np.testing.assert_allclose(mounted.muscle.force(0.28, 4e5), np.mean(in_mean), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("schema",), "famjax-card/99", "must be of schema 'famjax-card/1', got 'famjax-card/99'"),
+        (("schema",), ..., "got None; make one of a fit by famjax card"),
+        (("members",), [], "damaged: .* length >= 1"),
+        (("members", 0, "weight"), "half", r"damaged: Expected `float`.*\$.members\[0\].weight"),
+        (("members", 0, "weight"), float("nan"), r"\$.members\[0\].weight must be finite"),
+        (("members", 0, "muscle", "geometry", "braid", "turns"), ..., "no entry 'turns'"),
+        (("data", "length_m"), [0.1], r"damaged: .*length >= 2.*data.length_m"),
+        (("colour",), "blue", "unknown field `colour`"),
+        (("covariance", "matrix"), [[1.0, 2.0]], r"covariance.matrix must have the shape \(1, 1\)"),
+        (("sample", "rows"), [[1.0]], "sample.rows must have the shape"),
+        (("sample", "numbers"), [f"n{k}" for k in range(11)], "the sample's numbers must be"),
+        (("hysteresis", "cycle", "turn_Pa"), ..., "hysteresis cannot be read .*turn_Pa"),
+    ],
+)  # fmt: skip
+def test_a_damaged_card_is_explained(
+    path: tuple, value: object, message: str, tmp_path: Path
+) -> None:
+    document = json.loads((GOLDEN / "card-1.json").read_text())
+    at = document
+    for place in path[:-1]:
+        at = at[place]
+    if value is ...:
+        del at[path[-1]]
+    else:
+        at[path[-1]] = value
+    (tmp_path / "card.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=message):
+        read_card(tmp_path / "card.json")
+
+
+def test_what_is_no_file_or_no_card_is_explained(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot read"):
+        read_card(tmp_path / "none.json")
+    (tmp_path / "text.json").write_text("F = 3")
+    with pytest.raises(InputError, match="is not a JSON file"):
+        read_card(tmp_path / "text.json")
+
+
+def test_the_sample_is_seeded_and_spreads_as_it_was_told(golden: MuscleCard) -> None:
+    members, region = golden.members[:1], golden.data
+    flat = np.asarray(flatten(members[0])[0])
+    directions = np.diag(0.01 * flat)[flat > 1e4]
+    weights = np.ones(1)
+    drawn = draw(members, weights, directions, region, seed=3, count=200)
+    again = draw(members, weights, directions, region, seed=3, count=200)
+    other = draw(members, weights, directions, region, seed=4, count=200)
+    np.testing.assert_array_equal(drawn.rows, again.rows)
+    assert (drawn.rows != other.rows).any()
+    moved = flat > 1e4
+    np.testing.assert_array_equal(drawn.rows[:, ~moved], np.tile(flat[~moved], (200, 1)))
+    spread = drawn.rows[:, moved].std(axis=0, ddof=1) / (0.01 * flat[moved])
+    np.testing.assert_allclose(spread, 1.0, atol=4 / np.sqrt(2 * 200))
+    assert drawn.names[int(np.flatnonzero(moved)[-1])].endswith("deadband_pressure")
+    with pytest.raises(InputError, match="directions must be of 11 numbers"):
+        draw(members, weights, np.ones((1, 3)), region)
+    with pytest.raises(InputError, match="the fit determines too little"):
+        draw(members, weights, 1e6 * directions, region, count=4)
+
+
+def test_the_muscles_of_the_sample_are_asked_at_once(golden: MuscleCard) -> None:
+    muscles, safe = golden.sample, golden.safe_sample()
+    assert muscles is not None
+    assert safe is not None
+    forces = eqx.filter_vmap(lambda one: one.force(0.28, 4e5))(muscles)
+    np.testing.assert_allclose(
+        eqx.filter_vmap(lambda one: one.force(0.28, 4e5))(safe), forces, rtol=1e-10
+    )
+    assert len(set(np.asarray(forces).tolist())) == 3
+    # Of two members the first is drawn, and the pull moves by as much as its own does.
+    assert golden.draws is not None
+    row = flatten(golden.members[0])[1](golden.draws.rows[0])
+    shift = row.force(0.28, 4e5) - golden.members[0].force(0.28, 4e5)
+    np.testing.assert_allclose(forces[0], golden.muscle.force(0.28, 4e5) + shift, rtol=1e-9)
+
+
+def test_the_volume_is_that_of_virtual_work_and_goes_on_beyond_the_data() -> None:
+    """A braid without wall and deadband pulls with -P dV/dL, rounded ends or not."""
+    braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
+    shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.0018, embedded=True))
+    for geometry in (shape, famjax.geometries.EndEffectGeometry(shape, 1.1)):
+        muscle = famjax.Muscle(geometry, famjax.terms.PressurisedBraid(0.0))
+        slope = jax.grad(lambda L, of=geometry: famjax.geometries.inner_volume(of, L, 3e5))(0.27)
+        np.testing.assert_allclose(-3e5 * slope, muscle.force(0.27, 3e5), rtol=1e-12)
+    np.testing.assert_allclose(
+        famjax.geometries.inner_volume(geometry, 0.3, 0.0),
+        np.pi / 4 * 0.022**2 * 0.3 - shape.bladder.volume,
+        rtol=1e-12,
+    )
+    card = MuscleCard(
+        "plain", (MountedMuscle(muscle, 0.0),), np.ones(1), Region([0.25, 0.3], [1e5, 5e5])
+    )
+    L = np.linspace(0.0, 0.6, 601)
+    V = np.asarray(card.volume(L, 3e5))
+    assert (V > 0).all()
+    assert (np.diff(V) < 0).all()
+    rates = jax.vmap(jax.grad(lambda L: card.volume(L, 3e5)))(
+        np.array([0.25 - 1e-9, 0.25 + 1e-9, 0.3 - 1e-9, 0.3 + 1e-9])
+    )
+    np.testing.assert_allclose(rates[::2], rates[1::2], rtol=1e-6)
+
+
+def test_a_cut_card_pulls_the_same_at_the_same_contraction() -> None:
+    card = bundled_card("DMSP-10")
+    short = card.cut(0.125)
+    assert "cut from 0.25 to 0.125 m" in short.provenance.notes
+    assert short.draws is None
+    for contraction, pressure in ((0.0, 3e5), (0.1, 5e5), (0.35, 6e5), (-0.2, 9e5)):
+        one, other = (of.safe().force((1 - contraction) * L0, pressure)
+                      for of, L0 in ((card, 0.25), (short, 0.125)))  # fmt: skip
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
+    with pytest.raises(InputError, match="rest length must be > 0"):
+        card.cut(-1.0)
+    document = card_as_document(short)
+    assert card_from_document(checked(msgspec.to_builtins(document))).name == "DMSP-10"
