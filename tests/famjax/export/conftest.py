@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from famjax.cards import MuscleCard
 from famjax.export import Subject
 from famjax.muscle import Region
 
+States = Callable[[Subject, int], tuple[np.ndarray, np.ndarray]]
 LENGTHS, PRESSURES = (0.225, 0.3), (0.0, 6e5)
 ODD_NAME = "20 mm */ /* \"quick\" & <muscle>"
 
@@ -37,11 +40,21 @@ def dmsp_20() -> Subject:
     return famjax.export.read_subject("dmsp-20")
 
 
-def states(subject: Subject, count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+@pytest.fixture(scope="session")
+def states() -> States:
     """Lengths and pressures, a half in the region and a half up to twice its ends."""
-    rng = np.random.default_rng(seed)
-    axes = []
-    for axis in (subject.pull.lengths, subject.pull.pressures):
-        inside = rng.uniform(axis[0], axis[-1], count // 2)
-        axes.append(np.concatenate([inside, rng.uniform(0, 2 * axis[-1], count // 2)]))
-    return axes[0], axes[1]
+
+    def drawn(subject: Subject, count: int) -> tuple[np.ndarray, np.ndarray]:
+        rng = np.random.default_rng(3)
+        length, pressure = (
+            np.concatenate(
+                [
+                    rng.uniform(axis[0], axis[-1], count // 2),
+                    rng.uniform(0, 2 * axis[-1], count // 2),
+                ]
+            )
+            for axis in (subject.pull.lengths, subject.pull.pressures)
+        )
+        return length, pressure
+
+    return drawn

@@ -5,9 +5,9 @@ import math
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from export_states import states
 
 import famjax
 from famjax.boundary.errors import InputError
@@ -15,13 +15,13 @@ from famjax.export import Subject, TabulatedPull, tabulated
 
 
 @pytest.mark.parametrize("name", ["subject", "dmsp_20"])
-def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest) -> None:
+def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest, states) -> None:
     subject = request.getfixturevalue(name)
     L, P = states(subject, 400)
     force = np.asarray(subject.muscle.force(L, P))
     largest = force[:200].max()
     off = np.array([*map(subject.pull.force, L.tolist(), P.tolist())]) - force
-    assert np.abs(off).max() < 2e-7 * largest
+    assert np.abs(off).max() < 1e-6 * largest
     stiffness = np.asarray(subject.muscle.stiffness(L, P))
     told = np.array([*map(subject.pull.stiffness, L.tolist(), P.tolist())])
     assert np.abs(told - stiffness).max() < 1e-4 * np.abs(stiffness).max()
@@ -32,7 +32,7 @@ def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest) 
     assert subject.errors.pressure < 1
 
 
-def test_slopes_are_those_of_the_force(subject: Subject) -> None:
+def test_slopes_are_those_of_the_force(subject: Subject, states) -> None:
     pull = subject.pull
     for length, pressure in zip(*(one.tolist() for one in states(subject, 200)), strict=True):
         for slope, (dL, dP) in ((pull.stiffness, (1e-7, 0)), (pull.area, (0, 1e-1))):
@@ -80,20 +80,20 @@ def test_nodes_stand_where_they_are_needed(subject: Subject, dmsp_20: Subject) -
     assert gaps.max() > 4 * gaps.min()
 
 
-class Kinked(famjax.AbstractMuscle):
-    """A spring with a kink, for which no table of cubics is fine enough."""
+class Rippled(famjax.AbstractMuscle):
+    """A spring with more ripples than a table has nodes."""
 
-    rest_length: jax.Array = eqx.field(converter=np.asarray, default=0.3)
+    rest_length: jax.Array = eqx.field(converter=jnp.asarray, default=0.3)
 
     def force(self, length, pressure):
-        return 1e3 * abs(length - 0.2437) + 2e3 * length + 1e-3 * pressure
+        return 2e3 * length + 1e-3 * jnp.sin(1e5 * length) + 1e-3 * pressure
 
     def length_range(self):
-        return np.asarray(0.1), np.asarray(0.4)
+        return jnp.asarray(0.1), jnp.asarray(0.4)
 
 
-def test_a_model_with_a_kink_is_refused() -> None:
-    muscle = famjax.SafeMuscle.of(Kinked(), [0.2, 0.3], [0.0, 5e5])
+def test_a_model_with_ripples_is_refused() -> None:
+    muscle = famjax.SafeMuscle.of(Rippled(), [0.2, 0.3], [0.0, 5e5])
     with pytest.raises(InputError, match="not smooth enough for a table"):
         tabulated(muscle)
 

@@ -1,0 +1,91 @@
+"""The model as StableHLO and inside MJX: values and derivatives are the model's."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import famjax
+from famjax.boundary.errors import InputError
+from famjax.export import Subject, export
+
+
+def test_a_process_without_famjax_computes_force_and_gradient(
+    subject: Subject, tmp_path: Path
+) -> None:
+    pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")
+    export(subject, ["jax"], tmp_path)
+    L, P = np.array([0.24, 0.28, 0.31, 0.4]), np.array([3e5, 5e5, 9e5, 1e5])
+    script = (
+        "import sys, jax, numpy as np, test_20_jax as of\n"
+        f"L, P = np.array({L.tolist()}), np.array({P.tolist()})\n"
+        "print(*of.force(L, P).tolist())\n"
+        "print(*jax.grad(lambda L: of.force(L, P).sum())(L).tolist())\n"
+        "print('famjax' in sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    force, stiffness, famjax_there = (line.split() for line in done.stdout.splitlines())
+    assert [*map(float, force)] == pytest.approx(np.asarray(subject.muscle.force(L, P)), rel=1e-12)
+    expected = np.asarray(subject.muscle.stiffness(L, P))
+    assert [*map(float, stiffness)] == pytest.approx(expected, rel=1e-10)
+    assert famjax_there == ["False"]
+
+
+def test_mjx_needs_a_card(subject: Subject, tmp_path: Path) -> None:
+    bare = Subject("bare", subject.muscle)
+    with pytest.raises(InputError, match="from a card"):
+        export(bare, ["c", "mjx"], tmp_path)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.slow
+def test_an_mjx_rollout_is_mujoco_s_and_its_derivative_that_of_differences(
+    subject: Subject, tmp_path: Path
+) -> None:
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    mjx = pytest.importorskip("mujoco.mjx", reason="MuJoCo's MJX is not installed")
+    export(subject, ["mujoco", "mjx"], tmp_path)
+    steps, pressure, start = 50, 4e5, 0.01
+    plain = mujoco.MjModel.from_xml_path(str(tmp_path / "test_20.xml"))
+    model = mjx.put_model(mujoco.MjModel.from_xml_path(str(tmp_path / "test_20_mjx.xml")))
+    muscle = famjax.cards.read_card(tmp_path / "test_20_card.json").safe()
+
+    def modulus(of):
+        return of.continued.muscle.terms.terms[0].material.coefficients
+
+    @jax.jit
+    def end(first):
+        softer = eqx.tree_at(modulus, muscle, modulus(muscle).at[0].set(first))
+        data = mjx.make_data(model).replace(qpos=jnp.array([start]))
+
+        def step(data, _):
+            return famjax.export.mjx_step(model, data, {0: (softer, pressure)}), None
+
+        return jax.lax.scan(step, data, None, length=steps)[0].qpos[0]
+
+    first = float(modulus(muscle)[0])
+    reached, slope = jax.value_and_grad(end)(first)
+    width = 1e-4 * first
+    difference = (end(first + width) - end(first - width)) / (2 * width)
+    assert float(slope) == pytest.approx(float(difference), rel=1e-6)
+    assert abs(float(slope)) * first > 1e-5  # m: E_1 moves the load
+
+    data = mujoco.MjData(plain)
+    data.qpos[0], data.ctrl[0] = start, pressure
+    famjax.export.install(plain, {"test_20": subject.pull})
+    try:
+        mujoco.mj_step(plain, data, nstep=steps)
+    finally:
+        mujoco.set_mjcb_act_bias(None)
+        mujoco.set_mjcb_act_gain(None)
+    assert float(reached) == pytest.approx(data.qpos[0], abs=1e-8)
