@@ -3,7 +3,6 @@
 import dataclasses
 import math
 
-import mujoco
 import numpy as np
 
 from famjax.export import TabulatedPull, install
@@ -63,6 +62,8 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
         overrun: beyond either end of the stroke, in strokes.
         seconds: of simulated time.
     """
+    import mujoco  # noqa: PLC0415 -- an extra of the project
+
     short, long = pull.lengths[0], pull.lengths[-1]
     reach = (0.5 + overrun) * (long - short)
     middle = 0.5 * (short + long)
@@ -95,4 +96,6 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
     past = min(short - lengths.min(axis=0).max(), lengths.max(axis=0).min() - long)
     finite = bool(np.isfinite(lengths).all() and np.isfinite(speeds).all())
     last = round(1.0 / model.opt.timestep)
-    return KneeRun(float(past) / (long - short), float(speeds.max()), float(speeds[-last:].max()), finite)
+    return KneeRun(
+        float(past) / (long - short), float(speeds.max()), float(speeds[-last:].max()), finite
+    )

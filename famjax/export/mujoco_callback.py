@@ -1,7 +1,27 @@
 """MuJoCo's callbacks for muscles: actuators of `gaintype="user"` and `biastype="user"` on a tendon."""
 
+import ctypes
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+
+
+class CompiledPull:
+    """The pull by the exported C in a shared library: a callback of little more than Python's cost.
+
+    Attributes:
+        force: F [N] at a length [m] and a gauge pressure [Pa].
+    """
+
+    def __init__(self, library: str | Path, name: str) -> None:
+        """The pull of a library, from such as `gcc -O2 -shared -fPIC NAME.c -o NAME.so`.
+
+        Args:
+            library: the file; compiled in double precision.
+            name: of the muscle in it.
+        """
+        self.force = getattr(ctypes.CDLL(str(Path(library).resolve())), f"{name}_force")
+        self.force.restype, self.force.argtypes = ctypes.c_double, [ctypes.c_double] * 2
 
 
 def install(model: Any, pulls: Mapping[str, Any]) -> None:

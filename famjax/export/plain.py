@@ -5,6 +5,7 @@ Exported modules carry this file's text. The C source and the MATLAB functions a
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from math import isnan, nan
 from typing import Any
 
 _STRAIGHT = 0.8
@@ -67,8 +68,8 @@ class TabulatedPull:
         0 where it pulls more without pressure; the limit, twice the highest pressure of the table,
         where it cannot pull so much. For a force <= 0 the highest pressure at which it is slack.
         """
-        if force != force or length != length:
-            return force + length
+        if isnan(force + length):
+            return nan
         wanted = _untaut(force, self.slack_width)
         low, high = 0.0, self.pressure_limit
         if self.uncut(length, low)[0] >= wanted:

@@ -26,8 +26,7 @@ def jax_files(subject: Subject) -> dict[str, bytes]:
 
     name, muscle = subject.identifier, subject.muscle
     states = jax.ShapeDtypeStruct(export.symbolic_shape("states"), jnp.float64)
-    force = jax.jit(lambda length, pressure: muscle.force(length, pressure))
-    program = export.export(force, platforms=("cpu", "cuda"))(states, states)
+    program = export.export(jax.jit(muscle.force), platforms=("cpu", "cuda"))(states, states)
     about = "\n".join(subject.about).replace("\\", "/").replace('"""', "'''")
     module = f'''"""{about}
 

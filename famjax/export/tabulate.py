@@ -128,7 +128,7 @@ def table_errors(muscle: SafeMuscle, pull: TabulatedPull, *, seed: int = 0) -> T
     largest = float(force[:half].max())
     area = np.array([pull.area(*state) for state in states])
     told = (force > pull.slack_width) & (area > _STEEP * area[:half].mean())
-    told &= (L > pull.stops[0]) & (L < pull.stops[1])
+    told &= (pull.stops[0] < L) & (pull.stops[1] > L)
     back = [
         abs(pull.pressure(length, one) - pressure)
         for (length, pressure), one, tell in zip(states, force.tolist(), told, strict=True)
@@ -174,8 +174,8 @@ def _slopes(model: AbstractMuscle, length: Numbers, pressure: Numbers) -> tuple[
     spare = -len(L) % _AT_ONCE
     chunks = (np.pad(one, (0, spare), mode="edge").reshape(-1, _AT_ONCE) for one in (L, P))
     found = [
-        np.stack(_slopes_of_chunk(model, jnp.asarray(l), jnp.asarray(p)))
-        for l, p in zip(*chunks, strict=True)
+        np.stack(_slopes_of_chunk(model, jnp.asarray(one), jnp.asarray(at)))
+        for one, at in zip(*chunks, strict=True)
     ]
     return tuple(np.concatenate(found, axis=1)[:, : len(L)].reshape(4, *np.shape(length)))
 

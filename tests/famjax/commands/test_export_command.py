@@ -54,7 +54,7 @@ def test_a_card(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
         (["dmsp-30", "--to", "c"], "dmsp-30"),
         (["dmsp-10", "--to", "fortran"], "fortran"),
         (["dmsp-10", "--to", "c", "--length", "300"], "unit"),
-        (["dmsp-10", "--to", "c", "--length", "1mm"], "cannot be cut"),
+        (["dmsp-10", "--to", "c", "--length", "0mm"], "must be > 0"),
         (["dmsp-10"], "--to"),
     ],
 )
@@ -75,7 +75,7 @@ def test_what_cannot_be_exported_is_refused(
 @pytest.mark.slow
 def test_a_fit(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
     code, _, _ = run(
-        capsys, "fit", "DMSP-10-250", "--order", "2", "--starts", "4", "-o", tmp_path / "fit"
+        capsys, "fit", "DMSP-10-250", "--order", "2", "--starts", "4", "--output", tmp_path / "fit"
     )
     assert code == 0
     file = tmp_path / "fit" / "fit.json"

@@ -1,48 +1,17 @@
 """The exported C on this machine, and for an AVR: equal to the model, without warnings, small."""
 
-import ctypes
 import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from export_c import code_sections, compiled, exported_states, telling
 
 from famjax.export import Subject, export
 
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion"]
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
-needs_avr = pytest.mark.skipif(
-    shutil.which("avr-gcc") is None, reason="no avr-gcc on this machine"
-)
-
-
-def section_sizes(tool: str, file: Path) -> dict[str, int]:
-    """Bytes of each section of an object file."""
-    told = subprocess.run([tool, "-A", file], capture_output=True, text=True, check=True).stdout
-    rows = [line.split() for line in told.splitlines()]
-    return {row[0]: int(row[1]) for row in rows if len(row) == 3 and row[1].isdigit()}
-
-
-def library(subject: Subject, folder: Path, real: str):
-    """The exported functions by name, compiled without a warning."""
-    name = subject.identifier
-    export(subject, ["c"], folder)
-    shared = folder / f"{real}.so"
-    subprocess.run(
-        ["gcc", *STRICT, "-Os", "-shared", "-fPIC", f"-D{name.upper()}_REAL={real}",
-         "-o", shared, folder / f"{name}.c"],
-        check=True,
-    )  # fmt: skip
-    kind = {"double": ctypes.c_double, "float": ctypes.c_float}[real]
-    loaded = ctypes.CDLL(str(shared))
-
-    def function(what: str):
-        found = getattr(loaded, f"{name}_{what}")
-        found.restype, found.argtypes = kind, [kind, kind]
-        return lambda a, b: np.array([found(*one) for one in zip(a.tolist(), b.tolist())])
-
-    return function
+needs_avr = pytest.mark.skipif(shutil.which("avr-gcc") is None, reason="no avr-gcc on this machine")
 
 
 @needs_gcc
@@ -50,10 +19,10 @@ def library(subject: Subject, folder: Path, real: str):
     ("real", "force_error", "pressure_error"), [("double", 1e-6, 1.0), ("float", 1e-4, 200.0)]
 )
 def test_c_is_the_model(
-    real: str, force_error: float, pressure_error: float, dmsp_20: Subject, tmp_path: Path, states
+    real: str, force_error: float, pressure_error: float, dmsp_20: Subject, tmp_path: Path
 ) -> None:
-    function = library(dmsp_20, tmp_path, real)
-    L, P = states(dmsp_20, 2000)
+    function = compiled(dmsp_20, tmp_path, real)
+    L, P = exported_states(dmsp_20, 2000)
     force = np.asarray(dmsp_20.muscle.force(L, P))
     largest = force[:1000].max()
     assert np.abs(function("force")(L, P) - force).max() < force_error * largest
@@ -61,9 +30,7 @@ def test_c_is_the_model(
     off = np.abs(function("stiffness")(L, P) - stiffness)
     inside = off[:1000].max() / stiffness[:1000].max()
     assert inside < {"double": 1e-12, "float": 1e-3}[real]
-    area = np.array([*map(dmsp_20.pull.area, L.tolist(), P.tolist())])
-    between = (L > dmsp_20.pull.stops[0]) & (L < dmsp_20.pull.stops[1])
-    told = between & (force > dmsp_20.pull.slack_width) & (area > 0.01 * area[:1000].mean())
+    told = telling(dmsp_20, L, P)
     assert told[:1000].sum() > 500  # the others are slack
     back = function("pressure")(L[told], force[told])
     assert np.abs(back - P[told]).max() < pressure_error
@@ -71,7 +38,7 @@ def test_c_is_the_model(
 
 @needs_gcc
 def test_ends_of_the_inverse(subject: Subject, tmp_path: Path) -> None:
-    inverse = library(subject, tmp_path, "double")("pressure")
+    inverse = compiled(subject, tmp_path, "double")("pressure")
     pull = subject.pull
     asked = [(0.28, 1e6), (pull.lengths[-1] + 0.05, 100.0), (0.27, 0.0), (0.27, -5.0), (0.29, 0.3)]
     found = inverse(*np.array(asked).T)
@@ -83,34 +50,27 @@ def test_ends_of_the_inverse(subject: Subject, tmp_path: Path) -> None:
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_code_is_small(real: str, dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["c"], tmp_path)
-    define = f"-DDMSP_20_REAL={real}"
-    compiled = tmp_path / "a.o"
-    subprocess.run(
-        ["gcc", "-std=c99", "-Os", define, "-c", "-o", compiled, tmp_path / "dmsp_20.c"], check=True
-    )
-    sizes = section_sizes("size", compiled)
+    sizes = code_sections(tmp_path / "dmsp_20.c", f"-DDMSP_20_REAL={real}")
     assert sizes[".text"] < 3000
     assert sizes[".data"] == sizes[".bss"] == 0  # tables are constant, and nothing is kept
-    symbols = subprocess.run(["nm", "-u", compiled], capture_output=True, text=True, check=True)
+    symbols = subprocess.run(
+        ["nm", "-u", tmp_path / "dmsp_20.o"], capture_output=True, text=True, check=True
+    )
     assert "alloc" not in symbols.stdout
 
 
 @needs_avr
 def test_c_for_an_avr(dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["c"], tmp_path)
-    compiled = tmp_path / "a.o"
     source = tmp_path / "dmsp_20.c"
-    subprocess.run(
-        ["avr-gcc", "-mmcu=atmega328p", "-Os", *STRICT, "-c", "-o", compiled, source], check=True
-    )
-    sizes = section_sizes("avr-size", compiled)
+    sizes = code_sections(source, "-mmcu=atmega328p", compiler="avr-gcc", size="avr-size")
     assert sizes[".text"] < 5500
     assert sizes[".rodata"] + sizes[".data"] + sizes[".bss"] < 64  # tables stay in the flash
 
 
 @needs_gcc
 def test_a_name_and_an_origin_that_c_would_read(odd_subject: Subject, tmp_path: Path) -> None:
-    force = library(odd_subject, tmp_path, "double")("force")
+    force = compiled(odd_subject, tmp_path, "double")("force")
     assert force(np.array([0.28]), np.array([4e5]))[0] == odd_subject.pull.force(0.28, 4e5)
 
 

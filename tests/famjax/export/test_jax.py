@@ -5,15 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from export_rollout import rollout_derivatives, rollout_end
 
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.export import Subject, export
+
+STEPS = 50
 
 
 def test_a_process_without_famjax_computes_force_and_gradient(
@@ -53,38 +54,20 @@ def test_an_mjx_rollout_is_mujoco_s_and_its_derivative_that_of_differences(
     subject: Subject, tmp_path: Path
 ) -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    mjx = pytest.importorskip("mujoco.mjx", reason="MuJoCo's MJX is not installed")
-    export(subject, ["mujoco", "mjx"], tmp_path)
-    steps, pressure, start = 50, 4e5, 0.01
+    pytest.importorskip("mujoco.mjx", reason="MuJoCo's MJX is not installed")
+    exact, difference = rollout_derivatives(tmp_path, steps=STEPS)
+    assert exact == pytest.approx(difference, rel=1e-6)
+    first = float(subject.muscle.continued.muscle.terms.terms[0].material.coefficients[0])
+    assert abs(exact) * first > 1e-5  # m: E_1 moves the load
+
+    export(subject, ["mujoco"], tmp_path)
     plain = mujoco.MjModel.from_xml_path(str(tmp_path / "test_20.xml"))
-    model = mjx.put_model(mujoco.MjModel.from_xml_path(str(tmp_path / "test_20_mjx.xml")))
-    muscle = famjax.cards.read_card(tmp_path / "test_20_card.json").safe()
-
-    def modulus(of):
-        return of.continued.muscle.terms.terms[0].material.coefficients
-
-    @jax.jit
-    def end(first):
-        softer = eqx.tree_at(modulus, muscle, modulus(muscle).at[0].set(first))
-        data = mjx.make_data(model).replace(qpos=jnp.array([start]))
-
-        def step(data, _):
-            return famjax.export.mjx_step(model, data, {0: (softer, pressure)}), None
-
-        return jax.lax.scan(step, data, None, length=steps)[0].qpos[0]
-
-    first = float(modulus(muscle)[0])
-    reached, slope = jax.value_and_grad(end)(first)
-    width = 1e-4 * first
-    difference = (end(first + width) - end(first - width)) / (2 * width)
-    assert float(slope) == pytest.approx(float(difference), rel=1e-6)
-    assert abs(float(slope)) * first > 1e-5  # m: E_1 moves the load
-
+    reached = rollout_end(tmp_path, jnp.asarray(first), steps=STEPS)
     data = mujoco.MjData(plain)
-    data.qpos[0], data.ctrl[0] = start, pressure
+    data.qpos[0], data.ctrl[0] = 0.01, 4e5
     famjax.export.install(plain, {"test_20": subject.pull})
     try:
-        mujoco.mj_step(plain, data, nstep=steps)
+        mujoco.mj_step(plain, data, nstep=STEPS)
     finally:
         mujoco.set_mjcb_act_bias(None)
         mujoco.set_mjcb_act_gain(None)

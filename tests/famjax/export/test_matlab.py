@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from export_c import exported_states
 from scipy.io import loadmat, savemat
 
 from famjax.export import Subject, export
@@ -26,11 +27,9 @@ def octave(folder: Path, commands: str) -> dict[str, np.ndarray]:
 
 
 @needs_octave
-def test_octave_computes_the_table_to_the_last_digits(
-    subject: Subject, tmp_path: Path, states
-) -> None:
+def test_octave_computes_the_table_to_the_last_digits(subject: Subject, tmp_path: Path) -> None:
     export(subject, ["matlab"], tmp_path)
-    L, P = states(subject, 100)
+    L, P = exported_states(subject, 100)
     force, stiffness, area = (
         np.array([*map(ask, L.tolist(), P.tolist())])
         for ask in (subject.pull.force, subject.pull.stiffness, subject.pull.area)

@@ -3,6 +3,7 @@
 import importlib.util
 import itertools
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,13 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from export_c import compiled
+from export_knee import driven_knee
 
-from famjax.export import Subject, export, install
+from famjax.export import CompiledPull, Subject, export, install
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
-
-from export_knee import driven_knee
 
 
 @pytest.fixture(autouse=True)
@@ -111,6 +111,18 @@ def test_the_pressure_may_be_a_state_of_the_actuator(subject: Subject, tmp_path:
     assert -data.actuator_force[0] == pytest.approx(
         subject.pull.force(float(data.ten_length[0]), float(data.act[0]))
     )
+
+
+def test_the_compiled_callback_is_the_table(hanging, subject: Subject, tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc on this machine")
+    model, data = hanging
+    compiled(subject, tmp_path, "double")
+    install(model, {"test_20": CompiledPull(tmp_path / "double.so", "test_20")})
+    data.ctrl[0] = 4e5
+    mujoco.mj_forward(model, data)
+    expected = subject.pull.force(float(data.ten_length[0]), 4e5)
+    assert -data.actuator_force[0] == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["subject", "dmsp_20"])

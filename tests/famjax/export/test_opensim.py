@@ -43,8 +43,8 @@ def test_the_model_names_the_properties_of_the_class(subject: Subject, tmp_path:
     B, N = ideal_braid(subject)
     assert float(actuator.findtext("thread_length") or 0) == B
     assert float(actuator.findtext("number_of_turns") or 0) == N
-    credits = ET.parse(file).findtext("Model/credits") or ""
-    assert "without bladder, deadband, slack or stops: off by up to" in credits
+    head = ET.parse(file).findtext("Model/credits") or ""
+    assert "without bladder, deadband, slack or stops: off by up to" in head
 
 
 def test_a_name_that_xml_would_read(odd_subject: Subject, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from export_c import exported_states
 
 import famjax
 from famjax.boundary.errors import InputError
@@ -15,9 +16,9 @@ from famjax.export import Subject, TabulatedPull, tabulated
 
 
 @pytest.mark.parametrize("name", ["subject", "dmsp_20"])
-def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest, states) -> None:
+def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest) -> None:
     subject = request.getfixturevalue(name)
-    L, P = states(subject, 400)
+    L, P = exported_states(subject, 400)
     force = np.asarray(subject.muscle.force(L, P))
     largest = force[:200].max()
     off = np.array([*map(subject.pull.force, L.tolist(), P.tolist())]) - force
@@ -32,9 +33,11 @@ def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest, 
     assert subject.errors.pressure < 1
 
 
-def test_slopes_are_those_of_the_force(subject: Subject, states) -> None:
+def test_slopes_are_those_of_the_force(subject: Subject) -> None:
     pull = subject.pull
-    for length, pressure in zip(*(one.tolist() for one in states(subject, 200)), strict=True):
+    for length, pressure in zip(
+        *(one.tolist() for one in exported_states(subject, 200)), strict=True
+    ):
         for slope, (dL, dP) in ((pull.stiffness, (1e-7, 0)), (pull.area, (0, 1e-1))):
             ends = [pull.force(length + k * dL, pressure + k * dP) for k in (-1, 0, 1)]
             sides = [(ends[k + 1] - ends[k]) / (dL + dP) for k in (0, 1)]
