@@ -1,5 +1,6 @@
 """A rollout of MJX with an exported muscle, differentiated by its first modulus."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import famjax
+from famjax import Real
 from famjax.cards import MuscleCard
 from famjax.export import Subject, export
 from famjax.muscle import Region
@@ -25,43 +27,43 @@ def cubic_card() -> MuscleCard:
     return MuscleCard("Test-20", (mounted,), np.ones(1), Region([0.225, 0.3], [0.0, 6e5]))
 
 
-def rollout_end(folder: Path, first: jax.Array, *, steps: int) -> jax.Array:
-    """Height [m] of the load after some steps, of a muscle with this E_1; can be differentiated.
+def rollout(folder: Path, steps: int) -> tuple[Callable[[Real], jax.Array], float]:
+    """The height [m] of the load after some steps as a function of E_1 [Pa], and E_1 itself.
 
     Args:
-        folder: with the files of `famjax export --to mjx` of `cubic_card`.
-        first: E_1 [Pa].
+        folder: for the files of `famjax export --to mjx` of `cubic_card`.
         steps: of MuJoCo's default length.
     """
     import mujoco  # noqa: PLC0415 -- an extra of the project
     from mujoco import mjx  # noqa: PLC0415
 
+    export(Subject.of_card(cubic_card()), ["mjx"], folder)
     model = mjx.put_model(mujoco.MjModel.from_xml_path(str(folder / "test_20_mjx.xml")))
     muscle = famjax.cards.read_card(folder / "test_20_card.json").safe()
-    changed = eqx.tree_at(_moduli, muscle, _moduli(muscle).at[0].set(first))
-    data = mjx.make_data(model).replace(qpos=jnp.array([_START]))
 
-    def step(data: mjx.Data, _: None) -> tuple[mjx.Data, None]:
-        return famjax.export.mjx_step(model, data, {0: (changed, _PRESSURE)}), None
+    def moduli(of: famjax.SafeMuscle) -> jax.Array:
+        return of.continued.muscle.terms.terms[0].material.coefficients  # type: ignore[attr-defined]
 
-    return jax.lax.scan(step, data, None, length=steps)[0].qpos[0]
+    def end(first: Real) -> jax.Array:
+        changed = eqx.tree_at(moduli, muscle, moduli(muscle).at[0].set(first))
+        data = mjx.make_data(model).replace(qpos=jnp.array([_START]))
+
+        def step(data: mjx.Data, _: None) -> tuple[mjx.Data, None]:
+            return famjax.export.mjx_step(model, data, {0: (changed, _PRESSURE)}), None
+
+        return jax.lax.scan(step, data, None, length=steps)[0].qpos[0]
+
+    return jax.jit(end), float(moduli(muscle)[0])
 
 
-def rollout_derivatives(folder: Path, *, steps: int) -> tuple[float, float]:
+def rollout_derivatives(folder: Path, steps: int) -> tuple[float, float]:
     """Derivative [m/Pa] of the load's height by E_1, exact and by central differences.
 
     Args:
         folder: for the exported files.
         steps: of the rollout.
     """
-    card = cubic_card()
-    export(Subject.of_card(card), ["mjx"], folder)
-    end = jax.jit(lambda first: rollout_end(folder, first, steps=steps))
-    first = float(_moduli(card.safe())[0])
+    end, first = rollout(folder, steps)
     width = 1e-4 * first
     difference = (end(first + width) - end(first - width)) / (2 * width)
     return float(jax.grad(end)(first)), float(difference)
-
-
-def _moduli(of: famjax.SafeMuscle) -> jax.Array:
-    return of.continued.muscle.terms.terms[0].material.coefficients  # type: ignore[attr-defined]

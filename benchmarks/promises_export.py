@@ -97,9 +97,7 @@ def _derivative(case: Case) -> float:
     _needs("mujoco")
     from export_rollout import rollout_derivatives  # noqa: PLC0415
 
-    exact, difference = _in_folder(
-        lambda case, folder: rollout_derivatives(folder, steps=_ROLLOUT), case
-    )
+    exact, difference = _in_folder(lambda _, folder: rollout_derivatives(folder, _ROLLOUT), case)
     return abs(exact / difference - 1)
 
 
@@ -146,6 +144,7 @@ def _row(
     )  # fmt: skip
 
 
+_TOLD = f"the taut ones of {_STATES} states between the stops, dF/dP above 1 % of its mean"
 _AT_REST = "three loads and pressures"
 _TIMES = "one load, least of seven runs"
 EXPORT: tuple[Promise, ...] = (
@@ -153,8 +152,10 @@ EXPORT: tuple[Promise, ...] = (
          "largest error in the largest force [-]", 1e-6),
     _row("C in float, force", _of_c("float", "force"), "c",
          "largest error in the largest force [-]", 1e-4),
-    _row("C in double, inverse", _of_c("double", "pressure"), "c", "largest error [Pa]", 1.0),
-    _row("C in float, inverse", _of_c("float", "pressure"), "c", "largest error [Pa]", 200.0),
+    _row("C in double, inverse", _of_c("double", "pressure"), "c", "largest error [Pa]", 1.0,
+         filter_=_TOLD),
+    _row("C in float, inverse", _of_c("float", "pressure"), "c", "largest error [Pa]", 200.0,
+         filter_=_TOLD),
     _row("C in double, code", _of_c("double", "code"), "c", "bytes without tables, gcc -Os", 3000,
          filter_="this machine"),
     _row("C in float, code", _of_c("float", "code"), "c", "bytes without tables, gcc -Os", 3000,

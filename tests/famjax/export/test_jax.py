@@ -5,10 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from export_rollout import rollout_derivatives, rollout_end
+from export_rollout import rollout, rollout_derivatives
 
 import famjax
 from famjax.boundary.errors import InputError
@@ -55,14 +54,13 @@ def test_an_mjx_rollout_is_mujoco_s_and_its_derivative_that_of_differences(
 ) -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     pytest.importorskip("mujoco.mjx", reason="MuJoCo's MJX is not installed")
-    exact, difference = rollout_derivatives(tmp_path, steps=STEPS)
+    exact, difference = rollout_derivatives(tmp_path, STEPS)
     assert exact == pytest.approx(difference, rel=1e-6)
-    first = float(subject.muscle.continued.muscle.terms.terms[0].material.coefficients[0])
+    end, first = rollout(tmp_path, STEPS)
     assert abs(exact) * first > 1e-5  # m: E_1 moves the load
 
     export(subject, ["mujoco"], tmp_path)
     plain = mujoco.MjModel.from_xml_path(str(tmp_path / "test_20.xml"))
-    reached = rollout_end(tmp_path, jnp.asarray(first), steps=STEPS)
     data = mujoco.MjData(plain)
     data.qpos[0], data.ctrl[0] = 0.01, 4e5
     famjax.export.install(plain, {"test_20": subject.pull})
@@ -71,4 +69,4 @@ def test_an_mjx_rollout_is_mujoco_s_and_its_derivative_that_of_differences(
     finally:
         mujoco.set_mjcb_act_bias(None)
         mujoco.set_mjcb_act_gain(None)
-    assert float(reached) == pytest.approx(data.qpos[0], abs=1e-8)
+    assert float(end(first)) == pytest.approx(data.qpos[0], abs=1e-8)
