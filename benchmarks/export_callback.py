@@ -3,7 +3,9 @@
 import subprocess
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +30,7 @@ def step_costs(subject: Subject, folder: Path) -> dict[str, float]:
         subject: the muscle.
         folder: of the exported files.
     """
-    import mujoco  # noqa: PLC0415 -- an extra of the project
+    mujoco: Any = import_module("mujoco")  # an extra of the project, without types
 
     export(subject, ["c", "mujoco"], folder)
     name = subject.identifier
@@ -44,7 +46,7 @@ def step_costs(subject: Subject, folder: Path) -> dict[str, float]:
         "jitted": _Pull(lambda length, pressure: float(jitted(length, pressure))),
     }
     model = mujoco.MjModel.from_xml_path(str(folder / f"{name}.xml"))
-    costs = dict.fromkeys(KINDS, float("inf"))
+    costs: dict[str, float] = {kind: float("inf") for kind in KINDS}
     try:
         for _ in range(_RUNS):
             for kind in KINDS:
@@ -62,7 +64,7 @@ def step_costs(subject: Subject, folder: Path) -> dict[str, float]:
 
 
 def _step_cost(model: object) -> float:
-    import mujoco  # noqa: PLC0415
+    mujoco: Any = import_module("mujoco")  # an extra of the project, without types
 
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +64,7 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
         overrun: beyond either end of the stroke, in strokes.
         seconds: of simulated time.
     """
-    import mujoco  # noqa: PLC0415 -- an extra of the project
+    mujoco: Any = import_module("mujoco")  # an extra of the project, without types
 
     short, long = pull.lengths[0], pull.lengths[-1]
     reach = (0.5 + overrun) * (long - short)

@@ -1,7 +1,9 @@
 """A rollout of MJX with an exported muscle, differentiated by its first modulus."""
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -34,7 +36,7 @@ def rollout(folder: Path, steps: int) -> tuple[Callable[[Real], jax.Array], floa
         folder: for the files of `famjax export --to mjx` of `cubic_card`.
         steps: of MuJoCo's default length.
     """
-    import mujoco  # noqa: PLC0415 -- an extra of the project
+    mujoco: Any = import_module("mujoco")  # an extra of the project, without types
     from mujoco import mjx  # noqa: PLC0415
 
     export(Subject.of_card(cubic_card()), ["mjx"], folder)

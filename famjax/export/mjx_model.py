@@ -13,6 +13,7 @@ from ..cards.document import as_text
 from ..muscle import AbstractMuscle
 from .mujoco_model import hanging_load
 from .subject import Subject
+from .templated import docstring
 
 if TYPE_CHECKING:
     from mujoco import mjx
@@ -58,8 +59,7 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
             "famjax.export.mjx_step with the muscle itself"
         )
     name = subject.identifier
-    about = "\n".join(subject.about).replace("\\", "/").replace('"""', "'''")
-    module = f'''"""{about}
+    module = f'''"""{docstring(subject.about)}
 
 The force is the model's own, not a table's. Float64 in JAX for its digits.
 """

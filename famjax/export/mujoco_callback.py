@@ -2,6 +2,7 @@
 
 import ctypes
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def install(model: Any, pulls: Mapping[str, Any]) -> None:
         model: `mujoco.MjModel`; other models with actuators of user type must be installed anew.
         pulls: the muscle, as anything with `force(length, pressure)`, of each actuator's name.
     """
-    import mujoco  # noqa: PLC0415 -- an extra of the project
+    mujoco: Any = import_module("mujoco")  # an extra of the project, without types
 
     wanted = {model.actuator(name).id: pull.force for name, pull in pulls.items()}
     states = model.actuator_actadr.tolist()

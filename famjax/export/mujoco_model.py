@@ -6,6 +6,7 @@ import pprint
 from xml.sax.saxutils import quoteattr
 
 from .subject import Subject
+from .templated import docstring
 
 _GRAVITY = 9.81
 _SHARE = 0.5, 2 / 3  # load in the blocked force, and its pressure in the highest
@@ -77,9 +78,8 @@ def _module(subject: Subject) -> str:
         (room / file).read_text(encoding="utf-8") for file in ("plain.py", "mujoco_callback.py")
     ]
     name = subject.identifier
-    about = "\n".join(subject.about_table).replace("\\", "/").replace('"""', "'''")
     table = pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False)
-    return f'''"""{about}
+    return f'''"""{docstring(subject.about_table)}
 
     model = mujoco.MjModel.from_xml_path("{name}.xml")
     install(model, {{"{name}": PULL}})

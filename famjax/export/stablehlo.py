@@ -7,6 +7,8 @@ import jax.numpy as jnp
 
 from ..boundary.errors import InputError
 from .subject import Subject
+from .tabulate import check_float64
+from .templated import docstring
 
 
 def jax_files(subject: Subject) -> dict[str, bytes]:
@@ -17,18 +19,13 @@ def jax_files(subject: Subject) -> dict[str, bytes]:
     """
     if importlib.util.find_spec("flatbuffers") is None:
         raise InputError("exporting to JAX needs flatbuffers: pip install 'famjax[simulators]'")
-    if not jax.config.jax_enable_x64:
-        raise InputError(
-            "a muscle is exported in float64: call jax.config.update('jax_enable_x64', True) before "
-            "anything of JAX"
-        )
+    check_float64()
     from jax import export  # noqa: PLC0415 -- needs flatbuffers
 
     name, muscle = subject.identifier, subject.muscle
     states = jax.ShapeDtypeStruct(export.symbolic_shape("states"), jnp.float64)
     program = export.export(jax.jit(muscle.force), platforms=("cpu", "cuda"))(states, states)
-    about = "\n".join(subject.about).replace("\\", "/").replace('"""', "'''")
-    module = f'''"""{about}
+    module = f'''"""{docstring(subject.about)}
 
 The model itself: the difference is rounding. Needs jax and flatbuffers.
 """

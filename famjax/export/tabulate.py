@@ -65,17 +65,13 @@ def tabulated(muscle: SafeMuscle, *, close: float = CLOSE) -> dict[str, Any]:
     Raises:
         InputError: more nodes would be needed than a table may have, or JAX is in float32.
     """
-    if not jax.config.jax_enable_x64:
-        raise InputError(
-            "a muscle is exported in float64: call jax.config.update('jax_enable_x64', True) before "
-            "anything of JAX"
-        )
+    check_float64()
     inside = muscle.continued
     model, region = inside.muscle, inside.region
-    ends = {
-        name: np.asarray(getattr(region, name), float).tolist() for name in ("length", "pressure")
+    ends: dict[str, Numbers] = {
+        name: np.asarray(getattr(region, name), float) for name in ("length", "pressure")
     }
-    nodes = {name: np.linspace(*ends[name], _FIRST[name]) for name in ends}
+    nodes = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
     scale = float(np.abs(_slopes(model, *np.meshgrid(*nodes.values()))[0]).max())
     while True:
         split = {name: _too_wide(model, nodes, name, close * scale) for name in nodes}
@@ -103,8 +99,21 @@ def tabulated(muscle: SafeMuscle, *, close: float = CLOSE) -> dict[str, Any]:
         "length_ends_per_m": np.asarray(inside.length_ends, float).tolist(),
         "pressure_ends_per_Pa": np.asarray(inside.pressure_ends, float).tolist(),
         "slack_width_N": float(muscle.slack_width),
-        "pressure_limit_Pa": _LIMIT * ends["pressure"][1],
+        "pressure_limit_Pa": _LIMIT * float(ends["pressure"][1]),
     }
+
+
+def check_float64() -> None:
+    """Refuse to export what float32 has rounded.
+
+    Raises:
+        InputError: JAX is in float32.
+    """
+    if not jax.config.read("jax_enable_x64"):
+        raise InputError(
+            "a muscle is exported in float64: call jax.config.update('jax_enable_x64', True) before "
+            "anything of JAX"
+        )
 
 
 def table_errors(muscle: SafeMuscle, pull: TabulatedPull, *, seed: int = 0) -> TableErrors:

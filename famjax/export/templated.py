@@ -48,6 +48,11 @@ def table_words(subject: Subject, comment: str, number: str, *, end: str = "") -
     }
 
 
+def docstring(lines: Iterable[str]) -> str:
+    """Lines that do not end a docstring of Python."""
+    return "\n".join(lines).replace("\\", "/").replace('"', "'")
+
+
 def _harmless(line: str) -> str:
     """A line that no comment of C ends or begins in."""
     return line.replace("/*", "/ *").replace("*/", "* /").replace("\\", "/")

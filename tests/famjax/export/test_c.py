@@ -1,6 +1,8 @@
 """The exported C on this machine, and for an AVR: equal to the model, without warnings, small."""
 
+import re
 import shutil
+import struct
 import subprocess
 from pathlib import Path
 
@@ -95,3 +97,30 @@ def test_the_head_says_what_and_how_near(dmsp_20: Subject, tmp_path: Path) -> No
         assert "sha256" in text
         assert "largest difference from the model" in text
         assert f"{dmsp_20.errors.force:.1e} in that region" in text
+
+
+@needs_avr
+def test_an_avr_computes_the_same(dmsp_20: Subject, tmp_path: Path) -> None:
+    if shutil.which("simavr") is None:
+        pytest.skip("no simavr on this machine")
+    export(dmsp_20, ["c"], tmp_path)
+    program = tmp_path / "pull.elf"
+    sources = [Path(__file__).with_name("avr_pull.c"), tmp_path / "dmsp_20.c"]
+    subprocess.run(
+        ["avr-gcc", "-mmcu=atmega328p", "-Os", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path}",
+         "-o", program, *sources],
+        check=True,
+    )  # fmt: skip
+    done = subprocess.run(
+        ["simavr", "-m", "atmega328p", "-f", "16000000", program],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    rows = re.findall(r"([0-9a-f]{8}) ([0-9a-f]{8}) (\d+) (\d+)", done.stdout + done.stderr)
+    lengths = [0.24, 0.28, 0.31, 0.35]
+    assert len(rows) == len(lengths)
+    for length, (force, pressure, counts, more) in zip(lengths, rows, strict=True):
+        (pull,), (back,) = (struct.unpack(">f", bytes.fromhex(one)) for one in (force, pressure))
+        assert pull == pytest.approx(dmsp_20.pull.force(length, 4e5), rel=1e-5)
+        assert back == pytest.approx(4e5, abs=200)
+        assert int(counts) < 60  # 4 ms at 16 MHz
+        assert int(more) < 400
