@@ -45,11 +45,7 @@ class Subject:
 
     @property
     def identifier(self) -> str:
-        """The name as C, MATLAB and files take it: lower case letters, digits, underscores.
-
-        >>> Subject("DMSP-20", None).identifier, Subject("20 mm", None).identifier
-        ('dmsp_20', 'muscle_20_mm')
-        """
+        """The name as C, MATLAB and files take it: lower case letters, digits, underscores."""
         plain = re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
         return plain if plain[:1].isalpha() else f"muscle_{plain}".strip("_")
 

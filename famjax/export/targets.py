@@ -6,12 +6,11 @@ from pathlib import Path
 
 from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
-from .c_source import c_files
 from .lookup import csv_files, mat_files
-from .matlab import matlab_files
 from .mjx_model import mjx_files
 from .mujoco_model import mujoco_files
 from .opensim import opensim_files
+from .sources import c_files, matlab_files
 from .stablehlo import jax_files
 from .subject import Subject
 
