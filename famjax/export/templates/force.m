@@ -1,7 +1,7 @@
 function [force, stiffness, area] = @name@_force(L, P)
 %@NAME@_FORCE  Pull [N], >= 0, at active lengths L [m] and gauge pressures P [Pa].
-%   [F, dF/dL, dF/dP]; arrays of one size, or one of them a scalar. For a MATLAB Function block of
-%   Simulink, or `coder.extrinsic`-free code generation; @name@_uncut.m must stand beside it.
+%   [F, dF/dL, dF/dP]; arrays of one size, or one of them a scalar. Suits a MATLAB Function block of
+%   Simulink and code generation; @name@_uncut.m must stand beside it.
 %
 @HEADING@
 %#codegen
