@@ -25,6 +25,7 @@ from first_answer_inputs import load
 from promise import VERDICTS, Case, Outcome, Promise, judge, shown
 from promises_chain import CHAIN
 from promises_choice import CHOICE
+from promises_export import EXPORT
 from promises_first_answer import FIRST_ANSWER
 from promises_fits import FITS
 from promises_kernels import KERNELS
@@ -61,6 +62,7 @@ PROMISES: tuple[Promise, ...] = tuple(
             *FIRST_ANSWER,
             *VERDICT,
             *CHAIN,
+            *EXPORT,
             *WHOLE,
         ),
         key=lambda one: one.issue,

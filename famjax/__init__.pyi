@@ -6,6 +6,7 @@ from . import (
     compile_options as compile_options,
     control as control,
     design as design,
+    export as export,
     geometries as geometries,
     materials as materials,
     muscle as muscle,

@@ -31,6 +31,7 @@ COMMANDS = {
     "doctor:doctor": (
         "Report versions, devices, precision and name clashes; exit code 1 if something is wrong."
     ),
+    "fits.export:export": ("Write a muscle as C, tables, MATLAB functions, or for a simulator."),
     "fits.identify:fit": "Identify a muscle from a measured force map.",
     "measure:measure": (
         "Measure the shape of a muscle in photographs, each picture with its errors."

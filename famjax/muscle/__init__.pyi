@@ -11,6 +11,7 @@ from .region import (
     largest_share as largest_share,
     rising as rising,
     rising_region as rising_region,
+    slopes as slopes,
 )
 from .safe import SafeMuscle as SafeMuscle
 from .volume import continued_volume as continued_volume, muscle_volume as muscle_volume

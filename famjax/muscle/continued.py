@@ -74,6 +74,11 @@ class ContinuedMuscle(AbstractMuscle):
         return self.stops[0] - travel, self.stops[1] + travel
 
     @property
+    def stop_onset(self) -> RealArray:
+        """Travel [m] on which a stop's stiffness builds up."""
+        return _ONSET * self.muscle.rest_length
+
+    @property
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction."""
         return self.muscle.rest_length
@@ -109,5 +114,5 @@ def _force(of: ContinuedMuscle, length: RealArray, pressure: RealArray) -> RealA
 
     force, area = jax.jvp(along, (P,), (jnp.ones_like(P),))
     force += jnp.maximum(area, 0.0) * bent(pressure - P, of.pressure_ends)
-    stop = of.stop_stiffness, _ONSET * of.muscle.rest_length
+    stop = of.stop_stiffness, of.stop_onset
     return force + stopped(length - of.stops[1], *stop) - stopped(of.stops[0] - length, *stop)

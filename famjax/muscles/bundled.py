@@ -1,6 +1,7 @@
 """The two muscles of the bundled force maps, from their cards."""
 
 import importlib.resources
+from importlib.resources.abc import Traversable
 
 from ..boundary.errors import InputError
 from ..cards import MuscleCard, read_card
@@ -24,8 +25,16 @@ def bundled_card(name: str) -> MuscleCard:
     """
     if name.upper() not in NAMES:
         raise InputError(f"no card of a muscle {name!r} is bundled; there are {', '.join(NAMES)}")
-    room = importlib.resources.files(__name__.rpartition(".")[0])
-    return read_card(room / f"{name.lower()}.json")
+    return read_card(_file(name))
+
+
+def bundled_text(name: str) -> bytes:
+    """The file of a bundled card, to tell by its digest which card a result is of."""
+    return _file(name).read_bytes()
+
+
+def _file(name: str) -> Traversable:
+    return importlib.resources.files(__name__.rpartition(".")[0]) / f"{name.lower()}.json"
 
 
 def dmsp_10(length: float | None = None) -> SafeMuscle:

@@ -1,0 +1,84 @@
+"""`famjax export`."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from ..loading import load_fitting
+
+Name = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]
+
+
+def export(
+    muscle: str,
+    *,
+    to: Annotated[tuple[Name, ...], Parameter(negative=())],
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("exported"),
+    length: str | None = None,
+) -> int:
+    """Write a muscle as C, tables, MATLAB functions, or for a simulator.
+
+    Each file's head says what muscle it is of, and its largest difference from the model, measured
+    when it is written. Targets:
+
+    c: C99 of force, stiffness and inverse pressure, for a microcontroller; double or float.
+
+    csv, mat: tables of force, stiffness and area over length and pressure.
+
+    matlab: functions for MATLAB, Octave and Simulink's MATLAB Function block.
+
+    mujoco: XML of a load that hangs on the muscle, and the actuator's callback.
+
+    mjx: the model itself inside MJX's step, to be differentiated; runs with famjax.
+
+    opensim: OpenSim's McKibbenActuator, the ideal braid alone.
+
+    jax: the model itself with its derivative as StableHLO; runs with JAX, without famjax.
+
+    Parameters
+    ----------
+    muscle
+        A card of `famjax card`, a `fit.json` of `famjax fit`, or dmsp-10 or dmsp-20.
+    to
+        A target; can be given several times.
+    output
+        Folder of the files.
+    length
+        Rest length to which the muscle is cut, with its unit, such as 300mm.
+    """
+    load_fitting()
+    from famjax.boundary.units import parse_quantity
+    from famjax.export import export as export_to
+
+    cut = None if length is None else parse_quantity(length, "length")
+    subject = _subject(muscle, cut)
+    for path in export_to(subject, to, output):
+        print(f"written: {path}")
+    return 0
+
+
+def _subject(muscle: str, length: float | None):
+    """The muscle of a fit, of a card, or a bundled one."""
+    from famjax.boundary.origin import Origin
+    from famjax.export import Subject, made_of, read_subject
+
+    origin, path = Origin.of_this_command(), Path(muscle)
+    if not _is_fit(path):
+        return read_subject(muscle, length=length, origin=origin)
+    from fitting.saved import card_of, load_fit
+
+    card = card_of(load_fit(path), count=0, origin=origin)
+    return Subject.of_card(
+        card, length=length, origin=made_of(path.name, path.read_bytes(), origin)
+    )
+
+
+def _is_fit(path: Path) -> bool:
+    """Whether a file is a fit's; of any other the reader of cards says what is wrong."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and str(found.get("schema")).startswith("famjax-fit/")

@@ -1,0 +1,5 @@
+"""A muscle where it is used: C, tables, MATLAB and Simulink, MuJoCo, MJX, OpenSim, StableHLO."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,43 @@
+/*
+@HEADING@
+ *
+ * SI units throughout: m, Pa (gauge), N. Static map, no state, no allocation, no libm; C99.
+ * -D@NAME@_REAL=float for single precision. Beyond the data the muscle goes slack or runs into stops,
+ * and is finite, never negative and monotone everywhere.
+ */
+#ifndef @NAME@_H
+#define @NAME@_H
+
+#ifndef @NAME@_REAL
+#define @NAME@_REAL double
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef @NAME@_REAL @name@_real;
+
+/* Region in which the pull is the model's own [m], [Pa]; highest pressure that the inverse gives. */
+#define @NAME@_SHORTEST @SHORTEST@
+#define @NAME@_LONGEST @LONGEST@
+#define @NAME@_LOWEST_PRESSURE @LOWEST@
+#define @NAME@_HIGHEST_PRESSURE @HIGHEST@
+#define @NAME@_PRESSURE_LIMIT @LIMIT@
+
+/* Pull F [N], >= 0, at an active length [m] and a gauge pressure [Pa]. */
+@name@_real @name@_force(@name@_real length, @name@_real pressure);
+
+/* Axial stiffness dF/dL [N/m] at constant pressure. */
+@name@_real @name@_stiffness(@name@_real length, @name@_real pressure);
+
+/* Least gauge pressure [Pa] at which the muscle pulls with a force [N], from 0 to the limit: 0 where
+ * it pulls more without pressure, the limit where it cannot pull so much. For a force <= 0 the
+ * highest pressure at which it is slack. At most 60 steps. */
+@name@_real @name@_pressure(@name@_real length, @name@_real force);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,28 @@
+function [force, stiffness, area] = @name@_force(L, P)
+%@NAME@_FORCE  Pull [N], >= 0, at active lengths L [m] and gauge pressures P [Pa].
+%   [F, dF/dL, dF/dP]; arrays of one size, or one of them a scalar. Suits a MATLAB Function block of
+%   Simulink and code generation; @name@_uncut.m must stand beside it.
+%
+@HEADING@
+%#codegen
+force = zeros(size(L + P));
+stiffness = force;
+area = force;
+slack = @SLACK@;
+for k = 1:numel(force)
+    [push, along, across] = @name@_uncut(L(min(k, numel(L))), P(min(k, numel(P))));
+    cut = push;
+    slope = 1;
+    if push <= 0
+        cut = 0;
+        slope = 0;
+    elseif push < slack
+        t = push / slack;
+        cut = push * t * (2 - t);
+        slope = t * (4 - 3 * t);
+    end
+    force(k) = cut;
+    stiffness(k) = slope * along;
+    area(k) = slope * across;
+end
+end

@@ -1,0 +1,63 @@
+function pressure = @name@_pressure(L, F)
+%@NAME@_PRESSURE  Least gauge pressure [Pa] at which the muscle of length L [m] pulls with F [N].
+%   From 0 to the limit @LIMIT@ Pa: 0 where it pulls more without pressure, the limit where it
+%   cannot pull so much. For F <= 0 the highest pressure at which it is slack. Arrays of one size, or
+%   one of them a scalar; @name@_uncut.m must stand beside it.
+%
+@HEADING@
+%#codegen
+pressure = zeros(size(L + F));
+for k = 1:numel(pressure)
+    pressure(k) = one(L(min(k, numel(L))), F(min(k, numel(F))));
+end
+end
+
+function pressure = one(L, F)
+slack = @SLACK@;
+limit = @LIMIT@;
+if isnan(L + F)
+    pressure = L + F;
+    return
+end
+wanted = max(F, 0);
+if F > 0 && F < slack
+    t = 1;
+    for k = 1:60
+        t = min(t - (t^2 * (2 - t) - F / slack) / (t * (4 - 3 * t)), 1);
+    end
+    wanted = slack * t;
+end
+low = 0;
+high = limit;
+if @name@_uncut(L, low) >= wanted
+    pressure = low;
+    return
+end
+if @name@_uncut(L, high) <= wanted
+    pressure = high;
+    return
+end
+pressure = limit / 2;
+before = limit;
+for k = 1:60
+    [push, ~, area] = @name@_uncut(L, pressure);
+    over = push - wanted;
+    if over < 0
+        low = pressure;
+    else
+        high = pressure;
+    end
+    following = (low + high) / 2;
+    if 2 * abs(over) <= before * area
+        newton = pressure - over / area;
+        if low <= newton && newton <= high
+            following = newton;
+        end
+    end
+    before = abs(following - pressure);
+    pressure = following;
+    if before <= 1e-15 * limit
+        return
+    end
+end
+end

@@ -1,0 +1,126 @@
+"""The exported C on this machine, and for an AVR: equal to the model, without warnings, small."""
+
+import re
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from export_c import code_sections, compiled, exported_states, telling
+
+from famjax.export import Subject, export
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+needs_avr = pytest.mark.skipif(shutil.which("avr-gcc") is None, reason="no avr-gcc on this machine")
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("real", "force_error", "pressure_error"), [("double", 1e-6, 1.0), ("float", 1e-4, 200.0)]
+)
+def test_c_is_the_model(
+    real: str, force_error: float, pressure_error: float, dmsp_20: Subject, tmp_path: Path
+) -> None:
+    function = compiled(dmsp_20, tmp_path, real)
+    L, P = exported_states(dmsp_20, 2000)
+    force = np.asarray(dmsp_20.muscle.force(L, P))
+    largest = force[:1000].max()
+    assert np.abs(function("force")(L, P) - force).max() < force_error * largest
+    stiffness = np.array([*map(dmsp_20.pull.stiffness, L.tolist(), P.tolist())])
+    off = np.abs(function("stiffness")(L, P) - stiffness)
+    inside = off[:1000].max() / stiffness[:1000].max()
+    assert inside < {"double": 1e-12, "float": 1e-3}[real]
+    told = telling(dmsp_20, L, P)
+    assert told[:1000].sum() > 500  # the others are slack
+    back = function("pressure")(L[told], force[told])
+    assert np.abs(back - P[told]).max() < pressure_error
+
+
+@needs_gcc
+def test_ends_of_the_inverse(subject: Subject, tmp_path: Path) -> None:
+    inverse = compiled(subject, tmp_path, "double")("pressure")
+    pull = subject.pull
+    asked = [(0.28, 1e6), (pull.lengths[-1] + 0.05, 100.0), (0.27, 0.0), (0.27, -5.0), (0.29, 0.3)]
+    found = inverse(*np.array(asked).T)
+    assert found == pytest.approx([pull.pressure(*one) for one in asked], abs=1e-6)
+    assert np.isnan(inverse(np.array([np.nan, 0.27]), np.array([5.0, np.nan]))).all()
+
+
+@needs_gcc
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_code_is_small(real: str, dmsp_20: Subject, tmp_path: Path) -> None:
+    export(dmsp_20, ["c"], tmp_path)
+    sizes = code_sections(tmp_path / "dmsp_20.c", f"-DDMSP_20_REAL={real}")
+    assert sizes[".text"] < 3000
+    assert sizes[".data"] == sizes[".bss"] == 0  # tables are constant, and nothing is kept
+    symbols = subprocess.run(
+        ["nm", "-u", tmp_path / "dmsp_20.o"], capture_output=True, text=True, check=True
+    )
+    assert "alloc" not in symbols.stdout
+
+
+@needs_avr
+def test_c_for_an_avr(dmsp_20: Subject, tmp_path: Path) -> None:
+    export(dmsp_20, ["c"], tmp_path)
+    source = tmp_path / "dmsp_20.c"
+    sizes = code_sections(source, "-mmcu=atmega328p", compiler="avr-gcc", size="avr-size")
+    assert sizes[".text"] < 5500
+    assert sizes[".rodata"] + sizes[".data"] + sizes[".bss"] < 64  # tables stay in the flash
+
+
+@needs_gcc
+def test_a_name_and_an_origin_that_c_would_read(odd_subject: Subject, tmp_path: Path) -> None:
+    force = compiled(odd_subject, tmp_path, "double")("force")
+    assert force(np.array([0.28]), np.array([4e5]))[0] == odd_subject.pull.force(0.28, 4e5)
+
+
+@needs_gcc
+def test_the_header_is_also_one_of_cpp(subject: Subject, tmp_path: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("no g++ on this machine")
+    export(subject, ["c"], tmp_path)
+    main = tmp_path / "main.cpp"
+    main.write_text('#include "test_20.h"\nint main() { return test_20_force(0.28, 4e5) > 0; }\n')
+    program = tmp_path / "program"
+    parts = [tmp_path / "test_20.o", main]
+    subprocess.run(["gcc", "-c", tmp_path / "test_20.c", "-o", parts[0]], check=True)
+    subprocess.run(["g++", "-Wall", "-Werror", *parts, "-o", program], check=True)
+    assert subprocess.run([program], check=False).returncode == 1
+
+
+def test_the_head_says_what_and_how_near(dmsp_20: Subject, tmp_path: Path) -> None:
+    for file in export(dmsp_20, ["c", "matlab", "mujoco", "csv"], tmp_path):
+        text = file.read_text()
+        assert "DMSP-20, exported by famjax" in text
+        assert "sha256" in text
+        assert "largest difference from the model" in text
+        assert f"{dmsp_20.errors.force:.1e} in that region" in text
+
+
+@needs_avr
+def test_an_avr_computes_the_same(dmsp_20: Subject, tmp_path: Path) -> None:
+    if shutil.which("simavr") is None:
+        pytest.skip("no simavr on this machine")
+    export(dmsp_20, ["c"], tmp_path)
+    program = tmp_path / "pull.elf"
+    sources = [Path(__file__).with_name("avr_pull.c"), tmp_path / "dmsp_20.c"]
+    subprocess.run(
+        ["avr-gcc", "-mmcu=atmega328p", "-Os", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path}",
+         "-o", program, *sources],
+        check=True,
+    )  # fmt: skip
+    done = subprocess.run(
+        ["simavr", "-m", "atmega328p", "-f", "16000000", program],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    rows = re.findall(r"([0-9a-f]{8}) ([0-9a-f]{8}) (\d+) (\d+)", done.stdout + done.stderr)
+    lengths = [0.24, 0.28, 0.31, 0.35]
+    assert len(rows) == len(lengths)
+    for length, (force, pressure, counts, more) in zip(lengths, rows, strict=True):
+        (pull,), (back,) = (struct.unpack(">f", bytes.fromhex(one)) for one in (force, pressure))
+        assert pull == pytest.approx(dmsp_20.pull.force(length, 4e5), rel=1e-5)
+        assert back == pytest.approx(4e5, abs=200)
+        assert int(counts) < 60  # 4 ms at 16 MHz
+        assert int(more) < 400

@@ -1,0 +1,70 @@
+"""The page on exporting is run: its commands, its C, its MATLAB, its Python."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from famjax.__main__ import main
+
+PAGE = (Path(__file__).parents[3] / "docs" / "export.md").read_text()
+
+
+def fences(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the first command of the page has exported the muscle."""
+    folder = tmp_path_factory.mktemp("page")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        with pytest.raises(SystemExit) as stop:
+            main(fences("sh")[0].split()[1:])
+    assert not stop.value.code
+    return folder
+
+
+def said(command: list[str], folder: Path) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_c(folder: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc on this machine")
+    (folder / "pull.c").write_text(*fences("c"))
+    pressure, force, _ = said(["sh", "-c", fences("sh")[1]], folder).split(", ")
+    assert force == "500.0 N"
+    assert 1e5 < float(pressure.split()[0]) < 6e5
+
+
+def test_matlab(folder: Path) -> None:
+    if shutil.which("octave-cli") is None:
+        pytest.skip("no octave-cli on this machine")
+    (folder / "page.m").write_text(*fences("matlab"))
+    told = said(["octave-cli", "--norc", "--quiet", "page.m"], folder)
+    assert "force =" in told
+    assert "pressure =" in told
+
+
+@pytest.mark.parametrize(
+    ("number", "needs"),
+    [
+        (0, "pandas"),
+        (1, "mujoco"),
+        pytest.param(2, "mujoco.mjx", marks=pytest.mark.slow),
+        (3, "flatbuffers"),
+    ],
+)
+def test_python(number: int, needs: str, folder: Path) -> None:
+    assert len(fences("python")) == 4
+    pytest.importorskip(needs)
+    printed = said([sys.executable, "-c", fences("python")[number]], folder)
+    assert printed.strip()
+    assert "nan" not in printed.lower()

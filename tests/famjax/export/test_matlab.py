@@ -1,0 +1,100 @@
+"""The MATLAB functions and the .mat file, run and read by Octave; the tables read by SciPy."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from export_c import exported_states
+from scipy.io import loadmat, savemat
+
+from famjax.export import Subject, export
+
+needs_octave = pytest.mark.skipif(
+    shutil.which("octave-cli") is None, reason="no octave-cli on this machine"
+)
+
+
+def octave(folder: Path, commands: str) -> dict[str, np.ndarray]:
+    """What is left in `back.mat` by commands of Octave that run in a folder."""
+    done = subprocess.run(
+        ["octave-cli", "--norc", "--quiet", "--eval", commands],
+        cwd=folder, capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert (folder / "back.mat").exists(), done.stderr
+    return loadmat(folder / "back.mat", squeeze_me=True)
+
+
+@needs_octave
+def test_octave_computes_the_table_to_the_last_digits(subject: Subject, tmp_path: Path) -> None:
+    export(subject, ["matlab"], tmp_path)
+    L, P = exported_states(subject, 100)
+    force, stiffness, area = (
+        np.array([*map(ask, L.tolist(), P.tolist())])
+        for ask in (subject.pull.force, subject.pull.stiffness, subject.pull.area)
+    )
+    asked = np.append(force, [1e6, -5.0, np.nan]), np.append(L, [0.28, 0.27, 0.27])
+    savemat(tmp_path / "states.mat", {"L": L, "P": P, "F": asked[0], "M": asked[1]})
+    back = octave(
+        tmp_path,
+        "load states.mat; [F, K, A] = test_20_force(L, P); S = test_20_force(0.28, P(1:3));"
+        "t = load('states.mat'); Q = test_20_pressure(M, t.F);"
+        "save -v7 back.mat F K A Q S",
+    )
+    assert back["F"] == pytest.approx(force, rel=1e-13, abs=1e-10)
+    assert back["K"] == pytest.approx(stiffness, rel=1e-12, abs=1e-7)
+    assert back["A"] == pytest.approx(area, rel=1e-12, abs=1e-15)
+    inverse = [*map(subject.pull.pressure, asked[1].tolist(), asked[0].tolist())]
+    assert back["Q"] == pytest.approx(np.array(inverse), abs=1e-5, nan_ok=True)
+    assert back["S"][0] == pytest.approx(subject.pull.force(0.28, P[0]), rel=1e-13)
+
+
+@needs_octave
+def test_octave_reads_the_mat_file(subject: Subject, tmp_path: Path) -> None:
+    export(subject, ["mat"], tmp_path)
+    back = octave(
+        tmp_path,
+        "t = load('test_20.mat');"
+        "f = interp2(t.pressure_Pa, t.length_m, t.force_N, 4.1e5, 0.2801); a = t.about(1:7);"
+        "save -v7 back.mat f a",
+    )
+    assert float(back["f"]) == pytest.approx(subject.pull.force(0.2801, 4.1e5), rel=1e-3)
+    assert str(back["a"]) == "Test-20"
+
+
+def test_scipy_reads_the_mat_file_and_numpy_the_csv_file(subject: Subject, tmp_path: Path) -> None:
+    csv, mat = export(subject, ["csv", "mat"], tmp_path)
+    table = loadmat(mat, squeeze_me=True)
+    L, P, force = table["length_m"], table["pressure_Pa"], table["force_N"]
+    assert force.shape == (len(L), len(P)) == table["area_m2"].shape
+    assert force[70, 20] == subject.pull.force(L[70], P[20])
+    assert table["stiffness_N_per_m"][70, 20] == subject.pull.stiffness(L[70], P[20])
+    rows = np.genfromtxt(csv, delimiter=",", names=True, skip_header=_comments(csv))
+    assert rows.dtype.names == (
+        "length_m", "pressure_Pa", "force_N", "stiffness_N_per_m", "area_m2",
+    )  # fmt: skip
+    assert (rows["force_N"].reshape(force.shape) == force).all()
+
+
+def test_what_a_table_says_of_straight_lines_holds(subject: Subject, tmp_path: Path) -> None:
+    from scipy.interpolate import RegularGridInterpolator
+
+    (mat,) = export(subject, ["mat"], tmp_path)
+    table = loadmat(mat, squeeze_me=True)
+    axes = table["length_m"], table["pressure_Pa"]
+    rng = np.random.default_rng(0)
+    at = np.stack([rng.uniform(axis[0], axis[-1], 500) for axis in axes], 1)
+    off = RegularGridInterpolator(axes, table["force_N"])(at) - np.array(
+        [subject.pull.force(*one) for one in at.tolist()]
+    )
+    (told,) = (
+        float(line.rpartition(" by ")[2].split()[0])
+        for line in str(table["about"]).splitlines()
+        if line.startswith("bilinear")
+    )
+    assert np.abs(off).max() < 1.5 * told * subject.errors.largest_force
+
+
+def _comments(file: Path) -> int:
+    return sum(line.startswith("#") for line in file.read_text().splitlines())

@@ -1,0 +1,124 @@
+"""The table of a muscle: near its model everywhere, its slopes those of the force, its inverse one."""
+
+import itertools
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from export_c import exported_states
+
+import famjax
+from famjax.boundary.errors import InputError
+from famjax.export import Subject, TabulatedPull, tabulated
+
+
+@pytest.mark.parametrize("name", ["subject", "dmsp_20"])
+def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest) -> None:
+    subject = request.getfixturevalue(name)
+    L, P = exported_states(subject, 400)
+    force = np.asarray(subject.muscle.force(L, P))
+    largest = force[:200].max()
+    off = np.array([*map(subject.pull.force, L.tolist(), P.tolist())]) - force
+    assert np.abs(off).max() < 1e-6 * largest
+    stiffness = np.asarray(subject.muscle.stiffness(L, P))
+    told = np.array([*map(subject.pull.stiffness, L.tolist(), P.tolist())])
+    assert np.abs(told - stiffness).max() < 1e-4 * np.abs(stiffness).max()
+    # What the heads of the files say covers these states, too, which are others.
+    assert np.abs(off[:200]).max() < 3 * subject.errors.force * largest
+    assert np.abs(off[200:]).max() < 3 * subject.errors.force_beyond * largest
+    assert subject.errors.force < 1e-6
+    assert subject.errors.pressure < 1
+
+
+def test_slopes_are_those_of_the_force(subject: Subject) -> None:
+    pull = subject.pull
+    for length, pressure in zip(
+        *(one.tolist() for one in exported_states(subject, 200)), strict=True
+    ):
+        for slope, (dL, dP) in ((pull.stiffness, (1e-7, 0)), (pull.area, (0, 1e-1))):
+            ends = [pull.force(length + k * dL, pressure + k * dP) for k in (-1, 0, 1)]
+            sides = [(ends[k + 1] - ends[k]) / (dL + dP) for k in (0, 1)]
+            rounding = 1e-12 * abs(ends[1]) / (dL + dP) + 1e-12
+            least, most = min(sides), max(sides)
+            slack = 1e-5 * abs(most) + rounding
+            assert least - slack <= slope(length, pressure) <= most + slack
+
+
+def test_the_pull_rises_with_length_and_pressure(dmsp_20: Subject) -> None:
+    pull = dmsp_20.pull
+    lengths = np.linspace(0.0, 0.6, 241).tolist()
+    pressures = np.linspace(0.0, 1.3e6, 53).tolist()
+    force = np.array([[pull.force(one, at) for at in pressures] for one in lengths])
+    assert np.isfinite(force).all()
+    assert (force >= 0).all()
+    assert (np.diff(force, axis=0) >= 0).all()
+    assert (np.diff(force, axis=1) >= 0).all()
+
+
+def test_the_inverse(subject: Subject) -> None:
+    pull = subject.pull
+    for length, pressure in itertools.product((0.23, 0.26, 0.295, 0.31), (9e4, 3e5, 6e5, 9e5)):
+        force = pull.force(length, pressure)
+        if force > 0:
+            assert pull.pressure(length, force) == pytest.approx(pressure, abs=1e-6)
+    assert pull.pressure(0.28, 1e6) == pull.pressure_limit == 1.2e6
+    held = pull.lengths[-1] + 0.05  # the stop carries more than this without pressure
+    assert pull.force(held, 0.0) > 100
+    assert pull.pressure(held, 100.0) == 0
+    onset = pull.pressure(0.27, 0.0)
+    assert pull.pressure(0.27, -50.0) == onset
+    assert pull.force(0.27, onset) == pytest.approx(0, abs=1e-6)
+    assert pull.force(0.27, onset + 2e3) > 0
+    assert math.isnan(pull.pressure(math.nan, 100.0))
+    assert math.isnan(pull.pressure(0.27, math.nan))
+    assert math.isnan(pull.force(math.nan, 3e5))
+
+
+def test_nodes_stand_where_they_are_needed(subject: Subject, dmsp_20: Subject) -> None:
+    assert len(subject.table["pressure_Pa"]) == 2  # affine in the pressure
+    gaps = np.diff(dmsp_20.table["length_m"])
+    assert gaps.max() > 4 * gaps.min()
+
+
+class Rippled(famjax.AbstractMuscle):
+    """A spring with more ripples than a table has nodes."""
+
+    rest_length: jax.Array = eqx.field(converter=jnp.asarray, default=0.3)
+
+    def force(self, length, pressure):
+        return 2e3 * length + 1e-3 * jnp.sin(1e5 * length) + 1e-3 * pressure
+
+    def length_range(self):
+        return jnp.asarray(0.1), jnp.asarray(0.4)
+
+
+def test_a_model_with_ripples_is_refused() -> None:
+    muscle = famjax.SafeMuscle.of(Rippled(), [0.2, 0.3], [0.0, 5e5])
+    with pytest.raises(InputError, match="not smooth enough for a table"):
+        tabulated(muscle)
+
+
+def test_a_table_needs_float64(subject: Subject) -> None:
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with pytest.raises(InputError, match="float64"):
+            tabulated(subject.muscle)
+    finally:
+        jax.config.update("jax_enable_x64", True)
+
+
+def test_a_table_is_plain_data(subject: Subject) -> None:
+    again = TabulatedPull({**subject.table})
+    assert again.force(0.27, 4e5) == subject.pull.force(0.27, 4e5)
+    assert {type(one) for one in subject.table["length_m"]} == {float}
+
+
+@pytest.mark.parametrize(
+    ("name", "identifier"),
+    [("DMSP-20", "dmsp_20"), ("20 mm", "muscle_20_mm"), ("Größe 3", "gr_e_3"), ("--", "muscle")],
+)
+def test_identifiers(name: str, identifier: str, subject: Subject) -> None:
+    assert Subject(name, subject.muscle).identifier == identifier
