@@ -71,7 +71,7 @@ def _loads(found: Analysis, std: float) -> list[Check]:
         ),
         Check(
             "what the loads differ by after that, of their range", loads.scatter,
-            (0.0, std / 2), (0.0, 5 * std),
+            (0.0, std / 2), (0.0, 1.5 * std),
             say="Journal and log may be of two tests, or a column of the log is another load: give "
             "the log that was recorded with this journal.",
         ),
