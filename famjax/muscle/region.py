@@ -110,7 +110,10 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
     good = np.asarray(rising(at))
     if good.all():
         return data, at
-    (i0, i1), (j0, j1) = _largest(good)
+    (i0, i1), (j0, j1) = (
+        _inner(low, high, count - 1)
+        for (low, high), count in zip(_largest(good), good.shape, strict=True)
+    )
     L = np.linspace(float(data.length[0]), float(data.length[1]), LENGTHS)
     P = np.linspace(float(data.pressure[0]), float(data.pressure[1]), PRESSURES)
     if min(i1 - i0, j1 - j0) < 2:
@@ -132,6 +135,11 @@ def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
         return 1.0
     (i0, i1), (j0, j1) = _largest(good)
     return (i1 - i0) * (j1 - j0) / float(np.prod(np.subtract(good.shape, 1)))
+
+
+def _inner(low: int, high: int, last: int) -> tuple[int, int]:
+    """One line in from an end that is not the data's: what just rises on it may fall between its states."""
+    return low + (low > 0), high - (high < last)
 
 
 def _largest(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
