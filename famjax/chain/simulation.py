@@ -64,9 +64,8 @@ def simulated_muscle(
     lengths, pressures = np.linspace(shortest, rest, 201), np.linspace(0.0, 125.0 * PSI, 26)
 
     def state(length: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = first.geometry.dimensions(length, pressure)
         force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))
-        return force, at.volume - at.bladder_volume
+        return force, famjax.geometries.inner_volume(first.geometry, length, pressure)
 
     over = jax.jit(jax.vmap(jax.vmap(state, (None, 0)), (0, None)))
     force, volume = (np.asarray(one) for one in over(lengths, pressures))

@@ -13,7 +13,6 @@ import famjax
 import fitting
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
-from fitting.data.force_data import COLUMNS
 from fitting.evidence import Evidence, Move, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
@@ -340,11 +339,8 @@ def _within(
         f"{int((~inside).sum())} readings outside the lengths of the pictures, {low * 1e3:.4g} to "
         f"{high * 1e3:.4g} mm, are left out."
     )
-    columns = {
-        name: None if (values := getattr(data, name)) is None else values[inside]
-        for name in COLUMNS
-    }
-    return dataclasses.replace(data, **columns, notes=(*data.notes, note))
+    kept = data.part(inside)
+    return dataclasses.replace(kept, notes=(*kept.notes, note))
 
 
 def _add_figures(result: fitting.Identification, evidence: Evidence, place: Path) -> None:
