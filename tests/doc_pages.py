@@ -45,7 +45,7 @@ def run_page(page: Path, folder: Path) -> int:
     for fence in fences(page):
         where = f"{page.name}, line {fence.line}"
         if fence.language == "python":
-            printed = _python(fence.text, names, where)
+            printed = _python("\n" * fence.line + fence.text, names, str(page))
         elif fence.language == "sh":
             printed = _shell(fence.text, folder, where)
         elif fence.language == "text":
