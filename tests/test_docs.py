@@ -1,8 +1,8 @@
 """The documentation is run: fences, links, figures, glossary, and the build by both tools."""
 
-import ast
 import importlib.util
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -13,26 +13,47 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from doc_pages import DOCS, ROOT, fences, links, not_printed, run_page
+from test_glossary import labels_of_page, unexplained
 
-PAGES = sorted(
-    page for page in DOCS.rglob("*.md") if "api" not in page.relative_to(DOCS).parts
-)
+PAGES = sorted(page for page in DOCS.rglob("*.md") if "api" not in page.relative_to(DOCS).parts)
 RUN = [page for page in PAGES if any(one.language in {"python", "sh"} for one in fences(page))]
-SLOW = {"how-to/lab.md", "comparison.md", "reproduction.md"}
-"""Pages whose commands take long: photographs and records of a twin, all models, all tables."""
+LAB = DOCS / "how-to" / "lab.md"
+WRITTEN = [DOCS / "comparison.md", DOCS / "reproduction.md"]
 
 
-def marked(page: Path) -> object:
-    name = page.relative_to(DOCS).as_posix()
-    return pytest.param(page, id=name, marks=[pytest.mark.slow] if name in SLOW else [])
-
-
-@pytest.mark.parametrize("page", [marked(page) for page in RUN])
+@pytest.mark.parametrize(
+    "page",
+    [page for page in RUN if page not in (LAB, *WRITTEN)],
+    ids=lambda page: page.relative_to(DOCS).as_posix(),
+)
 def test_every_fence_of_a_page_runs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert run_page(page, tmp_path) > 0
+
+
+@pytest.mark.slow
+def test_every_fence_of_the_lab_runs_and_its_report_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_page(LAB, tmp_path) > 5
+    report = tmp_path / "try" / "results" / "report" / "report.html"
+    labels = labels_of_page(report.read_text())
+    assert len(labels) > 100
+    assert not unexplained(labels)
+
+
+@pytest.mark.slow
+def test_written_pages_are_what_the_commands_print(tmp_path: Path) -> None:
+    tables = load("tables")
+    for new, page in zip(tables.write(tmp_path), WRITTEN, strict=True):
+        assert not not_printed(page.read_text(), new.read_text()), page.name
+        run = [line for fence in fences(page) for line in fence.text.splitlines()]
+        known = [*(tables.COMPARE.format(name) for name in tables.MAPS), tables.REPRODUCE]
+        assert set(run) <= {f"{command} > /dev/null" for command in known}
+        assert run
 
 
 def test_what_a_page_says_is_printed_is_compared() -> None:
@@ -112,8 +133,6 @@ def test_builds_without_a_warning_and_loads_nothing_from_elsewhere(
 
 def loaded_from_elsewhere(html: str) -> list[str]:
     """What a page fetches from another host: scripts, styles, pictures; links are not fetched."""
-    import re
-
     tags = re.findall(r"<(?:script|link|img|iframe|source)\b[^>]*>", html)
     return [
         tag

@@ -12,12 +12,13 @@ FOLDER = Path(__file__).parents[1] / "examples"
 BEST = 7.52544  # N: the optimum of the cubic law in the physical box
 
 
-def said(name: str) -> str:
+def said(name: str, folder: Path = FOLDER) -> str:
     done = subprocess.run(
         [sys.executable, str(FOLDER / f"{name}.py")],
         capture_output=True,
         text=True,
         check=False,
+        cwd=folder,
         env={**os.environ, "XLA_FLAGS": ""},
     )
     assert done.returncode == 0, done.stderr
@@ -32,6 +33,21 @@ def test_a_law_of_ones_own() -> None:
 def test_foreign_solvers_reach_the_optimum(name: str) -> None:
     (rmse,) = re.findall(r"RMSE ([\d.]+) N", said(name))
     assert float(rmse) == pytest.approx(BEST, abs=1e-3)
+
+
+def test_tutorial_of_a_bundled_muscle(tmp_path: Path) -> None:
+    length, lift = re.findall(r"([\d.]+) mm", said("first_muscle", tmp_path).splitlines()[-1])
+    assert 200 < float(length) < 300
+    assert 1 < float(lift) < 20
+    assert (tmp_path / "first_muscle.svg").stat().st_size > 5000
+
+
+def test_tutorial_of_a_force_map(tmp_path: Path) -> None:
+    told = said("fit_a_map", tmp_path)
+    assert "stable: True" in told
+    assert "95 % of readings" in told
+    assert (tmp_path / "fit" / "report.html").exists()
+    assert (tmp_path / "fit_a_map.svg").stat().st_size > 5000
 
 
 @pytest.mark.slow
