@@ -18,12 +18,18 @@ from test_glossary import labels_of_page, unexplained
 PAGES = sorted(page for page in DOCS.rglob("*.md") if "api" not in page.relative_to(DOCS).parts)
 RUN = [page for page in PAGES if any(one.language in {"python", "sh"} for one in fences(page))]
 LAB = DOCS / "how-to" / "lab.md"
+CHOOSES = [DOCS / "first-result.md", DOCS / "concepts" / "bands.md"]
+"""Pages whose examples choose among all families, ten seconds each."""
 WRITTEN = [DOCS / "comparison.md", DOCS / "reproduction.md"]
 
 
 @pytest.mark.parametrize(
     "page",
-    [page for page in RUN if page not in (LAB, *WRITTEN)],
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if page in CHOOSES else [])
+        for page in RUN
+        if page not in (LAB, *WRITTEN)
+    ],
     ids=lambda page: page.relative_to(DOCS).as_posix(),
 )
 def test_every_fence_of_a_page_runs(
@@ -34,6 +40,7 @@ def test_every_fence_of_a_page_runs(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_every_fence_of_the_lab_runs_and_its_report_is_explained(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -35,6 +35,7 @@ def test_foreign_solvers_reach_the_optimum(name: str) -> None:
     assert float(rmse) == pytest.approx(BEST, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_tutorial_of_a_bundled_muscle(tmp_path: Path) -> None:
     length, lift = re.findall(r"([\d.]+) mm", said("first_muscle", tmp_path).splitlines()[-1])
     assert 200 < float(length) < 300
@@ -42,6 +43,7 @@ def test_tutorial_of_a_bundled_muscle(tmp_path: Path) -> None:
     assert (tmp_path / "first_muscle.svg").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_tutorial_of_a_force_map(tmp_path: Path) -> None:
     told = said("fit_a_map", tmp_path)
     assert "stable: True" in told
