@@ -12,12 +12,13 @@ FOLDER = Path(__file__).parents[1] / "examples"
 BEST = 7.52544  # N: the optimum of the cubic law in the physical box
 
 
-def said(name: str) -> str:
+def said(name: str, folder: Path = FOLDER) -> str:
     done = subprocess.run(
         [sys.executable, str(FOLDER / f"{name}.py")],
         capture_output=True,
         text=True,
         check=False,
+        cwd=folder,
         env={**os.environ, "XLA_FLAGS": ""},
     )
     assert done.returncode == 0, done.stderr
@@ -40,6 +41,23 @@ def test_a_joint_in_mujoco() -> None:
     (held, stiffness), *_ = re.findall(r"held at ([\d.]+) rad; pushed ([\d.]+)", told)
     assert float(held) == pytest.approx(0.4, abs=1e-6)
     assert float(stiffness) == pytest.approx(9.0, rel=0.01)  # the secant of a push of 3 degrees
+
+
+@pytest.mark.slow
+def test_tutorial_of_a_bundled_muscle(tmp_path: Path) -> None:
+    length, lift = re.findall(r"([\d.]+) mm", said("first_muscle", tmp_path).splitlines()[-1])
+    assert 200 < float(length) < 300
+    assert 1 < float(lift) < 20
+    assert (tmp_path / "first_muscle.svg").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_tutorial_of_a_force_map(tmp_path: Path) -> None:
+    told = said("fit_a_map", tmp_path)
+    assert "stable: True" in told
+    assert "95 % of readings" in told
+    assert (tmp_path / "fit" / "report.html").exists()
+    assert (tmp_path / "fit_a_map.svg").stat().st_size > 5000
 
 
 @pytest.mark.slow

@@ -104,8 +104,8 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
         tape_hue: of the tape [deg]; None takes the colour that covers the smaller part.
 
     Raises:
-        NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting, Clipped,
-            WrongOrientation: see these classes.
+        ImagingError: one of NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting,
+            Clipped, WrongOrientation; see these classes.
     """
     error: ImagingError | None = None
     try:

@@ -6,11 +6,7 @@ from pathlib import Path
 import pytest
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
-DOCS = "".join(
-    (Path(__file__).parents[2] / "docs" / name).read_text()
-    for name in ("own-models.md", "cards.md", "control.md")
-)
-EXAMPLES = re.findall(r"```python\n(.*?)```", README + DOCS, re.DOTALL)
+EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
 def test_readme_is_short_and_holds_the_two_commands() -> None:

@@ -1,0 +1,161 @@
+"""The pages `comparison.md` and `reproduction.md`, written from what the commands compute.
+
+python docs/tables.py               # both, into docs
+python docs/tables.py FOLDER        # or elsewhere
+"""
+
+import itertools
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+MAPS = ("DMSP-20-300", "DMSP-10-250")
+COMPARE = "famjax compare {} --json"
+REPRODUCE = "famjax reproduce --json"
+_NONE = "-"
+_WRITTEN = "This page is written by `python docs/tables.py`, from what is printed by"
+_COMPARED = (
+    "Every published static force model that famjax has, and famjax's own, fitted to one force map. "
+    "Each is fitted to all loaded readings, and again without each pressure and without each length, "
+    "which it then predicts. A good model predicts what it has not seen; one with many parameters is "
+    "always good in sample."
+)
+_ERRORS_ARE = (
+    "Errors are RMSE in N. *Pressures out*, *lengths out*: on readings left out. *Inner lengths out*: "
+    "without the shortest and the longest, which no fit of the others encloses. `-`: the model cannot "
+    "be fitted, or not without that part. A star: a parameter ended on a bound of its search."
+)
+_REPRODUCED = (
+    "Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs that the work prints. Nothing is "
+    "tuned to a figure. A figure that differs by more than its tolerance is shown so."
+)
+
+
+def comparison(found: dict[str, dict[str, Any]]) -> str:
+    """The page of the league tables.
+
+    Args:
+        found: by name of the map, what `famjax compare --json` prints.
+    """
+    commands = _fence(COMPARE.format(name) for name in found)
+    parts = ["# Comparison of models", _COMPARED, _WRITTEN, commands, _ERRORS_ARE]
+    for name, table in found.items():
+        parts.append(f"## {name}")
+        parts.append(
+            f"Largest force {table['max_force_N']:.5g} N, {table['n_loaded']} loaded readings."
+        )
+        rows = [
+            (
+                row["label"] + (" *" if row["at_bound"] else ""),
+                str(row["n_parameters"]),
+                *(_number(row[key]) for key in _ERRORS),
+            )
+            for row in table["models"]
+        ]
+        parts.append(_table(("model", "parameters", *_ERRORS.values()), rows))
+    parts.append(
+        "Notes on single models are in `famjax-compare/compare.json`, which the command writes."
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+_ERRORS = {
+    "rmse_N": "in sample",
+    "lopo_rmse_N": "pressures out",
+    "lolo_interior_rmse_N": "inner lengths out",
+    "lolo_rmse_N": "lengths out",
+}
+
+
+def reproduction(rows: list[dict[str, Any]]) -> str:
+    """The page of the reference work's figures.
+
+    Args:
+        rows: what `famjax reproduce --json` prints.
+    """
+    compared = [row for row in rows if row["within"] is not None]
+    out = [row for row in compared if not row["within"]]
+    known = f"**{len(compared) - len(out)} of {len(compared)}** printed figures agree within their"
+    more = f"{len(rows) - len(compared)} more are computed of which no printed figure was at hand."
+    parts = [
+        "# Reproduction of the reference work",
+        _REPRODUCED,
+        _WRITTEN,
+        _fence([REPRODUCE]),
+        "Without `--json` it writes a page with all rows, the figures redrawn and all notes.",
+        f"{known} tolerance; {more}",
+        "## Out of tolerance",
+        _rows(out, with_table=True),
+        *_notes(dict.fromkeys(row["table"] for row in out)),
+        "## All printed figures",
+    ]
+    for table, group in itertools.groupby(compared, lambda row: row["table"]):
+        parts += [f"### {table}", _rows(list(group), with_table=False)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _rows(rows: Sequence[dict[str, Any]], *, with_table: bool) -> str:
+    cells = [
+        (
+            *((row["table"],) if with_table else ()),
+            row["entry"].replace("|", "\\|"),
+            f"{row['published']:.6g}",
+            f"{row['computed']:.6g}",
+            f"{row['tolerance']:.2g}",
+            "" if row["unit"] == "1" else row["unit"],
+            "yes" if row["within"] else "**no**",
+        )
+        for row in rows
+    ]
+    header = ("figure", "published", "computed", "tolerance", "unit", "within")
+    return _table((("table", *header) if with_table else header), cells)
+
+
+def _notes(tables: Iterable[str]) -> list[str]:
+    """What is known of why these tables differ."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    from chambers_notes import NOTES  # noqa: PLC0415 -- beside the packages, not of them
+
+    sys.path.remove(str(ROOT / "benchmarks"))
+    of = dict(NOTES)
+    return [f"**{table}.** {of[table]}" for table in tables if table in of]
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _fence(commands: Iterable[str]) -> str:
+    return "\n".join(["```sh", *(f"{one} > /dev/null" for one in commands), "```"])
+
+
+def _number(value: float | None) -> str:
+    return _NONE if value is None else f"{value:.3g}"
+
+
+def printed(command: str, folder: Path) -> Any:
+    """What a command prints as JSON, run in a folder."""
+    run = [sys.executable, "-m", *command.split()]
+    done = subprocess.run(run, cwd=folder, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def write(folder: Path) -> list[Path]:
+    """Both pages, computed anew; their files."""
+    with tempfile.TemporaryDirectory() as place:
+        tables = {name: printed(COMPARE.format(name), Path(place)) for name in MAPS}
+        rows = printed(REPRODUCE, Path(place))
+    pages = {"comparison.md": comparison(tables), "reproduction.md": reproduction(rows)}
+    for name, text in pages.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in pages]
+
+
+if __name__ == "__main__":
+    print(*write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent))

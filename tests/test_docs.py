@@ -1,0 +1,160 @@
+"""The documentation is run: fences, links, figures, glossary, and the build by both tools."""
+
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from doc_pages import DOCS, ROOT, fences, links, not_printed, run_page
+from test_glossary import labels_of_page, unexplained
+
+PAGES = sorted(page for page in DOCS.rglob("*.md") if "api" not in page.relative_to(DOCS).parts)
+RUN = [page for page in PAGES if any(one.language in {"python", "sh"} for one in fences(page))]
+LAB = DOCS / "how-to" / "lab.md"
+CHOOSES = [DOCS / "first-result.md", DOCS / "concepts" / "bands.md"]
+"""Pages whose examples choose among all families, ten seconds each."""
+WRITTEN = [DOCS / "comparison.md", DOCS / "reproduction.md"]
+EXPORT = DOCS / "export.md"
+"""Its C and MATLAB are run by a test of its own."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if page in CHOOSES else [])
+        for page in RUN
+        if page not in (LAB, EXPORT, *WRITTEN)
+    ],
+    ids=lambda page: page.relative_to(DOCS).as_posix(),
+)
+def test_every_fence_of_a_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_page(page, tmp_path) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_every_fence_of_the_lab_runs_and_its_report_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_page(LAB, tmp_path) > 5
+    report = tmp_path / "try" / "results" / "report" / "report.html"
+    labels = labels_of_page(report.read_text())
+    assert len(labels) > 100
+    assert not unexplained(labels)
+
+
+@pytest.mark.slow
+def test_written_pages_are_what_the_commands_print(tmp_path: Path) -> None:
+    tables = load("tables")
+    for new, page in zip(tables.write(tmp_path), WRITTEN, strict=True):
+        assert not not_printed(page.read_text(), new.read_text()), page.name
+        run = [line for fence in fences(page) for line in fence.text.splitlines()]
+        known = [*(tables.COMPARE.format(name) for name in tables.MAPS), tables.REPRODUCE]
+        assert set(run) <= {f"{command} > /dev/null" for command in known}
+        assert run
+
+
+def test_what_a_page_says_is_printed_is_compared() -> None:
+    printed = "pull 585.6 N\nother\nat 1.743 bar\n"
+    assert not not_printed("pull 585.7 N\nat 1.74 bar\n", printed)
+    assert not_printed("pull 585.9 N\n", printed)
+    assert not_printed("at 1.743 bar\npull 585.6 N\n", printed)
+    assert not_printed("push 585.6 N\n", printed)
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.name)
+def test_links_lead_to_files(page: Path) -> None:
+    for target in links(page):
+        file = page.parent / target.partition("#")[0]
+        assert file.exists(), f"{page}: {target}"
+
+
+def test_every_public_room_has_a_page() -> None:
+    names = load("stub_names").names
+    for package in ("famjax", "fitting", "imaging", "rig"):
+        for stub in (ROOT / package).rglob("__init__.pyi"):
+            room = ".".join(stub.parent.relative_to(ROOT).parts)
+            file = "_".join(room.split(".")[1:]) or "index"
+            page = DOCS / "api" / package / f"{file}.md"
+            assert names(stub)
+            assert page.read_text() == f"# {room}\n\n::: {room}\n"
+
+
+def test_the_house_is_the_one_of_contributing() -> None:
+    assert (DOCS / "house.md").read_text() == '--8<-- "CONTRIBUTING.md"\n'
+
+
+@pytest.mark.slow
+def test_figures_are_what_the_packages_compute(tmp_path: Path) -> None:
+    figures = load("figures")
+    found = figures.make(tmp_path)
+    kept = json.loads((DOCS / "figures" / "curves.json").read_text())
+    assert found.keys() == kept.keys() == figures.FIGURES.keys()
+    for name, curves in kept.items():
+        assert (DOCS / "figures" / f"{name}.svg").read_text().startswith("<?xml")
+        assert (tmp_path / f"{name}.svg").stat().st_size > 5000
+        for key, values in curves.items():
+            kept_values, now = (np.array(one, float) for one in (values, found[name][key]))
+            scale = np.nanmax(np.abs(kept_values))
+            np.testing.assert_allclose(now, kept_values, atol=2e-3 * scale, err_msg=f"{name} {key}")
+
+
+def test_every_figure_is_shown() -> None:
+    shown = "".join(page.read_text() for page in PAGES)
+    for picture in (DOCS / "figures").glob("*.svg"):
+        assert f"figures/{picture.name})" in shown
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tool", ["mkdocs", "zensical"])
+def test_builds_without_a_warning_and_loads_nothing_from_elsewhere(
+    tool: str, tmp_path: Path
+) -> None:
+    if shutil.which(tool) is None and not (Path(sys.executable).parent / tool).exists():
+        pytest.skip(f"{tool} is not installed: pip install -e '.[docs]'")
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for name in ("docs", "examples", "famjax", "fitting", "imaging", "rig"):
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("mkdocs.yml", "CONTRIBUTING.md"):
+        shutil.copy(ROOT / name, copy / name)
+    done = subprocess.run(
+        [sys.executable, "-m", tool, "build", "--strict"],
+        cwd=copy, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    pages = list((copy / "site").rglob("*.html"))
+    assert len(pages) > 60
+    for page in pages:
+        assert not loaded_from_elsewhere(page.read_text()), page
+
+
+def loaded_from_elsewhere(html: str) -> list[str]:
+    """What a page fetches from another host: scripts, styles, pictures; links are not fetched."""
+    tags = re.findall(r"<(?:script|link|img|iframe|source)\b[^>]*>", html)
+    return [
+        tag
+        for tag in tags
+        if re.search(r"(?:src|href)=\"?(?:https?:)?//", tag) and 'rel="canonical"' not in tag
+    ]
+
+
+def load(name: str) -> object:
+    """A script of the documentation as a module."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,159 @@
+"""Every header and row of a report is explained in the glossary."""
+
+import html
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fitting
+from famjax.boundary.units import UNITS
+from fitting.data import SharedErrors
+from fitting.evidence import Evidence, carry, moves_of
+from fitting.families import known_laws
+from fitting.hysteresis import BranchPairs, fit_hysteresis, hysteresis_table, leave_out
+from fitting.posterior import Posterior, posterior_table
+from fitting.saved.report_tables import correlation_tables, specimen_table
+
+GLOSSARY = Path(__file__).parents[1] / "docs" / "glossary.md"
+_UNITS = {unit for kind in UNITS.values() for unit in kind}
+
+
+def normal(label: str) -> str:
+    """A label without its unit, its numbers as signs: "contraction 0.250" is "contraction #"."""
+    return re.sub(r"\d+(\.\d+)?", "#", re.sub(r"\s*\[[^]]*\]$", "", label)).strip().lower()
+
+
+def terms() -> dict[str, str]:
+    """What the glossary explains, by normal label, and how."""
+    lines, found, open_terms = GLOSSARY.read_text().splitlines(), {}, []
+    for line in lines:
+        if line.startswith(":   "):
+            found |= {normal(term): line[4:] for term in open_terms}
+            open_terms = []
+        elif line and not line.startswith((" ", "#")):
+            open_terms.append(line)
+        elif not line:
+            open_terms = []
+    return found
+
+
+TERMS = terms()
+
+
+def unexplained(labels: list[str]) -> set[str]:
+    """Labels that are words and stand nowhere."""
+    units = {unit.lower() for unit in _UNITS}
+    words = {normal(one) for one in labels if re.search(r"[A-Za-z]", one)}
+    return {one for one in words if one not in units and one not in TERMS}
+
+
+def labels_of(tables: list) -> list[str]:
+    """Headers and first cells."""
+    return [cell for _, header, rows in tables for cell in (*header, *(row[0] for row in rows))]
+
+
+def test_terms_are_said_once_and_each_is_explained() -> None:
+    text = GLOSSARY.read_text()
+    assert len(TERMS) > 150
+    assert all(len(said) > 10 for said in TERMS.values())
+    for one in ("KKT residual", "duality gap", "ridge", "stability margin", "deadband", "verdict",
+                "sandwich error", "left out", "band", "shared errors", "condition"):  # fmt: skip
+        assert normal(one) in TERMS
+    lines = [line for line in text.splitlines() if line and not line.startswith((":", " ", "#"))]
+    said = [line for line in lines[1:] if len(line) < 100]
+    assert len(set(said)) == len(said)
+
+
+def test_what_is_not_there_is_found() -> None:
+    assert unexplained(["RMSE", "a word of no report", "N", "12.5"]) == {"a word of no report"}
+
+
+def test_tables_of_a_fit_with_all_evidence() -> None:
+    data = fitting.load_bundled("DMSP-20-300")
+    found = fitting.identify(data, order=3, starts=2)
+    errors = SharedErrors(
+        rest_length=1e-4, shortening=1e-3, pressure_reading=2e-3, pressure_zero=200.0,
+        force_reading=2e-3, force_zero=0.1, wall_thickness=2e-5,
+    )  # fmt: skip
+    evidence = Evidence(
+        validations=(fitting.validate(found, "pressure"), fitting.validate(found, "length")),
+        profiles=fitting.profile(found, ["deadband_pressure"]),
+        bootstrap=fitting.bootstrap(found, 3),
+        shared=carry(found, moves_of(data, errors)),
+    )
+    tables = [
+        *fitting.saved.tables(found, evidence=evidence),
+        specimen_table(found, "metric"),
+        *correlation_tables(found),
+    ]
+    assert len(tables) == 9
+    assert not unexplained(labels_of(tables))
+    cells = [cell for _, _, rows in tables for row in rows for cell in row[3:]]
+    assert "identified" in TERMS
+    assert not unexplained([cell for cell in cells if re.fullmatch(r"[a-z -]+", cell)])
+
+
+@pytest.mark.slow
+def test_parameters_of_every_law_and_the_table_of_families() -> None:
+    data = fitting.load_bundled("DMSP-20-300")
+    for law in known_laws():
+        found = fitting.identify(data, law=law, starts=1, parameters={
+            "end_factor": fitting.Parameter(), "rest_length": fitting.Parameter(),
+            "braid_compliance": fitting.Parameter(),
+        })  # fmt: skip
+        assert not unexplained(labels_of(fitting.saved.tables(found)[:1]))
+    chosen = fitting.choose(data)
+    table = fitting.choice.choice_table(chosen, "metric")
+    assert not unexplained([*table[1], *(row[-1] for row in table[2])])
+    assert not unexplained([word for row in table[2] for word in row[0].split(", ")])
+
+
+def test_tables_of_a_posterior_and_of_hysteresis() -> None:
+    draws = np.random.default_rng(0).normal(size=(4, 40, 1))
+    none = np.zeros((4, 40))
+    posterior = Posterior(
+        ("braid_angle",), ("angle",), draws, none > 0, none, none, None, 1.0, 0, False, "one"
+    )
+    length, half = np.linspace(0.25, 0.22, 12), np.linspace(1.0, 4.0, 12)
+    pairs = BranchPairs.joined([
+        BranchPairs.ramp(
+            L, np.linspace(1e5, 5e5, 12), half, turn_pressure=6e5, rest_length=0.25, name=f"{L}"
+        )
+        for L in length[2::4]
+    ])  # fmt: skip
+    slips = leave_out(fit_hysteresis(pairs))
+    labels = labels_of([posterior_table(posterior, "metric"), hysteresis_table(slips, "metric")])
+    assert "R-hat" in labels
+    assert "error with one length left out" in labels
+    assert not unexplained([*labels, "error with one pressure left out"])
+
+
+def test_columns_of_a_prediction() -> None:
+    said = ("length", "pressure", "force", "force std", "low 95", "high 95", "band", "slack",
+            "inside", "outside", "onset pressure", "slack up to", "pulls from")  # fmt: skip
+    assert not unexplained(list(said))
+
+
+def labels_of_page(page: str) -> list[str]:
+    """Headings, headers and first cells of a report, but for file names."""
+    found = []
+    for table in re.findall(r"<table.*?</table>", page, re.DOTALL):
+        header = [html.unescape(one) for one in re.findall(r"<th(?: [^>]*)?>(.*?)</th>", table)]
+        found += header
+        if "SHA-256" not in header:
+            rows = re.findall(r"<tr><td[^>]*>(.*?)</td>", table)
+            found += [html.unescape(one) for one in rows]
+            if "verdict" in header:
+                found += [
+                    html.unescape(one) for one in re.findall(r"<td>([a-z ]+)</td></tr>", table)
+                ]
+    return found
+
+
+def test_labels_of_a_page_are_found() -> None:
+    row = (
+        "<table><thead><tr><th scope='col'>what</th></tr></thead><tbody><tr><td>RMSE [N]</td></tr>"
+    )
+    assert labels_of_page(f"{row}</tbody></table>") == ["what", "RMSE [N]"]
