@@ -34,8 +34,5 @@ def settled(extra: float) -> float:
     return float(data.qpos[0])
 
 
-held, gravity = (
-    settled(0.0),
-    data.qfrc_bias[0] * np.tan(angle),
-)  # the arm's weight softens the joint
+held, gravity = settled(0.0), data.qfrc_bias[0] * np.tan(angle)  # the weight softens the joint
 print(f"held at {held:.6f} rad; pushed {push / (settled(push) - held) + gravity:.2f} N m/rad")

@@ -1,7 +1,6 @@
 """The table of a campaign and its files, read back by other programs."""
 
 import csv
-import importlib.util
 import io
 import sys
 
@@ -198,7 +197,7 @@ def test_scipy_alone_writes_and_reads_the_netcdf(tmp_path, monkeypatch):
 
 
 def test_a_dataset_without_xarray_names_the_extra(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ImagingError, match=r"famjax\[tables\]"):
         table().to_xarray()
 
