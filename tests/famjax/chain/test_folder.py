@@ -152,7 +152,7 @@ def test_the_report_is_whole(twin: Path) -> None:
         "known only together",
         "Cross-checks",
         "length in the pictures over displacement of the machine",
-        "complete strokes in journal and log: expected 3 or more, found 2",
+        "complete strokes in journal and log: expected 6 or more, found 5",
     ):
         assert words in page
 
@@ -181,7 +181,7 @@ def test_the_same_folder_gives_the_same_bytes(
     before = {path: path.read_bytes() for path in (twin / "results").rglob("*") if path.is_file()}
     code, _, err = famjax(capsys, "characterise", twin)
     assert code == 0
-    assert err.count("as before") == 8
+    assert err.count("as before") == 9
     for step in ("records", "pictures", "cylinder"):
         code, _, err = famjax(capsys, "characterise", twin, "--force", step, "--only", step)
         assert code == 0
