@@ -86,7 +86,13 @@ class MuscleCard:
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
         data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
-        return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
+        try:
+            return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
+        except jax.errors.TracerArrayConversionError:
+            raise InputError(
+                "a card's region is found with numbers, not while JAX traces: make the muscle before "
+                "jit, grad or vmap, muscle = card.safe(), and use it within"
+            ) from None
 
     def safe(self) -> SafeMuscle:
         """The muscle that may be taken anywhere, with its hysteresis: see `famjax.SafeMuscle`."""

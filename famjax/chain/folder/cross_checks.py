@@ -26,7 +26,7 @@ _RATIOS = {
     "m and inches": 1 / 0.0254, "feet and inches": 12.0, "lbf and N": 4.4482216152605,
     "kgf and N": 9.80665, "kgf and lbf": 2.20462,
 }  # fmt: skip
-_LIKE = 0.03  # relative, by which a ratio of units may be missed
+_LIKE = 0.05  # relative, by which a ratio of units may be missed
 
 
 @dataclasses.dataclass(frozen=True)

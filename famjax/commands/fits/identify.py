@@ -124,6 +124,13 @@ def fit(
 
     Error:
         A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
+        `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names with a unit:
+        rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero;
+        parts of the reading: pressure_reading, force_reading, shortening, as in
+        `pressure_reading=0.0025`.
+
+    Error:
+        A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
         `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names: rest_length,
         wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero (with a unit);
         pressure_reading, force_reading and shortening are parts of the reading: `pressure_reading=0.0025`.

@@ -63,6 +63,7 @@ def predict(
 
     sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
     saved = fitting.load_fit(fit_json)
+    _warn(saved.document, fit_json)
     if history is not None:
         return print_history(
             saved, history, as_json=json_,
@@ -127,3 +128,10 @@ def _print_rows(title: str, rows: list[dict]) -> None:
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
             print(f"- {reason}")
+
+
+def _warn(document: dict, path: Path) -> None:
+    """Say on standard error that nothing was identified, where that is so."""
+    if document.get("verdict") == "not identified":
+        reasons = document.get("reasons") or ["see its report"]
+        print(f"warning: {path} holds no identified muscle: {reasons[0]}", file=sys.stderr)

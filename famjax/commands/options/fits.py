@@ -142,5 +142,8 @@ def parse_errors(entries: Iterable[str]) -> SharedErrors:
         try:
             numbers[name] = float(value)
         except ValueError:
-            raise InputError(f"error {name}={value}: {value!r} is not a number") from None
+            raise InputError(
+                f"error {name}={value}: {value!r} is not a number; the unit belongs to the name, as in "
+                "wall_thickness_mm=0.05"
+            ) from None
     return from_entries(SharedErrors, numbers, SHARED_ERRORS, where="error: ")

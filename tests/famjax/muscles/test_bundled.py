@@ -4,6 +4,7 @@ import importlib.util
 import json
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -77,3 +78,9 @@ def test_the_script_makes_the_bundled_cards_anew(tmp_path: Path) -> None:
         wanted = np.asarray(old.muscle.force(L, P))
         atol = REMADE * np.abs(wanted).max()
         np.testing.assert_allclose(new.muscle.force(L, P), wanted, rtol=0, atol=atol)
+
+
+def test_a_muscle_made_while_jax_traces_says_what_to_do() -> None:
+    card = famjax.muscles.bundled_card("dmsp-20").cut(0.29)
+    with pytest.raises(ValueError, match=r"make the muscle before jit, grad or vmap"):
+        jax.jit(lambda L: card.safe().force(L, 4e5))(0.28)
