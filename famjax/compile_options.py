@@ -61,16 +61,8 @@ def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
         options: dict[str, Any] = {"compiler_options": quick_options()}
         return eqx.filter_jit(function, **options)
 
-    within: Callable[_P, _T] = eqx.filter_jit(function)
-
     @functools.wraps(function)
     def quick(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        try:
-            return jitted()(*args, **kwargs)
-        except ValueError as error:
-            # Part of another program, which has the options.
-            if "can only be passed to top-level" not in str(error):
-                raise
-            return within(*args, **kwargs)
+        return jitted()(*args, **kwargs)
 
     return quick

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import msgspec
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Float
 
 from .._types import Real, RealArray, as_real
@@ -85,14 +86,13 @@ class MuscleCard:
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
-        data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
-        try:
-            return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
-        except jax.errors.TracerArrayConversionError:
+        if isinstance(jnp.zeros(()), Tracer):
             raise InputError(
                 "a card's region is found with numbers, not while JAX traces: make the muscle before "
                 "jit, grad or vmap, muscle = card.safe(), and use it within"
-            ) from None
+            )
+        data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
+        return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
 
     def safe(self) -> SafeMuscle:
         """The muscle that may be taken anywhere, with its hysteresis: see `famjax.SafeMuscle`."""

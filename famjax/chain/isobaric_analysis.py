@@ -69,7 +69,7 @@ def analyse(
     shortening_positive: bool = False,
     zero_displacement: float = 0.0,
     pushing_positive: bool = False,
-    clock_moved: float = 0.0,
+    alignment: Alignment | None = None,
 ) -> Analysis:
     """The characterisation of a muscle from the two records of one test.
 
@@ -87,7 +87,7 @@ def analyse(
         shortening_positive: the machine's displacement grows as the muscle shortens.
         zero_displacement: what the machine shows at L0 [m].
         pushing_positive: the machine's force is positive in compression.
-        clock_moved: by how many of its standard errors the alignment is moved, to see what they do.
+        alignment: of the machine's clock to the journal's, where it is known; sought unless given.
 
     Returns:
         Alignment, record and characterisation.
@@ -107,19 +107,12 @@ def analyse(
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0])
     time = time[rising]
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
-    if sync_column is None:
-        alignment = _by_load(time, force, log, near, pushing_positive=pushing_positive)
-    else:
-        if sync_column not in log.others:
-            raise RigError(f"the log has no column {sync_column!r}; it has {', '.join(log.others)}")
-        ours = _edges(time, columns["sync"][known][rising])
-        theirs = _edges(log.time, log.others[sync_column])
-        # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
-        resolution = log.interval / math.sqrt(12) * math.sqrt(2)
-        alignment = align_by_pulses(ours, theirs, resolution=resolution)
-    alignment = dataclasses.replace(
-        alignment, offset=alignment.offset + clock_moved * alignment.offset_error
-    )
+    if alignment is None:
+        alignment = (
+            _by_load(time, force, log, near, pushing_positive=pushing_positive)
+            if sync_column is None
+            else _by_pulses(time, columns["sync"][known][rising], log, sync_column)
+        )
     record = combine(
         log,
         alignment,
@@ -194,6 +187,16 @@ def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads
     gain, zero = np.polyfit(record.force, ours, 1)
     left = ours - gain * record.force - zero
     return Loads(float(gain), float(zero), float(np.sqrt(np.mean(left**2)) / np.ptp(ours)))
+
+
+def _by_pulses(time: np.ndarray, sync: np.ndarray, log: MachineLog, column: str) -> Alignment:
+    """By the edges of the rig's pulses, which a column of the log has, too."""
+    if column not in log.others:
+        raise RigError(f"the log has no column {column!r}; it has {', '.join(log.others)}")
+    # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
+    resolution = log.interval / math.sqrt(12) * math.sqrt(2)
+    ours, theirs = _edges(time, sync), _edges(log.time, log.others[column])
+    return align_by_pulses(ours, theirs, resolution=resolution)
 
 
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:

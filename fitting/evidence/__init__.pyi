@@ -11,6 +11,7 @@ from .shared_errors import (
     Carried as Carried,
     Move as Move,
     carry as carry,
+    drawn_moves as drawn_moves,
     moves_of as moves_of,
 )
 from .validation import Validation as Validation, validate as validate

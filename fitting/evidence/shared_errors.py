@@ -29,6 +29,9 @@ from ..search.posing import Geometry, source_of
 from ..search.result import Identification
 from .spread import numbers_by_parameters
 
+DRAWS = 32
+"""Shapes as probable as the measured one: they tell a standard error to an eighth of itself."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Move:
@@ -95,6 +98,15 @@ def moves_of(
         name: [Move(moved := errors.moved(data, name), geometry_of(moved.specimen))]
         for name in errors.stated()
     }
+
+
+def drawn_moves(geometry_of: Callable[[int], Geometry]) -> list[Move]:
+    """The moves of a measured shape's uncertainty.
+
+    Args:
+        geometry_of: from the number of a draw, below `DRAWS`, to its geometry.
+    """
+    return [Move(None, geometry_of(draw)) for draw in range(DRAWS)]
 
 
 def carry(result: Identification, moves: Moves) -> Carried:

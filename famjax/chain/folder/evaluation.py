@@ -13,7 +13,7 @@ import famjax
 import fitting
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
-from fitting.evidence import Evidence, Move, moves_of
+from fitting.evidence import Evidence, Move, drawn_moves, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.saved import pdf_file, svg_file, write_fit
@@ -43,8 +43,6 @@ GEOMETRIES = {
 }
 """Geometries that are fitted, and what they are."""
 FORCE_MAP = "dataset.csv"
-SHAPE_DRAWS = 32
-"""Surfaces as probable as the measured one, through which its error is carried."""
 
 Recipes = Callable[[Photographs, Path], tuple[Any, dict[str, str]]]
 """From the photographs' table and the folder to `imaging.Recipe` and its provenance."""
@@ -139,7 +137,10 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
         pushing_positive=records.pushing_positive,
     )  # fmt: skip
     found = analysed()
-    write_shared(analysed(clock_moved=1.0), stored_calibration(journal), place)
+    apart = dataclasses.replace(
+        found.alignment, offset=found.alignment.offset + found.alignment.offset_error
+    )
+    write_shared(analysed(alignment=apart), stored_calibration(journal), place)
     entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
     write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
     dates = [note["wall"] for note in journal.notes_of("journal")]
@@ -315,10 +316,7 @@ def _shared(
             source: [dataclasses.replace(one, geometry=here) for one in of]
             for source, of in clock.items()
         },
-        SHAPE: [
-            Move(None, _geometry(sheet, sheet.specimen, name, surface, draw))
-            for draw in range(SHAPE_DRAWS)
-        ],
+        SHAPE: drawn_moves(lambda draw: _geometry(sheet, sheet.specimen, name, surface, draw)),
     }
 
 

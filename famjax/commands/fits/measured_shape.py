@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import fitting
-from fitting.evidence import Move, moves_of
+from fitting.evidence import Move, drawn_moves, moves_of
 from fitting.families import Parameter
 
 TURNS = "turns"
-DRAWS = 32
-"""Surfaces as probable as the measured one, through which its error is carried."""
 
 
 def with_shape(
@@ -56,5 +54,5 @@ def shared_moves(
     """
     if surface is None:
         return moves_of(data, errors)
-    draws = [Move(None, surface.geometry(data.specimen, draw=draw)) for draw in range(DRAWS)]
+    draws = drawn_moves(lambda draw: surface.geometry(data.specimen, draw=draw))
     return {**moves_of(data, errors, surface.geometry), "shape": draws}
