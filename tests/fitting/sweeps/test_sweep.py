@@ -240,6 +240,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_bytes(
         sweep(DATA, geometry(), **options, resume=cut)
 
 
+@pytest.mark.slow
 def test_derivatives_in_the_forces(swept: Sweep) -> None:
     """Of coefficients held by the Drucker constraint between stations."""
     readings = arrange(DATA, REST, 3)
