@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Future
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ..errors import InputError
 from .executors import AnyExecutor, Engine, finished, opened
@@ -15,6 +15,7 @@ _SHOWN = 5  # names in a message
 _Kept = TypeVar("_Kept", bound="Keeps")
 
 
+@runtime_checkable
 class Keeps(Protocol):
     """What takes results by the index of their item, and knows which are there already."""
 
