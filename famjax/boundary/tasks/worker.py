@@ -93,10 +93,10 @@ class Call:
             return function(item)
 
 
-def can_travel(function: Callable[..., Any]) -> bool:
-    """Whether a function can be sent to another process: one of a module's own level can."""
+def can_travel(thing: Any) -> bool:
+    """Whether something can be sent to another process; a function of a module's own level can."""
     try:
-        _pack(function)
+        _pack(thing)
     except (pickle.PicklingError, AttributeError, TypeError):
         return False
     return True

@@ -256,7 +256,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_bytes(
 
 @pytest.mark.timeout(200)
 def test_every_executor_finds_the_same_bits() -> None:
-    options = {"deadband": 1e4, "orders": (2, 3), "bootstrap": 400}
+    options = {"deadband": 1e4, "orders": (2, 3), "bootstrap": 250}
     maps = [DATA, dataclasses.replace(DATA, force=1.01 * DATA.force)]
     here = sweep(maps, geometry(), **options)
     assert np.isfinite(here.rows[0].coefficients_std).all()
