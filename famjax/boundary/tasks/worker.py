@@ -31,6 +31,7 @@ _JAX = (
     "jax_persistent_cache_min_compile_time_secs",
     "jax_persistent_cache_min_entry_size_bytes",
 )
+_UNPICKLED = (pickle.PicklingError, AttributeError, TypeError)
 _FUNCTIONS = 4  # unpacked ones that a worker keeps
 
 _one_at_a_time = threading.RLock()
@@ -96,16 +97,22 @@ class Call:
 def can_travel(thing: Any) -> bool:
     """Whether something can be sent to another process; a function of a module's own level can."""
     try:
-        _pack(thing)
-    except (pickle.PicklingError, AttributeError, TypeError):
+        pickle.dumps(thing)
+    except _UNPICKLED:
         return False
     return True
 
 
 def _pack(function: Any) -> bytes:
-    # What came with a cluster's client packs functions of a script, too.
-    by = sys.modules.get("cloudpickle", pickle)
-    return by.dumps(function)
+    # What came with a cluster's client sends the code of a script as well.
+    by_value = sys.modules.get("cloudpickle")
+    try:
+        packed = pickle.dumps(function)
+    except _UNPICKLED:
+        if by_value is None:
+            raise
+        return by_value.dumps(function)
+    return packed if by_value is None or b"__main__" not in packed else by_value.dumps(function)
 
 
 _unpacked: collections.OrderedDict[bytes, Callable[[Any], Any]] = collections.OrderedDict()
