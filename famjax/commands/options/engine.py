@@ -4,18 +4,16 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.extras import import_extra
-from famjax.boundary.tasks import AnyExecutor
 
 from .whole_numbers import Jobs
 
 _CONNECT = 10.0  # s to find the scheduler
-_Other = TypeVar("_Other")
 
 
 @Parameter(name="*")
@@ -36,7 +34,7 @@ class EngineOptions:
     dask: str | None = None
 
     @contextlib.contextmanager
-    def executor(self, otherwise: _Other = None) -> Iterator[AnyExecutor | _Other]:
+    def executor(self, otherwise: Literal["auto"] | None = None) -> Iterator[Any]:
         """What the options name, for `executor=`; a cluster is left at the end.
 
         Args:
