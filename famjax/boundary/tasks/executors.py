@@ -188,6 +188,8 @@ def _engine(executor: AnyExecutor, count: int) -> Engine:
 
 def finished(jobs: Collection[Any]) -> list[Any]:
     """Those of some jobs that are done, once one of them is."""
+    if not jobs:
+        return []
     if all(isinstance(job, Future) for job in jobs):
         while not (done := wait(jobs, timeout=_WAKE, return_when=FIRST_COMPLETED).done):
             pass

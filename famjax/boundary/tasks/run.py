@@ -129,16 +129,9 @@ class _Run:
                     engine.remake()
                     broken = False
                 alone = not waiting and not self._running
-                # An executor that works in this thread is given one task at a time.
-                while (
-                    waiting
-                    and not broken
-                    and len(self._running) < engine.ahead
-                    and not any(job.done() for job in self._running)
-                ):
-                    self._submit(waiting.popleft(), engine, call)
-                if alone and suspects:
-                    self._submit(suspects.popleft(), engine, call)
+                if not broken:
+                    queue, most = (suspects, 1) if alone else (waiting, engine.ahead)
+                    broken = not self._filled(queue, most, engine, call)
                 for job in finished(self._running):
                     index = self._running.pop(job)
                     if self._took(job, index, engine):
@@ -154,12 +147,19 @@ class _Run:
         finally:
             self._keep_what_ends()
 
-    def _submit(self, index: int, engine: Engine, call: Call) -> None:
-        try:
-            job = engine.submit(call, self._items[index])
-        except (BrokenExecutor, CancelledError, *engine.losses) as error:
-            raise self._lost(error) from error
-        self._running[job] = index
+    def _filled(self, queue: deque[int], most: int, engine: Engine, call: Call) -> bool:
+        """Submit tasks until so many are under way; False where the workers are to be replaced."""
+        while queue and len(self._running) < most:
+            try:
+                job = engine.submit(call, self._items[queue[0]])
+            except (BrokenExecutor, CancelledError, *engine.losses) as error:
+                if engine.remakes:
+                    return False
+                raise self._lost(error) from error
+            self._running[job] = queue.popleft()
+            if job.done():  # an executor that works in this thread is given one task at a time
+                break
+        return True
 
     def _took(self, job: Any, index: int, engine: Engine) -> bool:
         """Whether the job has a result, which is then kept; not where its worker died."""
@@ -186,12 +186,10 @@ class _Run:
                 self._keep(index, job.result())
 
     def _lost(self, error: BaseException) -> EngineLost:
-        if isinstance(self._store, Store) and self._store.folder is not None:
-            kept = (
-                f"the finished parts are kept in {self._store.folder}, the same call goes on there"
-            )
-        else:
-            kept = "give a store to keep what is finished"
+        folder = getattr(self._store, "folder", None)
+        kept = "give a folder to keep what is finished"
+        if folder is not None:
+            kept = f"the finished parts are kept in {folder}, and the same call goes on from there"
         return EngineLost(
             f"the executor is gone after {self._done} of {len(self._items)} "
             f"({type(error).__name__}: {error}); {kept}. Give a new executor, or a number of "
