@@ -126,6 +126,10 @@ class _Dask(Engine):
             raise InputError(
                 "a dask client must not be asynchronous here: make it with asynchronous=False"
             )
+        if client.status != "running":
+            raise InputError(
+                f"the dask client is {client.status}, without a scheduler: connect a new one"
+            )
         # There, since its client is.
         distributed = importlib.import_module("distributed")
 
@@ -135,7 +139,8 @@ class _Dask(Engine):
             max(_FEWEST, sum(client.ncores().values())),
         )
         self.deaths = (distributed.KilledWorker,)
-        self.losses = (distributed.comm.CommClosedError, OSError, RuntimeError)
+        closed = getattr(distributed.client, "ClosedClientError", RuntimeError)
+        self.losses = (distributed.comm.CommClosedError, closed, OSError, RuntimeError)
 
 
 @contextlib.contextmanager

@@ -22,6 +22,15 @@ class Damaged(InputError):  # noqa: N818 -- the name says what it is
     """A file that is not what was written."""
 
 
+def check_part_files() -> None:
+    """Raise unless parts can be kept in files, before any work is done.
+
+    Raises:
+        InputError: pyarrow is not installed.
+    """
+    _arrow()
+
+
 def part_bytes(part: dict[str, Any]) -> bytes:
     """The file of a part; the same part has the same bytes.
 

@@ -151,7 +151,8 @@ class _Run:
         """Submit tasks until so many are under way; False where the workers are to be replaced."""
         while queue and len(self._running) < most:
             try:
-                job = engine.submit(call, self._items[queue[0]])
+                with _Named(self.name(queue[0])):
+                    job = engine.submit(call, self._items[queue[0]])
             except (BrokenExecutor, CancelledError, *engine.losses) as error:
                 if engine.remakes:
                     return False

@@ -70,13 +70,20 @@ class Call:
     def __init__(self, function: Callable[[Any], Any], host: Host, *, threads: bool) -> None:
         self._function: Callable[[Any], Any] | None = function
         self._host, self._threads = host, threads
+        # By which a cluster's dashboard shows it.
+        self.__name__ = getattr(getattr(function, "func", function), "__name__", "task")
 
     @functools.cached_property
     def _packed(self) -> bytes:
         return _pack(self._function)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"_packed": self._packed, "_host": self._host, "_threads": self._threads}
+        return {
+            "_packed": self._packed,
+            "_host": self._host,
+            "_threads": self._threads,
+            "__name__": self.__name__,
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _function=None)

@@ -32,6 +32,10 @@ def poisoned(index: int) -> int:
     return index
 
 
+def poisoned_part(index: int) -> dict[str, Any]:
+    return drawn(poisoned(index))
+
+
 def failing(index: int) -> int:
     if index == 3:
         raise ValueError("no root")
