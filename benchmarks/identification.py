@@ -214,7 +214,7 @@ def _errors(
 def bootstrap(n_pressures: int, thin: int, count: int, repeats: int) -> list[Line]:
     """Replicates of the four-coefficient fit at one pressure whose stress has to rise."""
     _, readings, of = shared(n_pressures, thin)
-    given = _replicates(of, draw(readings, count, (0,)))
+    given = _replicates(of, draw(readings.there, count, (0,)))
     what = f"{count} bootstrap programmes of four coefficients"
     return _batch(what, *given, repeats=repeats)
 

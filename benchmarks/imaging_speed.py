@@ -187,7 +187,7 @@ def _rate(paths: Sequence[Path], recipe: Recipe, workers: int) -> float:
     process(
         paths,
         recipe,
-        workers=workers,
+        executor=workers,
         progress=lambda done, _: reports.append((time.perf_counter(), done)),
     )
     # Starting the processes is no part of a long campaign's rate, nor is its uneven end.

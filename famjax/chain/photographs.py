@@ -4,11 +4,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import parse_quantity
 from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
 from imaging import ImagingError, Recipe, Table, process
@@ -46,7 +47,7 @@ def measure_pictures(
     log_units: Mapping[str, str] | None = None,
     log_decimal: str | None = None,
     rest_length: str | None = None,
-    workers: int | None = None,
+    executor: AnyExecutor | Literal["auto"] = "auto",
     system: str = "us",
     output: Path = Path("famjax-measure"),
     resume: bool = True,
@@ -65,7 +66,7 @@ def measure_pictures(
         log_units: as its `units`.
         log_decimal: as its `decimal`.
         rest_length: `9.28in`; the longest measured picture if None.
-        workers: number of processes.
+        executor: as of `process`.
         system: units of CSV and plots.
         output: folder, made if need be.
         resume: continue from the results in the folder.
@@ -89,7 +90,7 @@ def measure_pictures(
         output,
         resume=resume,
         progress=progress,
-        workers=workers,
+        executor=executor,
         rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
         provenance=provenance,
     )

@@ -8,8 +8,11 @@ from cyclopts import Parameter
 
 from .loading import load_fitting
 from .matplotlib_import import load_matplotlib
+from .options.engine import EngineOptions
 from .options.whole_numbers import Seed
 from .terminal import progress_bar
+
+_UNNAMED = EngineOptions()
 
 
 def new(folder: Path) -> int:
@@ -44,7 +47,7 @@ def characterise(
     *,
     only: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     force: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    jobs: int | None = None,
+    engine: EngineOptions = _UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
 ) -> int:
     """Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report.
@@ -67,8 +70,8 @@ def characterise(
         average-diameter, measured, virtual-work, report.
     force
         Steps to carry out again, repeatable.
-    jobs
-        Number of processes for the pictures; one for each core unless given.
+    engine
+        Where the pictures are measured; one process for each core unless given.
     units
         Of tables and pictures: si, metric or us.
     """
@@ -89,12 +92,13 @@ def characterise(
     results.mkdir(exist_ok=True)
     origin = first_run(results, Origin.of_this_command())
     try:
-        steps = evaluation_steps(sheet, _recipe, jobs=jobs, origin=origin, system=units)
-        steps.append(report_step(sheet, steps, origin=origin, system=units))
-        run_steps(
-            steps, results, only=only, force=force,
-            tell=lambda text: print(text, file=sys.stderr, flush=True),
-        )  # fmt: skip
+        with engine.executor("auto") as executor:
+            steps = evaluation_steps(sheet, _recipe, executor=executor, origin=origin, system=units)
+            steps.append(report_step(sheet, steps, origin=origin, system=units))
+            run_steps(
+                steps, results, only=only, force=force,
+                tell=lambda text: print(text, file=sys.stderr, flush=True),
+            )  # fmt: skip
     except KeyboardInterrupt:
         print("famjax: stopped; run the same command again to go on", file=sys.stderr)
         return 130

@@ -10,11 +10,13 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .matplotlib_import import load_matplotlib
+from .options.engine import EngineOptions
 from .options.entries import parse_entries
 from .options.recipe import RecipeOptions
 from .terminal import print_rows, progress_bar
 
 _UNSAID = RecipeOptions()
+_UNNAMED = EngineOptions()
 _SHOWN = 20  # pictures on the console
 
 
@@ -27,7 +29,7 @@ def measure(
     log_units: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     log_decimal: Literal[".", ","] | None = None,
     rest_length: str | None = None,
-    workers: int | None = None,
+    engine: EngineOptions = _UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
     output: Path = Path("famjax-measure"),
     resume: bool = True,
@@ -62,8 +64,9 @@ def measure(
         The log's decimal sign where the numbers do not tell.
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given.
-    workers
-        Number of processes; unless given one for each core, and none for up to four pictures.
+    engine
+        Where the pictures are measured; unless given one process for each core, and none for up to
+        four pictures.
     units
         Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
@@ -75,8 +78,6 @@ def measure(
     json_
         Print one JSON object to standard output and nothing else there.
     """
-    from time import monotonic
-
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     load_matplotlib()
@@ -86,17 +87,14 @@ def measure(
     from ..boundary.errors import InputError
     from .options.photographs import command_recipe, set_up
 
-    began: list[tuple[float, int]] = []
+    measured: list[int] = []
     try:
-        with progress_bar() as progress:
+        with progress_bar() as progress, engine.executor("auto") as executor:
             task = progress.add_task("measuring", total=None)
 
             def show(done: int, total: int) -> None:
-                began.append((monotonic(), done))
-                seconds, fresh = began[-1][0] - began[0][0], done - began[0][1]
-                rate = f", {fresh / seconds:.3g} pictures/s" if fresh and seconds else ""
-                words = f"measuring {done} of {total}{rate}"
-                progress.update(task, completed=done, total=total, description=words)
+                measured.append(done)
+                progress.update(task, completed=done, total=total)
 
             expand(photos)  # a picture that is not there is said before what its recipe lacks
             recipe, provenance = command_recipe(how)
@@ -114,7 +112,7 @@ def measure(
                 log_units=parse_entries(log_units, "log-units", "force=kN"),
                 log_decimal=log_decimal,
                 rest_length=rest_length,
-                workers=workers,
+                executor=executor,
                 system=units,
                 output=output,
                 resume=resume,
@@ -125,7 +123,7 @@ def measure(
         print(f"famjax: {type(error).__name__}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        done = f"{began[-1][1]} measured pictures are" if began else "what was measured is"
+        done = f"{measured[-1]} measured pictures are" if measured else "what was measured is"
         print(
             f"famjax: stopped; {done} kept in {output}. Run the same command again to go on",
             file=sys.stderr,

@@ -8,8 +8,9 @@ from typing import Any, Literal
 
 from rich.console import Console
 from rich.measure import Measurement
-from rich.progress import MofNCompleteColumn, Progress, TaskID
+from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID
 from rich.table import Table
+from rich.text import Text
 
 from famjax.boundary.files import check_output
 
@@ -19,14 +20,25 @@ _EVERY = 15.0  # seconds between lines
 def progress_bar(every: float = _EVERY) -> Progress:
     """A bar on standard error, gone at the end; no terminal there gets lines in its place.
 
+    Both say what is done, how much in a second, and the time that is left.
+
     Args:
         every: least time between two lines [s]; 0 for a line at every step.
     """
     console = Console(stderr=True)
     if console.is_terminal:
-        columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+        columns = (*Progress.get_default_columns(), MofNCompleteColumn(), _Rate())
         return Progress(*columns, console=console, transient=True)
     return _Lines(every, console)
+
+
+class _Rate(ProgressColumn):
+    """What is done in a second."""
+
+    def render(self, task: Task) -> Text:
+        return Text(
+            "" if task.speed is None else f"{task.speed:.3g}/s", style="progress.data.speed"
+        )
 
 
 class _Lines(Progress):
@@ -44,7 +56,9 @@ class _Lines(Progress):
         self._next = monotonic() + self._every
         task = self.tasks[task_id]
         count = "" if task.total is None else f", {task.completed:.0f} of {task.total:.0f} done"
-        print(f"{task.description}{count}", file=sys.stderr, flush=True)
+        speed, left = task.speed, task.time_remaining
+        rate = "" if speed is None or left is None else f", {speed:.3g}/s, {left:.0f} s left"
+        print(f"{task.description}{count}{rate}", file=sys.stderr, flush=True)
 
 
 class Output:

@@ -12,7 +12,7 @@ import numpy as np
 import famjax
 from famjax import peers
 from famjax.boundary.errors import InputError, check_seed
-from famjax.boundary.resumable import ResumableFile
+from famjax.boundary.tasks import AnyExecutor, Store, can_travel, run_tasks
 
 from ..data.force_data import ForceData
 from ..data.frames import data_frame, html_table
@@ -95,6 +95,7 @@ def compare(
     own: Sequence[OwnModel] = (),
     starts: int = 32,
     seed: int = 0,
+    executor: AnyExecutor = None,
     resume: Path | str | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Comparison:
@@ -109,16 +110,19 @@ def compare(
         own: further models, see `OwnModel`.
         starts: of each nonlinear fit.
         seed: of the starts.
-        resume: file to which each finished row is written; if it is there already, the comparison
-            goes on where it was stopped. Models of your own are known by their names.
+        executor: what fits the models, each a task: this process, processes or a cluster, see
+            `famjax.boundary.tasks.AnyExecutor`. A model of your own that cannot be sent to another
+            process, such as a function within a function, is fitted in this one.
+        resume: folder to which each finished row is written, made if need be; a comparison that was
+            stopped goes on from there. Models of your own are known by their names.
         progress: called with (models done, models, name of the next one).
 
     Returns:
         The table. A model that cannot be fitted to this map is in it with a note and no errors.
 
     Raises:
-        InputError: an unknown name, a map with one pressure or one length only, or the file of
-            another comparison.
+        InputError: an unknown name, a map with one pressure or one length only, the folder of
+            another comparison, or the executor is gone.
     """
     check_seed(seed)
     if starts < 1:
@@ -130,27 +134,29 @@ def compare(
         raise InputError(f"unknown model {unknown[0]!r}; known for this map are {', '.join(known)}")
     for groups in _LEFT_OUT:
         check_groups(data, groups)
-    jobs: list[tuple[str, Callable[[], ComparisonRow]]] = [
-        (name, _job(name, data, starts, seed)) for name in chosen
-    ]
-    jobs += [_own_job(model, data, starts, seed) for model in own]
+    tasks = [_Task(model, data, starts, seed) for model in (*chosen, *own)]
+    names = [task.name for task in tasks]
     settings = {
         "version": famjax.__version__,
         "data": data.sha256,
         "tolerances": [data.pressure_tolerance, data.length_tolerance],
-        "models": [name for name, _ in jobs],
+        "models": names,
         "starts": starts,
         "seed": seed,
     }
-    file = ResumableFile(None if resume is None else Path(resume), "comparison", settings)
-    for done, (name, job) in enumerate(jobs):
+    store = Store(None if resume is None else Path(resume), "comparison", settings, len(tasks))
+
+    def tell(done: int, total: int) -> None:
         if progress is not None:
-            progress(done, len(jobs), name)
-        if done >= len(file.parts):
-            file.append(job().as_dict())
-    if progress is not None:
-        progress(len(jobs), len(jobs), "")
-    rows = [ComparisonRow.from_dict(part) for part in file.parts]
+            following = (name for index, name in enumerate(names) if index not in store)
+            progress(done, total, next(following, ""))
+
+    for index, task in enumerate(tasks):
+        if executor is not None and index not in store and not can_travel(task):
+            tell(sum(done in store for done in range(len(tasks))), len(tasks))
+            store.keep(index, _row(task))
+    run_tasks(_row, tasks, executor=executor, store=store, progress=tell, names=names)
+    rows = [ComparisonRow.from_dict(part) for part in store]
     rows.sort(key=lambda row: (math.isnan(row.rmse), row.rmse))
     return Comparison(data, tuple(rows))
 
@@ -183,33 +189,60 @@ def _published(data: ForceData) -> dict[str, tuple[str, Model]]:
     return found
 
 
-def _job(name: str, data: ForceData, starts: int, seed: int) -> Callable[[], ComparisonRow]:
+@dataclasses.dataclass(frozen=True)
+class _Task:
+    """One row of the table.
+
+    Attributes:
+        model: a known name, or a model of one's own.
+        data: the force map.
+        starts, seed: of the fits.
+    """
+
+    model: str | OwnModel
+    data: ForceData
+    starts: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Of the row."""
+        if isinstance(self.model, PeerFamily):
+            return self.model.label
+        return self.model if isinstance(self.model, str) else self.model[0]
+
+
+def _row(task: _Task) -> dict[str, Any]:
+    """The row of a task, made plain."""
+    model, data, starts, seed = task.model, task.data, task.starts, task.seed
+    if isinstance(model, str):
+        row = _known_row(model, data, starts, seed)
+    elif isinstance(model, PeerFamily):
+        row = _peer_row(model.label, model, data, starts, seed)
+    elif len(model) == 2:
+        what, options = model
+        row = identified_row(what, what, options, data, starts, seed)
+    else:
+        name, count, fit_and_predict = model
+        row = _own_row(ComparisonRow(name, name, count), fit_and_predict, data)
+    return row.as_dict()
+
+
+def _known_row(name: str, data: ForceData, starts: int, seed: int) -> ComparisonRow:
     families, published = peer_families(data), _published(data)
     if name in OWN:
         what, options = OWN[name]
         label = f"famjax, {what}, physical box"
-        return lambda: identified_row(name, label, options, data, starts, seed)
+        return identified_row(name, label, options, data, starts, seed)
     if name in published:
         label, model = published[name]
-        return lambda: _published_row(name, label, model, data)
+        return _published_row(name, label, model, data)
     if name in families:
-        return lambda: _peer_row(name, families[name], data, starts, seed)
+        return _peer_row(name, families[name], data, starts, seed)
     count = sum(hocking_orders(data).values())
     label = "Hocking & Wereley 2012, order 4 per pressure"
     note = "geometry held at the nominal one; lower orders where a pressure has few lengths"
-    return lambda: _own_row(ComparisonRow(name, label, count, note=note), fit_hocking_wereley, data)
-
-
-def _own_job(
-    model: OwnModel, data: ForceData, starts: int, seed: int
-) -> tuple[str, Callable[[], ComparisonRow]]:
-    if isinstance(model, PeerFamily):
-        return model.label, lambda: _peer_row(model.label, model, data, starts, seed)
-    if len(model) == 2:
-        what, options = model
-        return what, lambda: identified_row(what, what, options, data, starts, seed)
-    name, count, fit_and_predict = model
-    return name, lambda: _own_row(ComparisonRow(name, name, count), fit_and_predict, data)
+    return _own_row(ComparisonRow(name, label, count, note=note), fit_hocking_wereley, data)
 
 
 def _peer_row(

@@ -1,18 +1,19 @@
 """The sweep: all permutations of order, pressure dependence and constraint at fixed geometry."""
 
+import dataclasses
 import functools
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
 
 import famjax
 from famjax.boundary.errors import InputError, check_seed
-from famjax.boundary.resumable import ResumableFile
+from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 
 from ..convex.status import Status
 from ..data.force_data import ForceData
@@ -21,7 +22,7 @@ from .fits import solve
 from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
 from .linear_model import LinearModel
 from .readings import arrange
-from .replicates import Replicates, draw
+from .replicates import Chunk, chunk_sums
 from .result import Sweep, SweepRow
 from .scores import score
 
@@ -29,6 +30,7 @@ FEASIBLE = 1e-9
 """Violation of a constraint per largest coefficient that counts as rounding."""
 
 _CHUNK = 250  # replicates
+_Part: TypeAlias = tuple[int, int]
 
 
 def sweep(
@@ -42,6 +44,7 @@ def sweep(
     objective: str = "sum_of_squares",
     bootstrap: int = 0,
     seed: int = 0,
+    executor: AnyExecutor = None,
     resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
@@ -60,16 +63,19 @@ def sweep(
         objective: "sum_of_squares", "mean_rmse" (over pressures, as the reference work) or "huber".
         bootstrap: number of replicates, readings drawn anew at each pressure, for the standard
             deviations of the coefficients; with "sum_of_squares" only.
-        seed: of the replicates; the same seed gives the same file.
-        resume: file to which each finished part is written; if it is there already, the sweep goes
-            on where it was stopped.
+        seed: of the replicates; the same seed gives the same numbers, whatever does them.
+        executor: what does the replicates, in chunks: this process, processes or a cluster, see
+            `famjax.boundary.tasks.AnyExecutor`.
+        resume: folder to which each finished part is written, made if need be; a sweep that was
+            stopped goes on from there.
         progress: called with (parts done, parts).
 
     Returns:
         The fits.
 
     Raises:
-        InputError: the data or options cannot be used, or the file is that of another sweep.
+        InputError: the data or options cannot be used, the folder is that of another sweep, or the
+            executor is gone.
         RuntimeError: float64 is off.
 
     References:
@@ -103,16 +109,18 @@ def sweep(
         "bootstrap": bootstrap,
         "seed": seed,
     }
-    file = ResumableFile(None if resume is None else Path(resume), "sweep", settings)
     parts = [(k, part) for k in range(len(maps)) for part in _parts(bootstrap)]
-    for done, (k, part) in enumerate(parts):
-        if progress is not None:
-            progress(done, len(parts))
-        if done >= len(file.parts):
-            file.append(tasks[k].fits() if part is None else tasks[k].replicates(part, seed, k))
-    if progress is not None:
-        progress(len(parts), len(parts))
-    rows = [row for k, task in enumerate(tasks) for row in task.rows(_of(file.parts, parts, k))]
+    store = Store(None if resume is None else Path(resume), "sweep", settings, len(parts))
+    for index, (k, part) in enumerate(parts):
+        if part is None and index not in store:
+            if progress is not None:
+                progress(sum(done in store for done in range(len(parts))), len(parts))
+            store.keep(index, tasks[k].fits())
+    chunks = _Chunks(tasks, parts, seed)
+    run_tasks(chunk_sums, chunks, executor=executor, store=store, progress=progress)
+    each, rows = len(parts) // len(maps), []
+    for k, task in enumerate(tasks):
+        rows += task.rows(store[index] for index in range(k * each, (k + 1) * each))
     return Sweep(
         rows=tuple(rows),
         pressures=tuple(task.readings.pressure for task in tasks),
@@ -143,38 +151,38 @@ class _Task:
         levels, ends = self.readings.pressure, self.readings.path_end
         self.model = LinearModel(geometry, deadband, highest, levels, ends)
 
-    def fits(self) -> dict[str, Any]:
-        """All fits with their scores, as plain lists."""
+    def fits(self) -> dict[str, np.ndarray]:
+        """All fits with their scores."""
         fits, square = solve(self._design, self.forms, self._objective, leave_out=True)
         scores = score(self._design, self.model, self.readings, fits.coefficients, self.forms)
         return {
-            "fits": {name: leaf.tolist() for name, leaf in vars(fits).items()},
-            "scores": {name: leaf.tolist() for name, leaf in vars(scores).items()},
-            "left_out_N2": square.tolist(),
+            **{f"fits.{name}": np.asarray(leaf) for name, leaf in vars(fits).items()},
+            **{f"scores.{name}": np.asarray(leaf) for name, leaf in vars(scores).items()},
+            "left_out_N2": np.asarray(square),
         }
 
     @functools.cached_property
     def _design(self) -> Design:
         return Design.of(self.model, self.readings)
 
-    @functools.cached_property
-    def _replicates(self) -> Replicates:
-        return Replicates.of(self._design, self.forms)
+    def chunk(self) -> Chunk:
+        """Replicates of its fits, without a seed."""
+        return Chunk.of(self._design, self.forms)
 
-    def replicates(self, part: tuple[int, int], seed: int, index: int) -> dict[str, Any]:
-        """Sums over some replicates of the deviation from the fit and of its square."""
-        first, count = part
-        # Always a whole chunk, so that one compilation serves them all.
-        weights = draw(self.readings, _CHUNK, (seed, index, first))
-        total, square, known = self._replicates.sums(weights, count)
-        return {"sum": total.tolist(), "square": square.tolist(), "count": known.tolist()}
-
-    def rows(self, chunks: list[dict[str, Any]]) -> Iterator[SweepRow]:
-        """The rows of the finished parts."""
-        fits = {key: _array(value) for key, value in chunks[0]["fits"].items()}
-        scores = {key: _array(value) for key, value in chunks[0]["scores"].items()}
-        left_out_square = _array(chunks[0]["left_out_N2"])
-        spread = _spread(chunks[1:], fits["coefficients"].shape)
+    def rows(self, parts: Iterable[dict[str, np.ndarray]]) -> Iterator[SweepRow]:
+        """The rows of the finished parts: the fits, then chunks of replicates."""
+        of_parts = iter(parts)
+        found = next(of_parts)
+        fits, scores = (
+            {
+                name.removeprefix(kind): value
+                for name, value in found.items()
+                if name.startswith(kind)
+            }
+            for kind in ("fits.", "scores.")
+        )
+        left_out_square = found["left_out_N2"]
+        spread = _spread(of_parts, fits["coefficients"].shape)
         count = self.readings.there.sum(axis=1)
         for d, dependence in enumerate(self.forms.dependences):
             for o, order in enumerate(self.forms.orders):
@@ -223,35 +231,51 @@ def _mean_of_known(values: np.ndarray) -> float:
     return float(known.mean()) if known.size else math.nan
 
 
-def _spread(chunks: list[dict[str, Any]], shape: tuple[int, ...]) -> np.ndarray:
+def _spread(chunks: Iterable[dict[str, np.ndarray]], shape: tuple[int, ...]) -> np.ndarray:
     """Standard deviations over replicates, nan with fewer than two."""
-    if not chunks:
-        return np.full(shape, np.nan)
-    total, square, count = (
-        sum(np.asarray(chunk[name], float) for chunk in chunks)
-        for name in ("sum", "square", "count")
-    )
+    total, square, count = np.zeros(shape), np.zeros(shape), np.zeros(())
+    for chunk in chunks:
+        total, square = total + chunk["sum"], square + chunk["square"]
+        count = count + chunk["count"]
     enough = count > 1
     count = np.where(enough, count, 2)
     variance = (square - total**2 / count) / (count - 1)
     return np.where(enough, np.sqrt(np.maximum(variance, 0)), np.nan)
 
 
-def _array(values: list[Any]) -> np.ndarray:
-    """Numbers of the file; null is nan."""
-    return np.asarray(values, float)
+class _Chunks(Sequence[Chunk | None]):
+    """What each part of a sweep is made of, put together when it is asked for: one map is in memory.
+
+    Args:
+        tasks: of the maps.
+        parts: index of the map, and replicates (first, count); those without are fits.
+        seed: of the replicates.
+    """
+
+    def __init__(
+        self, tasks: Sequence[_Task], parts: Sequence[tuple[int, _Part | None]], seed: int
+    ) -> None:
+        self._tasks, self._parts, self._seed = tasks, parts, seed
+        self._last: tuple[int, Chunk] | None = None
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def __getitem__(self, index: Any) -> Any:
+        k, part = self._parts[index]
+        if part is None:
+            return None
+        if self._last is None or self._last[0] != k:
+            self._last = k, self._tasks[k].chunk()
+        first, count = part
+        seed = (self._seed, k, first)
+        return dataclasses.replace(self._last[1], seed=seed, size=_CHUNK, count=count)
 
 
-def _parts(bootstrap: int) -> list[tuple[int, int] | None]:
+def _parts(bootstrap: int) -> list[_Part | None]:
     """The fits, then replicates (first, count) in chunks."""
     firsts = range(0, bootstrap, _CHUNK)
     return [None, *((first, min(_CHUNK, bootstrap - first)) for first in firsts)]
-
-
-def _of(
-    chunks: list[dict[str, Any]], parts: list[tuple[int, tuple[int, int] | None]], index: int
-) -> list[dict[str, Any]]:
-    return [chunk for chunk, (k, _) in zip(chunks, parts, strict=True) if k == index]
 
 
 def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:

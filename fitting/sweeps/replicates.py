@@ -20,21 +20,20 @@ from ..convex.status import Status
 from .design import STATIONS, Design
 from .fits import solved
 from .forms import Forms
-from .readings import Readings
 from .unknowns import Unknowns, coupled, free
 
 
 def draw(
-    readings: Readings, count: int, seed: tuple[int, ...]
+    there: Bool[np.ndarray, "pressures readings"], count: int, seed: tuple[int, ...]
 ) -> Float[np.ndarray, "replicates pressures readings"]:
     """How often each reading is drawn: with replacement, at each pressure as many as there are.
 
     Args:
-        readings: of the force map.
+        there: which of the padded readings are readings.
         count: number of replicates.
         seed: the same seed gives the same draws.
     """
-    rng, there = np.random.default_rng(seed), readings.there
+    rng = np.random.default_rng(seed)
     drawn = np.zeros((count, *there.shape))
     for p, here in enumerate(there):
         n = int(here.sum())
@@ -99,46 +98,52 @@ class Programmes:
 
 
 @dataclasses.dataclass(frozen=True)
-class Replicates:
-    """Replicates of the fits of all forms of a map.
+class Chunk:
+    """Some replicates of the fits of a map: arrays alone, so that any process can do them.
 
     Attributes:
-        design: the linear problem.
         programmes: fits of laws that are fixed or linear in pressure, and of free ones.
+        A, target: of the readings, weighted, shapes (pressures, readings, order) and without order.
+        there: which of the padded readings are readings.
+        seed: of the draws.
+        size: number of replicates that are drawn, the same for all chunks: one compilation serves
+            them.
+        count: of those, how many are summed.
     """
 
-    design: Design
     programmes: tuple[Programmes, ...]
+    A: Float[np.ndarray, "pressures readings order"]
+    target: Float[np.ndarray, "pressures readings"]
+    there: Bool[np.ndarray, "pressures readings"]
+    seed: tuple[int, ...] = (0,)
+    size: int = 1
+    count: int = 1
 
     @classmethod
-    def of(cls, of: Design, forms: Forms) -> "Replicates":
-        """Those of a map, from the fits to all its readings."""
+    def of(cls, of: Design, forms: Forms) -> "Chunk":
+        """One of a map, from the fits to all its readings."""
         shared, found = [form for form in forms.dependences if form != "free"], []
         if shared:
             found.append(Programmes.of(of, coupled(of, shared, forms.orders), forms, 1))
         if "free" in forms.dependences:
             found.append(Programmes.of(of, free(of, forms.orders), forms, len(of.target)))
-        return cls(of, tuple(found))
+        A, target = np.asarray(of.A * of.weight[..., None]), np.asarray(of.target * of.weight)
+        return cls(tuple(found), A, target, np.asarray(of.there))
 
-    def sums(
-        self, weights: Float[np.ndarray, "replicates pressures readings"], count: int
-    ) -> list[np.ndarray]:
-        """Sums over the first replicates of their deviations from the fit [Pa].
 
-        Args:
-            weights: of the readings.
-            count: number of replicates that are summed.
+def chunk_sums(chunk: Chunk) -> dict[str, np.ndarray]:
+    """Sums over the replicates of a chunk of their deviations from the fit [Pa], and of the squares.
 
-        Returns:
-            [sum, sum of squares, number of those that are known], with the axes of the fits.
-        """
-        of = self.design
-        given = of.A * of.weight[..., None], of.target * of.weight, weights, np.asarray(count)
-        found = [_sums(programmes, *given) for programmes in self.programmes]
-        return [
-            np.concatenate([np.moveaxis(np.asarray(leaf), 0, 2) for leaf in leaves])
-            for leaves in zip(*found, strict=True)
-        ]
+    Returns:
+        "sum", "square" and "count" of those that are known, with the axes of the fits.
+    """
+    weights = draw(chunk.there, chunk.size, chunk.seed)
+    given = chunk.A, chunk.target, weights, np.asarray(chunk.count)
+    found = [_sums(programmes, *given) for programmes in chunk.programmes]
+    return {
+        name: np.concatenate([np.moveaxis(np.asarray(leaf), 0, 2) for leaf in leaves])
+        for name, *leaves in zip(("sum", "square", "count"), *found, strict=True)
+    }
 
 
 @jax.jit

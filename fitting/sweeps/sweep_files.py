@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 import famjax
@@ -17,8 +18,10 @@ from .all_forms import sweep
 from .result import SweepRow
 from .sweep_plot import plot_curves, plot_errors, rows_of
 
-SWEEP_FILE = "sweep.jsonl"
-"""Where the finished parts are kept, in the output folder."""
+SWEEP_FILE = "sweep.json"
+"""All fits with their coefficients, in the output folder."""
+REPLICATES = "replicates"
+"""Where the finished parts of a bootstrap are kept, in the output folder."""
 
 _CURVES = 3
 
@@ -29,18 +32,20 @@ def sweep_command(
     *,
     output: Path = Path("famjax-sweep"),
     units: str = "metric",
+    bootstrap: int = 0,
     **options: Any,
 ) -> tuple[dict[str, Any], list[Path]]:
     """All permutations of the law for some force maps, with their files.
 
-    Writes `sweep.jsonl`, from which a stopped sweep goes on, and for each force map pictures of
-    errors and force curves.
+    Writes `sweep.json` with all fits in SI, and for each force map pictures of errors and force
+    curves. The parts of a bootstrap are kept in a folder, from which a stopped sweep goes on.
 
     Args:
         data: the force maps.
         geometry: of all of them, or one for each.
         output: folder, made if need be.
         units: "si", "metric" or "us", of pictures and rows.
+        bootstrap: number of replicates.
         options: of `sweep`.
 
     Returns:
@@ -51,18 +56,21 @@ def sweep_command(
     """
     check_output(output)
     make_output(output)
-    found = sweep(data, geometry, **options, resume=output / SWEEP_FILE)
-    pictures: dict[str, bytes] = {}
+    # The fits alone take less time than it takes to load what keeps them.
+    kept = output / REPLICATES if bootstrap else None
+    found = sweep(data, geometry, bootstrap=bootstrap, **options, resume=kept)
+    rows = {"rows": [row.as_dict() for row in found.rows]}
+    files = {SWEEP_FILE: msgspec.json.encode(rows)}  # nan as null
     for index in range(len(found.data)):
         best = sorted(rows_of(found, index), key=lambda row: row.bic)[:_CURVES]
         for name, figure in (
             ("errors", plot_errors(found, units, index)),
             ("curves", plot_curves(found, best, units, index)),
         ):
-            pictures[f"{name}-{index + 1}.png"] = as_png(figure)
+            files[f"{name}-{index + 1}.png"] = as_png(figure)
     document = {"rows": [table_row(row, units) for row in found.rows]}
     json.dumps(document, allow_nan=False)
-    return document, [output / SWEEP_FILE, *write_all(output, pictures)]
+    return document, write_all(output, files)
 
 
 def table_row(row: SweepRow, system: str) -> dict[str, Any]:

@@ -14,6 +14,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from famjax.boundary.settings import differing, some_of
+
 from ..errors import ImagingError
 from .row import Row, file_facts
 
@@ -149,34 +151,13 @@ class Finished:
 
 
 def _refuse_other(head: dict[str, Any], settings: dict[str, Any], folder: Path) -> None:
-    old, new = _flat(head), _flat(settings)
-    differing = [
-        f"{name} was {old.get(name, 'not given')}, now {new.get(name, 'not given')}"
-        for name in [*new, *(set(old) - set(new))]
-        if old.get(name) != new.get(name)
-    ]
-    if differing:
+    changes = differing(head, settings)
+    if changes:
         raise CampaignChanged(
-            f"the pictures there were measured otherwise: {some_of(differing, '; ')}. Measure all "
+            f"the pictures there were measured otherwise: {some_of(changes, '; ')}. Measure all "
             "again without resuming (--no-resume), give another output folder, or the same settings",
             path=folder,
         )
-
-
-def _flat(settings: Any, name: str = "") -> dict[str, Any]:
-    if not isinstance(settings, dict):
-        return {name: settings}
-    flat: dict[str, Any] = {}
-    for key, value in settings.items():
-        flat |= _flat(value, f"{name}.{key}" if name else key)
-    return flat
-
-
-def some_of(texts: list[str], between: str = ", ") -> str:
-    """The first five of some texts, and how many more there are."""
-    shown = [text if len(text) < 200 else text[:200] + " ..." for text in texts[:5]]
-    more = f"{between}and {len(texts) - 5} more" if len(texts) > 5 else ""
-    return between.join(shown) + more
 
 
 def _same_file(row: Row, path: str) -> bool:

@@ -63,6 +63,15 @@ class Row:
         return not self.error
 
 
+class WorkerDied(ImagingError):  # noqa: N818 - as all names in `imaging.errors`
+    """The process that measured a picture ended abnormally, for lack of memory for example."""
+
+
+def dead_row(path: str, why: str) -> Row:
+    """The row of a picture whose worker died."""
+    return Row(path, error=error_text(WorkerDied(why, path=path)), **file_facts(path))
+
+
 def measured_rows(
     paths: Sequence[str], recipe: Recipe, reader: Callable[..., Any] | None = None
 ) -> list[Row]:

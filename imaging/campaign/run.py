@@ -5,19 +5,20 @@ import functools
 import importlib.metadata
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from famjax.boundary.settings import some_of
+from famjax.boundary.tasks import AnyExecutor, run_tasks
 
 from ..camera.orientation import shown_size
 from ..errors import ImagingError, MixedSizes
 from ..recipe import Recipe
 from ..shape.recipe_file import recipe_as_dict, recipe_text
-from .finished import PARTS, Finished, some_of
-from .row import Row, measured_rows
+from .finished import PARTS, Finished
+from .row import Row, dead_row, measured_rows
 from .table import Table
-from .workers import Rows, Work, dead_row, in_executor, in_processes
 
 _TASKS = 32  # chunks are smaller than asked for where there would be fewer than this of them
 _FEW = 4  # pictures, which take less time than the start of a process
@@ -27,12 +28,11 @@ def process(
     paths: Iterable[str | Path],
     recipe: Recipe,
     output: str | Path | None = None,
-    executor: Executor | None = None,
+    executor: AnyExecutor | Literal["auto"] = "auto",
     chunk: int = 64,
     resume: bool = True,
     progress: Callable[[int, int], None] | None = None,
     *,
-    workers: int | None = None,
     rest_length: float | None = None,
     reader: Callable[..., Any] | None = None,
     provenance: Mapping[str, str] | None = None,
@@ -42,20 +42,21 @@ def process(
     Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
     extended goes on with the pictures that are not there yet.
 
-    Up to four pictures are measured in this process where there is an `output`. If one of them kills it,
-    the next run finds that in `output` and measures in separate processes, as it does with more.
+    A picture with which a worker dies costs that picture: it is tried again alone, and then a row with
+    the reason. One that kills this process is found in `output` by the next run, which measures in
+    separate processes.
 
     Args:
         paths: of the pictures, all of one size; one named twice is measured once.
         recipe: how to measure, the same for all.
         output: folder for the finished rows, made if need be; None keeps them in memory only.
-        executor: any `concurrent.futures.Executor`, for a cluster a dask client's
-            `get_executor()`; its workers must see the files. Processes of this machine if None.
-        chunk: most pictures of one task of the executor; fewer where there are few pictures.
+        executor: this process, processes or a cluster, whose workers must see the files: see
+            `famjax.boundary.tasks.AnyExecutor`. "auto" is a process for each core, or this one for up
+            to four pictures with an `output`.
+        chunk: most pictures of one task of an executor that is given; fewer where there are few
+            pictures. This process and a number of processes have one.
         resume: go on with what is in `output`; else begin anew.
         progress: called with (pictures done, pictures) whenever some are done.
-        workers: number of processes where there is no executor; one for each core if None, or none
-            for few pictures.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
         reader: see `measure`; must be picklable.
         provenance: further entries of the table's provenance.
@@ -67,51 +68,47 @@ def process(
         ImagingError: no paths, or a folder that cannot be used.
         MixedSizes: the pictures differ in size; nothing has been measured.
         CampaignChanged: `output` holds rows of another recipe, or of a picture that has changed.
+        EngineLost: the executor is gone; the finished rows are kept.
     """
     names = _unique(paths)
     size = common_size(names)
     if size is not None:
         _refuse_crop(recipe, size)
-    if workers is not None and workers < 1:
-        raise ImagingError(f"at least one worker is needed, got {workers}")
     version = importlib.metadata.version("famjax")
     settings = {"version": version, "recipe": recipe_as_dict(recipe)}
     finished = Finished(None if output is None else Path(output) / PARTS, settings, resume=resume)
     rows = finished.rows_of(names)
     missing = [name for name in names if name not in rows]
-    work = functools.partial(measured_rows, recipe=recipe, reader=reader)
-    lost: list[str] = []
-    if executor is not None:
-        each = max(1, min(chunk, math.ceil(len(missing) / _TASKS)))
-        chunks = [missing[k : k + each] for k in range(0, len(missing), each)]
-        measured = in_executor(executor, chunks, work, len(chunks), lost)
-    elif workers is None and len(missing) <= _FEW and finished.trusts(missing):
-        measured = _in_this_process(missing, work, finished)
-    else:
-        count = max(1, min(workers or os.cpu_count() or 1, len(missing)))
-        measured = in_processes(count, missing, work)
+    if executor == "auto":
+        few = len(missing) <= _FEW and finished.trusts(missing)
+        executor = None if few else os.cpu_count() or 1
+    elif executor is None and output is not None and not finished.trusts(missing):
+        executor = 1
 
-    def record(done: list[Row]) -> None:
+    def record(done: list[Row], *, keep: bool = True) -> None:
+        if keep:
+            finished.append(done)
         rows.update((row.path, row) for row in done)
         if progress is not None:
             progress(len(rows), len(names))
 
     record([])
-    try:
-        for done in measured:
-            finished.append(done)
-            record(done)
-    except KeyboardInterrupt:
-        # Wherever it was raised, the pictures under way come back.
-        with contextlib.suppress(KeyboardInterrupt):
-            done = measured.throw(KeyboardInterrupt)
-            while True:
-                finished.append(done)
-                record(done)
-                done = next(measured)
-        raise
-    if lost:
-        record([dead_row(path, "its executor broke; run again to measure it") for path in lost])
+    store = _Pictures(record, finished.folder)
+    work = functools.partial(measured_rows, recipe=recipe, reader=reader)
+    if executor is None:
+        with _one_thread():
+            run_tasks(functools.partial(_begun, work, finished), missing, store=store)
+    else:
+        own = isinstance(executor, int)
+        each = 1 if own else max(1, min(chunk, math.ceil(len(missing) / _TASKS)))
+        lost = _lost_in(executor, work, missing, each, store)
+        if each > 1:
+            lost = _lost_in(executor, work, lost, 1, store)
+        why = "the process that measured it ended abnormally, each time"
+        if not own:
+            why = "its executor broke with it, each time; run again to measure it"
+        for path in lost:
+            record([dead_row(path, why)], keep=own)
     if all(name in rows for name in names):
         finished.settle(names)
     return Table.from_rows(
@@ -126,17 +123,52 @@ def process(
     )
 
 
-def _in_this_process(paths: Sequence[str], work: Work, finished: Finished) -> Rows:
-    """The rows of every picture, measured here by one thread."""
+class _Pictures:
+    """Takes the rows of tasks; which pictures are done is known before."""
+
+    def __init__(self, record: Callable[[list[Row]], None], folder: Path | None) -> None:
+        self._record, self.folder = record, folder
+
+    def __contains__(self, index: int, /) -> bool:
+        return False
+
+    def keep(self, index: int, rows: list[Row], /) -> None:
+        """Rows of some pictures."""
+        del index
+        self._record(rows)
+
+
+def _lost_in(
+    executor: AnyExecutor,
+    work: Callable[[Sequence[str]], list[Row]],
+    paths: Sequence[str],
+    each: int,
+    store: _Pictures,
+) -> list[str]:
+    """Measure pictures, some in one task; those of tasks with which workers died are returned."""
+    chunks = [paths[k : k + each] for k in range(0, len(paths), each)]
+    lost: list[str] = []
+    run_tasks(
+        work, chunks, executor=executor, store=store, threads=True,
+        refuse=lambda index, _: lost.extend(chunks[index]),
+    )  # fmt: skip
+    return lost
+
+
+def _begun(work: Callable[[Sequence[str]], list[Row]], finished: Finished, path: str) -> list[Row]:
+    with finished.begun(path):
+        return work([path])
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """OpenCV has one thread here meanwhile, as it has in a worker."""
     import cv2  # noqa: PLC0415
 
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        for path in paths:
-            with finished.begun(path):
-                rows = work([path])
-            yield rows
+        yield
     finally:
         cv2.setNumThreads(threads)
 

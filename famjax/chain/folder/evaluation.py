@@ -5,7 +5,7 @@ import functools
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ import famjax
 import fitting
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
+from famjax.boundary.tasks import AnyExecutor
 from fitting.evidence import Evidence, Move, drawn_moves, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
@@ -49,14 +50,19 @@ Recipes = Callable[[Photographs, Path], tuple[Any, dict[str, str]]]
 
 
 def evaluation_steps(
-    sheet: Sheet, recipes: Recipes, *, jobs: int | None, origin: Origin, system: str
+    sheet: Sheet,
+    recipes: Recipes,
+    *,
+    executor: AnyExecutor | Literal["auto"] = "auto",
+    origin: Origin,
+    system: str,
 ) -> list[Step]:
     """The steps of a folder, in their order, but for its report.
 
     Args:
         sheet: of the folder.
         recipes: reads how pictures are measured.
-        jobs: processes for the pictures.
+        executor: what measures the pictures, as of `imaging.process`.
         origin: of the first run of the folder, for the files.
         system: of units in pictures and tables.
 
@@ -89,7 +95,7 @@ def evaluation_steps(
             Step(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
                  {"recipe": repr(recipe), **given, **dataclasses.asdict(photographs), **about},
                  (RECORDS,),
-                 lambda place: _measure(sheet, photographs, recipe, provenance, jobs, place, system),
+                 lambda place: _measure(sheet, photographs, recipe, provenance, executor, place, system),
                  resumes=(PARTS,), says=warnings_of),
             Step(SHAPE, [], about, (PICTURES,), lambda place: _shape(sheet, place)),
         ]  # fmt: skip
@@ -168,7 +174,7 @@ def _measure(
     photographs: Photographs,
     recipe: Any,
     provenance: Mapping[str, str],
-    jobs: int | None,
+    executor: AnyExecutor | Literal["auto"],
     place: Path,
     system: str,
 ) -> None:
@@ -182,7 +188,7 @@ def _measure(
             log=None if log is None else sheet.path(log),
             log_offset=None if offset is None else f"{offset}s",
             rest_length=f"{sheet.specimen.rest_length!r}m",
-            workers=jobs,
+            executor=executor,
             system=system,
             output=place,
             resume=resume,

@@ -1,6 +1,7 @@
 """`famjax compare`."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Annotated
 
@@ -8,8 +9,11 @@ from cyclopts import Parameter
 
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
+from ..options.engine import EngineOptions
 from ..options.whole_numbers import Seed, Starts
 from ..terminal import Output, print_rows, progress_bar
+
+_THIS_PROCESS = EngineOptions()
 
 
 def compare(
@@ -22,13 +26,14 @@ def compare(
     starts: Starts = 32,
     seed: Seed = 0,
     output: Path = Path("famjax-compare"),
+    engine: EngineOptions = _THIS_PROCESS,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Fit every published static force model, and famjax's own, to one force map.
 
     Each is fitted to all loaded readings, and again without each pressure and each length, which it
     then predicts; minutes for all of them. Writes `compare.json` and `compare.png`. Finished rows
-    are kept in `compare.jsonl`, from which a stopped comparison goes on.
+    are kept in the folder `rows`, from which a stopped comparison goes on.
 
     Parameters
     ----------
@@ -48,6 +53,8 @@ def compare(
         Of the starts; the same seed gives the same table.
     output
         Folder for the files, made if need be.
+    engine
+        Where the models are fitted.
     json_
         Print one JSON object to standard output and nothing else there.
     """
@@ -63,16 +70,17 @@ def compare(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
     make_output(output)
-    rows_file = output / "compare.jsonl"
-    with progress_bar() as progress:
+    kept = output / "rows"
+    with progress_bar() as progress, engine.executor() as executor:
         task = progress.add_task("comparing", total=None)
 
         def show(done: int, total: int, name: str) -> None:
             progress.update(task, completed=done, total=total, description=name)
 
         table = fitting.compare(
-            measured, models or None, starts=starts, seed=seed, resume=rows_file, progress=show
-        )
+            measured, models or None, starts=starts, seed=seed, executor=executor, resume=kept,
+            progress=show,
+        )  # fmt: skip
     document = {
         **table.as_dict(),
         "origin": Origin.of_this_command().as_dict(),
@@ -83,7 +91,7 @@ def compare(
     paths = write_all(
         output, {"compare.json": content, "compare.png": as_png(plot_comparison(table))}
     )
-    rows_file.unlink(missing_ok=True)
+    shutil.rmtree(kept)
     if json_:
         print(json.dumps(document, allow_nan=False))
         return 0

@@ -8,8 +8,11 @@ from cyclopts import Parameter
 
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
+from ..options.engine import EngineOptions
 from ..options.whole_numbers import Replicates, Seed, SweptOrders
 from ..terminal import Output, print_rows, progress_bar
+
+_THIS_PROCESS = EngineOptions()
 
 
 def sweep(
@@ -31,12 +34,14 @@ def sweep(
     specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     output: Path = Path("famjax-sweep"),
     units: Literal["si", "metric", "us"] = "metric",
+    engine: EngineOptions = _THIS_PROCESS,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Fit every permutation of order, pressure dependence and constraint at one geometry.
 
-    Writes `sweep.jsonl`, from which a stopped sweep goes on, and pictures of errors and force
-    curves. Without a geometry the one that `famjax fit` identifies with its standard law is taken.
+    Writes `sweep.json` with all fits in SI, and pictures of errors and force curves. The parts of a
+    bootstrap are kept in the folder `replicates`, from which a stopped sweep goes on. Without a
+    geometry the one that `famjax fit` identifies with its standard law is taken.
 
     Parameters
     ----------
@@ -66,6 +71,8 @@ def sweep(
         Folder for the files, made if need be.
     units
         Of tables and pictures: si, metric or us.
+    engine
+        Where the replicates are done.
     json_
         Print one JSON object to standard output and nothing else there.
     """
@@ -81,7 +88,7 @@ def sweep(
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
     missing = [name for name, text in given.items() if text is None]
-    with progress_bar() as progress:
+    with progress_bar() as progress, engine.executor() as executor:
         task = progress.add_task("identifying the geometry", total=None)
         if len(missing) == len(given):
             found = fitting.identify(measured, seed=seed)
@@ -110,6 +117,7 @@ def sweep(
             objective=objective,
             bootstrap=bootstrap,
             seed=seed,
+            executor=executor,
             output=output,
             units=units,
             progress=lambda done, total: progress.update(

@@ -39,6 +39,9 @@ Seed = Annotated[int, _between(0)]
 Starts = Annotated[int, _between(1)]
 """Number of starts of a search."""
 
+Jobs = Annotated[int | None, _between(1)]
+"""Number of processes."""
+
 Replicates = Annotated[int, Parameter(converter=whole, validator=_check_replicates)]
 """Number of replicates of a bootstrap, 0 for none."""
 

@@ -225,24 +225,37 @@ def test_the_table_holds_every_model_the_best_first(table) -> None:
 
 
 def test_a_comparison_that_was_stopped_goes_on(dmsp10: ForceData, tmp_path: Path) -> None:
-    names, file = ["polynomial_3", "martens_published", "gaylord_nominal"], tmp_path / "rows.jsonl"
+    names, folder = ["polynomial_3", "martens_published", "gaylord_nominal"], tmp_path / "rows"
 
     def stop_at_the_third(done: int, total: int, name: str) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        compare(dmsp10, names, resume=file, progress=stop_at_the_third)
-    kept = file.read_bytes()
-    assert kept.count(b"\n") == 3  # settings and two rows
-    file.write_bytes(kept + b'{"name":"gayl')  # the third, cut short
-    resumed = compare(dmsp10, names, resume=file)
-    assert file.read_bytes().startswith(kept)
+        compare(dmsp10, names, resume=folder, progress=stop_at_the_third)
+    kept = sorted(folder.glob("parts/*.parquet"))
+    assert len(kept) == 2
+    times = [file.stat().st_mtime_ns for file in kept]
+    (folder / "parts" / "000002.parquet.unfinished").write_bytes(b"PAR1")
+    resumed = compare(dmsp10, names, resume=folder)
+    assert [file.stat().st_mtime_ns for file in kept] == times
+    assert len(list(folder.rglob("*.*"))) == 4
     assert resumed.as_dict() == compare(dmsp10, names).as_dict()
     with pytest.raises(InputError, match="holds a comparison of other data or with other settings"):
-        compare(dmsp10, names[:1], resume=file)
-    with pytest.raises(InputError, match="holds a comparison of other data or with other settings"):
-        compare(dataclasses.replace(dmsp10, pressure_tolerance=1e3), names, resume=file)
+        compare(dmsp10, names[:1], resume=folder)
+    with pytest.raises(InputError, match=r"settings.tolerances was .*, now \[1000"):
+        compare(dataclasses.replace(dmsp10, pressure_tolerance=1e3), names, resume=folder)
+
+
+@pytest.mark.timeout(120)
+def test_processes_find_the_same_rows_and_a_closure_stays_here(dmsp10: ForceData) -> None:
+    def mean(data: ForceData):
+        force = float(data.force[data.loaded].mean())
+        return lambda length, pressure: np.full(np.shape(length), force)
+
+    names, own = ["martens_published", "gaylord_nominal"], [("mean", 1, mean)]
+    here = compare(dmsp10, names, own=own)
+    assert compare(dmsp10, names, own=own, executor=2).as_dict() == here.as_dict()
 
 
 def test_a_model_that_refuses_readings_says_so(table) -> None:

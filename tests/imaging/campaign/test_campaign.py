@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 import imaging.shape.one_picture
+from famjax.boundary.errors import InputError
+from famjax.boundary.tasks import executors
 from imaging import ImagingError, Recipe, Scale, process
-from imaging.campaign import CampaignChanged, workers
+from imaging.campaign import CampaignChanged
 from imaging.errors import MixedSizes, NoMuscle
 from imaging.synthetic import published_scene, render
 
@@ -268,8 +270,8 @@ def test_a_crop_outside_of_its_frame_is_refused_before_any_work(tmp_path, photos
 def test_what_cannot_be_a_campaign_is_refused(photos, tmp_path):
     with pytest.raises(ImagingError, match="no pictures"):
         process([], RECIPE)
-    with pytest.raises(ImagingError, match="at least one worker"):
-        process(photos.paths, RECIPE, workers=0)
+    with pytest.raises(InputError, match="at least one worker"):
+        process(photos.paths, RECIPE, executor=0)
     (tmp_path / "file").write_text("")
     with pytest.raises(ImagingError, match="cannot be used"):
         process(photos.paths, RECIPE, tmp_path / "file", Serial())
@@ -327,7 +329,7 @@ def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
 
     from imaging.shape import measure
 
-    table = process(rendered.paths, small_recipe(), workers=2, reader=dying_reader.reader)
+    table = process(rendered.paths, small_recipe(), executor=2, reader=dying_reader.reader)
     assert [bool(ok) for ok in table.ok] == [True, False, True, True, False]
     assert table.error[1].startswith("WorkerDied: the process that measured it ended")
     assert table.error[4].startswith("UnreadableImage")
@@ -375,10 +377,10 @@ def test_few_pictures_start_no_process_until_one_of_them_kills_this_one(
     assert errors[1].startswith("WorkerDied: the process that measured it ended")
 
     # Where all goes well none is started, and the numbers are those of a process.
-    monkeypatch.setattr(workers, "_pool", None)
+    monkeypatch.setattr(executors, "_OwnProcesses", None)
     here = process([rendered.paths[0]], small_recipe(), tmp_path / "here")
     monkeypatch.undo()
-    there = process([rendered.paths[0]], small_recipe(), workers=1)
+    there = process([rendered.paths[0]], small_recipe(), executor=1)
     assert here.csv_text() == there.csv_text()
     np.testing.assert_array_equal(here.diameter, there.diameter)
     assert not (tmp_path / "here" / "parts" / "begun").exists()
@@ -406,12 +408,12 @@ def test_an_interrupt_keeps_what_the_workers_have_done(rendered, tmp_path, monke
             raise KeyboardInterrupt
         return real(running, **options)
 
-    real = workers.wait
-    monkeypatch.setattr(workers, "wait", wait_once)
+    real = executors.wait
+    monkeypatch.setattr(executors, "wait", wait_once)
     done = []
     with pytest.raises(KeyboardInterrupt):
         process(
-            rendered.paths[:4], small_recipe(), tmp_path, workers=1,
+            rendered.paths[:4], small_recipe(), tmp_path, executor=1,
             progress=lambda *counts: done.append(counts),
         )  # fmt: skip
     assert done[0] == (0, 4)

@@ -1,0 +1,120 @@
+"""What the tests of tasks have done in workers; a client script that is killed."""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+COUNT = 24
+
+
+def drawn(index: int) -> dict[str, Any]:
+    """Numbers that depend on the index alone, some of them nan."""
+    values = np.random.default_rng((3, index)).normal(size=(4, 5))
+    values[0, 0] = np.nan
+    return {"values": values, "count": values.size, "name": f"part {index}"}
+
+
+def seen(place: Path, index: int) -> dict[str, Any]:
+    """The same, slowly, after the process has left its number."""
+    (place / f"{index}-{time.monotonic_ns()}").write_text(str(os.getpid()))
+    time.sleep(0.1)
+    return drawn(index)
+
+
+def poisoned(index: int) -> int:
+    if index == 3:
+        os._exit(1)
+    return index
+
+
+def poisoned_part(index: int) -> dict[str, Any]:
+    return drawn(poisoned(index))
+
+
+def failing(index: int) -> int:
+    if index == 3:
+        raise ValueError("no root")
+    return index
+
+
+def surroundings(_: int) -> dict[str, Any]:
+    """How a worker is set up."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    threads = [os.environ[name] for name in names]
+    import jax
+
+    return {
+        "threads": threads,
+        "x64": bool(jax.config.read("jax_enable_x64")),
+        "cache": jax.config.values["jax_compilation_cache_dir"],
+        "pid": os.getpid(),
+    }
+
+
+def alone(running: list[int], item: int) -> int:
+    """The most calls that ran at once in this process."""
+    running.append(item)
+    time.sleep(0.02)
+    most = len(running)
+    running.remove(item)
+    return most
+
+
+class Job:
+    """As submitit's: no future, only asked whether it is done."""
+
+    def __init__(self, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
+        self._given, self._asked = (function, args), 0
+
+    def done(self) -> bool:
+        self._asked += 1
+        return self._asked > 2
+
+    def result(self) -> Any:
+        function, args = self._given
+        return function(*args)
+
+    def cancel(self) -> None:
+        return
+
+
+class Polled:
+    """An executor whose jobs cannot be waited for."""
+
+    def __init__(self) -> None:
+        self.jobs: list[Job] = []
+
+    def submit(self, function: Callable[..., Any], /, *args: Any) -> Job:
+        self.jobs.append(Job(function, args))
+        return self.jobs[-1]
+
+
+def client(engine: str, folder: str, place: str) -> None:
+    """A client with workers of its own, for a test that kills both."""
+    import functools
+
+    from famjax.boundary.tasks import Store, run_tasks
+
+    store = Store(folder, "test", {"seed": 3}, COUNT)
+    work = functools.partial(seen, Path(place))
+    if engine == "processes":
+        run_tasks(work, range(COUNT), executor=2, store=store)
+        return
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as of_dask,
+    ):
+        run_tasks(work, range(COUNT), executor=of_dask, store=store)
+
+
+if __name__ == "__main__":
+    import chunk_work
+
+    chunk_work.client(*sys.argv[1:])
