@@ -83,7 +83,9 @@ def nearest_points(
     h: Float[Array, " m"],
     centre: Float[Array, "batch n"],
     J: Float[Array, "batch n n"],
-    guess: tuple[Int[Array, " n"], Bool[Array, " n"]] | None = None,
+    guess: tuple[Int[Array, "*batch n"], Bool[Array, "*batch n"]] | None = None,
+    *,
+    single: bool = False,
 ) -> NearestPoint:
     """Many points of one polyhedron: `nearest_point` over a batch that shares its rows.
 
@@ -95,12 +97,19 @@ def nearest_points(
         h: offsets.
         centre: c of each member.
         J: of each member, well-conditioned.
-        guess: `rows` and `used` of a neighbouring problem's point, from which all start.
+        guess: `rows` and `used` of a neighbouring problem's point, from which all start, or of one
+            for each.
+        single: walk in float32, then go on from there in the precision of what is given. For
+            devices that compute slowly in float64; the points are the same to rounding.
 
     Returns:
         The points, with a leading axis.
     """
     count, n = centre.shape
+    if single:
+        coarse = (array.astype(jnp.float32) for array in (G, h, centre, J))
+        near = nearest_points(*coarse, guess)
+        guess = near.rows, near.used
     chunk = min(count, _CHUNK)
     padded = -(-count // chunk) * chunk
     members = jnp.minimum(jnp.arange(padded), count - 1)
@@ -114,10 +123,11 @@ def nearest_points(
         done = jax.lax.map(one, split)
         return jax.tree.map(lambda leaf: leaf.reshape(padded, *leaf.shape[2:]), done)
 
-    def first(of: "_Programme") -> _Walk:
-        return of.advance(of.start() if guess is None else of.start_from(*guess), n)
+    def first(of: "_Programme", *guess: Array) -> _Walk:
+        return of.advance(of.start_from(*guess) if guess else of.start(), n)
 
-    walk = in_chunks(first, centre, J)
+    guesses = [jnp.broadcast_to(one, (count, n))[members] for one in guess or ()]
+    walk = in_chunks(first, centre, J, *guesses)
     slow_first = jnp.argsort(walk.arrived)
     at = jax.tree.map(lambda leaf: leaf[slow_first], (centre, J, walk))
     points = in_chunks(lambda of, walk: of.finish(of.advance(walk, of.limit)), *at)

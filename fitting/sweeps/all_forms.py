@@ -44,6 +44,7 @@ def sweep(
     objective: str = "sum_of_squares",
     bootstrap: int = 0,
     seed: int = 0,
+    single: bool = False,
     executor: AnyExecutor = None,
     resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -64,6 +65,8 @@ def sweep(
         bootstrap: number of replicates, readings drawn anew at each pressure, for the standard
             deviations of the coefficients; with "sum_of_squares" only.
         seed: of the replicates; the same seed gives the same numbers, whatever does them.
+        single: search the constraints that hold a replicate in float32, then fit in float64, for a
+            device that is slow in float64. The numbers are the same to rounding.
         executor: what does the replicates, in chunks: this process, processes or a cluster, see
             `famjax.boundary.tasks.AnyExecutor`.
         resume: folder to which each finished part is written, made if need be; a sweep that was
@@ -108,6 +111,7 @@ def sweep(
         "objective": objective,
         "bootstrap": bootstrap,
         "seed": seed,
+        "single": single,
     }
     parts = [(k, part) for k in range(len(maps)) for part in _parts(bootstrap)]
     store = Store(None if resume is None else Path(resume), "sweep", settings, len(parts))
@@ -116,7 +120,7 @@ def sweep(
             if progress is not None:
                 progress(sum(done in store for done in range(len(parts))), len(parts))
             store.keep(index, tasks[k].fits())
-    chunks = _Chunks(tasks, parts, seed)
+    chunks = _Chunks(tasks, parts, seed, single=single)
     run_tasks(chunk_sums, chunks, executor=executor, store=store, progress=progress)
     each, rows = len(parts) // len(maps), []
     for k, task in enumerate(tasks):
@@ -250,12 +254,18 @@ class _Chunks(Sequence[Chunk | None]):
         tasks: of the maps.
         parts: index of the map, and replicates (first, count); those without are fits.
         seed: of the replicates.
+        single: see `sweep`.
     """
 
     def __init__(
-        self, tasks: Sequence[_Task], parts: Sequence[tuple[int, _Part | None]], seed: int
+        self,
+        tasks: Sequence[_Task],
+        parts: Sequence[tuple[int, _Part | None]],
+        seed: int,
+        *,
+        single: bool,
     ) -> None:
-        self._tasks, self._parts, self._seed = tasks, parts, seed
+        self._tasks, self._parts, self._seed, self._single = tasks, parts, seed, single
         self._last: tuple[int, Chunk] | None = None
 
     def __len__(self) -> int:
@@ -269,7 +279,9 @@ class _Chunks(Sequence[Chunk | None]):
             self._last = k, self._tasks[k].chunk()
         first, count = part
         seed = (self._seed, k, first)
-        return dataclasses.replace(self._last[1], seed=seed, size=_CHUNK, count=count)
+        return dataclasses.replace(
+            self._last[1], seed=seed, size=_CHUNK, count=count, single=self._single
+        )
 
 
 def _parts(bootstrap: int) -> list[_Part | None]:

@@ -7,6 +7,7 @@ the points where the fit to all readings, which the host has found, touches the 
 """
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -109,6 +110,7 @@ class Chunk:
         size: number of replicates that are drawn, the same for all chunks: one compilation serves
             them.
         count: of those, how many are summed.
+        single: see `nearest_points`.
     """
 
     programmes: tuple[Programmes, ...]
@@ -118,6 +120,7 @@ class Chunk:
     seed: tuple[int, ...] = (0,)
     size: int = 1
     count: int = 1
+    single: bool = False
 
     @classmethod
     def of(cls, of: Design, forms: Forms) -> "Chunk":
@@ -139,24 +142,26 @@ def chunk_sums(chunk: Chunk) -> dict[str, np.ndarray]:
     """
     weights = draw(chunk.there, chunk.size, chunk.seed)
     given = chunk.A, chunk.target, weights, np.asarray(chunk.count)
-    found = [_sums(programmes, *given) for programmes in chunk.programmes]
+    found = [_sums(programmes, *given, single=chunk.single) for programmes in chunk.programmes]
     return {
         name: np.concatenate([np.moveaxis(np.asarray(leaf), 0, 2) for leaf in leaves])
         for name, *leaves in zip(("sum", "square", "count"), *found, strict=True)
     }
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames="single")
 def _sums(
     programmes: Programmes,
     A: Float[Array, "pressures k n"],
     y: Float[Array, "pressures k"],
     weights: Float[Array, "replicates pressures k"],
     count: Int[Array, ""],
+    *,
+    single: bool,
 ) -> tuple[Array, Array, Array]:
     axes, grams = programmes.known.shape, _grams(A, y, weights)
-    single = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[4:]), programmes)
-    each = jax.lax.map(lambda one: replicated(one, grams), single)
+    apart = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[4:]), programmes)
+    each = jax.lax.map(lambda one: replicated(one, grams, single=single), apart)
     each = jnp.moveaxis(each.reshape(*axes, *each.shape[1:]), 3, 4)
     each = each.reshape(*axes[:3], len(weights), -1, each.shape[-1])
     known = jnp.all(jnp.isfinite(each), axis=(-2, -1), keepdims=True)
@@ -187,11 +192,19 @@ def _grams(
 
 
 def replicated(
-    of: Programmes, grams: Float[Array, "replicates pressures rows rows"]
+    of: Programmes,
+    grams: Float[Array, "replicates pressures rows rows"],
+    *,
+    single: bool = False,
 ) -> Float[Array, "replicates paths order"]:
     """Coefficients [Pa] of the replicates of one programme, minus those of the fit to all readings.
 
     Constraints hold at the stations, and at the points where that fit touches them.
+
+    Args:
+        of: the programme.
+        grams: of the replicates.
+        single: see `nearest_points`.
     """
     W, c, n = of.W, of.c, of.W.shape[-1]
     flat = grams[:, of.paths].reshape(grams.shape[0], -1)
@@ -205,7 +218,7 @@ def replicated(
     determined = condition * 10 * c.size * jnp.finfo(c.dtype).eps < 1
     centre = jnp.einsum("rnm,rn->rm", J, right)
     h = jnp.where(jnp.any(of.G != 0, axis=1), 0.0, -1.0)
-    points = nearest_points(of.G, h, centre, J, of.rows)
+    points = nearest_points(of.G, h, centre, J, of.rows, single=single)
     y = jnp.einsum("rnm,rm->rn", J, points.y)
     known = (points.status == int(Status.OPTIMAL)) & determined & of.known
     difference = jnp.einsum("pen,rn->rpe", of.on_y, y - of.y)
