@@ -123,11 +123,11 @@ def nearest_points(
         done = jax.lax.map(one, split)
         return jax.tree.map(lambda leaf: leaf.reshape(padded, *leaf.shape[2:]), done)
 
-    def first(of: "_Programme", *guess: Array) -> _Walk:
-        return of.advance(of.start_from(*guess) if guess else of.start(), n)
+    def first(of: "_Programme", *own: Array) -> _Walk:
+        return of.advance(of.start() if guess is None else of.start_from(*(own or guess)), n)
 
-    guesses = [jnp.broadcast_to(one, (count, n))[members] for one in guess or ()]
-    walk = in_chunks(first, centre, J, *guesses)
+    own = () if guess is None or guess[0].ndim == 1 else (each[members] for each in guess)
+    walk = in_chunks(first, centre, J, *own)
     slow_first = jnp.argsort(walk.arrived)
     at = jax.tree.map(lambda leaf: leaf[slow_first], (centre, J, walk))
     points = in_chunks(lambda of, walk: of.finish(of.advance(walk, of.limit)), *at)
