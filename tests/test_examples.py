@@ -63,6 +63,15 @@ def test_tutorial_of_a_force_map(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(200)
+def test_engines() -> None:
+    told = said("engines")
+    (names, same) = re.findall(r"the same on (.+): (\w+)", told)[0]
+    assert names.startswith("this process, two processes, concurrent.futures")
+    assert same == "True"
+
+
+@pytest.mark.slow
 def test_nuts() -> None:
     told = said("nuts_blackjax")
     (accepted,) = re.findall(r"accepted ([\d.]+)", told)

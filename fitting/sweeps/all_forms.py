@@ -115,11 +115,13 @@ def sweep(
     }
     parts = [(k, part) for k in range(len(maps)) for part in _parts(bootstrap)]
     store = Store(None if resume is None else Path(resume), "sweep", settings, len(parts))
+    done = sum(index in store for index in range(len(parts)))
     for index, (k, part) in enumerate(parts):
         if part is None and index not in store:
             if progress is not None:
-                progress(sum(done in store for done in range(len(parts))), len(parts))
+                progress(done, len(parts))
             store.keep(index, tasks[k].fits())
+            done += 1
     chunks = _Chunks(tasks, parts, seed, single=single)
     run_tasks(chunk_sums, chunks, executor=executor, store=store, progress=progress)
     each, rows = len(parts) // len(maps), []

@@ -7,7 +7,14 @@ import os
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from ..errors import InputError
@@ -64,6 +71,22 @@ class Engine:
         """The job of one task."""
         return self._executor.submit(call, item)
 
+    def finished(self, jobs: Collection[Any]) -> list[Any]:
+        """Those of some jobs that are done, once one of them is."""
+        if jobs and all(isinstance(job, Future) for job in jobs):
+            while not (done := wait(jobs, timeout=_WAKE, return_when=FIRST_COMPLETED).done):
+                pass
+            return [job for job in jobs if job in done]
+        pause, most = _LOOK
+        while not (found := [job for job in jobs if job.done()]) and jobs:
+            time.sleep(pause)
+            pause = min(2 * pause, most)
+        return found
+
+    def cancelled(self, job: Any) -> bool:
+        """Give up a job if it can be; it is not where its result is still to be had."""
+        return not (isinstance(job, Future) and not job.cancel())
+
     def remake(self) -> None:
         """New workers for those that died."""
 
@@ -117,11 +140,12 @@ class _OwnProcesses(Engine):
 
 
 class _Dask(Engine):
-    """A client of dask, taken as it is: who connected it knows the cluster."""
+    """A client of dask or its executor, taken as it is: who connected it knows the cluster."""
 
     tries = 1  # the scheduler has tried it several times
 
-    def __init__(self, client: Any) -> None:
+    def __init__(self, given: Any) -> None:
+        client = given if hasattr(given, "get_executor") else given._client
         if client.asynchronous:
             raise InputError(
                 "a dask client must not be asynchronous here: make it with asynchronous=False"
@@ -130,17 +154,28 @@ class _Dask(Engine):
             raise InputError(
                 f"the dask client is {client.status}, without a scheduler: connect a new one"
             )
+        super().__init__(client, max(_FEWEST, sum(client.ncores().values())))
+        # What an executor of the client adds; and two items that are equal are two tasks.
+        self._options = {**getattr(given, "_kwargs", {}), "pure": False}
         # There, since its client is.
-        distributed = importlib.import_module("distributed")
+        self._dask = importlib.import_module("distributed")
+        closed = getattr(self._dask.client, "ClosedClientError", RuntimeError)
+        self.deaths = (self._dask.KilledWorker,)
+        self.losses = (self._dask.comm.CommClosedError, closed, OSError, RuntimeError)
 
-        super().__init__(
-            # Two items that are equal are two tasks.
-            client.get_executor(pure=False),
-            max(_FEWEST, sum(client.ncores().values())),
-        )
-        self.deaths = (distributed.KilledWorker,)
-        closed = getattr(distributed.client, "ClosedClientError", RuntimeError)
-        self.losses = (distributed.comm.CommClosedError, closed, OSError, RuntimeError)
+    def submit(self, call: Call, item: Any) -> Any:
+        return self._executor.submit(call, item, **self._options)
+
+    def finished(self, jobs: Collection[Any]) -> list[Any]:
+        while not (found := [job for job in jobs if job.done()]) and jobs:
+            with contextlib.suppress(TimeoutError, CancelledError):
+                self._dask.wait(list(jobs), timeout=_WAKE, return_when="FIRST_COMPLETED")
+        return found
+
+    def cancelled(self, job: Any) -> bool:
+        if self._executor.status == "running":
+            job.cancel()
+        return True
 
 
 @contextlib.contextmanager
@@ -169,7 +204,7 @@ def _engine(executor: AnyExecutor, count: int) -> Engine:
         if executor < 1:
             raise InputError(f"at least one worker is needed, got {executor}")
         return _OwnProcesses(max(1, min(executor, count)))
-    if hasattr(executor, "get_executor"):
+    if type(executor).__module__.partition(".")[0] == "distributed":
         return _Dask(executor)
     if not isinstance(executor, Submits):
         raise InputError(
@@ -189,18 +224,3 @@ def _engine(executor: AnyExecutor, count: int) -> Engine:
     if "submitit" in sys.modules:
         engine.deaths += (sys.modules["submitit"].core.utils.UncompletedJobError,)
     return engine
-
-
-def finished(jobs: Collection[Any]) -> list[Any]:
-    """Those of some jobs that are done, once one of them is."""
-    if not jobs:
-        return []
-    if all(isinstance(job, Future) for job in jobs):
-        while not (done := wait(jobs, timeout=_WAKE, return_when=FIRST_COMPLETED).done):
-            pass
-        return [job for job in jobs if job in done]
-    pause, most = _LOOK
-    while not (found := [job for job in jobs if job.done()]):
-        time.sleep(pause)
-        pause = min(2 * pause, most)
-    return found

@@ -2,12 +2,12 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Future
+from concurrent.futures import BrokenExecutor, CancelledError
 from types import TracebackType
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ..errors import InputError
-from .executors import AnyExecutor, Engine, finished, opened
+from .executors import AnyExecutor, Engine, opened
 from .store import Store
 from .worker import Call, Host
 
@@ -132,7 +132,7 @@ class _Run:
                 if not broken:
                     queue, most = (suspects, 1) if alone else (waiting, engine.ahead)
                     broken = not self._filled(queue, most, engine, call)
-                for job in finished(self._running):
+                for job in engine.finished(self._running):
                     index = self._running.pop(job)
                     if self._took(job, index, engine):
                         continue
@@ -145,7 +145,7 @@ class _Run:
                             f"the process that worked on it ended abnormally, {1 + tried[index]} times"
                         )
         finally:
-            self._keep_what_ends()
+            self._keep_what_ends(engine)
 
     def _filled(self, queue: deque[int], most: int, engine: Engine, call: Call) -> bool:
         """Submit tasks until so many are under way; False where the workers are to be replaced."""
@@ -179,11 +179,11 @@ class _Run:
         self._done += 1
         self.tell()
 
-    def _keep_what_ends(self) -> None:
+    def _keep_what_ends(self, engine: Engine) -> None:
         """After an interrupt or an error: cancel what can be, keep the rest when it is done."""
         jobs = list(self._running.items())
-        for job, index in [(job, index) for job, index in jobs if not job.cancel()]:
-            if isinstance(job, Future) and job.exception() is None:
+        for job, index in [(job, index) for job, index in jobs if not engine.cancelled(job)]:
+            if job.exception() is None:
                 self._keep(index, job.result())
 
     def _lost(self, error: BaseException) -> EngineLost:

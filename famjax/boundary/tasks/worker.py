@@ -10,6 +10,7 @@ import functools
 import multiprocessing
 import os
 import pickle
+import platform
 import signal
 import sys
 import threading
@@ -25,8 +26,7 @@ _ONE_THREAD = {
     # jaxlib on few cores can hang when two computations share as few threads as there are cores.
     "PJRT_NPROC": "16",
 }
-_JAX = (
-    "jax_enable_x64",
+_PROGRAMS = (
     "jax_compilation_cache_dir",
     "jax_persistent_cache_min_compile_time_secs",
     "jax_persistent_cache_min_entry_size_bytes",
@@ -43,11 +43,16 @@ class Host:
 
     Attributes:
         jax: settings of JAX there, by name; none where JAX is not loaded.
+        programs: where it keeps compiled programs, for workers of the same machine: a program made
+            for another processor can end a process.
+        machine: its name.
         child: whether workers are its own processes, which end when it ends and leave an
             interrupt to it.
     """
 
     jax: tuple[tuple[str, Any], ...] = ()
+    programs: tuple[tuple[str, Any], ...] = ()
+    machine: str = ""
     child: bool = False
 
     @classmethod
@@ -55,7 +60,11 @@ class Host:
         """The settings of this process."""
         jax = sys.modules.get("jax")
         values = {} if jax is None else jax.config.values
-        return cls(tuple((n, values[n]) for n in _JAX if values.get(n) is not None), child)
+        of_jax, programs = (
+            tuple((name, values[name]) for name in names if values.get(name) is not None)
+            for names in (("jax_enable_x64",), _PROGRAMS)
+        )
+        return cls(of_jax, programs, platform.node(), child)
 
 
 class Call:
@@ -140,14 +149,16 @@ _prepared: list[Host] = []
 def prepare(host: Host) -> None:
     """Make this process a worker of that host, if it is not one yet.
 
-    One thread for linear algebra, JAX as it is set there, and what is compiled in the same folder.
+    One thread for linear algebra, JAX in the same precision and, on the same machine, with the same
+    folder of compiled programs.
     """
     if _prepared[-1:] == [host]:
         return
     os.environ.update({name: os.environ.get(name, value) for name, value in _ONE_THREAD.items()})
     if "cv2" in sys.modules:
         sys.modules["cv2"].setNumThreads(1)
-    for name, value in host.jax:
+    same = platform.node() == host.machine
+    for name, value in (*host.jax, *(host.programs if same else ())):
         if "jax" in sys.modules:
             sys.modules["jax"].config.update(name, value)
         else:

@@ -220,6 +220,18 @@ def test_a_script_learns_what_is_wrong_with_it(executor: str, text: str, tmp_pat
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_a_cluster_names_an_item_with_which_its_workers_die() -> None:
+    dask_itself = pytest.importorskip("dask", reason="dask comes with the extra 'cluster'")
+    with dask_itself.config.set({"distributed.scheduler.allowed-failures": 0}), dask() as client:
+        for executor in (client, client.get_executor()):
+            store = Store(None, "test", {}, 6)
+            with pytest.raises(TaskRefused, match=r"1 of 6 .*item 3"):
+                run_tasks(chunk_work.poisoned, range(6), executor=executor, store=store)
+            assert list(store) == [0, 1, 2, 4, 5]
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 def test_a_client_whose_scheduler_is_gone_is_said_so(tmp_path: Path) -> None:
     with dask() as client:

@@ -1,0 +1,39 @@
+"""One sweep with bootstrap on every engine that is installed here: the same numbers from each."""
+
+import multiprocessing
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from importlib.util import find_spec
+
+import jax
+
+import famjax
+import fitting
+
+
+def engines():
+    yield "this process", None
+    yield "two processes", 2
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+        yield "concurrent.futures", pool
+    if find_spec("loky"):
+        yield "loky", __import__("loky").get_reusable_executor(2)
+    if find_spec("distributed"):
+        with __import__("distributed").Client(n_workers=2, dashboard_address=None) as client:
+            yield "dask", client
+
+
+if __name__ == "__main__":  # processes import this file
+    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_compilation_cache_dir", tempfile.mkdtemp())  # one compiles for all
+    data = fitting.load_bundled("DMSP-20-300")
+    rest = data.specimen.rest_length
+    braid = famjax.Braid.from_rest(diameter=0.0216, braid_angle=1.1, length=rest)
+    muscle = famjax.EstimatedGeometry(braid, famjax.Bladder(rest, 0.0195, 1.5e-3))
+    options = {"deadband": 43e3, "orders": (2,), "dependences": ("fixed",), "bootstrap": 500}
+    found = {}
+    for name, engine in engines():
+        rows = fitting.sweeps.sweep(data, muscle, **options, executor=engine).rows
+        found[name] = [row.coefficients_std.tolist() for row in rows]
+    same = all(one == found["this process"] for one in found.values())
+    print(f"{found['this process'][-1][-1]} Pa, the same on {', '.join(found)}: {same}")
