@@ -26,6 +26,10 @@ class CatalogueBraid:
             but outside its jamming range.
         angle_range: angles [rad] at the ends of `diameter_range` as printed, or None.
         source: where the row comes from.
+        made_to_order_range: least and greatest nominal diameter [m] to which it is woven on order, or
+            None where it is sold as it is. The angles at which it jams stay those of the row.
+        n_threads: n [-], of both families, or None: the file does not say.
+        breaking_load: of one thread [N], or None.
     """
 
     name: str
@@ -35,6 +39,9 @@ class CatalogueBraid:
     boundary_range: tuple[float, float]
     angle_range: tuple[float, float] | None
     source: str
+    made_to_order_range: tuple[float, float] | None = None
+    n_threads: float | None = None
+    breaking_load: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -132,6 +132,9 @@ class _BraidRow:
     diameter_range: _Pair
     boundary_range: _Pair | None = None
     angle_range: _Pair | None = None
+    made_to_order_range: _Pair | None = None
+    n_threads: Positive | None = None
+    breaking_load: Positive | None = None
 
     def __post_init__(self) -> None:
         nominal = self.nominal_diameter
@@ -159,6 +162,14 @@ class _BraidRow:
                     "the circumference; correct one of them (angles from the axis are 90 deg minus "
                     "these)"
                 )
+        woven = self.made_to_order_range
+        if woven is not None and not woven[0] <= nominal <= woven[1]:
+            raise CatalogueError(
+                "made_to_order_range must be [least, greatest] nominal diameter, with that of the row "
+                f"between them; got [{woven[0]:.4g}, {woven[1]:.4g}] m about {nominal:.4g} m"
+            )
+        if (self.n_threads is None) != (self.breaking_load is None):
+            raise CatalogueError("n_threads must stand together with breaking_load")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -222,9 +233,10 @@ _FORM = Form(
     kinds={
         **dict.fromkeys(("diameter", "nominal_diameter", "outer_diameter", "thickness"), "length"),
         **dict.fromkeys(("diameter_range", "boundary_range", "swage_reduction"), "length"),
+        "made_to_order_range": "length",
         **dict.fromkeys(("free_length", "supported_length"), "length"),
         **dict.fromkeys(("modulus", "yield_stress"), "stress"),
-        **dict.fromkeys(("burst_force", "tensile_force"), "force"),
+        **dict.fromkeys(("burst_force", "tensile_force", "breaking_load"), "force"),
         "angle_range": "angle",
         "burst_pressure": "pressure",
     }

@@ -125,10 +125,15 @@ class Combination(eqx.Module):
             diameter=self.bladder_diameter, braid_angle=self.braid_angle, length=self.rest_length
         )
 
+    @property
+    def geometry(self) -> EstimatedGeometry:
+        """The cylinder of braid and bladder, the thickness of the braid neglected."""
+        bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
+        return EstimatedGeometry(self.braid, bladder)
+
     def muscle(self, material: AbstractMaterial) -> Muscle:
         """The muscle in the estimated geometry, with a bladder of that material."""
-        bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
-        return Muscle(EstimatedGeometry(self.braid, bladder), material)
+        return Muscle(self.geometry, material)
 
     def contraction_at_diameter(self, diameter: Real) -> RealArray:
         """Contraction [-] at which the braid's diameter is D [m], 1 - sin(theta) / sin(theta0)."""
