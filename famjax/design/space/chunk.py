@@ -74,10 +74,12 @@ def evaluate_at(
         at = np.minimum(np.arange(first, first + space["chunk"]), len(pair) - 1)
         chunk = {name: jnp.asarray(values[at]) for name, values in candidates.items()}
         numbers, margins = performances(chunk, demand, space["material"])
-        parts.append((
-            {name: np.asarray(numbers[name]) for name in COLUMNS},
-            np.stack([np.asarray(margins[name]) for name in CONSTRAINTS], axis=-1),
-        ))
+        parts.append(
+            (
+                {name: np.asarray(numbers[name]) for name in COLUMNS},
+                np.stack([np.asarray(margins[name]) for name in CONSTRAINTS], axis=-1),
+            )
+        )
     columns = joined([columns for columns, _ in parts])
     margins = np.concatenate([margins for _, margins in parts])
     return {"pair": pair} | rows_at(columns, slice(len(pair))), margins[: len(pair)]

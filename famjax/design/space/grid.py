@@ -31,9 +31,7 @@ class SearchGrid:
     counts: NDArray[np.int64]
 
     @classmethod
-    def of(
-        cls, pairs: Sequence[BuildablePair], ranges: SearchRanges, about: int
-    ) -> "SearchGrid":
+    def of(cls, pairs: Sequence[BuildablePair], ranges: SearchRanges, about: int) -> "SearchGrid":
         """The grid with at most `about` candidates, and at least one for each pair."""
         ends = [(pair.nominal_range, ranges.rest_length, ranges.pressure) for pair in pairs]
         low, high = np.moveaxis(np.reshape(ends, (-1, 3, 2)).astype(np.float64), 2, 0)

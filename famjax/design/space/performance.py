@@ -12,8 +12,8 @@ from ..._types import RealArray
 from ...braids.thread import thread_tension
 from ...geometries import inner_volume
 from ...materials.abstract_material import AbstractMaterial
-from ..combination import Combination
 from ..catalogue_search import Requirement
+from ..combination import Combination
 from ..safety import safety_factor
 from .limits import ATMOSPHERE, CONSTRAINTS, SearchLimits
 from .pairs import BuildablePair

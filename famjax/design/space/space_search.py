@@ -11,7 +11,7 @@ from ...boundary.errors import InputError
 from ...materials.abstract_material import AbstractMaterial
 from ..catalogue import Catalogue
 from ..catalogue_search import Requirement
-from ..swage_tube import TubeOptions, assumption_notes, tube_strengths
+from ..swage_tube import TubeOptions, TubeStrength, assumption_notes, tube_strengths
 from .chunk import Columns, Tally, search_chunk
 from .front import balance, costs_of
 from .grid import SearchGrid
@@ -167,7 +167,7 @@ def search_space(
         if progress is not None:
             progress(done, grid.total)
     front = _balanced(tally.front, wanted) if tally.feasible else {}
-    notes = assumption_notes(strengths) if limits.end_fittings else []
+    notes = assumption_notes(map(_of_the_section, strengths)) if limits.end_fittings else []
     return SpaceSearch(
         requirement, limits, ranges, wanted, front_step, tuple(pairs), left_out, grid,
         tally.feasible, _exclusions(tally, space["demand"]), front, tally.sample,
@@ -183,11 +183,21 @@ def _chunks(space: Mapping[str, Any], total: int) -> Iterator[tuple[int, dict[st
         yield min(first + space["chunk"], total), search_chunk(space, first)
 
 
+def _of_the_section(strength: TubeStrength) -> TubeStrength:
+    """What matters of a tube's strength here: its yield load."""
+    assumed = tuple(name for name in strength.assumed if name == "yield_stress")
+    return dataclasses.replace(strength, assumed=assumed)
+
+
 def _check(
     requirement: Requirement, ranges: SearchRanges, *, about: int, chunk: int, table_rows: int,
     step: float,
 ) -> None:  # fmt: skip
-    for name, value, least in (("about", about, 1), ("chunk", chunk, 1), ("table_rows", table_rows, 0)):
+    for name, value, least in (
+        ("about", about, 1),
+        ("chunk", chunk, 1),
+        ("table_rows", table_rows, 0),
+    ):
         if value < least:
             raise InputError(f"{name} must be >= {least}, got {value}")
     if not 0 <= step < 1:
