@@ -8,17 +8,20 @@ from numpy.typing import NDArray
 from .limits import OBJECTIVES
 
 Floats = NDArray[np.float64]
+_OF_ZERO = 1000.0
 
 
 def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Floats:
     """Costs, the less the better: logarithms of the objectives, with a sign, (n, objectives).
 
-    A zero is infinitely good where the least is looked for, infinitely bad where the most is.
+    That of zero is taken as -1000, beyond every number's: good where the least is looked for, bad
+    where the most is.
     """
     signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in objectives]
     with np.errstate(divide="ignore"):
         logs = [np.log(np.asarray(columns[name], dtype=np.float64)) for name in objectives]
-    return np.stack([sign * log for sign, log in zip(signs, logs, strict=True)], axis=-1)
+    costs = [sign * log for sign, log in zip(signs, logs, strict=True)]
+    return np.clip(np.stack(costs, axis=-1), -_OF_ZERO, _OF_ZERO)
 
 
 def front_members(costs: Floats, index: NDArray[np.int64], step: float = 0.0) -> NDArray[np.int64]:
@@ -42,8 +45,7 @@ def front_members(costs: Floats, index: NDArray[np.int64], step: float = 0.0) ->
         Laumanns, Thiele, Deb & Zitzler 2002, Evolutionary Computation 10(3): epsilon-dominance.
     """
     boxes = np.floor(costs / np.log1p(step)) if step > 0 else costs
-    total = np.where(np.isnan(found := costs.sum(-1)), np.inf, found)
-    order = np.lexsort((index, total, *boxes.T))
+    order = np.lexsort((index, costs.sum(-1), *boxes.T))
     sorted_boxes = boxes[order]
     first = np.ones(len(order), dtype=bool)
     first[1:] = np.any(sorted_boxes[1:] != sorted_boxes[:-1], axis=-1)
@@ -72,7 +74,5 @@ def balance(costs: Floats) -> Floats:
     The sum over the objectives of how far a cost is on the way from the front's least, 0, to its
     greatest, 1.
     """
-    finite = np.where(np.isfinite(costs), costs, np.nan)
-    low, high = np.nanmin(finite, axis=0), np.nanmax(finite, axis=0)
-    bounded = np.clip(costs, low, high)
-    return ((bounded - low) / np.where(high > low, high - low, 1.0)).sum(-1)
+    low, high = costs.min(axis=0), costs.max(axis=0)
+    return ((costs - low) / np.where(high > low, high - low, 1.0)).sum(-1)

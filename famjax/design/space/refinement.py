@@ -32,7 +32,7 @@ class Refinement:
 
     Attributes:
         goal: the objective that was improved; "balanced" is all of them at once.
-        start: the best of the front for that goal: its numbers by name, those of the columns.
+        start: the best of the front for that goal: pair and numbers by name, those of the columns.
         end: the same refined, at rest length, pressure and, where the braid is made to order,
             nominal diameter. It keeps to everything that is asked for. The pair may be another one.
         gain: by how much the goal is better, >= 0: the logarithm of the ratio of the objective, or
@@ -40,8 +40,8 @@ class Refinement:
     """
 
     goal: str
-    start: dict[str, float]
-    end: dict[str, float]
+    start: dict[str, Any]
+    end: dict[str, Any]
     gain: float
 
 
@@ -107,8 +107,7 @@ def _goals(costs: Floats) -> tuple[Floats, Floats]:
     For all at once they make `balance`. An objective of its own takes a little of the others along,
     which decides where it leaves something open.
     """
-    finite = np.where(np.isfinite(costs), costs, np.nan)
-    span = np.nanmax(finite, axis=0) - np.nanmin(finite, axis=0)
+    span = costs.max(axis=0) - costs.min(axis=0)
     balanced = np.where(span > 0, 1 / np.where(span > 0, span, 1.0), 0.0)
     own = np.vstack([balanced, np.eye(len(span))])
     return own, own + np.vstack([0 * balanced, np.full((len(span),) * 2, _REST)])

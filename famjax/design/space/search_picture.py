@@ -1,6 +1,6 @@
 """The picture of a search: its front with the limits, and what there is to build on it."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST_POINTS = 20_000  # of the feasible candidates: more only make the picture darker
-_SIZE = 16
+_CROWDED = 300  # members of a front, beyond which each gets a smaller mark
 _LIMIT = "#b2182b"
 
 
@@ -27,17 +27,20 @@ def search_picture(found: SpaceSearch, *, system: str = "si") -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 -- slow to load
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    figure = Figure(figsize=(12, 5.6), layout="constrained")
+    figure = Figure(figsize=(12, 5.8), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
+    size = 16 if len(found.front["pair"]) <= _CROWDED else 5
+    for axes in (left, right):
+        axes.margins(0.08)
     others = [name for name in ("pressure", "rest_length") if name not in found.objectives]
     x, y, colour = [*found.objectives, *others, "contraction"][:3]
     _cloud(left, found, x, y, system)
     front = left.scatter(
         _values(found, x, system), _values(found, y, system), c=_values(found, colour, system),
-        s=_SIZE, cmap="viridis", label="front", zorder=3,
+        s=size, cmap="viridis", label="front", zorder=3,
     )  # fmt: skip
-    figure.colorbar(front, ax=left, label=_label(colour, system), location="bottom", shrink=0.8)
+    figure.colorbar(front, ax=left, label=_label(colour, system))
     _refined(left, found, x, y, system)
     _limits(left, found, x, y, system)
     left.set(xlabel=_label(x, system), ylabel=_label(y, system), title="Front")
@@ -46,7 +49,7 @@ def search_picture(found: SpaceSearch, *, system: str = "si") -> bytes:
         mine = found.front["pair"] == at
         right.scatter(
             _values(found, "rest_length", system)[mine], _values(found, "pressure", system)[mine],
-            s=_SIZE, label=found.pairs[at].name, zorder=3,
+            s=size, label=found.pairs[at].name, zorder=3,
         )  # fmt: skip
     _refined(right, found, "rest_length", "pressure", system)
     _limits(right, found, "rest_length", "pressure", system)
@@ -54,9 +57,10 @@ def search_picture(found: SpaceSearch, *, system: str = "si") -> bytes:
         xlabel=_label("rest_length", system), ylabel=_label("pressure", system),
         title="What to build",
     )  # fmt: skip
-    right.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, fontsize=7, frameon=False
-    )
+    figure.legend(
+        *right.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8,
+        frameon=False,
+    )  # fmt: skip
     figure.suptitle(
         f"{found.feasible:,} of {found.grid.total:,} candidates meet everything; "
         f"{len(found.front['pair']):,} on the front"
@@ -76,13 +80,13 @@ def _cloud(axes: "Axes", found: SpaceSearch, x: str, y: str, system: str) -> Non
 
 def _refined(axes: "Axes", found: SpaceSearch, x: str, y: str, system: str) -> None:
     """The refined designs: a star for all objectives at once, a ring for each."""
-    for one in found.refined:
+    for k, one in enumerate(found.refined):
         at = one.end[x] / _factor(x, system), one.end[y] / _factor(y, system)
         star = one.goal == BALANCED
         axes.plot(
             *at, marker="*" if star else "o", ms=15 if star else 9, ls="",
             mfc="#f4a582" if star else "none", mec="black", zorder=4,
-            label="refined, balanced" if star else None,
+            label={0: "refined, balanced", 1: "refined, best of one objective"}.get(k),
         )  # fmt: skip
 
 
@@ -94,19 +98,24 @@ def _limits(axes: "Axes", found: SpaceSearch, x: str, y: str, system: str) -> No
     for column, side, limit in limits:
         if not (0 < limit < np.inf) or column not in (x, y):
             continue
-        value = limit / _factor(column, system)
-        said = f"{'≤' if side == 'most' else '≥'} {value:.3g}"
+        value, upper = limit / _factor(column, system), side == "most"
+        unit = unit_system(system)[COLUMNS[column]]
+        said = f"{'at most' if upper else 'at least'} {value:.4g} {unit}".strip()
+        # Labels stand on the side that is left out.
+        line: dict[str, Any] = {"color": _LIMIT, "ls": "--", "lw": 1.2, "zorder": 2}
+        text: dict[str, Any] = {"color": _LIMIT, "fontsize": 8}
         if column == x:
-            axes.axvline(value, color=_LIMIT, ls="--", lw=1.2, zorder=2)
+            axes.axvline(value, **line)
             axes.annotate(
-                said, (value, 0.5), xycoords=axes.get_xaxis_transform(), rotation=90, va="center",
-                ha="right", color=_LIMIT, fontsize=8,
+                said, (value, 0.02), xycoords=axes.get_xaxis_transform(), rotation=90, va="bottom",
+                ha="left" if upper else "right", xytext=(3 if upper else -3, 0),
+                textcoords="offset points", **text,
             )  # fmt: skip
         else:
-            axes.axhline(value, color=_LIMIT, ls="--", lw=1.2, zorder=2)
+            axes.axhline(value, **line)
             axes.annotate(
-                said, (0.5, value), xycoords=axes.get_yaxis_transform(), va="bottom", ha="center",
-                color=_LIMIT, fontsize=8,
+                said, (0.01, value), xycoords=axes.get_yaxis_transform(),
+                va="bottom" if upper else "top", **text,
             )  # fmt: skip
 
 

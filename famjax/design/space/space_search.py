@@ -23,6 +23,8 @@ from .refinement import Refinement, refine
 CHUNK = 16384
 """Candidates evaluated at once: some 60 MiB of working memory."""
 
+_ROUNDING = 1e-9  # relative: the same pressure in two units
+
 
 @dataclasses.dataclass(frozen=True)
 class Exclusion:
@@ -202,7 +204,7 @@ def _check(
             raise InputError(f"{name} must be >= {least}, got {value}")
     if not 0 <= step < 1:
         raise InputError(f"front_step must be in [0, 1), got {step}; 0.01 is 1 %")
-    if ranges.pressure[1] > requirement.pressure:
+    if ranges.pressure[1] > requirement.pressure * (1 + _ROUNDING):
         raise InputError(
             f"the pressure range ends at {ranges.pressure[1]:.6g} Pa, above the pressure of the "
             f"requirement, {requirement.pressure:.6g} Pa, which is the greatest that there is"
