@@ -29,16 +29,18 @@ def search_chunk(space: Mapping[str, Any], first: int) -> dict[str, Any]:
     Returns:
         "feasible" their number; "excluded", "alone" and "closest": by constraint, how many fail it,
         how many fail nothing else, and the best margin; "front" and "sample": columns of feasible
-        ones; "nearest": columns of the candidate whose worst shortfall is the least, and that
-        "shortfall", a share of the limit, 1 where the braid jams before. Numbers and arrays alone.
+        ones; "nearest": columns of the candidate whose worst "shortfall" is the least, a share
+        of the limit, 1 where the braid jams before; of equal ones that with the least sum of them,
+        "shortfalls". Numbers and arrays alone.
     """
     total = SearchGrid(*space["grid"]).total
     columns, margins = evaluate(space, np.arange(first, min(first + space["chunk"], total)))
     kept = margins >= 0  # nan is not
     fails = ~kept
     feasible = np.flatnonzero(kept.all(axis=-1))
-    shortfall = np.where(fails, np.fmin(-margins, 1.0), 0.0).max(axis=-1)
-    nearest = np.argmin(shortfall)[None]
+    shortfalls = np.where(fails, np.fmin(-margins, 1.0), 0.0)
+    worst = {"shortfall": shortfalls.max(axis=-1), "shortfalls": shortfalls.sum(axis=-1)}
+    nearest = np.lexsort(_nearness(columns | worst)[::-1])[:1]
     found = rows_at(columns, feasible)
     return {
         "feasible": len(feasible),
@@ -47,13 +49,13 @@ def search_chunk(space: Mapping[str, Any], first: int) -> dict[str, Any]:
         "closest": np.fmax.reduce(margins, axis=0),
         "front": _front(found, space),
         "sample": _sample(found, space["table_rows"]),
-        "nearest": rows_at(columns, nearest) | {"shortfall": shortfall[nearest]},
+        "nearest": rows_at(columns | worst, nearest),
     }
 
 
 def evaluate(
     space: Mapping[str, Any], index: NDArray[np.int64]
-) -> tuple[Columns, NDArray[np.float64]]:
+) -> tuple[Columns, NDArray[np.floating]]:
     """Columns of some candidates of the grid, and their margins, (n, constraints)."""
     varied = SearchGrid(*space["grid"]).candidates(index)
     columns, margins = evaluate_at(space, varied.pop("pair"), varied)
@@ -62,7 +64,7 @@ def evaluate(
 
 def evaluate_at(
     space: Mapping[str, Any], pair: NDArray[np.int64], varied: Mapping[str, NDArray[np.float64]]
-) -> tuple[Columns, NDArray[np.float64]]:
+) -> tuple[Columns, NDArray[np.floating]]:
     """The same anywhere: of pairs (n,), at the numbers that are varied, each (n,), in SI.
 
     Evaluated in chunks of the one shape, the last of them filled up.
@@ -83,6 +85,11 @@ def evaluate_at(
     columns = joined([columns for columns, _ in parts])
     margins = np.concatenate([margins for _, margins in parts])
     return {"pair": pair} | rows_at(columns, slice(len(pair))), margins[: len(pair)]
+
+
+def _nearness(columns: Columns) -> tuple[NDArray, ...]:
+    """What the nearest miss has the least of, what counts most first; rounding decides no tie."""
+    return np.round(columns["shortfall"], 6), columns["shortfalls"], columns["index"]
 
 
 def rows_at(columns: Columns, at: NDArray[np.int64] | slice) -> Columns:
@@ -157,5 +164,5 @@ class Tally:
                 sample = joined([self.sample, sample])
             self.front = _front(front, self.space)
             self.sample = _sample(sample, self.space["table_rows"])
-        if not self.nearest or part["nearest"]["shortfall"] < self.nearest["shortfall"]:
+        if not self.nearest or _nearness(part["nearest"]) < _nearness(self.nearest):
             self.nearest = part["nearest"]

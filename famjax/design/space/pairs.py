@@ -37,7 +37,7 @@ class BuildablePair:
     @property
     def name(self) -> str:
         """What a person calls it."""
-        return f"{self.bladder.name} in {self.braid.name}"
+        return f"{self.bladder.name} under {self.braid.name}"
 
 
 def buildable_pairs(

@@ -35,8 +35,8 @@ class Refinement:
         start: the best of the front for that goal: pair and numbers by name, those of the columns.
         end: the same refined, at rest length, pressure and, where the braid is made to order,
             nominal diameter. It keeps to everything that is asked for. The pair may be another one.
-        gain: by how much the goal is better, >= 0: the logarithm of the ratio of the objective, or
-            of "balanced" the difference of `balance`.
+        gain: by how much the goal is better, >= 0: the change of the objective as a share [-] of
+            what it was, or of "balanced" the difference of `balance`.
     """
 
     goal: str
@@ -97,7 +97,10 @@ def refine(space: Mapping[str, Any], front: Columns, pairs: int) -> list[Refinem
         start, end = (
             {name: values[at].item() for name, values in columns.items()} for at in (first, best)
         )
-        found.append(Refinement(goal, start, end, float(primary[first] - primary[best])))
+        gain = (
+            primary[first] - primary[best] if goal == BALANCED else abs(end[goal] / start[goal] - 1)
+        )
+        found.append(Refinement(goal, start, end, float(gain)))
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...boundary.extras import import_extra
-from ...boundary.units import Row, entry, from_si, unit_system
+from ...boundary.units import Row, entry, factor, from_si, unit_system
 from .chunk import Columns
 from .limits import COLUMNS, CONSTRAINTS
 from .space_search import SpaceSearch
@@ -126,7 +126,7 @@ def feasible_table(
     for name, kind in COLUMNS.items():
         unit = unit_system(system)[kind]
         values = np.asarray(found.sample.get(name, ()), dtype=np.float64)
-        columns[f"{name}_{unit}" if unit else name] = from_si(values, unit, kind)
+        columns[f"{name}_{unit}" if unit else name] = values / factor(unit, kind)
     if form == "parquet":
         file = io.BytesIO()
         arrow = import_extra("pyarrow", "tables")

@@ -145,7 +145,7 @@ def search_space(
     ...     about=2000, chunk=512,
     ... )
     >>> found.grid.total, found.pairs[found.front["pair"][0]].name
-    (1995, 'bladder 0.875 in x 0.0625 in in Kevlar 2.0 in')
+    (1859, 'bladder 0.875 in x 0.0625 in under Kevlar 1.5 in')
     """
     limits = limits or SearchLimits()
     wanted = check_objectives(objectives)
