@@ -22,8 +22,8 @@ def search_chunk(space: Mapping[str, Any], first: int) -> dict[str, Any]:
 
     Args:
         space: arrays and names alone: "grid" (low, high, counts of a `SearchGrid`), "pairs" and
-            "demand" (see `performance`), "material", "objectives", "front_step", "chunk" (number of
-            candidates, the one shape that is compiled) and "table_rows".
+            "demand" (see `performance`), "material", "objectives", "front_step", "chunk" and "states"
+            (numbers of candidates and of their states, the one shape that is compiled), "table_rows".
         first: number of the first candidate.
 
     Returns:
@@ -69,22 +69,36 @@ def evaluate_at(
 
     Evaluated in chunks of the one shape, the last of them filled up.
     """
-    candidates = {name: values[pair] for name, values in space["pairs"].items()} | dict(varied)
     demand = {name: jnp.asarray(value) for name, value in space["demand"].items()}
-    parts = []
-    for first in range(0, len(pair), space["chunk"]):
-        at = np.minimum(np.arange(first, first + space["chunk"]), len(pair) - 1)
-        chunk = {name: jnp.asarray(values[at]) for name, values in candidates.items()}
-        numbers, margins = performances(chunk, demand, space["material"])
+    of_state = ("nominal_diameter", "pressure")
+    same = np.stack([pair, *(varied[name] for name in of_state)])
+    state = np.cumsum(np.any(np.diff(same, axis=-1, prepend=same[:, :1]) != 0, axis=0))
+    parts, first = [], 0
+    while first < len(pair):
+        beyond = np.searchsorted(state, state[first] + space["states"])
+        last = min(first + space["chunk"], int(beyond))
+        at = np.minimum(np.arange(first, first + space["chunk"]), last - 1)
+        begin = np.searchsorted(state, state[first] + np.arange(space["states"]))
+        begin = np.minimum(begin, last - 1)
+        states = {name: values[pair[begin]] for name, values in space["pairs"].items()}
+        states |= {name: varied[name][begin] for name in of_state}
+        numbers, margins = performances(
+            {name: jnp.asarray(values) for name, values in states.items()},
+            jnp.asarray(state[at] - state[first]),
+            jnp.asarray(varied["rest_length"][at]),
+            demand,
+            space["material"],
+        )
+        kept = slice(last - first)
         parts.append(
             (
-                {name: np.asarray(numbers[name]) for name in COLUMNS},
-                np.stack([np.asarray(margins[name]) for name in CONSTRAINTS], axis=-1),
+                {name: np.asarray(numbers[name])[kept] for name in COLUMNS},
+                np.stack([np.asarray(margins[name])[kept] for name in CONSTRAINTS], axis=-1),
             )
         )
+        first = last
     columns = joined([columns for columns, _ in parts])
-    margins = np.concatenate([margins for _, margins in parts])
-    return {"pair": pair} | rows_at(columns, slice(len(pair))), margins[: len(pair)]
+    return {"pair": pair} | columns, np.concatenate([margins for _, margins in parts])
 
 
 def _nearness(columns: Columns) -> tuple[NDArray, ...]:
@@ -115,7 +129,7 @@ def _sample(found: Columns, rows: int) -> Columns:
     """
     if len(found["index"]) <= rows:
         return found
-    least = np.argsort(_scrambled(found["index"]), kind="stable")[:rows]
+    least = np.argpartition(_scrambled(found["index"]), rows)[:rows]
     return rows_at(found, np.sort(least))
 
 

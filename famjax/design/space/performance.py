@@ -6,6 +6,7 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int
 
 from ..._compiled import compiled
 from ..._types import RealArray
@@ -46,6 +47,34 @@ def demand_numbers(requirement: Requirement, limits: SearchLimits) -> dict[str, 
     }
 
 
+def free_contraction(
+    state: Mapping[str, RealArray], material: AbstractMaterial | None
+) -> RealArray:
+    """Contraction [-] at zero force of a state, jamming left aside, whatever the rest length.
+
+    Args:
+        state: scalars: those of `pair_numbers`, `nominal_diameter` [m] and `pressure` [Pa].
+        material: of the bladder, in Pa; None neglects the bladder.
+
+    Returns:
+        Fraction [-]; nan where the force does not fall to zero.
+    """
+    return _combination(state, jnp.ones(())).free_contraction(state["pressure"], material)
+
+
+def _combination(state: Mapping[str, RealArray], length: RealArray) -> Combination:
+    nominal = state["nominal_diameter"]
+    return Combination(
+        bladder_diameter=state["bladder_diameter"],
+        bladder_thickness=state["bladder_thickness"],
+        nominal_diameter=nominal,
+        braid_thickness=state["braid_thickness"],
+        smallest_diameter=nominal * state["smallest_share"],
+        largest_diameter=nominal * state["largest_share"],
+        rest_length=length,
+    )
+
+
 def performance(
     candidate: Mapping[str, RealArray],
     demand: Mapping[str, RealArray],
@@ -59,8 +88,7 @@ def performance(
     under pressure, as free air: ((P + P_a) V - P_a V0) / P_a, isothermal.
 
     Args:
-        candidate: scalars: those of `pair_numbers` for its pair, and `nominal_diameter` [m],
-            `rest_length` [m] and `pressure` [Pa].
+        candidate: scalars: those of a state, its `free_contraction`, and `rest_length` [m].
         demand: scalars, those of `demand_numbers`.
         material: of the bladder, in Pa; None neglects the bladder.
 
@@ -69,18 +97,9 @@ def performance(
         the limit by which it is kept, negative where it is not; nan where the braid jams before it,
         the pressure does not move the bladder, or nothing is known.
     """
-    nominal, length = candidate["nominal_diameter"], candidate["rest_length"]
-    pressure = candidate["pressure"]
-    combination = Combination(
-        bladder_diameter=candidate["bladder_diameter"],
-        bladder_thickness=candidate["bladder_thickness"],
-        nominal_diameter=nominal,
-        braid_thickness=candidate["braid_thickness"],
-        smallest_diameter=nominal * candidate["smallest_share"],
-        largest_diameter=nominal * candidate["largest_share"],
-        rest_length=length,
-    )
-    usable = combination.usable_contraction(pressure, material)
+    length, pressure = candidate["rest_length"], candidate["pressure"]
+    combination = _combination(candidate, length)
+    usable = jnp.minimum(candidate["free_contraction"], combination.contraction_range()[1])
     blocked = combination.force(0.0, pressure, material)
     asked_at = jnp.maximum(demand["force_contraction"], demand["force_stroke"] / length)
     used = jnp.minimum(jnp.maximum(demand["contraction"], demand["stroke"] / length), usable)
@@ -92,7 +111,7 @@ def performance(
         "rest_length": length,
         "pressure": pressure,
         "braid_angle": combination.braid_angle,
-        "nominal_diameter": nominal,
+        "nominal_diameter": candidate["nominal_diameter"],
         "blocked_force": blocked,
         "force": combination.force(asked_at, pressure, material),
         "contraction": usable,
@@ -132,9 +151,23 @@ def _free_air(combination: Combination, contraction: RealArray, pressure: RealAr
 
 @compiled
 def performances(
-    candidates: Mapping[str, RealArray],
+    states: Mapping[str, RealArray],
+    of_state: Int[Array, " candidates"],
+    rest_length: RealArray,
     demand: Mapping[str, RealArray],
     material: AbstractMaterial | None,
 ) -> tuple[Numbers, Numbers]:
-    """`performance` of many candidates: every number of theirs (n,)."""
-    return jax.vmap(lambda one: performance(one, demand, material))(dict(candidates))
+    """`performance` of many candidates, the free contraction solved once for each state.
+
+    Args:
+        states: see `free_contraction`; every number (states,).
+        of_state: the state of each candidate.
+        rest_length: L0 [m] of each candidate.
+        demand: of `performance`.
+        material: of the bladder.
+    """
+    free = jax.vmap(lambda state: free_contraction(state, material))(dict(states))
+    solved = dict(states) | {"free_contraction": free}
+    candidates = {name: values[of_state] for name, values in solved.items()}
+    candidates["rest_length"] = rest_length
+    return jax.vmap(lambda one: performance(one, demand, material))(candidates)

@@ -14,10 +14,10 @@ from ..._types import RealArray
 from ...materials.abstract_material import AbstractMaterial
 from .chunk import Columns, evaluate_at
 from .front import Floats, costs_of
+from .grid import AXES
 from .limits import BALANCED, CONSTRAINTS, OBJECTIVES
-from .performance import Numbers, performance
+from .performance import Numbers, free_contraction, performance
 
-_VARIED = ("nominal_diameter", "rest_length", "pressure")
 _BACK = 1 - np.concatenate([[0.0], 10.0 ** np.arange(-15, 0), [1.0]])
 """Shares of the way from the start to what the solver found: the longest that keeps to everything."""
 
@@ -82,7 +82,7 @@ def refine(space: Mapping[str, Any], front: Columns, pairs: int) -> list[Refinem
     ways = [_way(space, start) for start in starts]
     pair = np.repeat([start.pair for start in starts], len(_BACK))
     columns, margins = evaluate_at(
-        space, pair, dict(zip(_VARIED, np.concatenate(ways).T, strict=True))
+        space, pair, dict(zip(AXES, np.concatenate(ways).T, strict=True))
     )
     costs = costs_of(columns, space["objectives"])
     kept = np.all(margins >= 0, axis=-1)
@@ -126,7 +126,7 @@ def _starts(space: Mapping[str, Any], front: Columns, weights: Floats, pairs: in
         starts += [
             _Start(
                 k, weights[k], int(front["pair"][at]),
-                np.array([front[name][at] for name in _VARIED], dtype=np.float64),
+                np.array([front[name][at] for name in AXES], dtype=np.float64),
             )
             for at in order[np.sort(firsts)[:pairs]]
         ]  # fmt: skip
@@ -192,7 +192,8 @@ def _costs_and_margins(
     """Costs of all objectives and margins of all constraints at (3,), and their derivatives."""
 
     def both(varied: RealArray) -> tuple[RealArray, RealArray]:
-        candidate = known | dict(zip(_VARIED, varied, strict=True))
+        candidate = known | dict(zip(AXES, varied, strict=True))
+        candidate["free_contraction"] = free_contraction(candidate, material)
         columns, margins = performance(candidate, demand, material)
         costs = [
             jnp.log(columns[name]) * (1 if side == "least" else -1)

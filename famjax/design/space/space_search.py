@@ -161,6 +161,7 @@ def search_space(
         "objectives": wanted,
         "front_step": front_step,
         "chunk": chunk,
+        "states": grid.most_states(chunk),
         "table_rows": table_rows,
     }
     tally = Tally(space)

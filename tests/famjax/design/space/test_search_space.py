@@ -80,10 +80,10 @@ def test_a_tiny_space_is_what_a_loop_over_it_finds():
     found = found_with(catalogue=catalogue, about=2 * steps**2, chunk=7, front_step=0.0)
     assert found.grid.total == 2 * steps**2
     rows, kept = [], []
-    for pair, length, pressure in itertools.product(
+    for pair, pressure, length in itertools.product(
         found.pairs,
-        np.linspace(*RANGES.rest_length, steps),
         np.linspace(*RANGES.pressure, steps),
+        np.linspace(*RANGES.rest_length, steps),
     ):
         muscle = Combination.of(pair.bladder, pair.braid, length)
         usable = float(muscle.usable_contraction(pressure, material))
