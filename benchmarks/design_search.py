@@ -168,7 +168,7 @@ def run(candidates: int, looped: int) -> dict[str, Any]:
 
 def main() -> None:
     """Print what was measured."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description="Speed of the search of designs.")
     parser.add_argument("--candidates", type=float, default=1e6)
     parser.add_argument("--loop", type=int, default=2000)
     parser.add_argument("--json", action="store_true")

@@ -186,5 +186,14 @@ def _search(
 
 def _narrow(rows: list[dict]) -> list[dict]:
     """Rows for the terminal; the rest of their columns is in the file."""
-    left = ("start", "tube", "nominal_diameter", "blocked_force", "burst", "pull", "thread")
+    left = (
+        "start",
+        "feasibility",
+        "tube",
+        "nominal_diameter",
+        "blocked_force",
+        "burst",
+        "pull",
+        "thread",
+    )
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]

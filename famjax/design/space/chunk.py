@@ -103,7 +103,8 @@ def evaluate_at(
 
 def _nearness(columns: Columns) -> tuple[NDArray, ...]:
     """What the nearest miss has the least of, what counts most first; rounding decides no tie."""
-    return np.round(columns["shortfall"], 6), columns["shortfalls"], columns["index"]
+    worst, together = (np.round(columns[name], 6) for name in ("shortfall", "shortfalls"))
+    return worst, together, columns["index"]
 
 
 def rows_at(columns: Columns, at: NDArray[np.int64] | slice) -> Columns:

@@ -18,6 +18,7 @@ class BuildablePair:
     Attributes:
         bladder: row of the catalogue.
         braid: row of the catalogue.
+        fit: feasible, or boundary: usable by its source but at rest outside its jamming range.
         nominal_range: nominal diameters [m] of the braid at which it fits the bladder, from the
             least to the greatest; equal where the braid is sold as it is.
         tube: the strongest swage tube that fits, or None where none is asked for.
@@ -28,6 +29,7 @@ class BuildablePair:
 
     bladder: CatalogueBladder
     braid: CatalogueBraid
+    fit: Feasibility
     nominal_range: tuple[float, float]
     tube: str | None
     tube_yield_load: float
@@ -68,16 +70,16 @@ def buildable_pairs(
     for braid in catalogue.braids:
         fitting = _fitting_tubes(catalogue, braid, limits) if limits.end_fittings else {}
         for bladder in catalogue.bladders:
-            nominal = _nominal_range(bladder, braid)
+            fit, nominal = _fit(bladder, braid)
             tubes = fitting.get(bladder.name, [])
-            if nominal is None:
+            if fit is Feasibility.INFEASIBLE:
                 left_out["braid"] += 1
             elif limits.end_fittings and not tubes:
                 left_out["end_fitting"] += 1
             else:
                 tube = max(tubes, key=yields.__getitem__, default=None)
                 pair = BuildablePair(
-                    bladder, braid, nominal, tube, yields.get(tube or "", math.nan),
+                    bladder, braid, fit, nominal, tube, yields.get(tube or "", math.nan),
                     *_tested(catalogue, bladder, braid),
                 )  # fmt: skip
                 if _unknown(pair, limits):
@@ -101,17 +103,19 @@ def _fitting_tubes(
     return found
 
 
-def _nominal_range(bladder: CatalogueBladder, braid: CatalogueBraid) -> tuple[float, float] | None:
-    """Nominal diameters [m] at which the braid fits the bladder; None where there is none."""
+def _fit(
+    bladder: CatalogueBladder, braid: CatalogueBraid
+) -> tuple[Feasibility, tuple[float, float]]:
+    """Whether the braid fits the bladder, and the nominal diameters [m] at which it does."""
     nominal = braid.nominal_diameter
     if braid.made_to_order_range is None:
-        fits = feasibility(bladder.diameter, braid) is not Feasibility.INFEASIBLE
-        return (nominal, nominal) if fits else None
+        return feasibility(bladder.diameter, braid), (nominal, nominal)
     # The angles at which it jams are kept: its diameters there go with the nominal one.
     smallest, largest = (limit / nominal for limit in braid.diameter_range)
     least = max(braid.made_to_order_range[0], bladder.diameter / largest)
     greatest = min(braid.made_to_order_range[1], bladder.diameter / smallest)
-    return (least, greatest) if least <= greatest else None
+    fit = Feasibility.FEASIBLE if least <= greatest else Feasibility.INFEASIBLE
+    return fit, (least, greatest)
 
 
 def _tested(

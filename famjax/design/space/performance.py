@@ -135,7 +135,7 @@ _ALWAYS = ("force", "contraction")  # a muscle that cannot be there is none, wha
 
 def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) -> RealArray:
     if upper:
-        return 1 - found / limit
+        return jnp.where(jnp.isfinite(limit), 1 - found / limit, 1.0)
     asked = limit > 0
     share = found / jnp.where(asked, limit, 1.0) - 1
     # Without a limit the sign is what counts; what is not asked for is kept with room to spare.

@@ -30,7 +30,7 @@ def design_rows(found: SpaceSearch, columns: Columns, *, system: str = "si") -> 
         system: "si", "metric" or "us".
 
     Returns:
-        Rows of bladder, braid, tube and the numbers of the columns.
+        Rows of bladder, braid, how they fit, tube and the numbers of the columns.
     """
     count = len(next(iter(columns.values()), ()))
     return [
@@ -41,7 +41,8 @@ def design_rows(found: SpaceSearch, columns: Columns, *, system: str = "si") -> 
 
 def _row(found: SpaceSearch, numbers: Mapping[str, Any], system: str) -> Row:
     pair = found.pairs[int(numbers["pair"])]
-    row: Row = {"bladder": pair.bladder.name, "braid": pair.braid.name, "tube": pair.tube}
+    row: Row = {"bladder": pair.bladder.name, "braid": pair.braid.name}
+    row |= {"feasibility": str(pair.fit), "tube": pair.tube}
     for name, kind in COLUMNS.items():
         row |= entry(name, float(numbers[name]), kind, system)
     return row

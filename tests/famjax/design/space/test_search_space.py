@@ -253,6 +253,26 @@ def test_safety_factors_are_those_of_the_tests_threads_and_tubes():
     assert {"burst_factor", "pull_factor"} <= {one.constraint for one in found.exclusions}
 
 
+def test_a_pressure_that_does_not_move_the_bladder_makes_no_design():
+    found = found_with(
+        requirement=Requirement(2 * PSI, 1.0, 0.0),
+        ranges=SearchRanges((0.2, 0.4), (0.01 * PSI, 2 * PSI)), limits=SearchLimits(),
+    )  # fmt: skip
+    moved = found.grid.total - max(one.excluded for one in found.exclusions)
+    assert 0 < found.feasible <= moved < found.grid.total
+    assert {one.constraint for one in found.exclusions} <= {"force", "contraction"}
+    assert np.isfinite(found.sample["outer_diameter"]).all()
+    json.dumps(search_document(found), allow_nan=False)
+
+
+def test_pairs_at_the_boundary_are_named():
+    found = found_with(limits=SearchLimits(end_fittings=False), front_step=0.0)
+    rows = design_rows(found, found.sample)
+    boundary = {(r["bladder"], r["braid"]) for r in rows if r["feasibility"] == "boundary"}
+    assert ("bladder 1 in x 0.0625 in", "Kevlar 2.5 in") in boundary
+    assert ("bladder 0.875 in x 0.0625 in", "Kevlar 2.0 in") not in boundary
+
+
 def test_force_may_be_asked_for_at_a_travel():
     limits = dataclasses.replace(LIMITS, force_stroke=1.5 * INCH)
     found = found_with(catalogue=two_pairs(), limits=limits, about=200)
