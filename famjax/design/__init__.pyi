@@ -16,6 +16,7 @@ from .catalogue_search import (
 from .combination import (
     Combination as Combination,
     Feasibility as Feasibility,
+    bladder_material as bladder_material,
     fam_angle as fam_angle,
     feasibility as feasibility,
 )

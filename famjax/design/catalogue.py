@@ -46,12 +46,24 @@ class CatalogueBraid:
 
 @dataclasses.dataclass(frozen=True)
 class CatalogueBladder:
-    """A rubber tube as it is sold: name, outer diameter [m], wall thickness [m], source."""
+    """A rubber tube as it is sold.
+
+    Attributes:
+        name: unique in the catalogue.
+        diameter: outer [m].
+        thickness: of the wall [m].
+        source: where the row comes from.
+        coefficients: E_n [Pa] of its rubber, as `PolynomialMaterial` takes them, or None: the file
+            does not say.
+        coefficients_source: where they come from, or None.
+    """
 
     name: str
     diameter: float
     thickness: float
     source: str
+    coefficients: tuple[float, ...] | None = None
+    coefficients_source: str | None = None
 
     @property
     def bore(self) -> float:

@@ -68,6 +68,10 @@ _Sizes = Annotated[
     tuple[Positive, ...],
     Meta(min_length=1, description="a number > 0 and finite or a list of them"),
 ]
+_Coefficients = Annotated[
+    tuple[float, ...],
+    Meta(min_length=1, description="a list of numbers, the first that of the strain itself"),
+]
 _Pair = Annotated[
     tuple[Positive, Positive], Meta(description="two numbers in brackets, > 0 and finite")
 ]
@@ -176,8 +180,12 @@ class _BraidRow:
 class _BladderRow:
     diameter: _Sizes
     thickness: _Sizes
+    coefficients: _Coefficients | None = None
+    coefficients_source: Text | None = None
 
     def __post_init__(self) -> None:
+        if (self.coefficients is None) != (self.coefficients_source is None):
+            raise CatalogueError("coefficients must stand together with coefficients_source")
         _check_walls(self.diameter, self.thickness)
 
 
@@ -235,7 +243,7 @@ _FORM = Form(
         **dict.fromkeys(("diameter_range", "boundary_range", "swage_reduction"), "length"),
         "made_to_order_range": "length",
         **dict.fromkeys(("free_length", "supported_length"), "length"),
-        **dict.fromkeys(("modulus", "yield_stress"), "stress"),
+        **dict.fromkeys(("modulus", "yield_stress", "coefficients"), "stress"),
         **dict.fromkeys(("burst_force", "tensile_force", "breaking_load"), "force"),
         "angle_range": "angle",
         "burst_pressure": "pressure",
@@ -260,7 +268,14 @@ def _bladders(fields: Mapping[str, Any], where: str, source: str) -> list[Catalo
     names = itertools.product(_written("diameter", fields), _written("thickness", fields))
     sizes = itertools.product(row.diameter, row.thickness)
     return [
-        CatalogueBladder(f"bladder {wide} x {thick}", diameter, thickness, source)
+        CatalogueBladder(
+            f"bladder {wide} x {thick}",
+            diameter,
+            thickness,
+            source,
+            row.coefficients,
+            row.coefficients_source,
+        )
         for (wide, thick), (diameter, thickness) in zip(names, sizes, strict=True)
     ]
 

@@ -18,6 +18,7 @@ from ..braids.inextensible import NEUTRAL_ANGLE, Braid, braid_angle_from_diamete
 from ..geometries.bladder import Bladder
 from ..geometries.estimated import EstimatedGeometry
 from ..materials.abstract_material import AbstractMaterial
+from ..materials.polynomial import PolynomialMaterial
 from ..muscle import Muscle
 from ..parameters import number
 from .catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid
@@ -75,6 +76,15 @@ def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
     if within(braid.diameter_range):
         return Feasibility.FEASIBLE
     return Feasibility.BOUNDARY if within(braid.boundary_range) else Feasibility.INFEASIBLE
+
+
+def bladder_material(
+    bladder: CatalogueBladder, otherwise: AbstractMaterial | None
+) -> AbstractMaterial | None:
+    """The law of a bladder's rubber: the catalogue's, or another where it says none."""
+    if bladder.coefficients is None:
+        return otherwise
+    return PolynomialMaterial(list(bladder.coefficients))
 
 
 class Combination(eqx.Module):

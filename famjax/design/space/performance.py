@@ -10,11 +10,13 @@ from jaxtyping import Array, Int
 
 from ..._compiled import compiled
 from ..._types import RealArray
+from ...boundary.errors import InputError
 from ...braids.thread import thread_tension
 from ...geometries import inner_volume
 from ...materials.abstract_material import AbstractMaterial
+from ...materials.polynomial import PolynomialMaterial
 from ..catalogue_search import Requirement
-from ..combination import Combination
+from ..combination import Combination, bladder_material
 from ..safety import safety_factor
 from .limits import ATMOSPHERE, CONSTRAINTS, SearchLimits
 from .pairs import BuildablePair
@@ -23,8 +25,17 @@ Numbers: TypeAlias = dict[str, RealArray]
 """Numbers by name."""
 
 
-def pair_numbers(pairs: Sequence[BuildablePair]) -> dict[str, np.ndarray]:
-    """What the formulas need of each pair, by name, each (pairs,), in SI; nan where not known."""
+def pair_numbers(
+    pairs: Sequence[BuildablePair], material: AbstractMaterial | None
+) -> dict[str, np.ndarray]:
+    """What the formulas need of each pair, by name, each (pairs,), in SI; nan where not known.
+
+    Where the catalogue knows the rubber of some bladder, `coefficients`, (pairs, order), are those of
+    each, filled up with zeros.
+
+    Raises:
+        InputError: it does, and the material of the others is no polynomial.
+    """
     columns = {
         "bladder_diameter": [p.bladder.diameter for p in pairs],
         "bladder_thickness": [p.bladder.thickness for p in pairs],
@@ -37,7 +48,22 @@ def pair_numbers(pairs: Sequence[BuildablePair]) -> dict[str, np.ndarray]:
         "breaking_pull": [p.breaking_pull for p in pairs],
         "tube_yield_load": [p.tube_yield_load for p in pairs],
     }
-    return {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
+    numbers = {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
+    if any(pair.bladder.coefficients is not None for pair in pairs):
+        numbers["coefficients"] = _coefficients(pairs, material)
+    return numbers
+
+
+def _coefficients(pairs: Sequence[BuildablePair], material: AbstractMaterial | None) -> np.ndarray:
+    if material is not None and not isinstance(material, PolynomialMaterial):
+        raise InputError(
+            f"the catalogue gives coefficients of some bladders, and the others are to be of a "
+            f"{type(material).__name__}: give a PolynomialMaterial, or None to neglect the others"
+        )
+    rubbers = [bladder_material(pair.bladder, material) for pair in pairs]
+    rows = [[] if one is None else np.asarray(one.coefficients).tolist() for one in rubbers]
+    order = max(map(len, rows))
+    return np.array([row + [0.0] * (order - len(row)) for row in rows])
 
 
 def demand_numbers(requirement: Requirement, limits: SearchLimits) -> dict[str, float]:
@@ -54,12 +80,20 @@ def free_contraction(
 
     Args:
         state: scalars: those of `pair_numbers`, `nominal_diameter` [m] and `pressure` [Pa].
-        material: of the bladder, in Pa; None neglects the bladder.
+        material: of the bladder, in Pa, unless the catalogue knows it; None neglects the bladder.
 
     Returns:
         Fraction [-]; nan where the force does not fall to zero.
     """
-    return _combination(state, jnp.ones(())).free_contraction(state["pressure"], material)
+    rubber = _rubber(state, material)
+    return _combination(state, jnp.ones(())).free_contraction(state["pressure"], rubber)
+
+
+def _rubber(
+    state: Mapping[str, RealArray], material: AbstractMaterial | None
+) -> AbstractMaterial | None:
+    known = state.get("coefficients")
+    return material if known is None else PolynomialMaterial(known)
 
 
 def _combination(state: Mapping[str, RealArray], length: RealArray) -> Combination:
@@ -90,7 +124,7 @@ def performance(
     Args:
         candidate: scalars: those of a state, its `free_contraction`, and `rest_length` [m].
         demand: scalars, those of `demand_numbers`.
-        material: of the bladder, in Pa; None neglects the bladder.
+        material: of the bladder, in Pa, unless the catalogue knows it; None neglects the bladder.
 
     Returns:
         (numbers of `COLUMNS`, margins of `CONSTRAINTS`), scalars by name. A margin is the share of
@@ -98,9 +132,9 @@ def performance(
         the pressure does not move the bladder, or nothing is known.
     """
     length, pressure = candidate["rest_length"], candidate["pressure"]
-    combination = _combination(candidate, length)
+    combination, rubber = _combination(candidate, length), _rubber(candidate, material)
     usable = jnp.minimum(candidate["free_contraction"], combination.contraction_range()[1])
-    blocked = combination.force(0.0, pressure, material)
+    blocked = combination.force(0.0, pressure, rubber)
     asked_at = jnp.maximum(demand["force_contraction"], demand["force_stroke"] / length)
     used = jnp.minimum(jnp.maximum(demand["contraction"], demand["stroke"] / length), usable)
     tension = thread_tension(
@@ -113,7 +147,7 @@ def performance(
         "braid_angle": combination.braid_angle,
         "nominal_diameter": candidate["nominal_diameter"],
         "blocked_force": blocked,
-        "force": combination.force(asked_at, pressure, material),
+        "force": combination.force(asked_at, pressure, rubber),
         "contraction": usable,
         "stroke": usable * length,
         "outer_diameter": combination.outer_diameter(used),

@@ -121,7 +121,8 @@ def search_space(
         limits: what is kept to beside the requirement; None for `SearchLimits()`.
         about: number of candidates; the grid has at most so many, but one for each pair.
         objectives: of `OBJECTIVES`; the fewer, the shorter the front.
-        material: of the bladders, in Pa; None neglects them.
+        material: of the bladders whose rubber the catalogue does not know, in Pa; None neglects
+            them.
         tube: what is known of the swage tubes beside the catalogue.
         front_step: share [-] by which members of the front differ, >= 0; see `front_members`.
         table_rows: most rows of `sample`.
@@ -133,7 +134,8 @@ def search_space(
         What was found; `front` is empty where no candidate keeps to everything.
 
     Raises:
-        InputError: an unknown objective, a pressure range beyond the requirement's pressure, a
+        InputError: a material that is no polynomial beside bladders whose coefficients the
+            catalogue gives; an unknown objective, a pressure range beyond the requirement's pressure, a
             number out of its range, a catalogue without swage tubes.
 
     >>> from famjax.design import Requirement, SearchLimits, SearchRanges, load_catalogue
@@ -155,7 +157,7 @@ def search_space(
     grid = SearchGrid.of(pairs, ranges, about)
     space = {
         "grid": (grid.low, grid.high, grid.counts),
-        "pairs": pair_numbers(pairs),
+        "pairs": pair_numbers(pairs, material),
         "demand": demand_numbers(requirement, limits),
         "material": material,
         "objectives": wanted,

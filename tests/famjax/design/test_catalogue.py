@@ -103,6 +103,14 @@ def test_threads_and_nominal_diameters_made_to_order_are_read(tmp_path):
     assert threads == [(None, None), (144, pytest.approx(59.3 * units.LBF)), (None, None)]
 
 
+def test_the_rubber_of_a_bladder_is_read(tmp_path):
+    more = 'coefficients_MPa = [1.5, -0.4]\ncoefficients_source = "own tensile test"\n'
+    for bladder in read(tmp_path, BLADDER + more).bladders:
+        assert bladder.coefficients == pytest.approx((1.5e6, -0.4e6))
+        assert bladder.coefficients_source == "own tensile test"
+    assert {bladder.coefficients for bladder in load_catalogue().bladders} == {None}
+
+
 def test_a_users_file_can_replace_the_bundled_catalogue(tmp_path):
     catalogue = read(tmp_path, BLADDER)
     assert (catalogue.braids, catalogue.tubes) == ((), ())
@@ -212,6 +220,12 @@ def test_a_wrong_test_is_refused_with_the_reason(tmp_path, old, new, message):
             "that of the row between",
         ),
         (BRAID, "[10, 25]", "[10, 25]\nn_threads = 90", "together with breaking_load"),
+        (
+            BLADDER,
+            "[1, 2]",
+            "[1, 2]\ncoefficients_MPa = [2, 1]",
+            "together with coefficients_source",
+        ),
         (TUBE, "modulus_GPa", "modulus_ksi", "unknown unit 'ksi'.*modulus_GPa"),
         (TUBE, "swage_reduction_mm = 0.7", "swage_reduction_mm = 23", "closes a tube"),
     ],

@@ -27,6 +27,7 @@ from famjax.design.space import (
     summary,
 )
 from famjax.design.space.chunk import search_chunk
+from famjax.materials import NeoHookeanMaterial
 
 INCH, PSI, LBF = units.INCH, units.PSI, units.LBF
 ROUNDING = 1e-9  # relative, float64: the free contraction is bisected, forces near zero cancel
@@ -251,6 +252,34 @@ def test_safety_factors_are_those_of_the_tests_threads_and_tubes():
     for name in ("burst_factor", "pull_factor", "thread_factor"):
         assert sample[name].min() >= getattr(limits, name)
     assert {"burst_factor", "pull_factor"} <= {one.constraint for one in found.exclusions}
+
+
+def test_the_rubber_of_a_bladder_is_the_catalogues_where_it_is_known():
+    catalogue = two_pairs()
+    stiff, known = (3e6, 1e6), catalogue.bladders[0]
+    bladders = (dataclasses.replace(known, coefficients=stiff), *catalogue.bladders[1:])
+    mixed = dataclasses.replace(catalogue, bladders=bladders)
+    for material in (None, PolynomialMaterial(LATEX)):
+        alone = {
+            c.bladder.name: c.usable_contraction for c in search(mixed, ASKED, material=material)
+        }
+        found = found_with(
+            catalogue=mixed, material=material, limits=SearchLimits(),
+            requirement=Requirement(100 * PSI, 0.0, 0.0),
+            ranges=SearchRanges((0.3, 0.3), (100 * PSI, 100 * PSI)), refined_pairs=2,
+        )  # fmt: skip
+        for row in design_rows(found, found.sample):
+            assert row["contraction"] == pytest.approx(alone[row["bladder"]], rel=ROUNDING)
+        expected = Combination.of(known, catalogue.braids[0]).usable_contraction(
+            100 * PSI, PolynomialMaterial(list(stiff))
+        )
+        assert alone[known.name] == pytest.approx(float(expected), rel=ROUNDING)
+        soft = search(catalogue, ASKED, material=material)
+        assert alone[known.name] < next(
+            c.usable_contraction for c in soft if c.bladder.name == known.name
+        )
+    with pytest.raises(ValueError, match="give a PolynomialMaterial"):
+        found_with(catalogue=mixed, material=NeoHookeanMaterial(3e5))
 
 
 def test_a_pressure_that_does_not_move_the_bladder_makes_no_design():
