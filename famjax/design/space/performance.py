@@ -16,7 +16,7 @@ from ...geometries import inner_volume
 from ...materials.abstract_material import AbstractMaterial
 from ...materials.polynomial import PolynomialMaterial
 from ..catalogue_search import Requirement
-from ..combination import Combination, bladder_material
+from ..combination import Combination
 from ..safety import safety_factor
 from .limits import ATMOSPHERE, CONSTRAINTS, SearchLimits
 from .pairs import BuildablePair
@@ -60,8 +60,9 @@ def _coefficients(pairs: Sequence[BuildablePair], material: AbstractMaterial | N
             f"the catalogue gives coefficients of some bladders, and the others are to be of a "
             f"{type(material).__name__}: give a PolynomialMaterial, or None to neglect the others"
         )
-    rubbers = [bladder_material(pair.bladder, material) for pair in pairs]
-    rows = [[] if one is None else np.asarray(one.coefficients).tolist() for one in rubbers]
+    others = [] if material is None else np.asarray(material.coefficients).tolist()
+    own = [pair.bladder.coefficients for pair in pairs]
+    rows = [others if one is None else list(one) for one in own]
     order = max(map(len, rows))
     return np.array([row + [0.0] * (order - len(row)) for row in rows])
 
@@ -168,10 +169,11 @@ _ALWAYS = ("force", "contraction")  # a muscle that cannot be there is none, wha
 
 
 def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) -> RealArray:
+    # Of a difference, so that what is at its limit keeps to it whatever the rounding of the share.
     if upper:
-        return jnp.where(jnp.isfinite(limit), 1 - found / limit, 1.0)
+        return jnp.where(jnp.isfinite(limit), (limit - found) / limit, 1.0)
     asked = limit > 0
-    share = found / jnp.where(asked, limit, 1.0) - 1
+    share = (found - limit) / jnp.where(asked, limit, 1.0)
     # Without a limit the sign is what counts; what is not asked for is kept with room to spare.
     return jnp.where(asked, share, jnp.sign(found) if always else 1.0)
 

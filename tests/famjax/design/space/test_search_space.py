@@ -294,6 +294,14 @@ def test_a_pressure_that_does_not_move_the_bladder_makes_no_design():
     json.dumps(search_document(found), allow_nan=False)
 
 
+@pytest.mark.parametrize("longest", [18 * INCH, 0.3, 1 / 3])
+def test_a_length_at_its_limit_keeps_to_it(longest):
+    ranges = SearchRanges((longest / 4, longest), RANGES.pressure)
+    found = found_with(ranges=ranges, limits=SearchLimits(longest_length=longest), about=600)
+    assert found.sample["rest_length"].max() == longest
+    assert "longest_length" not in {one.constraint for one in found.exclusions}
+
+
 def test_pairs_at_the_boundary_are_named():
     found = found_with(limits=SearchLimits(end_fittings=False), front_step=0.0)
     rows = design_rows(found, found.sample)
