@@ -7,7 +7,9 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting
-from .terminal import Output, print_rows
+from .terminal import Output, print_rows, progress_bar
+
+_SHOWN = 10  # rows of a front on the terminal; all are in the file
 
 
 def design(
@@ -17,20 +19,32 @@ def design(
     bundled: bool = True,
     tube: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     rest_length_mm: float = 235.74375,
+    search: float | None = None,
+    objective: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    vary: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    front_step: float = 0.01,
+    end_fittings: bool = True,
+    table: Literal["csv", "parquet"] = "csv",
     output: Path = Path("famjax-design"),
     units: Literal["si", "metric", "us"] = "us",
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
 
-    Writes `design.json` (all rows, also force and diameter over contraction) and `design.png`.
+    Writes `design.json` (all rows, also force and diameter over contraction) and `design.png`. With
+    --search it varies rest length, pressure and the angle of braids made to order as well, and writes
+    the Pareto front, its best designs refined, and a table of feasible ones beside them; exit code 1
+    where nothing is feasible.
 
     Parameters
     ----------
     require
         What the muscle must do, key_unit=value, repeatable: pressure_psi=100, force_lbf=900 (at
         force_contraction, else blocked), contraction=0.3, largest_diameter_in=2.2,
-        force_contraction=0.1. The pressure is needed.
+        force_contraction=0.1. The pressure is needed. With --search also stroke_mm=50,
+        force_stroke_mm=20 (the travel at which the force is asked for), longest_length_mm=400 (space
+        between the end-fittings), and the safety factors burst_factor=2, pull_factor=2,
+        thread_factor=3 and tube_factor=2; the pressure is then the greatest that there is.
     catalogue
         Your own catalogue files, repeatable; the bundled one shows the format.
     bundled
@@ -41,6 +55,23 @@ def design(
         the catalogue's, else assumed, and the output says so.
     rest_length_mm
         Active length at rest, for thread length and turns; that of the reference work's specimen.
+    search
+        About how many candidates to evaluate, such as 1e6: a grid of rest lengths and pressures for
+        each bladder and braid that can be built.
+    objective
+        What the front weighs, repeatable: outer_diameter, rest_length, pressure, air (free air of a
+        stroke), of which less is better; force, blocked_force, contraction, stroke, of which more
+        is. Unless given: outer_diameter, rest_length and air.
+    vary
+        Range of a search, key_unit=least:greatest: rest_length_mm=100:600, pressure_psi=20:100. Unless
+        given: a quarter of the pressure to all of it, a quarter of the longest length to all of it,
+        or half of --rest-length-mm to twice that.
+    front_step
+        Share by which designs on the front differ; 0 for all of them.
+    end_fittings
+        Whether a swage tube of the catalogue must fit a design that a search finds.
+    table
+        Form of the table of feasible designs, at most 100000 rows: csv, or parquet.
     output
         Folder for the files, made if need be.
     units
@@ -49,6 +80,7 @@ def design(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
+    from famjax.boundary.errors import InputError
     from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
 
@@ -56,6 +88,14 @@ def design(
     from .options.designs import parse_requirement, parse_tube
 
     place = Output(output)
+    if search is not None:
+        return _search(
+            place, search, require, vary, objective,
+            catalogue=catalogue, bundled=bundled, tube=tube, rest_length=rest_length_mm / 1e3,
+            front_step=front_step, end_fittings=end_fittings, form=table, units=units, json_=json_,
+        )  # fmt: skip
+    if objective or vary:
+        raise InputError("--objective and --vary are of a search: add --search 1e6")
     document = design_document(
         parse_requirement(require),
         catalogue,
@@ -82,3 +122,78 @@ def design(
         print("note:", note)
     place.tell(paths)
     return 0
+
+
+def _search(
+    place: Output, about: float, require: tuple[str, ...], vary: tuple[str, ...],
+    objective: tuple[str, ...], *, catalogue: tuple[Path, ...], bundled: bool,
+    tube: tuple[str, ...], rest_length: float, front_step: float, end_fittings: bool,
+    form: Literal["csv", "parquet"], units: str, json_: bool,
+) -> int:  # fmt: skip
+    """The search of a space of designs."""
+    from famjax.boundary.files import write_all
+    from famjax.boundary.origin import Origin
+
+    from ..design.catalogue_file import load_catalogue
+    from ..design.document import LATEX
+    from ..design.space import (
+        feasible_table,
+        search_document,
+        search_picture,
+        search_space,
+        summary,
+    )
+    from ..design.space.limits import DEFAULT_OBJECTIVES
+    from ..materials import PolynomialMaterial
+    from .options.designs import (
+        number_of_candidates,
+        parse_ranges,
+        parse_search_requirement,
+        parse_tube,
+    )
+
+    requirement, limits = parse_search_requirement(require, end_fittings=end_fittings)
+    with progress_bar() as bar:
+        task = bar.add_task("candidates", total=None)
+        found = search_space(
+            load_catalogue(list(catalogue), bundled=bundled), requirement,
+            ranges=parse_ranges(vary, requirement, limits, rest_length), limits=limits,
+            about=number_of_candidates(about), objectives=objective or DEFAULT_OBJECTIVES,
+            material=PolynomialMaterial(LATEX), tube=parse_tube(tube), front_step=front_step,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+    document = search_document(found, system=units)
+    document["origin"] = Origin.of_this_command().as_dict()
+    files = {"design.json": json.dumps(document, indent=1, allow_nan=False).encode()}
+    if found.feasible:
+        files["design.png"] = search_picture(found, system=units)
+        files[f"feasible.{form}"] = feasible_table(found, form, system=units)
+    paths = write_all(place.folder, files)
+    if json_:
+        print(json.dumps(document, allow_nan=False))
+        return 0 if found.feasible else 1
+    if found.feasible:
+        print_rows("Refined designs", _narrow(document["refined"]))
+        print_rows("Front, the most balanced first", _narrow(document["front"][:_SHOWN]))
+    print()
+    for sentence in summary(found, system=units):
+        print(sentence)
+    for note in document["notes"]:
+        print("note:", note)
+    place.tell(paths)
+    return 0 if found.feasible else 1
+
+
+def _narrow(rows: list[dict]) -> list[dict]:
+    """Rows for the terminal; the rest of their columns is in the file."""
+    left = (
+        "start",
+        "feasibility",
+        "tube",
+        "nominal_diameter",
+        "blocked_force",
+        "burst",
+        "pull",
+        "thread",
+    )
+    return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]

@@ -16,6 +16,7 @@ from .catalogue_search import (
 from .combination import (
     Combination as Combination,
     Feasibility as Feasibility,
+    bladder_material as bladder_material,
     fam_angle as fam_angle,
     feasibility as feasibility,
 )
@@ -45,6 +46,15 @@ from .safety import (
     safety_factor as safety_factor,
     safety_factors as safety_factors,
     thread_strength_margin as thread_strength_margin,
+)
+from .space import (
+    BuildablePair as BuildablePair,
+    Exclusion as Exclusion,
+    Refinement as Refinement,
+    SearchLimits as SearchLimits,
+    SearchRanges as SearchRanges,
+    SpaceSearch as SpaceSearch,
+    search_space as search_space,
 )
 from .swage_tube import (
     TubeBuckling as TubeBuckling,

@@ -26,6 +26,10 @@ class CatalogueBraid:
             but outside its jamming range.
         angle_range: angles [rad] at the ends of `diameter_range` as printed, or None.
         source: where the row comes from.
+        made_to_order_range: least and greatest nominal diameter [m] to which it is woven on order, or
+            None where it is sold as it is. The angles at which it jams stay those of the row.
+        n_threads: n [-], of both families, or None: the file does not say.
+        breaking_load: of one thread [N], or None.
     """
 
     name: str
@@ -35,16 +39,31 @@ class CatalogueBraid:
     boundary_range: tuple[float, float]
     angle_range: tuple[float, float] | None
     source: str
+    made_to_order_range: tuple[float, float] | None = None
+    n_threads: float | None = None
+    breaking_load: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
 class CatalogueBladder:
-    """A rubber tube as it is sold: name, outer diameter [m], wall thickness [m], source."""
+    """A rubber tube as it is sold.
+
+    Attributes:
+        name: unique in the catalogue.
+        diameter: outer [m].
+        thickness: of the wall [m].
+        source: where the row comes from.
+        coefficients: E_n [Pa] of its rubber, as `PolynomialMaterial` takes them, or None: the file
+            does not say.
+        coefficients_source: where they come from, or None.
+    """
 
     name: str
     diameter: float
     thickness: float
     source: str
+    coefficients: tuple[float, ...] | None = None
+    coefficients_source: str | None = None
 
     @property
     def bore(self) -> float:

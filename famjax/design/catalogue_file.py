@@ -68,6 +68,10 @@ _Sizes = Annotated[
     tuple[Positive, ...],
     Meta(min_length=1, description="a number > 0 and finite or a list of them"),
 ]
+_Coefficients = Annotated[
+    tuple[float, ...],
+    Meta(min_length=1, description="a list of numbers, the first that of the strain itself"),
+]
 _Pair = Annotated[
     tuple[Positive, Positive], Meta(description="two numbers in brackets, > 0 and finite")
 ]
@@ -132,6 +136,9 @@ class _BraidRow:
     diameter_range: _Pair
     boundary_range: _Pair | None = None
     angle_range: _Pair | None = None
+    made_to_order_range: _Pair | None = None
+    n_threads: Positive | None = None
+    breaking_load: Positive | None = None
 
     def __post_init__(self) -> None:
         nominal = self.nominal_diameter
@@ -159,14 +166,26 @@ class _BraidRow:
                     "the circumference; correct one of them (angles from the axis are 90 deg minus "
                     "these)"
                 )
+        woven = self.made_to_order_range
+        if woven is not None and not woven[0] <= nominal <= woven[1]:
+            raise CatalogueError(
+                "made_to_order_range must be [least, greatest] nominal diameter, with that of the row "
+                f"between them; got [{woven[0]:.4g}, {woven[1]:.4g}] m about {nominal:.4g} m"
+            )
+        if (self.n_threads is None) != (self.breaking_load is None):
+            raise CatalogueError("n_threads must stand together with breaking_load")
 
 
 @dataclasses.dataclass(frozen=True)
 class _BladderRow:
     diameter: _Sizes
     thickness: _Sizes
+    coefficients: _Coefficients | None = None
+    coefficients_source: Text | None = None
 
     def __post_init__(self) -> None:
+        if (self.coefficients is None) != (self.coefficients_source is None):
+            raise CatalogueError("coefficients must stand together with coefficients_source")
         _check_walls(self.diameter, self.thickness)
 
 
@@ -222,9 +241,10 @@ _FORM = Form(
     kinds={
         **dict.fromkeys(("diameter", "nominal_diameter", "outer_diameter", "thickness"), "length"),
         **dict.fromkeys(("diameter_range", "boundary_range", "swage_reduction"), "length"),
+        "made_to_order_range": "length",
         **dict.fromkeys(("free_length", "supported_length"), "length"),
-        **dict.fromkeys(("modulus", "yield_stress"), "stress"),
-        **dict.fromkeys(("burst_force", "tensile_force"), "force"),
+        **dict.fromkeys(("modulus", "yield_stress", "coefficients"), "stress"),
+        **dict.fromkeys(("burst_force", "tensile_force", "breaking_load"), "force"),
         "angle_range": "angle",
         "burst_pressure": "pressure",
     }
@@ -248,7 +268,14 @@ def _bladders(fields: Mapping[str, Any], where: str, source: str) -> list[Catalo
     names = itertools.product(_written("diameter", fields), _written("thickness", fields))
     sizes = itertools.product(row.diameter, row.thickness)
     return [
-        CatalogueBladder(f"bladder {wide} x {thick}", diameter, thickness, source)
+        CatalogueBladder(
+            f"bladder {wide} x {thick}",
+            diameter,
+            thickness,
+            source,
+            row.coefficients,
+            row.coefficients_source,
+        )
         for (wide, thick), (diameter, thickness) in zip(names, sizes, strict=True)
     ]
 

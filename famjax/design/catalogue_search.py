@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from .._types import RealArray, as_real
 from ..materials.abstract_material import AbstractMaterial
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
-from .combination import Combination, Feasibility, fam_angle, feasibility
+from .combination import Combination, Feasibility, bladder_material, fam_angle, feasibility
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,8 +128,9 @@ def search(
     Args:
         catalogue: from `load_catalogue`.
         requirement: in SI.
-        material: of the bladder, in Pa; None neglects the bladder, so that its wall plays no part
-            and every force and contraction is that of the ideal braid.
+        material: of the bladders whose rubber the catalogue does not know, in Pa; None neglects
+            them, so that their wall plays no part and every force and contraction is that of the
+            ideal braid.
 
     Returns:
         One candidate for each bladder and braid.
@@ -137,11 +138,9 @@ def search(
     pairs = [(bladder, braid) for bladder in catalogue.bladders for braid in catalogue.braids]
     fits = [feasibility(bladder.diameter, braid) for bladder, braid in pairs]
     at_work = [
-        Combination.of(*pair)
-        for pair, fit in zip(pairs, fits, strict=True)
-        if fit is not Feasibility.INFEASIBLE
+        pair for pair, fit in zip(pairs, fits, strict=True) if fit is not Feasibility.INFEASIBLE
     ]
-    numbers = iter(_numbers(at_work, requirement, material))
+    numbers = iter(_of_each_rubber(at_work, requirement, material))
     candidates = [
         _candidate(
             pair, fit, _NOTHING if fit is Feasibility.INFEASIBLE else next(numbers), requirement
@@ -160,14 +159,29 @@ _NOTHING = {
 }
 
 
+def _of_each_rubber(
+    pairs: Sequence[tuple[CatalogueBladder, CatalogueBraid]],
+    requirement: Requirement,
+    material: AbstractMaterial | None,
+) -> list[dict[str, Any]]:
+    """The numbers of each pair, in their order; those of one rubber together."""
+    found: dict[int, dict[str, Any]] = {}
+    for rubber in dict.fromkeys(bladder.coefficients for bladder, _ in pairs):
+        of_it = [k for k, (bladder, _) in enumerate(pairs) if bladder.coefficients == rubber]
+        numbers = _numbers(
+            [Combination.of(*pairs[k]) for k in of_it], requirement,
+            bladder_material(pairs[of_it[0]][0], material),
+        )  # fmt: skip
+        found |= dict(zip(of_it, numbers, strict=True))
+    return [found[k] for k in range(len(pairs))]
+
+
 def _numbers(
     combinations: Sequence[Combination],
     requirement: Requirement,
     material: AbstractMaterial | None,
 ) -> list[dict[str, Any]]:
     """The numbers of each candidate, as Python values."""
-    if not combinations:
-        return []
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *combinations)
     demand = (
         as_real(requirement.pressure),

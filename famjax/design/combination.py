@@ -18,6 +18,7 @@ from ..braids.inextensible import NEUTRAL_ANGLE, Braid, braid_angle_from_diamete
 from ..geometries.bladder import Bladder
 from ..geometries.estimated import EstimatedGeometry
 from ..materials.abstract_material import AbstractMaterial
+from ..materials.polynomial import PolynomialMaterial
 from ..muscle import Muscle
 from ..parameters import number
 from .catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid
@@ -77,6 +78,15 @@ def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
     return Feasibility.BOUNDARY if within(braid.boundary_range) else Feasibility.INFEASIBLE
 
 
+def bladder_material(
+    bladder: CatalogueBladder, otherwise: AbstractMaterial | None
+) -> AbstractMaterial | None:
+    """The law of a bladder's rubber: the catalogue's, or another where it says none."""
+    if bladder.coefficients is None:
+        return otherwise
+    return PolynomialMaterial(list(bladder.coefficients))
+
+
 class Combination(eqx.Module):
     """A bladder under a braid. Several may be stacked leaf by leaf, for `jax.vmap`.
 
@@ -125,10 +135,15 @@ class Combination(eqx.Module):
             diameter=self.bladder_diameter, braid_angle=self.braid_angle, length=self.rest_length
         )
 
+    @property
+    def geometry(self) -> EstimatedGeometry:
+        """The cylinder of braid and bladder, the thickness of the braid neglected."""
+        bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
+        return EstimatedGeometry(self.braid, bladder)
+
     def muscle(self, material: AbstractMaterial) -> Muscle:
         """The muscle in the estimated geometry, with a bladder of that material."""
-        bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
-        return Muscle(EstimatedGeometry(self.braid, bladder), material)
+        return Muscle(self.geometry, material)
 
     def contraction_at_diameter(self, diameter: Real) -> RealArray:
         """Contraction [-] at which the braid's diameter is D [m], 1 - sin(theta) / sin(theta0)."""

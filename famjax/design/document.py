@@ -13,7 +13,7 @@ from ..materials.polynomial import PolynomialMaterial
 from .catalogue import Catalogue
 from .catalogue_file import load_catalogue
 from .catalogue_search import Candidate, Requirement, search
-from .combination import Feasibility, feasibility
+from .combination import Feasibility, bladder_material, feasibility
 from .end_fitting import size_end_fittings
 from .report import (
     braid_angle_rows,
@@ -87,7 +87,12 @@ def _performance(
             rows += [
                 pair | row
                 for row in performance_rows(
-                    bladder, braid, pressure, at, material=latex, system=system
+                    bladder,
+                    braid,
+                    pressure,
+                    at,
+                    system=system,
+                    material=bladder_material(bladder, latex),
                 )
             ]
     return rows

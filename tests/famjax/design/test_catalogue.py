@@ -94,6 +94,23 @@ def test_a_users_file_extends_the_bundled_catalogue(tmp_path):
     assert (mine.name, mine.angle_range, mine.source) == ("PET 20 mm", None, "a vendor")
 
 
+def test_threads_and_nominal_diameters_made_to_order_are_read(tmp_path):
+    more = "made_to_order_range_mm = [18, 30]\nn_threads = 90\nbreaking_load_N = 200\n"
+    (braid,) = read(tmp_path, BRAID + more).braids
+    assert braid.made_to_order_range == pytest.approx((0.018, 0.030))
+    assert (braid.n_threads, braid.breaking_load) == (90, 200)
+    threads = [(b.n_threads, b.breaking_load) for b in load_catalogue().braids]
+    assert threads == [(None, None), (144, pytest.approx(59.3 * units.LBF)), (None, None)]
+
+
+def test_the_rubber_of_a_bladder_is_read(tmp_path):
+    more = 'coefficients_MPa = [1.5, -0.4]\ncoefficients_source = "own tensile test"\n'
+    for bladder in read(tmp_path, BLADDER + more).bladders:
+        assert bladder.coefficients == pytest.approx((1.5e6, -0.4e6))
+        assert bladder.coefficients_source == "own tensile test"
+    assert {bladder.coefficients for bladder in load_catalogue().bladders} == {None}
+
+
 def test_a_users_file_can_replace_the_bundled_catalogue(tmp_path):
     catalogue = read(tmp_path, BLADDER)
     assert (catalogue.braids, catalogue.tubes) == ((), ())
@@ -195,6 +212,19 @@ def test_a_wrong_test_is_refused_with_the_reason(tmp_path, old, new, message):
             "modulus_GPa = 69",
             "modulus_GPa = 69\nfree_length_mm = 40\nsupported_length_mm = 50",
             "supported_length, 0.05 m, exceeds free_length",
+        ),
+        (
+            BRAID,
+            "[10, 25]",
+            "[10, 25]\nmade_to_order_range_mm = [22, 30]",
+            "that of the row between",
+        ),
+        (BRAID, "[10, 25]", "[10, 25]\nn_threads = 90", "together with breaking_load"),
+        (
+            BLADDER,
+            "[1, 2]",
+            "[1, 2]\ncoefficients_MPa = [2, 1]",
+            "together with coefficients_source",
         ),
         (TUBE, "modulus_GPa", "modulus_ksi", "unknown unit 'ksi'.*modulus_GPa"),
         (TUBE, "swage_reduction_mm = 0.7", "swage_reduction_mm = 23", "closes a tube"),

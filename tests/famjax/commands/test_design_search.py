@@ -1,0 +1,117 @@
+"""`famjax design --search`: files, exit codes and what is refused."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from famjax.__main__ import main
+
+ASKED = (
+    "--require", "pressure_psi=100", "--require", "force_lbf=400", "--require", "stroke_in=2",
+    "--require", "longest_length_in=18",
+)  # fmt: skip
+
+
+def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main([str(argument) for argument in ("design", *arguments)])
+    captured = capsys.readouterr()
+    return int(stop.value.code or 0), captured.out, captured.err
+
+
+def test_files_of_a_search(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
+    code, out, _ = run(
+        capsys, *ASKED, "--search", "2e3", "--vary", "pressure_psi=40:100", "--json", "--output",
+        tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    document = json.loads(out)
+    assert json.loads((tmp_path / "design.json").read_text()) == document
+    assert document["origin"]["command"].startswith("famjax ")
+    asked = document["search"]
+    assert asked["objectives"] == ["outer_diameter", "rest_length", "air"]
+    assert asked["asked_si"]["stroke"] == pytest.approx(0.0508)
+    assert asked["asked_si"]["largest_diameter"] is None
+    # From a quarter of the longest length to all of it.
+    assert asked["ranges_si"]["rest_length"] == pytest.approx([0.1143, 0.4572])
+    assert sum(row["points"][1] * row["points"][2] for row in asked["pairs"]) == asked["candidates"]
+    for row in document["front"]:
+        assert row["force_lbf"] >= 400
+        assert row["stroke_in"] >= 2
+        assert 40 * (1 - 1e-12) <= row["pressure_psi"] <= 100 * (1 + 1e-12)
+    assert [row["goal"] for row in document["refined"]] == ["balanced", *asked["objectives"]]
+    least = min(row["air_in3"] for row in document["front"])
+    assert (
+        document["refined"][-1]["air_in3"] <= least == document["refined"][-1]["start"]["air_in3"]
+    )
+    with (tmp_path / "feasible.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == asked["feasible"]
+    assert min(float(row["outer_diameter_in"]) for row in rows) == pytest.approx(
+        min(row["outer_diameter_in"] for row in document["front"]), rel=0.01
+    )
+    assert (tmp_path / "design.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_nothing_feasible_is_said_with_exit_code_1(
+    capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    code, out, _ = run(
+        capsys, "--require", "pressure_psi=60", "--require", "force_lbf=1500", "--require",
+        "stroke_in=2", "--search", 2000, "--output", tmp_path,
+    )  # fmt: skip
+    assert code == 1
+    assert "fail the force" in out
+    assert "Nearest miss" in out
+    # Of all that pull as much the one is named that misses nothing else.
+    assert "stroke" not in out.partition("Nearest miss")[2]
+    document = json.loads((tmp_path / "design.json").read_text())
+    assert (document["front"], document["refined"]) == ([], [])
+    assert document["exclusions"][0]["constraint"] == "force"
+    assert document["nearest"][0]["force_lbf"] < 1500
+    assert [path.name for path in tmp_path.iterdir()] == ["design.json"]
+
+
+def test_the_table_in_parquet_and_objectives_of_ones_own(
+    capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    code, out, _ = run(
+        capsys, *ASKED, "--search", "1e3", "--table", "parquet", "--units", "metric",
+        "--objective", "force", "--vary", "pressure_bar=6", "--no-end-fittings", "--output",
+        tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    assert "Refined designs" in out
+    assert "note: design" not in out
+    table = parquet.read_table(tmp_path / "feasible.parquet")
+    front = json.loads((tmp_path / "design.json").read_text())["front"]
+    assert len(front) == 1
+    assert front[0]["force_N"] == pytest.approx(max(table["force_N"].to_pylist()), rel=0.01)
+    assert set(table["pressure_kPa"].to_pylist()) == {600.0}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--require", "stroke_mm=50"), "stroke needs a search over rest lengths and pressures"),
+        (("--objective", "air"), "are of a search: add --search 1e6"),
+        (("--search", "0.5"), "--search must be >= 1"),
+        (("--search", "1e3", "--objective", "width"), "one or more of outer_diameter"),
+        (("--search", "1e3", "--vary", "angle_deg=1:2"), "unknown range 'angle_deg=1'"),
+        (("--search", "1e3", "--vary", "pressure_psi=1:2:3"), "key_unit=least:greatest"),
+        (("--search", "1e3", "--vary", "pressure_psi=20:200"), "above the pressure of the"),
+        (("--search", "1e3", "--vary", "rest_length_mm=300:100"), "0 < least <= greatest"),
+    ],
+)
+def test_what_is_refused(
+    capsys: pytest.CaptureFixture, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    code, out, err = run(
+        capsys, "--require", "pressure_psi=100", *arguments, "--output", tmp_path / "o"
+    )
+    assert (code, out) == (2, "")
+    assert message in " ".join(err.split())
+    assert not (tmp_path / "o").exists()
