@@ -7,7 +7,10 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting
+from .options.engine import EngineOptions
 from .terminal import Output, print_rows, progress_bar
+
+_THIS_PROCESS = EngineOptions()
 
 _SHOWN = 10  # rows of a front on the terminal; all are in the file
 
@@ -27,6 +30,7 @@ def design(
     table: Literal["csv", "parquet"] = "csv",
     output: Path = Path("famjax-design"),
     units: Literal["si", "metric", "us"] = "us",
+    engine: EngineOptions = _THIS_PROCESS,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
@@ -93,9 +97,10 @@ def design(
             place, search, require, vary, objective,
             catalogue=catalogue, bundled=bundled, tube=tube, rest_length=rest_length_mm / 1e3,
             front_step=front_step, end_fittings=end_fittings, form=table, units=units, json_=json_,
+            engine=engine,
         )  # fmt: skip
-    if objective or vary:
-        raise InputError("--objective and --vary are of a search: add --search 1e6")
+    if objective or vary or engine != _THIS_PROCESS:
+        raise InputError("--objective, --vary, --jobs and --dask are of a search: add --search 1e6")
     document = design_document(
         parse_requirement(require),
         catalogue,
@@ -128,7 +133,7 @@ def _search(
     place: Output, about: float, require: tuple[str, ...], vary: tuple[str, ...],
     objective: tuple[str, ...], *, catalogue: tuple[Path, ...], bundled: bool,
     tube: tuple[str, ...], rest_length: float, front_step: float, end_fittings: bool,
-    form: Literal["csv", "parquet"], units: str, json_: bool,
+    form: Literal["csv", "parquet"], units: str, json_: bool, engine: EngineOptions,
 ) -> int:  # fmt: skip
     """The search of a space of designs."""
     from famjax.boundary.files import write_all
@@ -153,13 +158,14 @@ def _search(
     )
 
     requirement, limits = parse_search_requirement(require, end_fittings=end_fittings)
-    with progress_bar() as bar:
+    with progress_bar() as bar, engine.executor() as executor:
         task = bar.add_task("candidates", total=None)
         found = search_space(
             load_catalogue(list(catalogue), bundled=bundled), requirement,
             ranges=parse_ranges(vary, requirement, limits, rest_length), limits=limits,
             about=number_of_candidates(about), objectives=objective or DEFAULT_OBJECTIVES,
             material=PolynomialMaterial(LATEX), tube=parse_tube(tube), front_step=front_step,
+            executor=executor,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     document = search_document(found, system=units)

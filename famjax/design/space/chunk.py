@@ -155,6 +155,7 @@ class Tally:
         front: columns of the front so far.
         sample: columns of the table so far.
         nearest: columns of the nearest miss, and its shortfall.
+        done: indices of the chunks that it holds.
     """
 
     space: Mapping[str, Any]
@@ -165,9 +166,14 @@ class Tally:
     front: Columns = dataclasses.field(default_factory=dict)
     sample: Columns = dataclasses.field(default_factory=dict)
     nearest: Columns = dataclasses.field(default_factory=dict)
+    done: set[int] = dataclasses.field(default_factory=set)
 
-    def add(self, part: Mapping[str, Any]) -> None:
-        """Join what one chunk found."""
+    def __contains__(self, index: int) -> bool:
+        return index in self.done
+
+    def keep(self, index: int, part: Mapping[str, Any]) -> None:
+        """Join what one chunk found; the order of the chunks does not matter."""
+        self.done.add(index)
         self.feasible += part["feasible"]
         self.excluded = self.excluded + part["excluded"]
         self.alone = self.alone + part["alone"]

@@ -1,13 +1,14 @@
 """The search: every candidate of a space of designs, in chunks of one shape."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+import functools
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...boundary.errors import InputError
+from ...boundary.tasks import AnyExecutor, run_tasks
 from ...materials.abstract_material import AbstractMaterial
 from ..catalogue import Catalogue
 from ..catalogue_search import Requirement
@@ -104,6 +105,7 @@ def search_space(
     table_rows: int = 100_000,
     refined_pairs: int = 4,
     chunk: int = CHUNK,
+    executor: AnyExecutor = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SpaceSearch:
     """The Pareto front of every pair of a catalogue at every rest length, pressure and braid angle.
@@ -128,6 +130,8 @@ def search_space(
         table_rows: most rows of `sample`.
         refined_pairs: pairs that are tried for each refinement; 0 for none.
         chunk: candidates evaluated at once.
+        executor: what evaluates the chunks, see `famjax.boundary.tasks.AnyExecutor`. A worker
+            compiles for some seconds first, so that one process is best up to 1e7 candidates.
         progress: called with the number of candidates done and of all.
 
     Returns:
@@ -166,11 +170,15 @@ def search_space(
         "states": grid.most_states(chunk),
         "table_rows": table_rows,
     }
-    tally = Tally(space)
-    for done, part in _chunks(space, grid.total):
-        tally.add(part)
+
+    def told(done: int, _: int) -> None:
         if progress is not None:
-            progress(done, grid.total)
+            progress(min(done * chunk, grid.total), grid.total)
+
+    work = functools.partial(search_chunk, space)
+    tally = run_tasks(
+        work, range(0, grid.total, chunk), executor=executor, store=Tally(space), progress=told
+    )
     front = _balanced(tally.front, wanted) if tally.feasible else {}
     notes = assumption_notes(map(_of_the_section, strengths)) if limits.end_fittings else []
     return SpaceSearch(
@@ -180,12 +188,6 @@ def search_space(
         tuple(refine(space, front, refined_pairs) if tally.feasible else ()),
         (*notes, *_at_the_ends(front, ranges)),
     )  # fmt: skip
-
-
-def _chunks(space: Mapping[str, Any], total: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Every chunk, and how many candidates are done with it. The one place that runs them."""
-    for first in range(0, total, space["chunk"]):
-        yield min(first + space["chunk"], total), search_chunk(space, first)
 
 
 def _of_the_section(strength: TubeStrength) -> TubeStrength:

@@ -2,7 +2,6 @@ import dataclasses
 import itertools
 import json
 import math
-import pickle
 
 import jax
 import numpy as np
@@ -23,10 +22,8 @@ from famjax.design.space import (
     design_rows,
     exclusion_rows,
     search_document,
-    space_search,
     summary,
 )
-from famjax.design.space.chunk import search_chunk
 from famjax.materials import NeoHookeanMaterial
 
 INCH, PSI, LBF = units.INCH, units.PSI, units.LBF
@@ -146,21 +143,16 @@ def test_what_is_found_does_not_depend_on_the_chunk():
         np.testing.assert_array_equal(one.sample[name], other.sample[name], err_msg=name)
     assert len(one.sample["index"]) == 200 < one.feasible == other.feasible
     assert one.exclusions == other.exclusions
-    assert done[0] == (300, one.grid.total)
+    assert done[1] == (300, one.grid.total)
     assert done[-1] == (one.grid.total,) * 2
 
 
-def test_a_chunk_can_be_run_in_another_process(monkeypatch):
-    def elsewhere(*given):
-        function, *arguments = pickle.loads(pickle.dumps((search_chunk, *given)))
-        return pickle.loads(pickle.dumps(function(*arguments)))
-
-    here = found_with(about=500)
-    monkeypatch.setattr(space_search, "search_chunk", elsewhere)
-    there = found_with(about=500)
-    assert here.exclusions == there.exclusions
-    for name in here.sample:
-        np.testing.assert_array_equal(here.sample[name], there.sample[name], err_msg=name)
+@pytest.mark.slow
+def test_processes_find_the_same():
+    one, other = found_with(), found_with(executor=2)
+    for name, column in one.front.items():
+        np.testing.assert_array_equal(other.front[name], column)
+    assert one.exclusions == other.exclusions
 
 
 def test_the_table_is_an_even_choice():
@@ -254,6 +246,7 @@ def test_safety_factors_are_those_of_the_tests_threads_and_tubes():
     assert {"burst_factor", "pull_factor"} <= {one.constraint for one in found.exclusions}
 
 
+@pytest.mark.slow
 def test_the_rubber_of_a_bladder_is_the_catalogues_where_it_is_known():
     catalogue = two_pairs()
     stiff, known = (3e6, 1e6), catalogue.bladders[0]
@@ -324,6 +317,7 @@ def test_force_may_be_asked_for_at_a_travel():
         assert row["blocked_force_N"] > row["force_N"] >= ASKED.force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [lambda: None, lambda: PolynomialMaterial(LATEX)])
 def test_single_precision_finds_the_same(law):
     double = found_with(material=law(), refined_pairs=1)
