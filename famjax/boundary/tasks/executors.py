@@ -2,19 +2,11 @@
 
 import contextlib
 import importlib
-import multiprocessing
 import os
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from ..errors import InputError
@@ -120,6 +112,9 @@ class _OwnProcesses(Engine):
         Raises:
             RuntimeError: the first of them cannot even start.
         """
+        import multiprocessing  # noqa: PLC0415 -- only who has processes waits for it
+        from concurrent.futures import ProcessPoolExecutor  # noqa: PLC0415
+
         self.close()
         context = multiprocessing.get_context("spawn")
         self._executor = ProcessPoolExecutor(
@@ -197,7 +192,7 @@ def opened(executor: AnyExecutor, count: int) -> Iterator[Engine]:
         engine.close()
 
 
-def _engine(executor: AnyExecutor, count: int) -> Engine:
+def _engine(executor: Any, count: int) -> Engine:
     if executor is None:
         return Engine(_Here(), 1)
     if isinstance(executor, int):
@@ -211,8 +206,8 @@ def _engine(executor: AnyExecutor, count: int) -> Engine:
             "executor must be None, a number of processes, a dask client or have `submit` as the "
             f"executors of concurrent.futures have; got {type(executor).__name__}"
         )
-    context: Any = getattr(executor, "_mp_context", None)
-    if isinstance(executor, ProcessPoolExecutor) and context.get_start_method() == "fork":
+    pool = _is_pool(executor)
+    if pool and _context(executor).get_start_method() == "fork":
         raise InputError(
             "processes must be spawned: a fork of a process that has used JAX or OpenCV can hang. "
             'Give ProcessPoolExecutor(n, mp_context=multiprocessing.get_context("spawn")), or the '
@@ -220,7 +215,18 @@ def _engine(executor: AnyExecutor, count: int) -> Engine:
         )
     workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
     engine = Engine(executor, workers)
-    engine.child = isinstance(executor, ProcessPoolExecutor)
+    engine.child = pool
     if "submitit" in sys.modules:
         engine.deaths += (sys.modules["submitit"].core.utils.UncompletedJobError,)
     return engine
+
+
+def _is_pool(executor: Any) -> bool:
+    """Whether it is a process pool of `concurrent.futures`, whose module is loaded if it is."""
+    process: Any = sys.modules.get("concurrent.futures.process")
+    return process is not None and isinstance(executor, process.ProcessPoolExecutor)
+
+
+def _context(pool: Any) -> Any:
+    """How a process pool starts its processes."""
+    return pool._mp_context

@@ -7,7 +7,6 @@ environment set. Nothing of this happens in the process that asks: there the fun
 import collections
 import dataclasses
 import functools
-import multiprocessing
 import os
 import pickle
 import platform
@@ -163,7 +162,7 @@ def prepare(host: Host) -> None:
             sys.modules["jax"].config.update(name, value)
         else:
             os.environ[name.upper()] = str(int(value) if isinstance(value, bool) else value)
-    if host.child and not _prepared and multiprocessing.parent_process() is not None:
+    if host.child and not _prepared:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
         threading.Thread(target=_exit_with_parent, daemon=True).start()
@@ -172,6 +171,8 @@ def prepare(host: Host) -> None:
 
 def _exit_with_parent() -> None:
     """Exit when the parent is killed; a worker would wait for it indefinitely."""
+    import multiprocessing  # noqa: PLC0415 -- loaded in every child, and not elsewhere
+
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
