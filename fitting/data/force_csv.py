@@ -18,6 +18,7 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import csv_lines
+from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import to_si
 
 from .force_data import NOT_NEGATIVE, ForceData, Specimen
@@ -86,11 +87,7 @@ def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = Non
     The columns `force`, `pressure` and `length` must each be there once with their unit, as in
     `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. In the place of the
     length there may be a `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that
-    units = {column.quantity: column.unit for column in columns}
-    return ForceData(
-        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
-        **tolerances,
-    )  # fmt: skip
+    start with # are comments; `# specimen: rest_length_mm = 296` describes the muscle.
 
     Args:
         path: the file, UTF-8, separated by comma, semicolon or tab; or a stream of its text.
@@ -147,11 +144,12 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     _lengths_of_contractions(arrays, known)
     limit = known.pop("force_limit", None)
+    assumed = _assumed(known)
     complete, notes = _complete(known, arrays["length"], source)
     units = {column.quantity: column.unit for column in columns}
     return ForceData(
         **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
-        **tolerances,
+        assumed=assumed, **tolerances,
     )  # fmt: skip
 
 
@@ -268,6 +266,13 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
     return name, to_si(number, unit, "force" if name == "force_limit" else "length")
 
 
+def _assumed(fields: Mapping[str, Any]) -> tuple[str, ...]:
+    """What is not said of a specimen and has to be assumed."""
+    found = [n for n in ("rest_length", "nominal_diameter", "wall_thickness") if n not in fields]
+    told = {"embedded", "bladder_diameter"} & set(fields)
+    return (*found, *([] if told else ["bladder_diameter"]))
+
+
 def _complete(
     fields: dict[str, Any], length: np.ndarray, source: str
 ) -> tuple[Specimen, tuple[str, ...]]:
@@ -276,20 +281,31 @@ def _complete(
     if "rest_length" not in fields:
         fields["rest_length"] = float(length.max())
         notes.append(
-            f"The rest length was not given: the longest length in the file, "
-            f"{fields['rest_length'] * 1e3:.4g} mm, is taken (--specimen rest_length_mm=...)."
+            Sentence(
+                "The rest length was not given: the longest length in the file, ",
+                Quantity(fields["rest_length"], "length"),
+                ", is taken (--specimen rest_length_mm=...).",
+            )
         )
     if "wall_thickness" not in fields:
         fields["wall_thickness"] = DEFAULT_WALL_THICKNESS
         notes.append(
-            f"The bladder's wall was not given: {DEFAULT_WALL_THICKNESS * 1e3:.4g} mm is assumed "
-            "(--specimen wall_thickness_mm=...). E_n scales nearly "
-            "inversely with it; the force does not change."
+            Sentence(
+                "The bladder's wall was not given: ",
+                Quantity(DEFAULT_WALL_THICKNESS, "length"),
+                " is assumed (--specimen wall_thickness_mm=...). E_n scales nearly inversely with it; "
+                "the force does not change.",
+            )
         )
     if "nominal_diameter" not in fields:
         notes.append(
-            "The nominal diameter was not given: the braid diameter is sought between 3 and 80 mm "
-            "(--specimen nominal_diameter_mm=...), and may not be that of a muscle on sale."
+            Sentence(
+                "The nominal diameter was not given: the braid diameter is sought between ",
+                Quantity(3e-3, "length", 3),
+                " and ",
+                Quantity(80e-3, "length", 3),
+                " (--specimen nominal_diameter_mm=...), and may not be that of a muscle on sale.",
+            )
         )
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True

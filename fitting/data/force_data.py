@@ -95,6 +95,7 @@ class ForceData:
             or None.
         source: where the numbers come from.
         notes: assumptions made when reading, for the report.
+        assumed: fields of the specimen that were not given but assumed, for the verdict.
         units: of the columns of the file by quantity, where there was one; the numbers are SI.
         force_limit: largest force [N] that the load cell reads, or None where it never was at it.
         pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
@@ -110,6 +111,7 @@ class ForceData:
     length_std: np.ndarray | None = None
     source: str = "arrays"
     notes: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     pressure_tolerance: float | None = None
     length_tolerance: float | None = None
