@@ -55,11 +55,25 @@ def bundled_names() -> list[str]:
     return sorted(f.name.removesuffix(".csv").upper() for f in folder.iterdir() if ".csv" in f.name)
 
 
+def bundled_map_name(name: str) -> str | None:
+    """The name of a bundled map as people write it, or None where it is none.
+
+    In any case, with hyphens or underscores, and with or without the muscle's length, which the name
+    of its card lacks.
+
+    >>> [bundled_map_name(one) for one in ("dmsp_20_300", "DMSP-20", "DMSP-2", "map.csv")]
+    ['DMSP-20-300', 'DMSP-20-300', None, None]
+    """
+    asked = name.upper().replace("_", "-")
+    found = [one for one in bundled_names() if asked in (one, one.rpartition("-")[0])]
+    return found[0] if len(found) == 1 else None
+
+
 def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceData:
     """A measured force map that comes with famjax.
 
     Args:
-        name: one of `bundled_names()`.
+        name: one of `bundled_names()`, or one that `bundled_map_name` takes.
         specimen: fields of `Specimen` in SI that override those in the file.
 
     Returns:
@@ -75,10 +89,11 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     >>> data.force.size, int(data.loaded.sum()), data.max_force
     (126, 60, 1653.5)
     """
-    if name not in bundled_names():
+    known = bundled_map_name(name)
+    if known is None:
         raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
-    text = (importlib.resources.files("fitting") / "data" / f"{name.lower()}.csv").read_text()
-    return _parse(text.splitlines(), source=f"bundled map {name}", specimen=specimen or {})
+    text = (importlib.resources.files("fitting") / "data" / f"{known.lower()}.csv").read_text()
+    return _parse(text.splitlines(), source=f"bundled map {known}", specimen=specimen or {})
 
 
 def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = None) -> ForceData:

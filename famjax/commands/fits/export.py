@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..loading import load_fitting
+from ..loading import load_fitting, warn_unidentified
 
 Name = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]
 
@@ -40,7 +40,7 @@ def export(
     Parameters
     ----------
     muscle
-        A card of `famjax card`, a `fit.json` of `famjax fit`, or dmsp-10 or dmsp-20.
+        A card of `famjax card`, a `fit.json` of `famjax fit`, or a bundled muscle, DMSP-10 or DMSP-20.
     to
         A target; can be given several times.
     output
@@ -54,6 +54,9 @@ def export(
 
     cut = None if length is None else parse_quantity(length, "length")
     subject = _subject(muscle, cut)
+    if subject.card is not None:
+        made = subject.card.provenance
+        warn_unidentified(muscle, made.verdict, made.reasons)
     for path in export_to(subject, to, output):
         print(f"written: {path}")
     return 0

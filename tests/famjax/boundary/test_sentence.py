@@ -26,7 +26,7 @@ def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, told
 
 
 def test_as_it_stands_it_is_a_metric_text() -> None:
-    assert WHOLE == told_in(WHOLE, "metric")
+    assert told_in(WHOLE, "metric") == WHOLE
     assert json.loads(json.dumps([WHOLE])) == [WHOLE]
     assert told_in(pickle.loads(pickle.dumps(WHOLE)), "us") == told_in(WHOLE, "us")
     with pytest.raises(InputError, match="units must be one of"):
