@@ -18,8 +18,9 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import csv_lines
+from famjax.boundary.near import meant
 from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import to_si
+from famjax.boundary.units import UNITS, to_si
 
 from .force_data import NOT_NEGATIVE, ForceData, Specimen
 from .header import columns_of, quoted
@@ -273,7 +274,12 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
         known = ", ".join(
             [*(f"{n}_mm" for n in _SPECIMEN_LENGTHS), "force_limit_N", "name", "embedded"]
         )
-        raise InputError(f"unknown entry of the specimen {key!r}; known are {known}")
+        units = tuple(UNITS["length"])
+        near = [f"{n}_{unit}" for n in _SPECIMEN_LENGTHS for unit in units]
+        raise InputError(
+            f"unknown entry of the specimen {key!r}; known are {known}"
+            f"{meant(key, [*near, 'force_limit_N', 'name', 'embedded'])}"
+        )
     try:
         number = float(value)
     except ValueError:

@@ -67,7 +67,8 @@ class Specimen:
         if 2 * self.wall_thickness >= widest:
             raise InputError(
                 f"a wall of {self.wall_thickness * 1e3:.4g} mm does not fit twice into a bladder "
-                f"of {widest * 1e3:.4g} mm: check the units"
+                f"of {widest * 1e3:.4g} mm: one of the two is wrong; check wall_thickness and "
+                "nominal_diameter or bladder_diameter, and their units"
             )
         if self.embedded and self.bladder_diameter is not None:
             raise InputError(
