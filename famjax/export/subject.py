@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import importlib.metadata
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..boundary.errors import InputError
 from ..boundary.origin import Origin
 from ..cards import MuscleCard, read_card, unidentified
 from ..muscle import SafeMuscle
@@ -28,12 +30,22 @@ class Subject:
         muscle: what is exported.
         card: that it comes from, or None.
         origin: lines on the file it comes from.
+        tendon_offset: length [m] of the muscle where the joints of a simulator's `fixed` tendon are at
+            0; None for a `spatial` tendon, whose length is the muscle's.
     """
 
     name: str
     muscle: SafeMuscle
     card: MuscleCard | None = None
     origin: tuple[str, ...] = ()
+    tendon_offset: float | None = None
+
+    def __post_init__(self) -> None:
+        offset = self.tendon_offset
+        if offset is not None and not (math.isfinite(offset) and offset > 0):
+            raise InputError(
+                f"the offset of a tendon must be > 0, the muscle's length [m] at joint 0, got {offset}"
+            )
 
     @classmethod
     def of_card(

@@ -1,5 +1,6 @@
 """`famjax export`."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated, Literal
@@ -17,6 +18,7 @@ def export(
     to: Annotated[tuple[Name, ...], Parameter(negative=())],
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("exported"),
     length: str | None = None,
+    tendon_offset: str | None = None,
 ) -> int:
     """Write a muscle as C, tables, MATLAB functions, or for a simulator.
 
@@ -47,6 +49,9 @@ def export(
         Folder of the files.
     length
         Rest length to which the muscle is cut, with its unit, such as 300mm.
+    tendon_offset
+        For mujoco and mjx: the tendon is of `fixed` type, which has no length at joint 0, and the muscle
+        has this length there, such as 275mm. A `spatial` tendon as long as the muscle unless given.
     """
     load_fitting()
     from famjax.boundary.units import parse_quantity
@@ -54,6 +59,9 @@ def export(
 
     cut = None if length is None else parse_quantity(length, "length")
     subject = _subject(muscle, cut)
+    if tendon_offset is not None:
+        offset = parse_quantity(tendon_offset, "length")
+        subject = dataclasses.replace(subject, tendon_offset=offset)
     if subject.card is not None:
         made = subject.card.provenance
         warn_unidentified(muscle, made.verdict, made.reasons)
