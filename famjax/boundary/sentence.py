@@ -1,8 +1,22 @@
 """Sentences with quantities in them, which a reader has in units of their own."""
 
+import re
 from typing import NamedTuple
 
-from .units import from_si, unit_system
+from .units import from_si, to_si, unit_system
+
+_KINDS = {
+    **dict.fromkeys(("m", "mm", "um", "in"), "length"),
+    **dict.fromkeys(("Pa", "kPa", "MPa", "psi"), "pressure"),
+    **dict.fromkeys(("N", "lbf"), "force"),
+}
+_ALSO = {"metric": ("um", "MPa")}
+"""Units that go with a system beside its own."""
+
+_NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+_WITH_UNIT = re.compile(
+    rf"(?<![\w.])(?P<first>{_NUMBER})(?: to (?P<last>{_NUMBER}))? (?P<unit>{'|'.join(_KINDS)})\b(?![/^])"
+)
 
 
 class Quantity(NamedTuple):
@@ -52,6 +66,33 @@ def told_in(sentence: str, system: str) -> str:
     if isinstance(sentence, Sentence):
         return "".join(_told(one, system) for one in sentence.parts)
     return sentence
+
+
+def retold(text: str, system: str) -> str:
+    """A text that was read back from a file, its lengths, pressures and forces in a unit system.
+
+    Numbers that a unit follows, and ranges such as `159 to 236 mm`; what is in units of the system
+    already stays to the last digit, and so does every other number.
+
+    >>> retold("At 344738 Pa the strokes from 159 to 236 mm lack 1.02 s.", "us")
+    'At 50 psi the strokes from 6.26 to 9.291 in lack 1.02 s.'
+    """
+    wanted = unit_system(system)
+
+    def converted(match: re.Match[str]) -> str:
+        unit = match["unit"]
+        kind = _KINDS[unit]
+        if unit in (wanted[kind], *_ALSO.get(system, ())):
+            return match[0]
+        numbers = (match["first"], match["last"])
+        shown = [
+            f"{from_si(to_si(float(one), unit, kind), wanted[kind], kind):.4g}"
+            for one in numbers
+            if one is not None
+        ]
+        return f"{' to '.join(shown)} {wanted[kind]}"
+
+    return _WITH_UNIT.sub(converted, text)
 
 
 def _told(part: str | Quantity, system: str) -> str:
