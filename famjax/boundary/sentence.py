@@ -15,7 +15,7 @@ _ALSO = {"metric": ("um", "MPa")}
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 _WITH_UNIT = re.compile(
-    rf"(?<![\w.])(?P<first>{_NUMBER})(?: to (?P<last>{_NUMBER}))? (?P<unit>{'|'.join(_KINDS)})\b(?![/^])"
+    rf"(?<![\w.-])(?P<first>{_NUMBER})(?: to (?P<last>{_NUMBER}))? (?P<unit>{'|'.join(_KINDS)})\b(?![/^])"
 )
 
 
@@ -57,8 +57,8 @@ class Sentence(str):
         made.parts = parts
         return made
 
-    def __getnewargs__(self) -> tuple[str | Quantity, ...]:
-        return self.parts
+    def __reduce__(self) -> tuple[type["Sentence"], tuple[str | Quantity, ...]]:
+        return Sentence, self.parts
 
 
 def told_in(sentence: str, system: str) -> str:

@@ -24,7 +24,7 @@ def bundled_name(name: str) -> str | None:
     ['DMSP-20', 'DMSP-20', None, None]
     """
     asked = name.upper().replace("_", "-")
-    known = dict(zip((*NAMES, *_MAPS), (*NAMES, *NAMES), strict=True))
+    known: dict[str, str] = dict(zip((*NAMES, *_MAPS), (*NAMES, *NAMES), strict=True))
     return known.get(asked)
 
 

@@ -146,7 +146,7 @@ def warnings_of(place: Path) -> list[str]:
     return [f"warning: {one.sentence()}" for one in read_checks(place) if one.verdict != AGREES]
 
 
-def checks_table(places: Sequence[Path], system: str) -> list[PageTable]:
+def checks_table(places: Sequence[Path], system: str = "metric") -> list[PageTable]:
     """The checks of several steps as a table of the report, in a unit system; none without checks."""
     checks = [one for place in places for one in read_checks(place)]
     rows = [

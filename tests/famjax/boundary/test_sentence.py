@@ -38,8 +38,8 @@ def test_as_it_stands_it_is_a_metric_text() -> None:
     [
         ("At 137895 Pa from 0.2359 m to 0.1588 m.", "metric", "At 137.9 kPa from 235.9 mm to 158.8 mm."),
         ("At 137895 Pa from 0.2359 m to 0.1588 m.", "us", "At 20 psi from 9.287 in to 6.252 in."),
-        ("199 pictures from 158.8 to 235.7 mm, 15.3 um", "us", "199 pictures from 6.252 to 9.28 in, 0.0006024 in"),
-        ("199 pictures from 158.8 to 235.7 mm, 15.3 um", "metric", "199 pictures from 158.8 to 235.7 mm, 15.3 um"),
+        ("199 shapes, 158.8 to 235.7 mm, 15.3 um", "us", "199 shapes, 6.252 to 9.28 in, 0.0006024 in"),
+        ("199 shapes, 158.8 to 235.7 mm, 15.3 um", "metric", "199 shapes, 158.8 to 235.7 mm, 15.3 um"),
         ("9.84e-05 m of 3 lengths in 1 gaps, 1.02 s", "metric", "0.0984 mm of 3 lengths in 1 gaps, 1.02 s"),
         ("2 N/mm and 3 Nm, DMSP-20 N", "us", "2 N/mm and 3 Nm, DMSP-20 N"),
     ],
