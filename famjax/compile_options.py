@@ -11,6 +11,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+from jax.core import Tracer
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -54,7 +56,13 @@ def _known(options: Options) -> bool:
 
 
 def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """`equinox.filter_jit` that compiles fast; the results agree to rounding."""
+    """`equinox.filter_jit` that compiles fast; the results agree to rounding.
+
+    Within a trace of the caller's, such as their `jax.jit`, it is a part of the whole, which is
+    compiled as they ask.
+    """
+    plain: Any = eqx.filter_jit
+    traced = plain(function, inline=True)
 
     @functools.cache
     def jitted() -> Callable[_P, _T]:
@@ -63,6 +71,15 @@ def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     @functools.wraps(function)
     def quick(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        if _tracing(args, kwargs):
+            return traced(*args, **kwargs)
         return jitted()(*args, **kwargs)
 
     return quick
+
+
+def _tracing(*arguments: Any) -> bool:
+    """Whether JAX traces: what is made here is traced, or an argument is."""
+    return isinstance(jnp.zeros(()), Tracer) or any(
+        isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)
+    )

@@ -36,6 +36,7 @@ UNITS = _Kinds({
     "strain compliance": {"1/N": 1.0, "1/kN": 1e-3, "1/lbf": 1 / LBF},
     "number": {"": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
+    "energy": {"J": 1.0, "in lbf": INCH * LBF},
     "volume": {"m3": 1.0, "cm3": 1e-6, "mm3": 1e-9, "in3": INCH**3},
     "scale": {"px/m": 1.0, "px/cm": 1e2, "px/mm": 1e3, "px/in": 1 / INCH},
     "rate": {
@@ -66,6 +67,7 @@ _SYSTEM_UNITS = {
     "strain compliance": ("1/N", "1/kN", "1/lbf"),
     "number": ("", "", ""),
     "time": ("s", "s", "s"),
+    "energy": ("J", "J", "in lbf"),
     "volume": ("m3", "mm3", "in3"),
     "scale": ("px/m", "px/mm", "px/in"),
 }

@@ -6,6 +6,7 @@
 import json
 import math
 import re
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -110,6 +111,19 @@ class Provenance(_Entry):
     command: str | None = None
     versions: dict[str, str] = {}
     notes: list[str] = []
+
+
+def unidentified(name: str, verdict: str | None, reasons: Sequence[str] | None) -> str | None:
+    """What whoever uses a muscle must know where its fit has identified nothing, or None.
+
+    Args:
+        name: of the file or the muscle.
+        verdict: of the fit.
+        reasons: of the verdict, the gravest first.
+    """
+    if verdict != "not identified":
+        return None
+    return f"{name} holds no identified muscle: {(reasons or ['see its report'])[0]}"
 
 
 class CardDocument(_Entry):

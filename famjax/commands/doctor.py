@@ -22,6 +22,10 @@ _REPORTED = (
     "pyserial",
     "cyclopts",
     "matplotlib",
+    "mujoco",
+    "mujoco-mjx",
+    "optax",
+    "blackjax",
 )
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,15 +29,24 @@ def load_fitting():
     return fitting
 
 
+def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
+    """Say on standard error that nothing was identified, where that is so."""
+    from ..cards import unidentified
+
+    told = unidentified(str(name), verdict, reasons)
+    if told is not None:
+        print(f"warning: {told}", file=sys.stderr)
+
+
 def load_map(
     data: str, specimen: dict, *, pressure: str | None = None, length: str | None = None
 ) -> "ForceData":
     """A force map: a bundled one by its name, a CSV file, or standard input; tolerances with their unit."""
-    from fitting import bundled_names, load_bundled, read_csv
+    from fitting import load_bundled, read_csv
+    from fitting.data import bundled_map_name
 
-    bundled = data.upper() in bundled_names() and not Path(data).exists()
-    if bundled:
-        found = load_bundled(data.upper(), specimen)
+    if bundled_map_name(data) is not None and not Path(data).exists():
+        found = load_bundled(data, specimen)
     else:
         found = read_csv(sys.stdin if data == STANDARD_INPUT else data, specimen)
     return with_tolerances(found, pressure=pressure, length=length)

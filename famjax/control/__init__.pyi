@@ -27,5 +27,5 @@ from .inverse import (
     InversePressure as InversePressure,
     pressure_for_force as pressure_for_force,
 )
-from .outcome import Outcome as Outcome
+from .outcome import Answer as Answer, Outcome as Outcome
 from .paths import AbstractPath as AbstractPath, Lever as Lever, Pulley as Pulley

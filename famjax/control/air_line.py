@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._compiled import compiled
 from .._types import Given, Real, RealArray, as_real
 from .crossing import bracketed
-from .outcome import Outcome
+from .outcome import Answer, Outcome
 
 Volume = Callable[[RealArray], RealArray]
 """Volume of gas [m3] over gauge pressure [Pa]: a `HeldLength`, a `HeldLoad`, a function of your own."""
@@ -22,7 +22,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _PANELS = 8  # of the sonic part and of the subsonic part each
 
 
-class Passage(eqx.Module):
+class Passage(Answer):
     """A time to fill or to vent, of the broadcast shape of what was asked.
 
     Attributes:
@@ -34,7 +34,7 @@ class Passage(eqx.Module):
     code: Int[Array, "..."]
 
 
-class LinePressure(eqx.Module):
+class LinePressure(Answer):
     """The pressure at a time, of the broadcast shape of what was asked.
 
     Attributes:

@@ -8,19 +8,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._compiled import compiled
+from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
-from .crossing import first_crossing
+from ..compile_options import quick_jit
+from .crossing import ROUNDED, first_crossing
 from .held_pair import HeldPair
 from .inverse import HasForce
-from .outcome import Outcome
+from .outcome import Answer, Outcome
 from .paths import AbstractPath
 
 _CELLS = 64
 _T = TypeVar("_T")
 
 
-class Range(eqx.Module):
+class Range(Answer):
     """What a joint can do at an angle, each leaf of the broadcast shape of what was asked.
 
     Attributes:
@@ -33,7 +34,7 @@ class Range(eqx.Module):
     code: Int[Array, "..."]
 
 
-class PairPressures(eqx.Module):
+class PairPressures(Answer):
     """Pressures of an antagonistic pair, each leaf of the broadcast shape of what was asked.
 
     Attributes:
@@ -42,7 +43,7 @@ class PairPressures(eqx.Module):
         stiffness: K [N m/rad] that they give.
         torque: [N m] that they give.
         code: an `Outcome`. Where it is not FEASIBLE the pressures are of the nearest feasible state,
-            in torque first and then in stiffness; nan where there is none.
+            in torque first and then in stiffness; nan where there is none, and beyond the angles.
     """
 
     flexor: RealArray
@@ -52,7 +53,7 @@ class PairPressures(eqx.Module):
     code: Int[Array, "..."]
 
 
-class JointEquilibrium(eqx.Module):
+class JointEquilibrium(Answer):
     """Where a joint comes to rest.
 
     Attributes:
@@ -75,12 +76,18 @@ class Antagonist(eqx.Module):
     paths. A muscle that would push is slack, F = 0. Pressures are those at rest: how long they take
     is a matter of `AirLine`, friction one of `pressure_along`.
 
+    A method called as it is compiles quickly (of a bundled muscle's pair in some 15 s) and runs
+    slowly; within your own `jax.jit`, `jax.jit(pair.pressures_for)`, it is compiled with all of
+    XLA's optimisation: three times as long, to run three times as fast. Ask many states in one call.
+
     Attributes:
         flexor: the muscle that raises the angle, with `force(length, pressure)`.
         extensor: its antagonist.
         paths: of both, in that order; see `Pulley` and `Lever`.
         pressures: lowest and highest gauge pressure [Pa], shape (2,).
-        angles: lowest and highest angle [rad] of the joint, shape (2,).
+        angles: lowest and highest angle [rad] of the joint, shape (2,). What is asked of an angle
+            outside has the code BEYOND_ANGLES and is nan; `pulls`, `torque` and `stiffness`, which
+            have no code, go on.
         least_pull: [N], >= 0: the inverse maps keep both muscles at least as taut.
 
     References:
@@ -171,11 +178,9 @@ class Antagonist(eqx.Module):
         return HeldPair(self.flexor, self.extensor, self.paths, low, high, self.least_pull, angle)
 
 
-@compiled
+@quick_jit
 def _batch(pair: Antagonist, one: Callable[..., _T], *given: RealArray) -> _T:
-    arrays = jnp.broadcast_arrays(*given)
-    found = jax.vmap(lambda *at: one(pair, *at))(*(array.ravel() for array in arrays))
-    return jax.tree.map(lambda leaf: leaf.reshape(arrays[0].shape), found)
+    return at_each(lambda *at: one(pair, *at), *given)
 
 
 def _each(pair: Antagonist, one: Callable[..., _T], *given: Real) -> _T:
@@ -206,14 +211,22 @@ def _stiffness(
 
 
 def _torque_range(pair: Antagonist, angle: RealArray) -> Range:
-    lowest, highest, code = pair.at(angle).torque_bounds()
-    return _range(lowest, highest, code)
+    reach = pair.at(angle).reach()
+    return _range(reach.lowest, reach.highest, _within(pair, angle, reach.code))
 
 
 def _stiffness_range(pair: Antagonist, angle: RealArray, torque: RealArray) -> Range:
     curve = pair.at(angle).curve(torque)
     lowest, highest = jax.vmap(curve.stiffness)(curve.extremes())
-    return _range(lowest, highest, curve.code)
+    return _range(lowest, highest, _within(pair, angle, curve.code))
+
+
+def _within(pair: Antagonist, angle: RealArray, code: Int[Array, ""]) -> Int[Array, ""]:
+    """The code, or BEYOND_ANGLES where the angle is beyond the joint's by more than rounding."""
+    low, high = pair.angles
+    rounding = ROUNDED * jnp.finfo(angle.dtype).eps * jnp.maximum(jnp.abs(low), jnp.abs(high))
+    beyond = (angle < low - rounding) | (angle > high + rounding)
+    return jnp.where(beyond, Outcome.BEYOND_ANGLES, code)
 
 
 def _range(lowest: RealArray, highest: RealArray, code: Int[Array, ""]) -> Range:
@@ -230,12 +243,13 @@ def _pressures_for(
     beyond = jnp.where(stiffness < crossing.lowest, Outcome.STIFFNESS_LOW, Outcome.STIFFNESS_HIGH)
     beyond = jnp.where(jnp.isfinite(stiffness), beyond, Outcome.NO_STATE)
     code = jnp.where(crossing.found | (curve.code != Outcome.FEASIBLE), curve.code, beyond)
-    there = curve.exists & jnp.isfinite(stiffness)
+    code = _within(pair, angle, code)
+    there = curve.exists & jnp.isfinite(stiffness) & (code != Outcome.BEYOND_ANGLES)
 
     def kept(value: RealArray) -> RealArray:
         return jnp.where(there, value, jnp.nan)
 
-    made = curve.stiffness(crossing.at)
+    made = curve.pair.stiffness(flexor, extensor, slack=False)
     return PairPressures(kept(flexor), kept(extensor), kept(made), kept(curve.torque), code)
 
 

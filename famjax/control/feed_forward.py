@@ -12,7 +12,7 @@ from .._types import Real, RealArray, as_real
 from ..muscle import AbstractMuscle
 from ..muscle.equilibrium import longest_equilibrium
 from .inverse import HasForce, inverse_pressure
-from .outcome import Outcome
+from .outcome import Answer, Outcome
 
 
 @runtime_checkable
@@ -32,7 +32,7 @@ class HasMemory(Protocol):
         ...
 
 
-class CommandedPressure(eqx.Module):
+class CommandedPressure(Answer):
     """Pressures for a trajectory, each leaf of shape (n,).
 
     Attributes:
@@ -45,7 +45,7 @@ class CommandedPressure(eqx.Module):
     code: Int[Array, "..."]
 
 
-class FollowedLength(eqx.Module):
+class FollowedLength(Answer):
     """Lengths that follow from a history of pressures, each leaf of shape (n,).
 
     Attributes:

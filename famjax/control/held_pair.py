@@ -1,10 +1,13 @@
 """An antagonistic pair at one angle: its torque and stiffness, and the curve of co-contraction."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._alike import of_each
 from .._types import RealArray
 from .crossing import ROUNDED, Crossing, bracketed, first_crossing
 from .inverse import HasForce
@@ -42,8 +45,14 @@ class HeldPair(eqx.Module):
 
     def pulls(self, flexor: RealArray, extensor: RealArray) -> tuple[RealArray, RealArray]:
         """Pulls [N] by the formula at two pressures [Pa]: negative where slack, nan with no state."""
-        lengths = [path.length(self.angle) for path in self.paths]
-        return self.flexor.force(lengths[0], flexor), self.extensor.force(lengths[1], extensor)
+        return self._forces([path.length(self.angle) for path in self.paths], [flexor, extensor])
+
+    def _forces(
+        self, lengths: Sequence[RealArray], pressures: Sequence[RealArray]
+    ) -> tuple[RealArray, RealArray]:
+        """Forces [N] of flexor and extensor, each at its length [m] and pressures [Pa] of one shape."""
+        both = of_each(_force, (self.flexor, self.extensor), lengths, pressures)
+        return both[0], both[1]
 
     def torque(
         self, angle: RealArray, flexor: RealArray, extensor: RealArray, *, slack: bool
@@ -53,9 +62,8 @@ class HeldPair(eqx.Module):
         With `slack` a muscle that would push pulls with nothing.
         """
         total = jnp.zeros_like(angle)
-        both = zip((self.flexor, self.extensor), (flexor, extensor), self.paths, strict=True)
-        for muscle, pressure, path in both:
-            force = muscle.force(path.length(angle), pressure)
+        forces = self._forces([path.length(angle) for path in self.paths], [flexor, extensor])
+        for force, path in zip(forces, self.paths, strict=True):
             taut = (force >= 0) if slack else jnp.isfinite(force)
             total = total + path.moment_arm(angle) * jnp.where(taut, force, 0.0)
         return total
@@ -73,28 +81,35 @@ class HeldPair(eqx.Module):
         one, other = self.pulls(flexor, extensor)
         return jnp.isfinite(one) & jnp.isfinite(other)
 
-    def torque_bounds(self) -> tuple[RealArray, RealArray, Int[Array, ""]]:
-        """Least and largest torque [N m] with both muscles taut, and a code."""
-        (r_f, r_e), (flexor, extensor) = self.arms, self._bounds()
+    def reach(self) -> "Reach":
+        """What the pair can do at its angle."""
+        (r_f, r_e), ends = self.arms, jnp.stack([self.low, self.high])
+        lengths = [path.length(self.angle) for path in self.paths]
+        raw = jnp.stack(self._forces(lengths, [ends, ends]))
+        limits = _number(raw)
+        least = jnp.maximum(limits[:, 0], self.least_pull)
+        flexor, extensor = ((least[k], limits[k, 1]) for k in (0, 1))
         lowest = r_f * flexor[0] + r_e * extensor[1]
         highest = r_f * flexor[1] + r_e * extensor[0]
         taut = (flexor[0] <= flexor[1]) & (extensor[0] <= extensor[1])
-        known = self.known(self.low, self.low) & self.known(self.high, self.high)
         code = jnp.where(taut, Outcome.FEASIBLE, Outcome.SLACK)
         code = jnp.where((r_f > 0) & (r_e < 0), code, Outcome.MOMENT_ARM)
-        return lowest, highest, jnp.where(known, code, Outcome.NO_STATE)
+        code = jnp.where(jnp.all(jnp.isfinite(raw)), code, Outcome.NO_STATE)
+        return Reach(lowest, highest, flexor, extensor, limits, code)
 
     def curve(self, torque: RealArray) -> "CoContraction":
         """The pressures that give a torque [N m], or the nearest torque that the pair has."""
-        (r_f, r_e), (flexor, extensor) = self.arms, self._bounds()
-        lowest, highest, code = self.torque_bounds()
+        (r_f, r_e), reach = self.arms, self.reach()
+        flexor, extensor, lowest, highest = (
+            reach.flexor, reach.extensor, reach.lowest, reach.highest,
+        )  # fmt: skip
         rounding = ROUNDED * jnp.finfo(lowest.dtype).eps * (r_f * flexor[1] - r_e * extensor[1])
         beyond = jnp.where(
             torque < lowest - rounding,
             Outcome.TORQUE_LOW,
             jnp.where(torque > highest + rounding, Outcome.TORQUE_HIGH, Outcome.FEASIBLE),
         )
-        code = jnp.where(code == Outcome.FEASIBLE, beyond, code)
+        code = jnp.where(reach.code == Outcome.FEASIBLE, beyond, reach.code)
         code = jnp.where(jnp.isfinite(torque), code, Outcome.NO_STATE)
         torque = jnp.where(jnp.isfinite(torque), jnp.clip(torque, lowest, highest), lowest)
         # Arms of the wrong sign have another code, and are not to divide by zero.
@@ -103,34 +118,47 @@ class HeldPair(eqx.Module):
             jnp.maximum(flexor[0], (torque - r_e * extensor[0]) / arm),
             jnp.minimum(flexor[1], (torque - r_e * extensor[1]) / arm),
         )
-        length = self.paths[0].length(self.angle)
-        start, end = jax.vmap(lambda pull: self.pressure(self.flexor, length, pull))(
-            jnp.stack(ends)
-        )
-        return CoContraction(self, torque, start, end, code)
+        start, end = jax.vmap(lambda pull: self.pressure(0, reach.limits, pull))(jnp.stack(ends))
+        return CoContraction(self, torque, start, end, reach.limits, code)
 
-    def pressure(self, muscle: HasForce, length: RealArray, pull: RealArray) -> RealArray:
-        """The pressure [Pa] of a pull [N] that a muscle has between the limits, to rounding."""
+    def pressure(self, which: int, limits: Float[Array, "2 2"], pull: RealArray) -> RealArray:
+        """The pressure [Pa] of a pull [N] that a muscle has between the limits, to rounding.
+
+        Args:
+            which: 0 for the flexor, 1 for the extensor.
+            limits: its pull [N], and the other's, at the least and the highest pressure.
+            pull: [N].
+        """
+        muscle = (self.flexor, self.extensor)[which]
+        length = self.paths[which].length(self.angle)
 
         def residual(pressure: RealArray) -> RealArray:
             return (_number(muscle.force(length, pressure)) - pull) / size
 
-        limits = jnp.stack([self.low, self.high])
-        values = jax.lax.stop_gradient(jax.vmap(lambda P: _number(muscle.force(length, P)))(limits))
+        values = jax.lax.stop_gradient(limits[which])
         size = jnp.where(values[1] == values[0], 1.0, jnp.abs(values[1] - values[0]))
         left = (values - jax.lax.stop_gradient(pull)) / size
         # At a limit, or beyond it by rounding, the limit is the answer.
         left = jnp.stack([jnp.minimum(left[0], 0.0), jnp.maximum(left[1], 0.0)])
-        return bracketed(residual, (limits[0], left[0]), (limits[1], left[1]))
+        return bracketed(residual, (self.low, left[0]), (self.high, left[1]))
 
-    def _bounds(self) -> tuple[tuple[RealArray, RealArray], tuple[RealArray, RealArray]]:
-        """Least and largest taut pull [N] of flexor and extensor; a number in any case."""
-        least, most = self.pulls(self.low, self.low), self.pulls(self.high, self.high)
-        flexor, extensor = (
-            (jnp.maximum(_number(low), self.least_pull), _number(high))
-            for low, high in zip(least, most, strict=True)
-        )
-        return flexor, extensor
+
+class Reach(eqx.Module):
+    """What a pair can do at its angle.
+
+    Attributes:
+        lowest, highest: torque [N m] with both muscles taut.
+        flexor, extensor: least and largest taut pull [N], a number in any case.
+        limits: pulls [N] of both, a row each, at the least and the highest pressure; 0 for nan.
+        code: an `Outcome`.
+    """
+
+    lowest: RealArray
+    highest: RealArray
+    flexor: tuple[RealArray, RealArray]
+    extensor: tuple[RealArray, RealArray]
+    limits: Float[Array, "2 2"]
+    code: Int[Array, ""]
 
 
 class CoContraction(eqx.Module):
@@ -140,6 +168,7 @@ class CoContraction(eqx.Module):
         pair: the pair at its angle.
         torque: [N m], the nearest that the pair has.
         start, end: flexor's gauge pressure [Pa] at the ends of the curve.
+        limits: see `Reach`.
         code: an `Outcome`: FEASIBLE, TORQUE_LOW or TORQUE_HIGH, or why there is no curve.
     """
 
@@ -147,6 +176,7 @@ class CoContraction(eqx.Module):
     torque: RealArray
     start: RealArray
     end: RealArray
+    limits: Float[Array, "2 2"]
     code: Int[Array, ""]
 
     @property
@@ -159,11 +189,11 @@ class CoContraction(eqx.Module):
         """Pressures [Pa] of flexor and extensor at a share [-] of the way from start to end."""
         pair, (r_f, r_e) = self.pair, self.pair.arms
         flexor = self.start + share * (self.end - self.start)
-        lengths = [path.length(pair.angle) for path in pair.paths]
-        pull = _number(pair.flexor.force(lengths[0], flexor))
+        length = pair.paths[0].length(pair.angle)
+        pull = _number(pair.flexor.force(length, flexor))
         arm = jnp.where(r_e < 0, -r_e, 1.0)
         wanted = (r_f * pull - self.torque) / arm
-        return flexor, pair.pressure(pair.extensor, lengths[1], wanted)
+        return flexor, pair.pressure(1, self.limits, wanted)
 
     def stiffness(self, share: RealArray) -> RealArray:
         """K [N m/rad] there."""
@@ -193,6 +223,10 @@ class CoContraction(eqx.Module):
         even = jnp.linspace(0.0, 1.0, _CELLS + 1, dtype=self.start.dtype)
         shares = jnp.sort(jnp.concatenate([even, self.extremes()]))
         return first_crossing(self.stiffness, shares, stiffness)
+
+
+def _force(muscle: HasForce, length: RealArray, pressure: RealArray) -> RealArray:
+    return muscle.force(length, pressure)
 
 
 def _number(value: RealArray) -> RealArray:

@@ -2,7 +2,6 @@
 
 from typing import Protocol, runtime_checkable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
@@ -10,7 +9,7 @@ from jaxtyping import Array, Int
 from .._compiled import compiled
 from .._types import Real, RealArray, as_real
 from .crossing import first_crossing
-from .outcome import Outcome
+from .outcome import Answer, Outcome
 
 _CELLS = 16
 
@@ -24,7 +23,7 @@ class HasForce(Protocol):
         ...
 
 
-class InversePressure(eqx.Module):
+class InversePressure(Answer):
     """A pressure for a force, of the broadcast shape of what was asked.
 
     Attributes:

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 
 def mjx_step(
-    model: "mjx.Model", data: "mjx.Data", muscles: Mapping[int, tuple[AbstractMuscle, Real]]
+    model: "mjx.Model",
+    data: "mjx.Data",
+    muscles: Mapping[int, tuple[AbstractMuscle, Real]],
+    offsets: Mapping[int, Real] | None = None,
 ) -> "mjx.Data":
     """One step of MJX with muscles, which pull at the lengths that their tendons have at its start.
 
@@ -31,6 +34,8 @@ def mjx_step(
         model: of MJX.
         data: the state.
         muscles: muscle and gauge pressure [Pa] by the number of the actuator.
+        offsets: what a muscle is longer than its tendon [m], by the same number; 0 unless given. A tendon
+            of `fixed` type has the length 0 where its joints do.
 
     Returns:
         The state after the step.
@@ -40,7 +45,8 @@ def mjx_step(
     placed = mjx.tendon(model, mjx.com_pos(model, mjx.kinematics(model, data)))
     control = jnp.asarray(data.ctrl)
     for number, (muscle, pressure) in muscles.items():
-        length = placed.ten_length[int(model.actuator_trnid[number, 0])]
+        tendon = placed.ten_length[int(model.actuator_trnid[number, 0])]
+        length = tendon + (offsets or {}).get(number, 0.0)
         control = control.at[number].set(-muscle.force(length, pressure))
     after = mjx.step(model, data.replace(ctrl=control))
     # In float64 MJX widens integers of tendons, which a scan does not take.
@@ -58,7 +64,7 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
             "an MJX model takes its muscle from a card, and this one has none: call "
             "famjax.export.mjx_step with the muscle itself"
         )
-    name = subject.identifier
+    name, offset = subject.identifier, subject.tendon_offset or 0.0
     module = f'''"""{docstring(subject.about)}
 
 The force is the model's own, not a table's. Float64 in JAX for its digits.
@@ -78,7 +84,7 @@ MODEL = mjx.put_model(mujoco.MjModel.from_xml_path(str(HERE / "{name}_mjx.xml"))
 
 def step(data, pressure, muscle=MUSCLE):
     """One step at a gauge pressure [Pa]; differentiable by pressure and muscle."""
-    return famjax.export.mjx_step(MODEL, data, {{0: (muscle, pressure)}})
+    return famjax.export.mjx_step(MODEL, data, {{0: (muscle, pressure)}}, {{0: {offset!r}}})
 '''
     xml = hanging_load(subject, 'gainprm="1" biastype="none"', pressure=False)
     return {

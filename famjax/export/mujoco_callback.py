@@ -25,7 +25,9 @@ class CompiledPull:
         self.force.restype, self.force.argtypes = ctypes.c_double, [ctypes.c_double] * 2
 
 
-def install(model: Any, pulls: Mapping[str, Any]) -> None:
+def install(
+    model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
+) -> None:
     """Let MuJoCo ask muscles for the force of actuators; the control is the gauge pressure [Pa].
 
     The length is the actuator's, that of its tendon. With `dyntype="filter"` the pressure is the
@@ -35,16 +37,20 @@ def install(model: Any, pulls: Mapping[str, Any]) -> None:
     Args:
         model: `mujoco.MjModel`; other models with actuators of user type must be installed anew.
         pulls: the muscle, as anything with `force(length, pressure)`, of each actuator's name.
+        offsets: what an actuator's muscle is longer than its tendon [m], by its name; 0 unless given. A
+            tendon of `fixed` type has the length 0 where its joints do.
     """
     mujoco: Any = import_module("mujoco")  # an extra of the project, without types
 
     wanted = {model.actuator(name).id: pull.force for name, pull in pulls.items()}
+    added = {model.actuator(name).id: float(one) for name, one in (offsets or {}).items()}
     states = model.actuator_actadr.tolist()
 
     def bias(_: Any, data: Any, number: int) -> float:
         state = states[number]
         pressure = data.ctrl[number] if state < 0 else data.act[state]
-        return -wanted[number](float(data.actuator_length[number]), float(pressure))
+        length = float(data.actuator_length[number]) + added.get(number, 0.0)
+        return -wanted[number](length, float(pressure))
 
     mujoco.set_mjcb_act_gain(lambda *_: 0.0)
     mujoco.set_mjcb_act_bias(bias)

@@ -24,6 +24,9 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
 def hanging_load(subject: Subject, kind: str, *, pressure: bool = True) -> str:
     """A load of half the blocked force on the muscle, with the equilibrium as a keyframe.
 
+    The tendon is `spatial` and as long as the muscle; with `subject.tendon_offset` it is `fixed`, and
+    the joint is 0 where the muscle has that length.
+
     Args:
         subject: the muscle.
         kind: attributes of the actuator, which is of the muscle's name.
@@ -41,6 +44,18 @@ def hanging_load(subject: Subject, kind: str, *, pressure: bool = True) -> str:
         if pressure
         else ' ctrllimited="false"'
     )
+    offset, given = subject.tendon_offset, quoteattr(name)
+    at_zero = length if offset is None else offset
+    tendon = (
+        f"""<spatial name={given} width="0.01">
+      <site site="anchor"/>
+      <site site="hook"/>
+    </spatial>"""
+        if offset is None
+        else f"""<fixed name={given}>
+      <joint joint="slide" coef="-1"/>
+    </fixed>"""
+    )
     about = "; ".join(line.strip() for line in subject.about_table)
     return f"""<mujoco model={quoteattr(subject.name)}>
   <custom>
@@ -49,23 +64,20 @@ def hanging_load(subject: Subject, kind: str, *, pressure: bool = True) -> str:
   <option gravity="0 0 -{_GRAVITY}"/>
   <worldbody>
     <site name="anchor"/>
-    <body name="load" pos="0 0 {-length!r}">
+    <body name="load" pos="0 0 {-at_zero!r}">
       <joint name="slide" type="slide" axis="0 0 1" damping="{critical!r}"/>
       <geom type="sphere" size="0.05" mass="{mass!r}" contype="0" conaffinity="0"/>
       <site name="hook"/>
     </body>
   </worldbody>
   <tendon>
-    <spatial name={quoteattr(name)} width="0.01">
-      <site site="anchor"/>
-      <site site="hook"/>
-    </spatial>
+    {tendon}
   </tendon>
   <actuator>
-    <general name={quoteattr(name)} tendon={quoteattr(name)} {kind}{limits}/>
+    <general name={given} tendon={given} {kind}{limits}/>
   </actuator>
   <keyframe>
-    <key name="at rest" qpos="0" ctrl="{control}"/>
+    <key name="at rest" qpos="{at_zero - length!r}" ctrl="{control}"/>
   </keyframe>
 </mujoco>
 """
@@ -79,10 +91,19 @@ def _module(subject: Subject) -> str:
     ]
     name = subject.identifier
     table = pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False)
+    offset = "" if subject.tendon_offset is None else f', {{"{name}": OFFSET}}'
+    constant = (
+        ""
+        if subject.tendon_offset is None
+        else f"""
+
+OFFSET = {subject.tendon_offset!r}  # m, the muscle's length where the fixed tendon has none
+"""
+    )
     return f'''"""{docstring(subject.about_table)}
 
     model = mujoco.MjModel.from_xml_path("{name}.xml")
-    install(model, {{"{name}": PULL}})
+    install(model, {{"{name}": PULL}}{offset})
 """
 
 {parts[0]}
@@ -92,4 +113,4 @@ def _module(subject: Subject) -> str:
 TABLE = {table}
 
 PULL = TabulatedPull(TABLE)
-'''
+{constant}'''

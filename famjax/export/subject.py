@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import importlib.metadata
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..boundary.errors import InputError
 from ..boundary.origin import Origin
-from ..cards import MuscleCard, read_card
+from ..cards import MuscleCard, read_card, unidentified
 from ..muscle import SafeMuscle
-from ..muscles import NAMES, bundled_card, bundled_text
+from ..muscles import bundled_card, bundled_name, bundled_text
 from .plain import TabulatedPull
 from .tabulate import TableErrors, table_errors, tabulated
 
@@ -28,12 +30,22 @@ class Subject:
         muscle: what is exported.
         card: that it comes from, or None.
         origin: lines on the file it comes from.
+        tendon_offset: length [m] of the muscle where the joints of a simulator's `fixed` tendon are at
+            0; None for a `spatial` tendon, whose length is the muscle's.
     """
 
     name: str
     muscle: SafeMuscle
     card: MuscleCard | None = None
     origin: tuple[str, ...] = ()
+    tendon_offset: float | None = None
+
+    def __post_init__(self) -> None:
+        offset = self.tendon_offset
+        if offset is not None and not (math.isfinite(offset) and offset > 0):
+            raise InputError(
+                f"the offset of a tendon must be > 0, the muscle's length [m] at joint 0, got {offset}"
+            )
 
     @classmethod
     def of_card(
@@ -42,6 +54,14 @@ class Subject:
         """The muscle of a card, cut to a rest length [m] if one is given."""
         card = card if length is None else card.cut(length)
         return cls(card.name, card.safe(), card, origin)
+
+    @property
+    def warning(self) -> str | None:
+        """What must be known where the card's fit has identified nothing, or None."""
+        if self.card is None:
+            return None
+        made = self.card.provenance
+        return unidentified(self.name, made.verdict, made.reasons)
 
     @property
     def identifier(self) -> str:
@@ -78,6 +98,8 @@ class Subject:
         if self.muscle.hysteresis is not None:
             lines.append("the static map: the card's hysteresis is left out")
         notes = () if self.card is None else self.card.provenance.notes
+        if self.warning is not None:
+            lines.append(f"WARNING: {self.warning}")
         return [*lines, *self.muscle.notes, *notes]
 
     @property
@@ -100,7 +122,7 @@ def read_subject(
     """The muscle of a card's file, or a bundled one by its name.
 
     Args:
-        source: a file that `famjax card` has written, or dmsp-10 or dmsp-20.
+        source: a file that `famjax card` has written, or the name of a bundled muscle.
         length: rest length [m] to which it is cut; its own unless given.
         origin: of the files that will be written.
 
@@ -108,8 +130,8 @@ def read_subject(
         InputError: no such file, no card, or the muscle cannot be cut.
     """
     path = Path(source)
-    if not path.exists() and str(source).upper() in NAMES:
-        name = str(source).upper()
+    name = None if path.exists() else bundled_name(str(source))
+    if name is not None:
         text, card = bundled_text(name), bundled_card(name)
         origins = made_of(f"the bundled card {name}", text, origin)
     else:

@@ -46,7 +46,8 @@ class AbstractMuscle(Parametrised):
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan where the model has no such state, such as at a negative length.
+        Nan where the model has no such state, such as at a negative length. Its derivative there is 0,
+        so that those of the others in a batch, and of what they share, are right.
         """
 
     @abc.abstractmethod

@@ -6,6 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._alike import of_each
+from .._compiled import compiled
 from .._types import Real, RealArray, as_real
 from .abstract_muscle import AbstractMuscle
 
@@ -42,8 +44,7 @@ class MeanMuscle(AbstractMuscle):
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        forces = [one.force(length, pressure) for one in self.members]
-        return jnp.einsum("i,i...->...", self.weights, jnp.stack(forces))
+        return _force(self, *jnp.broadcast_arrays(as_real(length), as_real(pressure)))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m] that all members have."""
@@ -55,3 +56,12 @@ class MeanMuscle(AbstractMuscle):
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction: the first member's."""
         return self.members[0].rest_length
+
+
+@compiled
+def _force(mean: MeanMuscle, length: RealArray, pressure: RealArray) -> RealArray:
+    count = len(mean.members)
+    forces = of_each(
+        lambda one, L, P: one.force(L, P), mean.members, [length] * count, [pressure] * count
+    )
+    return jnp.einsum("i,i...->...", mean.weights, forces)

@@ -17,6 +17,7 @@ from .continued import ContinuedMuscle
 from .mean import MeanMuscle
 from .mounted import MountedMuscle
 from .region import Region, Slopes, grid_slopes, rising_region
+from .volume import continued_volume
 
 _SLACK = 1e-3  # width of the blend into slack, of the largest force of the region
 
@@ -149,6 +150,14 @@ class SafeMuscle(AbstractMuscle):
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
         """Gauge pressure [Pa] at which the force leaves zero; see `AbstractMuscle`."""
         return self.continued.onset_pressure(length, highest, throw=throw)
+
+    def volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid, `famjax.muscle.continued_volume`, broadcast shape.
+
+        Raises:
+            InputError: the muscle is of a model without a geometry.
+        """
+        return continued_volume(self.continued.muscle, self.region, length, pressure)
 
     def start(self, length: Real, pressure: Real) -> SlipState:
         """The state [of hysteresis] with which a history begins at a length and a pressure.

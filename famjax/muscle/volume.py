@@ -31,7 +31,8 @@ def muscle_volume(muscle: AbstractMuscle, length: Real, pressure: Real) -> RealA
     if isinstance(muscle, Muscle):
         return inner_volume(muscle.geometry, length, pressure)
     raise InputError(
-        f"a {type(muscle).__name__} has no volume, as it has no geometry: ask a famjax.Muscle"
+        f"a {type(muscle).__name__} has no volume, as it has no geometry: ask a famjax.Muscle, "
+        "or give a function of the gauge pressure [Pa] that returns the volume [m3]"
     )
 
 

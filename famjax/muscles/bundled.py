@@ -10,12 +10,29 @@ from ..muscle import SafeMuscle
 NAMES = ("DMSP-10", "DMSP-20")
 """Muscles of which there is a card."""
 
+_MAPS = ("DMSP-10-250", "DMSP-20-300")
+"""Names of their force maps in `fitting`, in the same order."""
+
+
+def bundled_name(name: str) -> str | None:
+    """The name in `NAMES` of a bundled muscle as people write it, or None where it is none.
+
+    In any case, with hyphens or underscores, and with or without the length of the muscle that was
+    measured, which the name of its force map has.
+
+    >>> [bundled_name(one) for one in ("dmsp_20", "DMSP-20-300", "dmsp-20-500", "card.json")]
+    ['DMSP-20', 'DMSP-20', None, None]
+    """
+    asked = name.upper().replace("_", "-")
+    known: dict[str, str] = dict(zip((*NAMES, *_MAPS), (*NAMES, *NAMES), strict=True))
+    return known.get(asked)
+
 
 def bundled_card(name: str) -> MuscleCard:
     """The card of a bundled muscle, of the length that was measured.
 
     Args:
-        name: DMSP-10 or DMSP-20, in any case.
+        name: DMSP-10 or DMSP-20, or one that `bundled_name` takes.
 
     Raises:
         InputError: there is no such card.
@@ -23,8 +40,6 @@ def bundled_card(name: str) -> MuscleCard:
     >>> bundled_card("DMSP-20")
     MuscleCard(DMSP-20: 222 to 296 mm, 35 to 675 kPa)
     """
-    if name.upper() not in NAMES:
-        raise InputError(f"no card of a muscle {name!r} is bundled; there are {', '.join(NAMES)}")
     return read_card(_file(name))
 
 
@@ -34,7 +49,13 @@ def bundled_text(name: str) -> bytes:
 
 
 def _file(name: str) -> Traversable:
-    return importlib.resources.files(__name__.rpartition(".")[0]) / f"{name.lower()}.json"
+    known = bundled_name(name)
+    if known is None:
+        raise InputError(
+            f"no card of a muscle {name!r} is bundled; there are {', '.join(NAMES)}, also named "
+            f"{', '.join(_MAPS)} after their force maps"
+        )
+    return importlib.resources.files(__name__.rpartition(".")[0]) / f"{known.lower()}.json"
 
 
 def dmsp_10(length: float | None = None) -> SafeMuscle:

@@ -1,5 +1,6 @@
 from .csv_writer import write_csv as write_csv
 from .force_csv import (
+    bundled_map_name as bundled_map_name,
     bundled_names as bundled_names,
     load_bundled as load_bundled,
     parse_specimen as parse_specimen,

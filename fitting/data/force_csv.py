@@ -18,7 +18,9 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import csv_lines
-from famjax.boundary.units import to_si
+from famjax.boundary.near import meant
+from famjax.boundary.sentence import Quantity, Sentence
+from famjax.boundary.units import UNITS, to_si
 
 from .force_data import NOT_NEGATIVE, ForceData, Specimen
 from .header import columns_of, quoted
@@ -54,11 +56,25 @@ def bundled_names() -> list[str]:
     return sorted(f.name.removesuffix(".csv").upper() for f in folder.iterdir() if ".csv" in f.name)
 
 
+def bundled_map_name(name: str) -> str | None:
+    """The name of a bundled map as people write it, or None where it is none.
+
+    In any case, with hyphens or underscores, and with or without the muscle's length, which the name
+    of its card lacks.
+
+    >>> [bundled_map_name(one) for one in ("dmsp_20_300", "DMSP-20", "DMSP-2", "map.csv")]
+    ['DMSP-20-300', 'DMSP-20-300', None, None]
+    """
+    asked = name.upper().replace("_", "-")
+    found = [one for one in bundled_names() if asked in (one, one.rpartition("-")[0])]
+    return found[0] if len(found) == 1 else None
+
+
 def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceData:
     """A measured force map that comes with famjax.
 
     Args:
-        name: one of `bundled_names()`.
+        name: one of `bundled_names()`, or one that `bundled_map_name` takes.
         specimen: fields of `Specimen` in SI that override those in the file.
 
     Returns:
@@ -74,10 +90,11 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     >>> data.force.size, int(data.loaded.sum()), data.max_force
     (126, 60, 1653.5)
     """
-    if name not in bundled_names():
+    known = bundled_map_name(name)
+    if known is None:
         raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
-    text = (importlib.resources.files("fitting") / "data" / f"{name.lower()}.csv").read_text()
-    return _parse(text.splitlines(), source=f"bundled map {name}", specimen=specimen or {})
+    text = (importlib.resources.files("fitting") / "data" / f"{known.lower()}.csv").read_text()
+    return _parse(text.splitlines(), source=f"bundled map {known}", specimen=specimen or {})
 
 
 def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = None) -> ForceData:
@@ -86,11 +103,7 @@ def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = Non
     The columns `force`, `pressure` and `length` must each be there once with their unit, as in
     `force_lbf,pressure_psi,length_in`; `force_std_N` and the like are optional. In the place of the
     length there may be a `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that
-    units = {column.quantity: column.unit for column in columns}
-    return ForceData(
-        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
-        **tolerances,
-    )  # fmt: skip
+    start with # are comments; `# specimen: rest_length_mm = 296` describes the muscle.
 
     Args:
         path: the file, UTF-8, separated by comma, semicolon or tab; or a stream of its text.
@@ -147,11 +160,12 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     _lengths_of_contractions(arrays, known)
     limit = known.pop("force_limit", None)
+    assumed = _assumed(known)
     complete, notes = _complete(known, arrays["length"], source)
     units = {column.quantity: column.unit for column in columns}
     return ForceData(
         **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
-        **tolerances,
+        assumed=assumed, **tolerances,
     )  # fmt: skip
 
 
@@ -260,12 +274,24 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
         known = ", ".join(
             [*(f"{n}_mm" for n in _SPECIMEN_LENGTHS), "force_limit_N", "name", "embedded"]
         )
-        raise InputError(f"unknown entry of the specimen {key!r}; known are {known}")
+        units = tuple(UNITS["length"])
+        near = [f"{n}_{unit}" for n in _SPECIMEN_LENGTHS for unit in units]
+        raise InputError(
+            f"unknown entry of the specimen {key!r}; known are {known}"
+            f"{meant(key, [*near, 'force_limit_N', 'name', 'embedded'])}"
+        )
     try:
         number = float(value)
     except ValueError:
         raise InputError(f"the specimen's {key} is {value!r}, not a number") from None
     return name, to_si(number, unit, "force" if name == "force_limit" else "length")
+
+
+def _assumed(fields: Mapping[str, Any]) -> tuple[str, ...]:
+    """What is not said of a specimen and has to be assumed."""
+    found = [n for n in ("rest_length", "nominal_diameter", "wall_thickness") if n not in fields]
+    told = {"embedded", "bladder_diameter"} & set(fields)
+    return (*found, *([] if told else ["bladder_diameter"]))
 
 
 def _complete(
@@ -276,20 +302,31 @@ def _complete(
     if "rest_length" not in fields:
         fields["rest_length"] = float(length.max())
         notes.append(
-            f"The rest length was not given: the longest length in the file, "
-            f"{fields['rest_length'] * 1e3:.4g} mm, is taken (--specimen rest_length_mm=...)."
+            Sentence(
+                "The rest length was not given: the longest length in the file, ",
+                Quantity(fields["rest_length"], "length"),
+                ", is taken (--specimen rest_length_mm=...).",
+            )
         )
     if "wall_thickness" not in fields:
         fields["wall_thickness"] = DEFAULT_WALL_THICKNESS
         notes.append(
-            f"The bladder's wall was not given: {DEFAULT_WALL_THICKNESS * 1e3:.4g} mm is assumed "
-            "(--specimen wall_thickness_mm=...). E_n scales nearly "
-            "inversely with it; the force does not change."
+            Sentence(
+                "The bladder's wall was not given: ",
+                Quantity(DEFAULT_WALL_THICKNESS, "length"),
+                " is assumed (--specimen wall_thickness_mm=...). E_n scales nearly inversely with it; "
+                "the force does not change.",
+            )
         )
     if "nominal_diameter" not in fields:
         notes.append(
-            "The nominal diameter was not given: the braid diameter is sought between 3 and 80 mm "
-            "(--specimen nominal_diameter_mm=...), and may not be that of a muscle on sale."
+            Sentence(
+                "The nominal diameter was not given: the braid diameter is sought between ",
+                Quantity(3e-3, "length", 3),
+                " and ",
+                Quantity(80e-3, "length", 3),
+                " (--specimen nominal_diameter_mm=...), and may not be that of a muscle on sale.",
+            )
         )
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True

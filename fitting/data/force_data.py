@@ -67,7 +67,8 @@ class Specimen:
         if 2 * self.wall_thickness >= widest:
             raise InputError(
                 f"a wall of {self.wall_thickness * 1e3:.4g} mm does not fit twice into a bladder "
-                f"of {widest * 1e3:.4g} mm: check the units"
+                f"of {widest * 1e3:.4g} mm: one of the two is wrong; check wall_thickness and "
+                "nominal_diameter or bladder_diameter, and their units"
             )
         if self.embedded and self.bladder_diameter is not None:
             raise InputError(
@@ -95,6 +96,7 @@ class ForceData:
             or None.
         source: where the numbers come from.
         notes: assumptions made when reading, for the report.
+        assumed: fields of the specimen that were not given but assumed, for the verdict.
         units: of the columns of the file by quantity, where there was one; the numbers are SI.
         force_limit: largest force [N] that the load cell reads, or None where it never was at it.
         pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
@@ -110,6 +112,7 @@ class ForceData:
     length_std: np.ndarray | None = None
     source: str = "arrays"
     notes: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     pressure_tolerance: float | None = None
     length_tolerance: float | None = None

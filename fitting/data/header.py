@@ -1,9 +1,11 @@
 """The header of a force map: which quantity each column holds, and in which unit."""
 
 import dataclasses
+import re
 from collections.abc import Sequence
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.near import meant
 from famjax.boundary.units import UNITS, factor, si_unit
 
 from .force_data import COLUMNS
@@ -17,6 +19,9 @@ _CONTRACTIONS = {
 """Columns that stand for the length."""
 
 _REQUIRED = ("force", "pressure", "length")
+_BRACKETED = re.compile(r"\s*([A-Za-z][A-Za-z _]*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]]|\s(\S+))\s*")
+"""A quantity, then its unit in brackets or after a space."""
+
 _LONGEST = 40  # characters of a cell in a message
 
 
@@ -36,7 +41,7 @@ class Column:
 
 
 def columns_of(header: Sequence[str]) -> list[Column]:
-    """The columns of a header.
+    """The columns of a header: a quantity and its unit, as in `force_N`, `Force [N]` or `Force (N)`.
 
     Raises:
         InputError: a column that is not known, has no unit or is there twice, or one that is not
@@ -73,14 +78,48 @@ def columns_of(header: Sequence[str]) -> list[Column]:
     return columns
 
 
-def _column(name: str) -> Column:
+def _plain(name: str) -> str:
+    """A column's name as this program writes it, from one with its unit in brackets or after a space.
+
+    In any case: `Pressure (psi)`, `Force [N]`, `Length mm`. What is not of this form stays.
+
+    >>> [_plain(one) for one in ("Pressure (PSI)", "Force [N]", "Contraction [%]", "Force")]
+    ['pressure_psi', 'force_N', 'contraction_%', 'Force']
+    """
+    match = _BRACKETED.fullmatch(name)
+    if match is None:
+        stem, _, unit = name.rpartition("_")
+    else:
+        stem, unit = match[1], match[2] or match[3] or ""
+    quantity = "_".join(stem.lower().split())
+    if quantity in {"contraction", "contraction_std"}:
+        return quantity if unit in {"", "-"} else f"{quantity}_{unit.lower()}"
+    if quantity not in COLUMNS:
+        return name
+    return f"{quantity}_{_unit(unit, COLUMNS[quantity])}"
+
+
+def _unit(text: str, kind: str) -> str:
+    """A unit in any case; m and M are of different size, and are not taken for one another."""
+    if text in UNITS[kind]:
+        return text
+    alike = [
+        one for one in UNITS[kind]
+        if one.lower() == text.lower() and (one[0] == text[0] or text[0] not in "mM")
+    ]  # fmt: skip
+    return alike[0] if len(alike) == 1 else text
+
+
+def _column(given: str) -> Column:
+    name = _plain(given)
     if name in _CONTRACTIONS:
         return Column(*_CONTRACTIONS[name])
     quantity, _, unit = name.rpartition("_")
-    if name in COLUMNS:
+    if name.lower() in COLUMNS:
+        plain = name.lower()
         raise InputError(
-            f"column {name!r} has no unit; write for example "
-            + " or ".join(f"{name}_{unit}" for unit in UNITS[COLUMNS[name]])
+            f"column {given!r} has no unit; write for example "
+            + " or ".join(f"{plain}_{unit}" for unit in UNITS[COLUMNS[plain]])
         )
     if quantity in {"contraction", "contraction_std"}:
         raise InputError(
@@ -91,17 +130,23 @@ def _column(name: str) -> Column:
     if quantity not in COLUMNS:
         known = ", ".join(f"{key}_{si_unit(kind)}" for key, kind in COLUMNS.items())
         raise InputError(
-            f"unknown column {quoted(name)}; known are, with any unit: {known}; and contraction "
-            "or contraction_% in place of the length"
+            f"unknown column {quoted(given)}; known are, with any unit: {known}; and contraction "
+            f"or contraction_% in place of the length{_meant(name)}"
         )
     kind = COLUMNS[quantity]
     if unit not in UNITS[kind]:
         gauge = ", gauge" if kind == "pressure" else ""
         raise InputError(
-            f"column {quoted(name)} has the unknown unit {quoted(unit)}; known units of {kind} "
-            f"are: {', '.join(UNITS[kind])}{gauge}"
+            f"column {quoted(given)} has the unknown unit {quoted(unit)}; known units of {kind} "
+            f"are: {', '.join(UNITS[kind])}{gauge}{meant(unit, UNITS[kind])}"
         )
     return Column(quantity, factor(unit, kind), unit)
+
+
+def _meant(name: str) -> str:
+    """The nearest column of any unit."""
+    known = [f"{key}_{unit}" for key, kind in COLUMNS.items() for unit in UNITS[kind]]
+    return meant("_".join(re.split(r"[\s()\[\]_]+", name.strip(" )]"))), [*known, *_CONTRACTIONS])
 
 
 def quoted(text: str) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.sentence import Quantity, Sentence
 
 _CLEAR = 8.0  # times wider is the narrowest gap between levels than the widest one within
 _WITHIN = 0.02  # of the whole range: the widest gap within a level that is taken without asking
@@ -77,9 +78,10 @@ def levels_of(values: Float[np.ndarray, " n"], what: str, tolerance: float | Non
     told = ""
     if tolerance > 0 and count.size < distinct.size:
         how = "given" if given else "found from the gaps between them"
-        told = (
-            f"Readings whose {what}s are less than {_shown(tolerance, what)} apart count as one "
-            f"{what} ({how}): {distinct.size} values on {count.size} levels."
+        told = Sentence(
+            f"Readings whose {what}s are less than ",
+            Quantity(tolerance, what),
+            f" apart count as one {what} ({how}): {distinct.size} values on {count.size} levels.",
         )
     elif count.size > max(2, _FRACTION * values.size):
         told = (
@@ -104,4 +106,4 @@ def _found(distinct: Float[np.ndarray, " k"], readings: int) -> float:
 
 
 def _shown(value: float, what: str) -> str:
-    return f"{value / 1e3:.4g} kPa" if what == "pressure" else f"{value * 1e3:.4g} mm"
+    return Quantity(value, what).told("metric")

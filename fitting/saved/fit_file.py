@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 import famjax
 from famjax.boundary.origin import Origin
+from famjax.boundary.sentence import told_in
 from famjax.boundary.units import from_si, si_unit, unit_system
 from famjax.cards import muscle_as_dict
 
@@ -60,7 +61,8 @@ def summary_as_dict(
     fixed = result.node_pressures is None
     return {
         "verdict": judged.level,
-        "reasons": list(judged.reasons),
+        "reasons": [str(told_in(one, system)) for one in judged.reasons],
+        "unchecked": str(told_in(judged.unchecked, system)) or None,
         "suspicions": [one.cause for one in judged.suspicions],
         "choice": None if choice is None else choice_as_dict(choice),
         "rmse_N": finite_or_none(errors.rmse),
@@ -96,7 +98,10 @@ def summary_as_dict(
         "box": result.box,
         "active_constraints": list(result.active_constraints),
         "converged": result.converged,
-        "warnings": [*result.warnings, *evidence_warnings(evidence or Evidence(), result)],
+        "warnings": [
+            str(told_in(one, system))
+            for one in (*result.warnings, *evidence_warnings(evidence or Evidence(), result))
+        ],
         **evidence_as_dict(evidence or Evidence()),
     }
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 import famjax
+from famjax.boundary.sentence import Quantity, Sentence
 from famjax.geometries import braid_limits
 
 from .saved_fit import SavedFit
@@ -45,22 +46,25 @@ class Reach:
         rounding, none = 1e-12 * self.rest_length, answer is None
         reasons = (
             (none and length >= self.thread_length,
-             f"the length is beyond the thread's, {_mm(self.thread_length)}"),
+             Sentence("the length is beyond the thread's, ", _of(self.thread_length))),
             (length < self.lock,
-             f"the length is below the braid's lock at the neutral angle, {_mm(self.lock)}"),
+             Sentence("the length is below the braid's lock at the neutral angle, ", _of(self.lock))),
             (not low - rounding <= length <= high + rounding,
-             f"the length is beyond the measured {_mm(low)} to {_mm(high)}"),
+             Sentence("the length is beyond the measured ", _of(low), " to ", _of(high))),
             (not shortest <= self.rest_length <= longest,
-             f"the rest length is beyond the specimens' {_mm(shortest)} to {_mm(longest)}"),
+             Sentence(
+                 "the rest length is beyond the specimens' ", _of(shortest), " to ", _of(longest))),
             (none, "there the muscle has neither a force nor an onset"),
             (not lowest <= pressure <= highest,
-             f"the pressure is beyond the measured {lowest / 1e3:.4g} to {highest / 1e3:.4g} kPa"),
+             Sentence(
+                 "the pressure is beyond the measured ", _of(lowest, "pressure"), " to ",
+                 _of(highest, "pressure"))),
         )  # fmt: skip
         return next((reason for holds, reason in reasons if holds), None)
 
 
-def _mm(length: float) -> str:
-    return f"{length * 1e3:.4g} mm"
+def _of(value: float, kind: str = "length") -> Quantity:
+    return Quantity(value, kind)
 
 
 def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:

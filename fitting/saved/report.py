@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from famjax.boundary.files import as_png, write_all
 from famjax.boundary.origin import Origin
+from famjax.boundary.sentence import Quantity, told_in
 from famjax.boundary.units import from_si, unit_system
 
 from ..choice.choose import Choice
@@ -23,16 +24,24 @@ from .page import PageTable, inline_svg, page, svg_file
 from .report_tables import correlation_tables, specimen_table
 
 
-def verdict(result: Identification, judgement: Judgement | None = None) -> str:
-    """One sentence or two: whether the fit may be trusted, the gravest reason first, and what it is."""
+def verdict(
+    result: Identification, judgement: Judgement | None = None, system: str = "metric"
+) -> str:
+    """A few sentences: whether the fit may be trusted, the gravest reason first, and what it is.
+
+    And what could not be checked, as the specimen's description does not say it.
+    """
     errors, margin = result.errors, result.certificate.stability_margin
     judged = judge(result) if judgement is None else judgement
     fit = (
-        f"RMSE {errors.rmse:.3g} N, {errors.rmse_percent:.2g} % of the largest force, over "
-        f"{errors.n_points} readings."
+        f"RMSE {Quantity(errors.rmse, 'force', 3).told(system)}, {errors.rmse_percent:.2g} % of the "
+        f"largest force, over {errors.n_points} readings."
     )
+    if judged.unchecked:
+        fit = f"{fit} {told_in(judged.unchecked, system)}"
     told = judged.level.capitalize()
-    told = f"{told}: {judged.reasons[0]} {fit}" if judged.reasons else f"{told}. {fit}"
+    reasons = [told_in(one, system) for one in judged.reasons]
+    told = f"{told}: {reasons[0]} {fit}" if reasons else f"{told}. {fit}"
     if not result.converged:
         return f"NOT converged. {told}"
     if not judged.passed:
@@ -40,10 +49,10 @@ def verdict(result: Identification, judgement: Judgement | None = None) -> str:
     # A margin at rounding level is that of an active constraint.
     stable = margin >= -1e-9 * float(np.abs(result.coefficients).max())
     law = "Drucker-stable" if stable else "NOT Drucker-stable"
+    stress = Quantity(margin, "stress", 3).told(system)
     return (
-        f"{told} The law is {law} on the whole actuation path (margin "
-        f"{margin / 1e6:.3g} MPa), and its coefficients are globally optimal for this geometry "
-        f"(KKT residual {result.certificate.kkt_residual:.0e})."
+        f"{told} The law is {law} on the whole actuation path (margin {stress}), and its coefficients "
+        f"are globally optimal for this geometry (KKT residual {result.certificate.kkt_residual:.0e})."
     )
 
 
@@ -68,6 +77,7 @@ def notes(
     evidence: Evidence | None = None,
     choice: Choice | None = None,
     judgement: Judgement | None = None,
+    system: str = "metric",
 ) -> tuple[str, ...]:
     """All that a reader must know besides the verdict.
 
@@ -76,13 +86,14 @@ def notes(
     """
     judged = judge(result) if judgement is None else judgement
     error = (evidence or Evidence()).error
-    return (
+    found = (
         *(() if choice is None else (choice.clear, *choice.dropped)),
         *judged.reasons[1:],
         *result.warnings,
         *evidence_warnings(evidence or Evidence(), result),
         *(() if error is None else (f"Bands of predictions, 95 %, are of {error.covers}.",)),
     )
+    return tuple(told_in(one, system) for one in found)
 
 
 def _parameter_table(result: Identification, system: str) -> Table:
@@ -136,7 +147,8 @@ def _certificate_table(result: Identification, system: str) -> Table:
         *([] if math.isnan(certificate.slope_margin) else [
             ("smallest tangent modulus on the strain range", stress(certificate.slope_margin))]),
         ("largest strain used", f"{result.strain_range:.4g}"),
-        ("active constraints", "; ".join(result.active_constraints) or "none"),
+        ("active constraints",
+         "; ".join(told_in(one, system) for one in result.active_constraints) or "none"),
         ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
         ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
         ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),
@@ -168,8 +180,8 @@ def html_report(
         "report.html",
         name=result.data.specimen.name,
         good=judged.passed,
-        verdict=verdict(result, judged),
-        warnings=notes(result, evidence, choice, judged),
+        verdict=verdict(result, judged, system),
+        warnings=notes(result, evidence, choice, judged, system),
         figure=inline_svg(svg_file(drawn), "fit", "isobars, residuals and the bladder's law"),
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
         origin=origin,

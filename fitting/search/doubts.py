@@ -4,6 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from famjax.boundary.sentence import Quantity, Sentence
+
 from ..engine.covariance import CONDITION_LIMIT, Covariance
 from .multi_start import FEASIBLE
 from .result import Identification
@@ -64,15 +66,22 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
         )
     if not result.certificate.stability_margin >= -FEASIBLE * np.abs(result.coefficients).max():
         found.append(
-            f"The law is NOT Drucker-stable on the actuation path (margin "
-            f"{result.certificate.stability_margin / 1e6:.4g} MPa): do not extrapolate or simulate "
-            "with it; --constraint drucker gives the best stable law."
+            Sentence(
+                "The law is NOT Drucker-stable on the actuation path (margin ",
+                Quantity(result.certificate.stability_margin, "stress"),
+                "): do not extrapolate or simulate with it; --constraint drucker gives the best stable "
+                "law.",
+            )
         )
     errors = result.errors
     if errors.max_slack_force > 2 * errors.rmse:
         found.append(
-            f"The model pulls at {errors.slack_violations} of {errors.n_slack} slack readings, by "
-            f"up to {errors.max_slack_force:.3g} N."
+            Sentence(
+                f"The model pulls at {errors.slack_violations} of {errors.n_slack} slack readings, by "
+                "up to ",
+                Quantity(errors.max_slack_force, "force", 3),
+                ".",
+            )
         )
     if result.certificate.n_agreeing < 2 < result.certificate.n_starts:
         found.append("Only one start reached the best objective: try more (--starts).")

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.sentence import Quantity, Sentence
 
 from ..convex.status import Status
 from ..data.force_data import ForceData
@@ -176,7 +177,7 @@ def _active_sentences(found: Optimal) -> tuple[str, ...]:
         for row in active[(active >= first) & (active < first + places.size)]:
             place = int(places[row - first])
             if positive and side == "lower" and limits[place] == 0:
-                sentences.append(f"{problem.linear[place]} = 0{_at_node(found, place)}")
+                sentences.append(Sentence(f"{problem.linear[place]} = 0", _at_node(found, place)))
             else:
                 sentences.append(f"{problem.linear[place]} at its {side} bound")
         first += places.size
@@ -189,17 +190,17 @@ def _path_sentence(found: Optimal, place: int, row: int) -> str:
     path, station = divmod(row, part.inputs.stations.shape[1])
     at = ""
     if part.coefficients.size > found.order:
-        at = f" at {part.inputs.path_pressure[path] / 1e3:.4g} kPa"
+        at = Sentence(" at ", Quantity(part.inputs.path_pressure[path], "pressure"))
     share = float(part.inputs.stations[path, station])
     if problem.constraint == "slope":
-        return f"tangent modulus 0 at {share:.1%} of the strain range{at}"
+        return Sentence(f"tangent modulus 0 at {share:.1%} of the strain range", at)
     aside = found.point.linear[place].aside
     contraction = share * (1 - float(aside.path_end[path] / aside.rest))
-    return f"Drucker modulus 0 at contraction {contraction:.4f}{at}"
+    return Sentence(f"Drucker modulus 0 at contraction {contraction:.4f}", at)
 
 
 def _at_node(found: Optimal, place: int) -> str:
     part = found.problem.parts[0]
     if part.coefficients.size == found.order:
         return ""
-    return f" at {part.family.nodes[place // found.order] / 1e3:.4g} kPa"
+    return Sentence(" at ", Quantity(part.family.nodes[place // found.order], "pressure"))

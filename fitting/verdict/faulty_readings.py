@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from famjax.boundary.sentence import Quantity, Sentence
+
 from ..choice.nested import without
 from ..data.force_data import ForceData
 from .trial import Trial, attempt, richest
@@ -100,7 +102,13 @@ def one_length_off(data: ForceData) -> Told | None:
         misfit = float(np.sqrt(total / mine.size)) / data.max_force
         if abs(offset) < reach and (best is None or misfit < best[1]):
             best = (
-                f"the length {one * 1e3:.4g} mm is {(one + offset) * 1e3:.4g} mm, off by a constant",
+                Sentence(
+                    "the length ",
+                    Quantity(one, "length"),
+                    " is ",
+                    Quantity(one + offset, "length"),
+                    ", off by a constant",
+                ),
                 misfit,
             )
     return best

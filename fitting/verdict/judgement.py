@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from famjax.boundary.sentence import Quantity, Sentence
+
 from ..engine.covariance import CONDITION_LIMIT
 from ..evidence.left_out import LeftOut
 from ..search.result import Identification
@@ -35,11 +37,14 @@ class Judgement:
         level: the verdict.
         reasons: sentences, the gravest first; empty for "identified".
         suspicions: what in the data would explain a misfit.
+        unchecked: a sentence on what could not be checked, as it is not known of the specimen; "" where
+            all is known. A fit with an unknown rest length is not above doubt.
     """
 
     level: Level
     reasons: tuple[str, ...]
     suspicions: tuple[Suspicion, ...] = ()
+    unchecked: str = ""
 
     @property
     def passed(self) -> bool:
@@ -79,26 +84,56 @@ def judge(
     pulled = errors.max_slack_force
     if pulled > _PULL * errors.max_force:
         grave.append(
-            f"The model pulls with up to {pulled:.3g} N at {errors.slack_violations} of "
-            f"{errors.n_slack} readings that are slack."
+            Sentence(
+                "The model pulls with up to ",
+                Quantity(pulled, "force", 3),
+                f" at {errors.slack_violations} of {errors.n_slack} readings that are slack.",
+            )
         )
     elif pulled > max(2 * errors.rmse, _TOLD / 100 * errors.max_force):
         doubts.append(
-            f"The model pulls with up to {pulled:.3g} N at slack readings, more than twice its error."
+            Sentence(
+                "The model pulls with up to ",
+                Quantity(pulled, "force", 3),
+                " at slack readings, more than twice its error.",
+            )
         )
     doubts += [*_of_bounds(result), *_of_residuals(result, misfit), *_of_ridges(result)]
     for kind, one in (left_out or {}).items():
         percent = 100 * one.rmse / errors.max_force
         if one.rmse > _LEFT_OUT * errors.rmse and percent > _LEFT_OUT_POOR:
             doubts.append(
-                f"A {kind} that is left out is missed by {one.rmse:.3g} N ({percent:.2g} % of the "
-                f"largest force), {one.rmse / errors.rmse:.2g} times the error in sample: the "
-                f"{kind}s do not agree with one another, or the model is too rich for them."
+                Sentence(
+                    f"A {kind} that is left out is missed by ",
+                    Quantity(one.rmse, "force", 3),
+                    f" ({percent:.2g} % of the largest force), {one.rmse / errors.rmse:.2g} times the "
+                    f"error in sample: the {kind}s do not agree with one another, or the model is too "
+                    "rich for them.",
+                )
             )
     if grave:
-        return Judgement("not identified", (*grave, *doubts), tuple(suspicions))
-    level = "identified with doubts" if doubts else "identified"
-    return Judgement(level, tuple(doubts), tuple(suspicions))
+        return Judgement("not identified", (*grave, *doubts), tuple(suspicions), _unchecked(result))
+    unsure = doubts or "rest_length" in result.data.assumed
+    level = "identified with doubts" if unsure else "identified"
+    return Judgement(level, tuple(doubts), tuple(suspicions), _unchecked(result))
+
+
+_CHECKS = {
+    "rest_length": "the rest length (taken from the longest reading, which a fit follows)",
+    "nominal_diameter": "the bore (so that a wrong unit of force or pressure may pass for another size)",
+    "wall_thickness": "the wall (to which the coefficients, not the force, are inverse)",
+    "bladder_diameter": "where the braid runs (taken to be inside the wall)",
+}
+"""What an assumed value of the specimen leaves open, the gravest first."""
+
+
+def _unchecked(result: Identification) -> str:
+    """What the description of the specimen leaves open."""
+    left = [told for name, told in _CHECKS.items() if name in result.data.assumed]
+    if not left:
+        return ""
+    listed = ", ".join(left[:-1]) + " and " * (len(left) > 1) + left[-1]
+    return f"Not checked, as it is not said of the specimen: {listed}."
 
 
 def _judge_outliers(kept: np.ndarray, grave: list[str], doubts: list[str]) -> None:

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.sentence import Quantity, Sentence
 
 from ..choice.ladder import Candidate
 from ..data.force_data import ForceData
-from .suspicion import GOOD, Suspicion, named
+from .suspicion import FAR_BETTER, GOOD, Suspicion, named
 from .trial import Trial, attempt, misfit, richest
 
 ATMOSPHERE = 101.3e3
@@ -23,6 +24,10 @@ _APART = 1.3
 _STEEP = 40.0  # loss of force per contraction, in parts of the force: 3 to 10 for a muscle
 _PUSH = 0.03  # of the largest force: no slack muscle pushes so hard
 _RICH_LAW = "cubic"  # takes up most of what a wrong pressure does
+_RESTS = (1.0, 0.98, 1.03)  # of the longest loaded length, at which most tests begin
+_AS_LIKELY = 2.0  # times the least misfit: the first of these
+_SAME_REST = 0.01
+_WRONG_REST = 0.03  # misfit from which nothing is identified
 _TOLERATED = 0.04  # misfit of data that were far worse
 
 
@@ -35,10 +40,21 @@ def wall_share(data: ForceData) -> float:
 def thick_wall(data: ForceData) -> Iterator[Suspicion]:
     """A wall that is a third of the bore; the force hardly depends on it, so no misfit shows it."""
     if wall_share(data) > _THICK:
+        bore = data.specimen.nominal_diameter
+        what, key = (
+            ("the bore", "nominal_diameter") if bore else ("the bladder", "bladder_diameter")
+        )
+        across = bore or data.specimen.bladder_diameter or 0.0
         yield Suspicion(
-            "the wall is too thick",
-            f"The wall of {data.specimen.wall_thickness * 1e3:.4g} mm is {wall_share(data):.0%} of the "
-            "bore, and leaves no room for a bladder that strains: check wall_thickness and its unit.",
+            "the wall is too thick, or the diameter too small",
+            Sentence(
+                "The wall of ",
+                Quantity(data.specimen.wall_thickness, "length"),
+                f" is {wall_share(data):.0%} of {what} of ",
+                Quantity(across, "length"),
+                ", and leaves no room for a bladder that strains: one of the two is wrong; check "
+                f"wall_thickness and {key}, and their units.",
+            ),
             0.0,
         )
 
@@ -123,9 +139,12 @@ def signs(data: ForceData, least: float, candidate: Candidate | None) -> Iterato
     if better < _TOLERATED and (better < 1.5 * least or better < GOOD):
         yield Suspicion(
             "forces have the wrong sign",
-            f"{int(negative.sum())} readings are negative by up to {-float(data.force.min()):.4g} N, "
-            "and a muscle does not push: with the sign of a pull they fit, with a misfit of "
-            f"{better:.2%} of the largest force in all. Check the sign of the force.",
+            Sentence(
+                f"{int(negative.sum())} readings are negative by up to ",
+                Quantity(-float(data.force.min()), "force"),
+                ", and a muscle does not push: with the sign of a pull they fit, with a misfit of "
+                f"{better:.2%} of the largest force in all. Check the sign of the force.",
+            ),
             better,
         )
 
@@ -154,3 +173,22 @@ def absolute(
         if then.misfit < _TOLERATED and then.misfit < max(_AS_GOOD * least, _FINE):
             yield named("the pressures are absolute, not gauge", least, then.misfit)
             return
+
+
+def wrong_rest_length(data: ForceData, least: float) -> Iterator[Suspicion]:
+    """A rest length that is not the muscle's: one beside the longest loaded length fits far better."""
+    given, longest = data.specimen.rest_length, float(data.length[data.loaded].max())
+    found: list[tuple[float, float]] = []
+    for rest in longest * np.array(_RESTS):
+        if abs(rest / given - 1) < _SAME_REST:
+            continue
+        specimen = dataclasses.replace(data.specimen, rest_length=float(rest))
+        found.append((misfit(dataclasses.replace(data, specimen=specimen)), float(rest)))
+    least_of_all = min((one for one, _ in found), default=np.inf)
+    alike = (one for one in found if one[0] <= _AS_LIKELY * least_of_all)
+    better, rest = next(alike, (np.inf, 0.0))
+    if better * FAR_BETTER < least and better < GOOD:
+        cause = Sentence(
+            "the rest length is ", Quantity(rest, "length", 3), " or so, not ", Quantity(given, "length")
+        )  # fmt: skip
+        yield named(cause, least, better, grave=least > _WRONG_REST)

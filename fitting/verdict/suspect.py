@@ -21,6 +21,7 @@ from .plain_faults import (
     steepness,
     swapped,
     thick_wall,
+    wrong_rest_length,
 )
 from .scales import wrong_scales
 from .suspicion import FAR_BETTER, GOOD, Suspicion, counted, named
@@ -103,6 +104,8 @@ def suspect(
     stopped = stopped_above(result, "deadband_pressure")
     found += absolute(data, here, least, candidate, stopped=stopped)
     found += small_contraction(data, least)
+    if not found and least > _DOUBTFUL:
+        found += wrong_rest_length(data, least)
     if not found:
         found += swapped(data, least, candidate)
     if not found and (least > GOOD or here is None or here.corner or cornered(result)):

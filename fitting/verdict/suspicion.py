@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool
 
+from famjax.boundary.sentence import Sentence
+
 from ..search.result import Identification
 
 _COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
@@ -44,8 +46,12 @@ def named(cause: str, here: float, better: float, *, grave: bool = True) -> Susp
     """
     return Suspicion(
         cause,
-        f"The data look wrong. It seems that {cause}: read so, the misfit is {100 * better:.2g} % of "
-        f"the largest force; as the file stands, it is {100 * here:.2g} %.",
+        Sentence(
+            "The data look wrong. It seems that ",
+            cause,
+            f": read so, the misfit is {100 * better:.2g} % of the largest force; as the file stands, "
+            f"it is {100 * here:.2g} %.",
+        ),
         better,
         grave,
     )

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.sentence import Quantity, Sentence
 
 from ..data.force_data import ForceData
 from .faulty_readings import ONE_MUSCLE, Told, errors_of, kept_only, levels_in, thinned
@@ -36,13 +37,20 @@ def two_muscles(data: ForceData) -> Told | None:
     lengths, place = levels_in(data)
     if np.intersect1d(place[first], place[~first]).size:
         number = int(np.flatnonzero(data.loaded)[~first].min()) + 1
-        where = f"the second of them at reading {number}"
+        where = [f"the second of them at reading {number}"]
     else:
-        where = "one at " + " and one at ".join(
-            ", ".join(f"{one * 1e3:.4g}" for one in lengths[np.unique(place[of])]) + " mm"
-            for of in (first, ~first)
-        )
-    return f"there are two muscles in the file, {where}", misfit
+        where = [
+            *("one at ", *_listed(lengths[np.unique(place[first])])),
+            *(" and one at ", *_listed(lengths[np.unique(place[~first])])),
+        ]
+    return Sentence("there are two muscles in the file, ", *where), misfit
+
+
+def _listed(lengths: Float[np.ndarray, " k"]) -> list[str | Quantity]:
+    parts: list[str | Quantity] = []
+    for one in lengths:
+        parts += [", " if parts else "", Quantity(one, "length")]
+    return parts
 
 
 def _misfit(data: ForceData, first: Mask) -> float | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.sentence import retold
 from fitting.saved import PageTable
 
 CHECKS = "checks.json"
@@ -145,10 +146,13 @@ def warnings_of(place: Path) -> list[str]:
     return [f"warning: {one.sentence()}" for one in read_checks(place) if one.verdict != AGREES]
 
 
-def checks_table(places: Sequence[Path]) -> list[PageTable]:
-    """The checks of several steps as a table of the report; none without checks."""
+def checks_table(places: Sequence[Path], system: str = "metric") -> list[PageTable]:
+    """The checks of several steps as a table of the report, in a unit system; none without checks."""
     checks = [one for place in places for one in read_checks(place)]
-    rows = [(one.what, one.range, one.value, one.verdict) for one in checks]
+    rows = [
+        (one.what, retold(one.range, system), retold(one.value, system), one.verdict)
+        for one in checks
+    ]
     title = "What two sources say of one thing, and what it must be by their standard errors."
     header = ("what", "expected", "found", "verdict")
     return [PageTable(title, header, rows, text=True)] if rows else []

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..loading import load_fitting
+from ..loading import load_fitting, warn_unidentified
 from ..options.whole_numbers import Seed
 
 
@@ -50,6 +50,7 @@ def card(
     found = card_of(
         load_fit(fit_json), name=name, count=sample, seed=seed, origin=Origin.of_this_command()
     )
+    warn_unidentified(fit_json, found.provenance.verdict, found.provenance.reasons)
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
     if json_:
         print(json.dumps(json.loads(path.read_text(encoding="utf-8")), allow_nan=False))

@@ -1,12 +1,13 @@
 """`famjax export`."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..loading import load_fitting
+from ..loading import load_fitting, warn_unidentified
 
 Name = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]
 
@@ -17,6 +18,7 @@ def export(
     to: Annotated[tuple[Name, ...], Parameter(negative=())],
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("exported"),
     length: str | None = None,
+    tendon_offset: str | None = None,
 ) -> int:
     """Write a muscle as C, tables, MATLAB functions, or for a simulator.
 
@@ -40,13 +42,16 @@ def export(
     Parameters
     ----------
     muscle
-        A card of `famjax card`, a `fit.json` of `famjax fit`, or dmsp-10 or dmsp-20.
+        A card of `famjax card`, a `fit.json` of `famjax fit`, or a bundled muscle, DMSP-10 or DMSP-20.
     to
         A target; can be given several times.
     output
         Folder of the files.
     length
         Rest length to which the muscle is cut, with its unit, such as 300mm.
+    tendon_offset
+        For mujoco and mjx: the tendon is of `fixed` type, which has no length at joint 0, and the muscle
+        has this length there, such as 275mm. A `spatial` tendon as long as the muscle unless given.
     """
     load_fitting()
     from famjax.boundary.units import parse_quantity
@@ -54,6 +59,12 @@ def export(
 
     cut = None if length is None else parse_quantity(length, "length")
     subject = _subject(muscle, cut)
+    if tendon_offset is not None:
+        offset = parse_quantity(tendon_offset, "length")
+        subject = dataclasses.replace(subject, tendon_offset=offset)
+    if subject.card is not None:
+        made = subject.card.provenance
+        warn_unidentified(muscle, made.verdict, made.reasons)
     for path in export_to(subject, to, output):
         print(f"written: {path}")
     return 0

@@ -124,13 +124,6 @@ def fit(
 
     Error:
         A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
-        `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names with a unit:
-        rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero;
-        parts of the reading: pressure_reading, force_reading, shortening, as in
-        `pressure_reading=0.0025`.
-
-    Error:
-        A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
         `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names: rest_length,
         wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero (with a unit);
         pressure_reading, force_reading and shortening are parts of the reading: `pressure_reading=0.0025`.
@@ -239,6 +232,6 @@ def _print_fit(steps: "Steps", units: str, evidence: "Evidence") -> None:
         print_table(title, header, rows)
     console = Console(highlight=False)
     console.print()
-    for warning in notes(result, evidence, steps.choice, steps.judgement):
+    for warning in notes(result, evidence, steps.choice, steps.judgement, units):
         console.print(f"note: {warning}", markup=False)
-    console.print(verdict(result, steps.judgement), style="bold", markup=False)
+    console.print(verdict(result, steps.judgement, units), style="bold", markup=False)

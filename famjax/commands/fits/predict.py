@@ -3,17 +3,21 @@
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..loading import load_fitting
+from ..loading import load_fitting, warn_unidentified
 from ..terminal import print_rows
 from .hysteresis import print_history
+from .predict_card import is_card, predict_by_card
+
+if TYPE_CHECKING:
+    from fitting.saved import SavedFit
 
 
 def predict(
-    fit_json: Path,
+    muscle: str,
     *,
     length: tuple[str, ...] = (),
     pressure: tuple[str, ...] = (),
@@ -29,8 +33,10 @@ def predict(
 
     Parameters
     ----------
-    fit_json
-        A `fit.json` that `famjax fit` has written.
+    muscle
+        A `fit.json` that `famjax fit` has written, a card of `famjax card`, or a bundled muscle, DMSP-10
+        or DMSP-20. A card and a bundled muscle answer lengths with pressures and --onset, without
+        error bands.
     length
         Active lengths with their unit, repeatable or separated by commas: `--length 270mm,250mm`.
     pressure
@@ -62,8 +68,11 @@ def predict(
     from famjax.commands.options.answers import answer_units, in_units
 
     sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
-    saved = fitting.load_fit(fit_json)
-    _warn(saved.document, fit_json)
+    if history is None and is_card(muscle):
+        others = {"--force": force, "--rest-length": rest_length, "--length-std": length_std}
+        return predict_by_card(muscle, length, pressure, units, others, onset=onset, as_json=json_)
+    saved = fitting.load_fit(muscle)
+    warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
     if history is not None:
         return print_history(
             saved, history, as_json=json_,
@@ -86,7 +95,7 @@ def predict(
         if json_:
             print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
             return 0
-        _print_rows("Pressure", in_units(rows, asked))
+        _print_rows("Pressure", in_units(rows, asked), units)
         return 0
     other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
     spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]
@@ -106,32 +115,32 @@ def predict(
     for title, of_force in (("Force", True), ("Onset", False)):
         chosen = [row for row in rows if ("slack" in row) == of_force]
         if chosen:
-            _print_rows(title, chosen)
-    if saved.document.get("series_compliance_m_per_N"):
-        print("note: force is what the rig of the fit measures, which gives way; muscle force "
-              "that of the muscle alone")  # fmt: skip
-    if other is not None and "series" not in saved.document:
-        print("note: another rest length is predicted from one specimen, so there is no error band: "
-              "it does not tell how specimens differ, nor a rig that gives way from a braid that "
-              "does (famjax series does)")  # fmt: skip
-    elif pressure and saved.error is not None and other is None:
-        print(f"note: the 95 % band is of {saved.error.covers}")
-    elif pressure and not (saved.document.get("spread") or {}).get("directions"):
-        print("note: no error band, as the fit has no standard errors")
+            _print_rows(title, chosen, units)
+    _print_notes(saved, other=other is not None, forces=bool(pressure))
     return 0
 
 
-def _print_rows(title: str, rows: list[dict]) -> None:
+def _print_rows(title: str, rows: list[dict], units: str | None) -> None:
     """A table of answers, and below it why some are not inside."""
+    from famjax.boundary.sentence import told_in
+
     print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in rows])
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {reason}")
+            print(f"- {told_in(reason, units or 'metric')}")
 
 
-def _warn(document: dict, path: Path) -> None:
-    """Say on standard error that nothing was identified, where that is so."""
-    if document.get("verdict") == "not identified":
-        reasons = document.get("reasons") or ["see its report"]
-        print(f"warning: {path} holds no identified muscle: {reasons[0]}", file=sys.stderr)
+def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
+    """What a reader must know of the answers: of another rest length, with forces among them."""
+    if saved.document.get("series_compliance_m_per_N"):
+        print("note: force is what the rig of the fit measures, which gives way; muscle force "
+              "that of the muscle alone")  # fmt: skip
+    if other and "series" not in saved.document:
+        print("note: another rest length is predicted from one specimen, so there is no error band: "
+              "it does not tell how specimens differ, nor a rig that gives way from a braid that "
+              "does (famjax series does)")  # fmt: skip
+    elif forces and saved.error is not None and not other:
+        print(f"note: the 95 % band is of {saved.error.covers}")
+    elif forces and not (saved.document.get("spread") or {}).get("directions"):
+        print("note: no error band, as the fit has no standard errors")

@@ -2,7 +2,10 @@
 
 import csv
 import hashlib
+import html
+import json
 import re
+import shutil
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -55,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _characterise(folder: Path, *options: str) -> None:
     with pytest.raises(SystemExit) as stop:
-        main(["characterise", str(folder), "--units", "metric", *options])
+        main(["characterise", str(folder), *(options or ("--units", "metric"))])
     assert not stop.value.code
 
 
@@ -63,6 +66,32 @@ def _characterise(folder: Path, *options: str) -> None:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_page_stands_on_a_screen(headless: Browser, folder: Path, width: int) -> None:
     check_page(headless, folder / "results" / "report" / "report.html", width, SECTIONS)
+
+
+@pytest.mark.slow
+def test_the_page_has_a_verdict_its_units_and_reasons_for_equal_columns(
+    folder: Path, tmp_path: Path
+) -> None:
+    own = tmp_path / "folder"
+    shutil.copytree(folder, own)
+    sheet = (own / SHEET).read_text().replace("nominal_diameter_mm = 10.0\n", "")
+    (own / SHEET).write_text(sheet)
+    _characterise(own)
+    metric = (own / "results" / "report" / "report.html").read_text()
+    assert re.search(r'<p class="verdict[^>]*>(Identified|Not identified)[^<]*Shown is the', metric)
+    values = [
+        json.loads((own / "results" / name / "figures.json").read_text())["values"]
+        for name in ("cylinder", "elastic-cylinder")
+    ]
+    same = values[1]["braid_compliance"] == 0.0
+    assert ("Cylinder and elastic cylinder are the same here" in metric) == same
+    _characterise(own, "--units", "us")
+    us = html.unescape((own / "results" / "report" / "report.html").read_text())
+    words = re.sub(
+        r"<svg.*?</svg>|<style.*?</style>|<table.*?</table>|<[^>]*>", " ", us, flags=re.S
+    )
+    assert not re.findall(r"\d (?:mm|kPa|Pa|N|J)\b", words)
+    assert "(--specimen" not in us
 
 
 @pytest.mark.slow

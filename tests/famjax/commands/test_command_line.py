@@ -228,6 +228,8 @@ def test_doctor_reports_versions_and_devices() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     for needed in (f"famjax {famjax.__version__}", "jax ", "devices: ", "float64: ", "no problems"):
         assert needed in done.stdout
+    for name in ("mujoco", "optax", "blackjax"):
+        assert f"  {name} " in done.stdout
 
 
 @pytest.fixture

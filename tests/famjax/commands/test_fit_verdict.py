@@ -103,13 +103,73 @@ def test_no_pressure_at_all(fit: Fit, sound: ForceData) -> None:
 def test_a_wall_of_nine_tenths_of_the_bore(fit: Fit, sound: ForceData) -> None:
     code, out, _, _ = fit(metric(sound), *QUICK, "--specimen", "wall_thickness_mm=9")
     assert code == 1
-    assert "Not identified: The wall of 9 mm is 90% of the bore" in " ".join(out.split())
+    told = " ".join(out.split())
+    assert "Not identified: The wall of 9 mm is 90% of the bore of 10 mm" in told
+    assert "check wall_thickness and nominal_diameter" in told
 
 
 def test_a_muscle_of_250_mm_labelled_25(fit: Fit, sound: ForceData) -> None:
     code, _, err, _ = fit(metric(sound), *QUICK, "--specimen", "rest_length_mm=25")
     assert code == 2
     assert "rest length was in cm, not mm" in " ".join(err.split())
+
+
+def test_a_wrong_rest_length_is_named_and_no_unit_is_blamed(fit: Fit, sound: ForceData) -> None:
+    code, out, _, _ = fit(metric(sound), *QUICK, "--specimen", "rest_length_mm=275")
+    told = " ".join(out.split())
+    assert code == 1
+    assert "It seems that the rest length is 250 mm or so, not 275 mm" in told
+    assert " not kPa" not in told
+    assert " not N" not in told
+
+
+@pytest.mark.parametrize("typed", ["rest_length_mm=9.8425", "rest_length_m=250"])
+def test_a_unit_of_the_rest_length_is_not_blamed_on_the_lengths(
+    fit: Fit, sound: ForceData, typed: str
+) -> None:
+    inches = csv_text(sound, "us")
+    for text in (inches, metric(sound)):
+        code, _, err, _ = fit(text, *QUICK, "--specimen", typed)
+        told = " ".join(err.split())
+        assert code == 2
+        assert "It looks as if the rest length was in " in told
+        assert "the lengths were" not in told
+
+
+def test_a_rest_length_that_is_a_little_short_is_blamed_before_a_second_muscle(
+    fit: Fit, sound: ForceData
+) -> None:
+    code, _, err, _ = fit(metric(sound), *QUICK, "--specimen", "rest_length_mm=225")
+    assert code == 2
+    told = " ".join(err.split())
+    assert "the rest length were another (the longest loaded reading has 250 mm;" in told
+
+
+def test_the_verdict_says_what_it_could_not_check(fit: Fit, sound: ForceData) -> None:
+    bare = "\n".join(one for one in metric(sound).splitlines() if not one.startswith("#")) + "\n"
+    code, out, _, folder = fit(bare, *QUICK)
+    told = " ".join(out.split())
+    assert code == 0
+    assert "Identified with doubts" in told
+    assert "Not checked, as it is not said of the specimen: the rest length" in told
+    saved = json.loads((folder / "fit.json").read_text())
+    assert "the bore" in saved["unchecked"]
+    code, out, _, folder = fit(metric(sound), *QUICK)
+    assert "Not checked" not in out
+    assert json.loads((folder / "fit.json").read_text())["unchecked"] is None
+
+
+def test_numbers_of_notes_and_verdict_follow_the_units(fit: Fit, sound: ForceData) -> None:
+    bare = "\n".join(one for one in metric(sound).splitlines() if not one.startswith("#")) + "\n"
+    code, out, _, folder = fit(bare, *QUICK, "--units", "us")
+    assert code == 0
+    told = " ".join(out.split())
+    page = (folder / "report.html").read_text()
+    assert "the longest length in the file, 9.843 in, is taken" in told
+    told = told[told.index("note:") :].replace("rest_length_mm=", "").replace("_mm=...", "")
+    for text in (told, page[page.index('<p class="verdict') : page.index("<figure")]):
+        assert " lbf, " in text
+        assert not [unit for unit in (" N,", " N.", " mm", " kPa", " MPa") if unit in text]
 
 
 def test_contractions_in_percent_are_read_and_ten_times_a_percent_is_not(

@@ -171,7 +171,7 @@ def test_codes_and_the_nearest_state(festo: famjax.Muscle) -> None:
     found = pair.pressures_for(angle, stiffness, torque)
     names = [Outcome(code).name for code in found.code.tolist()]
     assert names[:4] == ["STIFFNESS_LOW", "STIFFNESS_HIGH", "TORQUE_LOW", "TORQUE_HIGH"]
-    assert names[5:] == ["NO_STATE", "NO_STATE"]
+    assert names[5:] == ["NO_STATE", "BEYOND_ANGLES"]
     range_, torques = pair.stiffness_range(0.1), pair.torque_range(0.1)
     np.testing.assert_allclose(found.stiffness[:2], [range_.lowest, range_.highest], rtol=1e-12)
     np.testing.assert_allclose(found.torque[2:4], [torques.lowest, torques.highest], rtol=1e-12)

@@ -1,5 +1,6 @@
 """MuJoCo with the exported callback: the equilibria are ours, and a driven knee comes to rest."""
 
+import dataclasses
 import importlib.util
 import itertools
 import os
@@ -14,6 +15,7 @@ import pytest
 from export_c import compiled
 from export_knee import driven_knee
 
+from famjax.boundary.errors import InputError
 from famjax.export import CompiledPull, Subject, export, install
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
@@ -161,3 +163,34 @@ def test_callbacks_serve_several_muscles(subject: Subject, dmsp_20: Subject) -> 
         mujoco.mj_forward(model, data)
         expected = [pull.force(0.27, at) for pull, at in zip(pulls, pressures, strict=True)]
         assert -data.actuator_force == pytest.approx(np.array(expected))
+
+
+@pytest.mark.parametrize("offset", [0.25, 0.31])
+def test_a_fixed_tendon_with_an_offset_comes_to_rest_at_the_same_length(
+    offset: float, subject: Subject, tmp_path: Path
+) -> None:
+    xml, module = export(dataclasses.replace(subject, tendon_offset=offset), ["mujoco"], tmp_path)
+    assert f"OFFSET = {offset!r}" in module.read_text()
+    model = mujoco.MjModel.from_xml_path(str(xml))
+    spec = importlib.util.spec_from_file_location("exported_fixed", module)
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    made.install(model, {"test_20": made.PULL}, {"test_20": made.OFFSET})
+    data = mujoco.MjData(model)
+    assert model.wrap_type[0] == mujoco.mjtWrap.mjWRAP_JOINT
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    assert abs(data.qacc[0]) < 1e-5
+    load, pressure = 400.0, 4e5
+    model.body_mass[1] = load / 9.81
+    model.dof_damping[0] = 2 * np.sqrt(model.body_mass[1] * subject.pull.stiffness(0.27, pressure))
+    data.ctrl[0] = pressure
+    mujoco.mj_step(model, data, nstep=3000)
+    mujoco.mj_forward(model, data)
+    expected = float(subject.muscle.length_at_load(load, pressure))
+    assert data.ten_length[0] + offset == pytest.approx(expected, abs=1e-6)
+
+
+def test_an_offset_that_is_no_length_is_refused(subject: Subject) -> None:
+    with pytest.raises(InputError, match="offset of a tendon must be > 0"):
+        dataclasses.replace(subject, tendon_offset=-0.1)

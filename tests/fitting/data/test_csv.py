@@ -1,6 +1,7 @@
 """Reading force maps: units, specimen, and every way in which a file can be wrong."""
 
 import io
+import re
 from pathlib import Path
 
 import numpy as np
@@ -193,3 +194,55 @@ def test_a_map_is_read_from_a_stream() -> None:
     assert read_csv(io.StringIO(text)).force.tolist() == [50.0, 90.0, 40.0]
     with pytest.raises(InputError, match="a stream: the file is empty"):
         read_csv(io.StringIO(""))
+
+
+SPREADSHEET = [
+    "Pressure (kPa),Length (mm),Force [N]",
+    "PRESSURE [kpa],length mm,Force (n)",
+    "pressure_kPa,Length_mm,force_N",
+]
+
+
+@pytest.mark.parametrize("header", SPREADSHEET)
+def test_headers_as_a_spreadsheet_has_them(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text(f"{header}\n100,250,300\n200,250,400\n100,240,200\n")
+    data = read_csv(path)
+    assert data.pressure.tolist() == [1e5, 2e5, 1e5]
+    assert data.length.tolist() == [0.25, 0.25, 0.24]
+    assert data.units == {"pressure": "kPa", "length": "mm", "force": "N"}
+
+
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        ("Presure (psi),length_mm,force_N", "did you mean pressure_psi?"),
+        ("pressure_kPa,lenght_mm,force_N", "did you mean length_mm?"),
+        ("pressure_kPa,length_mm,Force [lbs]", "did you mean lbf?"),
+        ("pressure_mpa,length_mm,force_N", "unknown unit 'mpa'"),  # milli or mega: not guessed
+        ("pressure_kPa,Pressure (psi),length_mm,force_N", "has two columns"),
+        ("Pressure,length_mm,force_N", "has no unit"),
+    ],
+)
+def test_what_is_near_a_known_name_is_named_and_what_is_ambiguous_refused(
+    tmp_path: Path, header: str, says: str
+) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text(f"{header}\n" + "1," * header.count(",") + "1\n")
+    with pytest.raises(InputError, match=re.escape(says)):
+        read_csv(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "near"),
+    [("rest_lenght_mm", "rest_length_mm"), ("rest_length", "rest_length_m"),
+     ("nominal_diamter_in", "nominal_diameter_in"), ("embeded", "embedded")],
+)  # fmt: skip
+def test_a_misspelt_key_of_the_specimen_has_a_hint(key: str, near: str) -> None:
+    with pytest.raises(InputError, match=re.escape(f"did you mean {near}")):
+        parse_specimen([f"{key}=1"])
+
+
+def test_a_bore_that_holds_no_bladder_names_bore_and_wall() -> None:
+    with pytest.raises(InputError, match="check wall_thickness and nominal_diameter"):
+        Specimen("a", 0.25, 1.8e-3, bladder_diameter=3e-3)

@@ -120,7 +120,7 @@ def test_why_a_state_is_not_inside(factor: float) -> None:
     assert std is None
     assert "below the braid's lock at the neutral angle" in outside(0.999 * lock, 3e5)[0]
     assert outside(1.001 * lock, 3e5)[0] == "the length is beyond the measured 230 mm to 290 mm"
-    assert outside(0.27, 7e5)[0] == "the pressure is beyond the measured 0 to 600 kPa"
+    assert outside(0.27, 7e5)[0] == "the pressure is beyond the measured 0 kPa to 600 kPa"
     (onset,) = predict(fit, np.array([0.4]), np.array([]), onset=True)
     assert "beyond the thread's" in onset["outside"]
 

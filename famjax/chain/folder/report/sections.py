@@ -1,12 +1,14 @@
 """What stands on the page, and in which order."""
 
 import dataclasses
+import re
 from collections.abc import Sequence
 
 from fitting.saved import PageTable
 
-from ..cross_checks import checks_table
-from ..evaluation import PICTURES, RECORDS
+from ..cross_checks import AGREES, checks_table, read_checks
+from ..evaluation import CYLINDER, ELASTIC, PICTURES, RECORDS
+from ..sheet import SHEET
 from .bladder_charts import law_charts, strain_charts
 from .chart import Chart, Drawing
 from .error_tables import error_tables, onset_tables
@@ -16,6 +18,9 @@ from .shape_charts import shape_charts
 from .source import Source
 from .tables import failed_pictures, geometry_tables, setup_table, specimen_table, test_table
 from .uncertainty import ridge_sentences, shared_table, uncertainty_table
+
+_SAME = 1e-6  # of the RMSE
+_OPTION = re.compile(r"\(--specimen ([a-z_]+=)\.\.\.(?:, or embedded=false)?\)")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,12 +59,12 @@ def sections(source: Source) -> list[Section]:
             figures=_drawn(pressure_charts(source)),
             tables=[*onset_tables(source), *error_tables(source)],
         ),
-        Section("Geometries side by side", tables=geometry_tables(source)),
+        Section("Geometries side by side", alike(source), tables=geometry_tables(source)),
         Section(
             "Uncertainty", ridge_sentences(source),
             tables=[uncertainty_table(source), *shared_table(source)],
         ),
-        Section("Cross-checks", tables=checks_table(source.steps)),
+        Section("Cross-checks", tables=checks_table(source.steps, source.system)),
     ]  # fmt: skip
     return [one for one in found if one.text or one.figures or one.tables]
 
@@ -76,6 +81,34 @@ def summary(source: Source) -> str:
         f"{source.number(rmse, 'force', 3)} {unit} RMS, {100 * rmse / most:.2g} % of the largest, "
         f"{source.number(most, 'force', 4)} {unit}{of}."
     )
+
+
+def verdict(source: Source) -> str:
+    """Whether the fit that the page shows may be believed, the gravest reason first, and the checks."""
+    document = source.best.saved.document
+    level, reasons = document.get("verdict") or "not judged", document.get("reasons") or []
+    checks = [one for place in source.steps for one in read_checks(place)]
+    agreeing = sum(one.verdict == AGREES for one in checks)
+    return " ".join(
+        [
+            f"{level.capitalize()}{f': {reasons[0]}' if reasons else '.'}",
+            f"Shown is the {source.best.short} fit.",
+            f"{agreeing} of {len(checks)} cross-checks agree." if checks else "",
+        ]
+    ).strip()
+
+
+def alike(source: Source) -> list[str]:
+    """Why the columns of cylinder and elastic cylinder are the same, where they are."""
+    fits = [source.fits.get(name) for name in (CYLINDER, ELASTIC)]
+    known = [one.figures["rmse_N"] for one in fits if one is not None]
+    if len(known) < 2 or abs(known[0] - known[1]) > _SAME * known[0]:
+        return []
+    return [
+        "Cylinder and elastic cylinder are the same here: the stretch of the threads, braid_compliance, "
+        "was identified as 0, its lower bound, and an elastic braid that does not stretch is an "
+        "inextensible one. So the force of this test shows no stretch of the threads."
+    ]
 
 
 def unknown(source: Source) -> list[str]:
@@ -125,7 +158,9 @@ def unknown(source: Source) -> list[str]:
 def notes(source: Source) -> list[str]:
     """What a reader must know of test, shape and readings."""
     told = source.shape["told"] if source.shape else []
-    return [*source.test.get("notes", []), *told, *source.data.notes]
+    found = [*source.test.get("notes", []), *told, *source.data.notes]
+    # A force map advises an option of `famjax fit`; here the same stands in the sheet.
+    return [_OPTION.sub(rf"(\1 in [specimen] of {SHEET})", one) for one in found]
 
 
 def _test(source: Source) -> list[Drawing]:

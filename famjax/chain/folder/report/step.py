@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from famjax.boundary.files import write_all
 from famjax.boundary.origin import Origin
+from famjax.boundary.sentence import retold
 from fitting.saved import inline_svg, page
 
 from ..cached_steps import Step
@@ -17,7 +18,7 @@ from ..evaluation import REPORT, shown_pictures
 from ..sheet import SHEET, Sheet
 from .chart import Drawing
 from .provenance import input_digests, input_lines, input_table, origin_table
-from .sections import Section, notes, sections, summary, unknown
+from .sections import Section, notes, sections, summary, unknown, verdict
 from .source import read_source
 
 FIRST_RUN = "first-run.json"
@@ -56,10 +57,12 @@ def _write(sheet: Sheet, names: Sequence[str], origin: Origin, system: str, plac
     text = page(
         "characterisation.html", "famjax",
         name=sheet.specimen.name,
+        verdict=retold(verdict(source), system),
+        good=source.best.saved.document.get("verdict") != "not identified",
         summary=summary(source),
-        unknown=[*lacking, *doubts(source.steps)],
+        unknown=[retold(one, system) for one in (*lacking, *doubts(source.steps))],
         sections=[_shown(part, figures, tables) for part in (*parts, told)],
-        notes=notes(source),
+        notes=[retold(one, system) for one in notes(source)],
     )  # fmt: skip
     (place / PAGE).write_text(text, encoding="utf-8")
     (place / INPUTS).write_text(input_lines(digests), encoding="utf-8")

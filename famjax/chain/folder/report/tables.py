@@ -106,13 +106,15 @@ def test_table(source: Source) -> list[PageTable]:
             source.number(bar["largest_pressure_error_Pa"], "pressure", 2),
             source.number(bar["blocked_force_N"], "force"),
             source.number(bar["free_contraction"]),
-            source.number(bar["hysteresis_J"], digits=3),
+            source.number(bar["hysteresis_J"], "energy", digits=3),
             source.number(bar["hysteresis_ratio"], digits=2),
         )
         for bar in source.isobars
     ]
-    header = (f"set [{P}]", f"mean [{P}]", f"std [{P}]", f"largest error [{P}]",
-              f"blocked force [{N}]", "free contraction", "hysteresis [J]", "of the work")  # fmt: skip
+    header = (
+        f"set [{P}]", f"mean [{P}]", f"std [{P}]", f"largest error [{P}]", f"blocked force [{N}]",
+        "free contraction", f"hysteresis [{source.unit('energy')}]", "of the work",
+    )  # fmt: skip
     groups = (("pressure", 4), ("", 4))
     return [PageTable("What the test measured, by set pressure.", header, rows, groups)]
 

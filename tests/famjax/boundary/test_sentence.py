@@ -1,0 +1,49 @@
+"""Sentences whose quantities follow the reader's units."""
+
+import json
+import pickle
+
+import pytest
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.sentence import Quantity, Sentence, retold, told_in
+
+INNER = Sentence("the length ", Quantity(0.25, "length"))
+WHOLE = Sentence("It seems that ", INNER, " pulls ", Quantity(44.4822, "force", 3), ".")
+
+
+@pytest.mark.parametrize(
+    ("system", "told"),
+    [
+        ("metric", "It seems that the length 250 mm pulls 44.5 N."),
+        ("us", "It seems that the length 9.843 in pulls 10 lbf."),
+        ("si", "It seems that the length 0.25 m pulls 44.5 N."),
+    ],
+)
+def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, told: str) -> None:
+    assert told_in(WHOLE, system) == told
+    assert told_in(told, "us") == told  # a text has no quantities to change
+
+
+def test_as_it_stands_it_is_a_metric_text() -> None:
+    assert told_in(WHOLE, "metric") == WHOLE
+    assert json.loads(json.dumps([WHOLE])) == [WHOLE]
+    assert told_in(pickle.loads(pickle.dumps(WHOLE)), "us") == told_in(WHOLE, "us")
+    with pytest.raises(InputError, match="units must be one of"):
+        told_in(WHOLE, "imperial")
+
+
+@pytest.mark.parametrize(
+    ("text", "system", "told"),
+    [
+        ("At 137895 Pa from 0.2359 m to 0.1588 m.", "metric", "At 137.9 kPa from 235.9 mm to 158.8 mm."),
+        ("At 137895 Pa from 0.2359 m to 0.1588 m.", "us", "At 20 psi from 9.287 in to 6.252 in."),
+        ("199 shapes, 158.8 to 235.7 mm, 15.3 um", "us", "199 shapes, 6.252 to 9.28 in, 0.0006024 in"),
+        ("199 shapes, 158.8 to 235.7 mm, 15.3 um", "metric", "199 shapes, 158.8 to 235.7 mm, 15.3 um"),
+        ("9.84e-05 m of 3 lengths in 1 gaps, 1.02 s", "metric", "0.0984 mm of 3 lengths in 1 gaps, 1.02 s"),
+        ("2 N/mm and 3 Nm, DMSP-20 N", "us", "2 N/mm and 3 Nm, DMSP-20 N"),
+    ],
+)  # fmt: skip
+def test_what_is_read_back_from_a_file_is_told_anew(text: str, system: str, told: str) -> None:
+    assert retold(text, system) == told
+    assert retold(retold(text, system), system) == told
