@@ -23,7 +23,7 @@ def test_jobs_are_a_number_of_processes_and_nothing_is_what_the_command_says() -
 def test_a_cluster_is_found_by_its_address_or_its_file_and_left(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="dask comes with the extra 'cluster'")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0",
         protocol="tcp",
     ) as cluster:  # fmt: skip
         file = tmp_path / "scheduler.json"
