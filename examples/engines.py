@@ -19,7 +19,7 @@ def engines():
     if find_spec("loky"):
         yield "loky", __import__("loky").get_reusable_executor(2)
     if find_spec("distributed"):
-        with __import__("distributed").Client(n_workers=2, dashboard_address=None) as client:
+        with __import__("distributed").Client(n_workers=2, dashboard_address=":0") as client:
             yield "dask", client
 
 

@@ -163,7 +163,7 @@ class _Dask(Engine):
 
     def finished(self, jobs: Collection[Any]) -> list[Any]:
         while not (found := [job for job in jobs if job.done()]) and jobs:
-            with contextlib.suppress(TimeoutError, CancelledError):
+            with contextlib.suppress(TimeoutError, CancelledError), self._executor.as_current():
                 self._dask.wait(list(jobs), timeout=_WAKE, return_when="FIRST_COMPLETED")
         return found
 

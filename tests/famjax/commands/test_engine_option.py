@@ -7,6 +7,7 @@ import pytest
 
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
+from famjax.boundary.tasks import run_tasks
 from famjax.commands.options.engine import EngineOptions
 
 
@@ -22,14 +23,14 @@ def test_jobs_are_a_number_of_processes_and_nothing_is_what_the_command_says() -
 def test_a_cluster_is_found_by_its_address_or_its_file_and_left(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="dask comes with the extra 'cluster'")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0",
         protocol="tcp",
     ) as cluster:  # fmt: skip
         file = tmp_path / "scheduler.json"
         file.write_text(f'{{"address": "{cluster.scheduler_address}"}}')
         for given in (cluster.scheduler_address, str(file)):
             with EngineOptions(dask=given).executor() as client:
-                assert client.submit(str, 7).result() == "7"
+                assert list(run_tasks(str, range(3), executor=client)) == ["0", "1", "2"]
             assert client.status == "closed"
 
 

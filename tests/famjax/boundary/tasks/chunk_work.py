@@ -108,7 +108,7 @@ def client(engine: str, folder: str, place: str) -> None:
     from distributed import Client, LocalCluster
 
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
         Client(cluster) as of_dask,
     ):
         run_tasks(work, range(COUNT), executor=of_dask, store=store)

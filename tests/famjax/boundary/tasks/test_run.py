@@ -40,7 +40,7 @@ def dask() -> Iterator[Any]:
     distributed = pytest.importorskip("distributed", reason="dask comes with the extra 'cluster'")
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None
+            n_workers=2, threads_per_worker=1, dashboard_address=":0"
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
