@@ -27,13 +27,10 @@ from jaxtyping import install_import_hook
 
 jax.config.update("jax_enable_x64", True)
 
-# What one worker has compiled no worker compiles again.
+# Keeping what was compiled takes longer than what the other worker then need not compile. Commands
+# that tests start as processes share theirs, here and not in the user's cache.
 CACHE = Path(__file__).parents[1] / ".pytest_cache" / "jax"
-jax.config.update("jax_compilation_cache_dir", str(CACHE))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-# Commands that tests start as processes keep theirs there, too, and not in the user's cache.
+jax.config.update("jax_enable_compilation_cache", False)
 os.environ["FAMJAX_CACHE_DIR"] = str(CACHE)
 
 HOOK = install_import_hook(["famjax", "fitting"], "beartype.beartype")

@@ -17,9 +17,13 @@ from test_glossary import labels_of_page, unexplained
 
 PAGES = sorted(page for page in DOCS.rglob("*.md") if "api" not in page.relative_to(DOCS).parts)
 RUN = [page for page in PAGES if any(one.language in {"python", "sh"} for one in fences(page))]
-LAB = DOCS / "how-to" / "lab.md"
-CHOOSES = [DOCS / "first-result.md", DOCS / "concepts" / "bands.md"]
-"""Pages whose examples choose among all families, ten seconds each."""
+HOW_TO = DOCS / "how-to"
+LAB = HOW_TO / "lab.md"
+LONG = [
+    *(DOCS / "first-result.md", DOCS / "concepts" / "bands.md", DOCS / "control.md"),
+    *(HOW_TO / f"{reader}.md" for reader in ("robotics", "jax-modeller", "matlab")),
+]
+"""Pages whose examples take more than five seconds each."""
 WRITTEN = [DOCS / "comparison.md", DOCS / "reproduction.md"]
 EXPORT = DOCS / "export.md"
 """Its C and MATLAB are run by a test of its own."""
@@ -28,7 +32,7 @@ EXPORT = DOCS / "export.md"
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=[pytest.mark.slow] if page in CHOOSES else [])
+        pytest.param(page, marks=[pytest.mark.slow] if page in LONG else [])
         for page in RUN
         if page not in (LAB, EXPORT, *WRITTEN)
     ],

@@ -29,12 +29,14 @@ def test_a_law_of_ones_own() -> None:
     assert "stable: True" in said("own_law")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fit_optimistix", "fit_optax"])
 def test_foreign_solvers_reach_the_optimum(name: str) -> None:
     (rmse,) = re.findall(r"RMSE ([\d.]+) N", said(name))
     assert float(rmse) == pytest.approx(BEST, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_joint_in_mujoco() -> None:
     pytest.importorskip("mujoco")
     told = said("mujoco_joint")

@@ -73,6 +73,7 @@ def computed(found: list) -> dict[tuple[str, str], float]:
     return {(row.table, row.entry): row.computed for row in found}
 
 
+@pytest.mark.slow
 def test_rows_for_machines(found: list) -> None:
     keys = ["table", "entry", "published", "computed", "unit", "tolerance", "within"]
     dicts = json.loads(json.dumps([row.as_dict() for row in found], allow_nan=False))

@@ -391,6 +391,7 @@ def with_modulus(model: famjax.Muscle, modulus) -> famjax.Muscle:
     return eqx.tree_at(lambda m: m.geometry.braid.thread.modulus, model, modulus)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elastic", ["toe"], indirect=True)  # the harder law; each solve compiles
 def test_modulus_moves_stiffness_and_free_contraction(elastic: famjax.Muscle) -> None:
     def stiffness(modulus):

@@ -48,6 +48,7 @@ def answers(card: MuscleCard, wanted: dict) -> dict:
     return {name: np.asarray(found[name]) for name in wanted}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(GOLDEN.glob("*.expected.json")), ids=lambda path: path.name)
 def test_a_card_of_every_version_is_read_and_says_the_same(path: Path) -> None:
     card = read_card(path.with_name(path.name.replace(".expected", "")))

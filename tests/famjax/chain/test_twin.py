@@ -59,6 +59,7 @@ def test_a_truth_that_cannot_be_made_is_refused(text: str, message: str, tmp_pat
         read_truth(written(tmp_path / TRUTH, text), drawn_truth(0, "small", flawed=True))
 
 
+@pytest.mark.slow
 def test_a_twin_of_a_truth_is_the_same_bytes_again_from_its_own(tmp_path: Path) -> None:
     """The file that the first wrote makes the second, on another day."""
     write_twin(tmp_path / "a", seed=4, truth=written(tmp_path / TRUTH, SMALL))

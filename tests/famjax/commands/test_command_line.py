@@ -81,6 +81,7 @@ def test_table_for_people(capsys: pytest.CaptureFixture, map_file: Path, tmp_pat
     _predict_from(capsys, tmp_path / "o" / "fit.json")
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_readme_is_that_of_its_command(
     capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:
@@ -219,6 +220,7 @@ def test_version_and_help(capsys: pytest.CaptureFixture) -> None:
         assert option in out
 
 
+@pytest.mark.slow
 def test_doctor_reports_versions_and_devices() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "famjax", "doctor"], capture_output=True, text=True, check=False

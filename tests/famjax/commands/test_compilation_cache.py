@@ -101,6 +101,7 @@ def test_the_oldest_programs_go_first_and_nothing_else_goes(tmp_path: Path) -> N
     assert contents(str(tmp_path / "b-jaxlib-2")) == (2, 200)
 
 
+@pytest.mark.slow
 def test_doctor_proves_that_a_kept_program_is_loaded(tmp_path: Path) -> None:
     def doctor(**environment: str) -> str:
         out = in_fresh_process("from famjax.__main__ import main; main(['doctor'])", **environment)

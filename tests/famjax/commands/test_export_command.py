@@ -26,6 +26,7 @@ def test_the_help_has_every_target() -> None:
         assert any(name in line.partition(":")[0] for line in paragraphs), name
 
 
+@pytest.mark.slow
 def test_a_bundled_muscle_cut_to_length(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
     code, out, _ = run(
         capsys, "export", "dmsp-10", "--to", "c", "--to", "csv", "--length", "300mm",
@@ -38,6 +39,7 @@ def test_a_bundled_muscle_cut_to_length(capsys: pytest.CaptureFixture, tmp_path:
     assert "by `famjax" in text
 
 
+@pytest.mark.slow
 def test_a_card(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
     card = famjax.muscles.bundled_card("dmsp-10")
     famjax.cards.write_card(card, tmp_path / "mine.json")

@@ -50,6 +50,7 @@ def written(folder: Path) -> set[str]:
 FILES = {"fit.json", "fit.png", "report.html"}
 
 
+@pytest.mark.slow
 def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit: Fit, sound: ForceData) -> None:
     code, out, _, folder = fit(metric(sound, force=sound.force / 9.80665), *QUICK)
     assert code == 1
@@ -62,6 +63,7 @@ def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit: Fit, sound: Force
     assert "the forces are in kgf, not N" in saved["suspicions"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "change"),
     [

@@ -59,6 +59,7 @@ def table(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_path, capsys):
     out = tmp_path / "out"
     ruler = lab.photos / "ruler.jpg"

@@ -69,6 +69,7 @@ def fit(folder: Path, capsys: pytest.CaptureFixture, *words: object) -> tuple[in
     return int(stop.value.code or 0), said.out, said.err
 
 
+@pytest.mark.slow
 def test_the_law_and_the_turns_come_back(folder: Path, capsys: pytest.CaptureFixture) -> None:
     code, out, _ = fit(folder, capsys, "--shape", folder / "measurements.nc")
     assert code == 0
@@ -79,6 +80,7 @@ def test_the_law_and_the_turns_come_back(folder: Path, capsys: pytest.CaptureFix
         assert abs(found[name]["value"] - true) < 4 * found[name]["stderr"]
 
 
+@pytest.mark.slow
 def test_turns_that_were_counted_are_held(folder: Path, capsys: pytest.CaptureFixture) -> None:
     code, out, _ = fit(
         folder, capsys, "--shape", folder / "measurements.nc", "--bounds", "turns=1.09", "--json"
@@ -114,6 +116,7 @@ def test_a_file_that_is_no_table_is_refused(
     assert words in err
 
 
+@pytest.mark.slow
 def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(
     folder: Path, capsys: pytest.CaptureFixture
 ) -> None:

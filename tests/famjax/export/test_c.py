@@ -16,6 +16,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on th
 needs_avr = pytest.mark.skipif(shutil.which("avr-gcc") is None, reason="no avr-gcc on this machine")
 
 
+@pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize(
     ("real", "force_error", "pressure_error"), [("double", 1e-6, 1.0), ("float", 1e-4, 200.0)]
@@ -90,6 +91,7 @@ def test_the_header_is_also_one_of_cpp(subject: Subject, tmp_path: Path) -> None
     assert subprocess.run([program], check=False).returncode == 1
 
 
+@pytest.mark.slow
 def test_the_head_says_what_and_how_near(dmsp_20: Subject, tmp_path: Path) -> None:
     for file in export(dmsp_20, ["c", "matlab", "mujoco", "csv"], tmp_path):
         text = file.read_text()

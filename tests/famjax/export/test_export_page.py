@@ -35,6 +35,7 @@ def said(command: list[str], folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_c(folder: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("no gcc on this machine")

@@ -93,6 +93,7 @@ def test_headline_diameter_and_angle(measured: MeasuredGeometry) -> None:
     assert float(angle) == pytest.approx(1.25, abs=0.2)
 
 
+@pytest.mark.slow
 def test_muscle_of_the_reference_work(measured: MeasuredGeometry) -> None:
     """Frozen: blocked force [lbf] and free contraction, confirmed by a second code in numpy."""
     muscle = Muscle(measured, LATEX)

@@ -252,6 +252,7 @@ def test_saturating_energy_is_the_work_of_true_stress(s: float) -> None:
         assert float(law.energy(stretch, 1.0)) == pytest.approx(work, rel=EXACT)
 
 
+@pytest.mark.slow
 def test_saturating_path_modulus_is_the_weighted_tangent(festo: famjax.Muscle) -> None:
     law = SaturatingMaterial(4e5, 2e5, 0.15)
     at = festo.geometry.dimensions(0.26, 2e5)

@@ -95,6 +95,7 @@ MUSCLES = {
 }
 
 
+@pytest.mark.slow
 @QUICK
 @given(**MUSCLES)
 @example(  # the stiffness at the lowest rising pressure fell between two lines of the grid
@@ -133,6 +134,7 @@ def _bends(slope: np.ndarray) -> float:
     return 2e-2 * float(np.abs(slope).max())
 
 
+@pytest.mark.slow
 @QUICK
 @given(**MUSCLES)
 def test_the_force_is_c1_across_every_edge(kind, u, contraction, top, seed) -> None:

@@ -220,6 +220,7 @@ def test_interpolation_that_goes_negative_is_refused_with_its_place() -> None:
         MeasuredFamily([9.0, 8.0, 7.0, 6.0], thin, 100.0, INELASTIC)
 
 
+@pytest.mark.slow
 def test_lengths_beyond_the_threads_are_refused() -> None:
     with pytest.raises(ValueError, match="threads are longer"):
         MeasuredFamily([10.0, 7.0], [_profile(0.0), _profile(0.3)], 100.0, INELASTIC)

@@ -66,6 +66,7 @@ def test_rounded_ends_by_differences() -> None:
     np.testing.assert_allclose(virtual_work_force(family, L, 50.0), numeric, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_work_is_the_pressure_times_the_volume_swept(measured: MeasuredGeometry) -> None:
     nodes, weights = np.polynomial.legendre.leggauss(12)
     ends = np.asarray(measured.family.lengths)
@@ -85,6 +86,7 @@ def test_fluid_and_outline_have_one_rate(measured: MeasuredGeometry) -> None:
     )
 
 
+@pytest.mark.slow
 def test_pressure_term_of_a_muscle(measured: MeasuredGeometry) -> None:
     law = PolynomialMaterial([257.8, -57.9, 32.7])
     for braid in (None, ELASTIC):

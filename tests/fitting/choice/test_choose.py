@@ -20,6 +20,7 @@ def chosen(dmsp20: ForceData) -> Choice:
     return choose(dmsp20)
 
 
+@pytest.mark.slow
 def test_the_choice_on_a_measured_muscle(chosen: Choice) -> None:
     """Issue 14: an error of 4.0 N with no option, within buildable dimensions and stable."""
     assert chosen.rmse < 4.0

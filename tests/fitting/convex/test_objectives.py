@@ -165,6 +165,7 @@ def test_members_of_a_batch_are_what_they_are_alone() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_in_the_data(kind: str) -> None:
     A, y = (jnp.asarray(part) for part in readings(1))
@@ -198,6 +199,7 @@ def test_functions_themselves_hold_where_no_cubic_does(driver: str) -> None:
     assert smallest_slope(E) > -FEASIBLE * np.abs(E).max()
 
 
+@pytest.mark.slow
 def test_derivatives_where_no_cubic_holds() -> None:
     A, y = (jnp.asarray(part) for part in quintic())
     direction = jnp.asarray(np.random.default_rng(3).normal(size=y.shape)) * 0.01

@@ -100,6 +100,7 @@ def test_derivatives_hold_at_active_constraints(seed: int) -> None:
     np.testing.assert_allclose(reverse, forward, atol=1e-10 * size, rtol=0)
 
 
+@pytest.mark.slow
 def test_batch_equals_loop() -> None:
     problems = [polynomial_problem(np.random.default_rng(seed), 3) for seed in range(5)]
     batch = jax.vmap(solve_qp)(*(np.stack(parts) for parts in zip(*problems, strict=True)))

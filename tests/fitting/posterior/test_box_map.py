@@ -17,6 +17,7 @@ def ridge() -> BoxMap:
     return BoxMap.of(np.zeros(3), np.ones(3), np.array([1.2, 0.3, 0.5]), spread)
 
 
+@pytest.mark.slow
 def test_volume_is_that_of_the_derivative(ridge: BoxMap) -> None:
     rng = np.random.default_rng(0)
     bent = ridge.along(np.linspace(0.5, 1, 7), {1: 0.3 + np.linspace(0, 1, 7) ** 3})

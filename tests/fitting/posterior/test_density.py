@@ -102,6 +102,7 @@ def test_coefficients_are_those_of_quadrature(
         assert one.std == pytest.approx(std[k], rel=4 / np.sqrt(one.effective_size))
 
 
+@pytest.mark.slow
 def test_density_is_the_integral_over_the_coefficients() -> None:
     """Two geometries: the ratio of their masses is that of quadrature over the coefficients."""
     data = held_map((3e6, -2e6), deep=False)

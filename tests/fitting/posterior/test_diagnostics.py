@@ -35,6 +35,7 @@ def test_nothing_that_varies_has_no_size() -> None:
     assert np.isnan(r_hat(np.ones((4, 100))))
 
 
+@pytest.mark.slow
 def test_as_blackjax_finds_them() -> None:
     blackjax = pytest.importorskip("blackjax")
     if not hasattr(blackjax, "ess_bulk"):

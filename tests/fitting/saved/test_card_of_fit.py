@@ -26,6 +26,7 @@ def fit_json(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "fit.json"
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_predict_says(
     fit_json: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

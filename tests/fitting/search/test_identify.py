@@ -174,6 +174,7 @@ def test_positive_constraint(dmsp20: ForceData) -> None:
     assert math.isnan(zero.stderr)  # never an error bar of zero
 
 
+@pytest.mark.slow
 def test_linear_and_free_laws_recover_a_linear_truth() -> None:
     law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
     data = readings(known_muscle(law))

@@ -26,6 +26,7 @@ def force(geometry: famjax.geometries.AbstractGeometry) -> np.ndarray:
     return np.asarray(jax.jit(muscle.force)(LENGTHS, PRESSURES[:, None]))
 
 
+@pytest.mark.slow
 def test_force_from_photographs_is_that_of_the_true_profiles() -> None:
     bladder = famjax.Bladder(REST, 0.875 * INCH, 0.0625 * INCH)
     true = force(famjax.MeasuredGeometry(true_family(), bladder))
@@ -47,6 +48,7 @@ def test_a_braid_that_gives_is_seen_in_the_shape() -> None:
         assert np.sqrt(np.mean(error**2)) < 0.0004 * INCH
 
 
+@pytest.mark.slow
 def test_its_bands_cover_the_truth() -> None:
     """Of 24 campaigns, each with its noise."""
     inside = []
@@ -115,6 +117,7 @@ def test_too_few_pictures_are_refused() -> None:
         shape_surface(same)
 
 
+@pytest.mark.slow
 def test_a_geometry_asks_for_what_it_lacks() -> None:
     found = shape_surface(photographed(60))
     inside = Specimen(name="DMSP", rest_length=REST, wall_thickness=1e-3, embedded=True)

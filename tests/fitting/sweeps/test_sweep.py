@@ -267,6 +267,7 @@ def test_every_executor_finds_the_same_bits() -> None:
                 assert json.dumps(one.as_dict()) == json.dumps(other.as_dict())
 
 
+@pytest.mark.slow
 def test_derivatives_in_the_forces(swept: Sweep) -> None:
     """Of coefficients held by the Drucker constraint between stations."""
     readings = arrange(DATA, REST, 3)

@@ -52,6 +52,7 @@ def designed(geometry: famjax.geometries.AbstractGeometry, readings: Readings) -
     return Design.of(model, readings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", OBJECTIVES)
 def test_drivers_agree(objective: str) -> None:
     geometry = geometries()["smooth"]

@@ -100,6 +100,7 @@ def test_all_forces_negative_are_refused(dmsp20: ForceData) -> None:
         dataclasses.replace(dmsp20, force=force)
 
 
+@pytest.mark.slow
 def test_a_thick_wall(dmsp20: ForceData) -> None:
     """The force hardly depends on the wall: no misfit shows one of 18 mm in a bore of 20 mm."""
     thick = changed(dmsp20, wall_thickness=18e-3)

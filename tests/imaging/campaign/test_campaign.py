@@ -350,6 +350,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_few_pictures_start_no_process_until_one_of_them_kills_this_one(
     rendered, tmp_path, monkeypatch
 ):

@@ -73,6 +73,7 @@ def test_a_tape_s_hue_under_tungsten_is_that_beside_the_braid():
     assert found.quality.tape_hue_error_deg < 30
 
 
+@pytest.mark.slow
 def test_a_background_as_bright_as_the_muscle_is_the_reason_that_is_given():
     made = scene(1, light={"cloth": 0.45, "stray": 0.0}, albedo=(0.75, 0.75, 0.73))
     with pytest.raises(NoMuscle, match="put a dark cloth behind it"):
