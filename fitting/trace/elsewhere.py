@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from famjax.boundary.tasks import AnyExecutor, Store, can_travel, run_tasks
+from famjax.boundary.tasks import AnyExecutor, can_travel, run_tasks
 
 from .tape_store import keep_tapes, kept_in
 
@@ -19,10 +19,10 @@ def run_fits(
     items: Sequence[Any],
     *,
     executor: AnyExecutor,
-    store: Store | None = None,
+    store: Any = None,
     progress: Callable[[int, int], None] | None = None,
     names: Sequence[str] | None = None,
-) -> Store:
+) -> Any:
     """`famjax.boundary.tasks.run_tasks` for a function that fits.
 
     Workers keep their tapes where this process does. What holds something that another process
@@ -37,7 +37,7 @@ def run_fits(
         names: likewise.
 
     Returns:
-        The store, with the results in the order of the items.
+        The store; `list(...)` of one in memory has the results in the order of the items.
     """
     if executor is not None and not _can_be_sent((function, items), executor):
         warnings.warn(
