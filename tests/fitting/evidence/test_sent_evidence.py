@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,6 @@ import pytest
 import famjax
 from fitting import Identification, InputError, identify, load_bundled
 from fitting.evidence import Bootstrap, Validation, bootstrap, validate
-
-from ..sent import Sent
 
 REPLICATES = 520  # three chunks, the last one short
 
@@ -40,9 +39,9 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_bootstrap_that_is_sent_has_the_same_bits(
-    fitted20: Identification, here: Bootstrap
+    fitted20: Identification, here: Bootstrap, sent: Any
 ) -> None:
-    sent, told = Sent(), []
+    told = []
     again = bootstrap(
         fitted20, REPLICATES, seed=3, executor=sent, progress=lambda *of: told.append(of)
     )
@@ -53,8 +52,10 @@ def test_a_bootstrap_that_is_sent_has_the_same_bits(
         assert same(here, bootstrap(fitted20, REPLICATES, seed=3, executor=one))
 
 
-def test_whole_lengths_that_are_sent_have_the_same_bits(fitted20: Identification) -> None:
-    sent, own = Sent(), {"resample": "length", "replicates": 30}
+def test_whole_lengths_that_are_sent_have_the_same_bits(
+    fitted20: Identification, sent: Any
+) -> None:
+    own = {"resample": "length", "replicates": 30}
     assert same(bootstrap(fitted20, **own), bootstrap(fitted20, **own, executor=sent))
     assert sent.count == 1
 
@@ -66,7 +67,7 @@ def test_more_replicates_begin_with_the_same(fitted20: Identification, here: Boo
 
 
 def test_a_stopped_bootstrap_goes_on_to_the_same_bytes(
-    fitted20: Identification, here: Bootstrap, tmp_path: Path
+    fitted20: Identification, here: Bootstrap, tmp_path: Path, sent: Any
 ) -> None:
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     assert same(here, bootstrap(fitted20, REPLICATES, seed=3, resume=whole))
@@ -81,7 +82,6 @@ def test_a_stopped_bootstrap_goes_on_to_the_same_bytes(
     with pytest.raises(StoppedError):
         bootstrap(fitted20, REPLICATES, seed=3, resume=cut, progress=stop)
     assert len(content(cut)) == 3  # the manifest and two parts
-    sent = Sent()
     assert same(here, bootstrap(fitted20, REPLICATES, seed=3, resume=cut, executor=sent))
     assert sent.count == 1
     assert content(cut) == content(whole)
@@ -89,8 +89,8 @@ def test_a_stopped_bootstrap_goes_on_to_the_same_bytes(
         bootstrap(fitted20, REPLICATES, seed=4, resume=cut)
 
 
-def test_a_validation_that_is_sent_has_the_same_bits(fitted20: Identification) -> None:
-    sent, told = Sent(), []
+def test_a_validation_that_is_sent_has_the_same_bits(fitted20: Identification, sent: Any) -> None:
+    told = []
     here = validate(fitted20, "pressure")
     again = validate(fitted20, "pressure", executor=sent, progress=lambda *of: told.append(of))
     assert sent.count == 2  # of twenty pressures
@@ -101,13 +101,12 @@ def test_a_validation_that_is_sent_has_the_same_bits(fitted20: Identification) -
     assert sent.count == 2  # one task is done here
 
 
-def test_what_cannot_be_sent_is_done_here_and_said() -> None:
+def test_what_cannot_be_sent_is_done_here_and_said(sent: Any) -> None:
     class Longer(famjax.geometries.EndEffectGeometry):
         """A class within a function, which no other process can import."""
 
     data = load_bundled("DMSP-10-250")
     fit = identify(data, geometry=lambda shape: Longer(shape, 1.0), starts=2)
-    sent = Sent()
     with pytest.warns(UserWarning, match="done in this process: put that in a module"):
         again = bootstrap(fit, 20, executor=sent)
     assert not sent.count
