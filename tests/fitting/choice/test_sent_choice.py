@@ -107,7 +107,8 @@ def test_two_processes_choose_the_same(here: Choice) -> None:
 
 
 def test_a_stopped_series_goes_on_to_the_same_bytes(tmp_path: Path, sent: Any) -> None:
-    maps, own = [measured(0.1, 3), measured(0.2, 4)], {"laws": ("linear",), "starts": 2}
+    maps = [measured(0.1, 3), measured(0.2, 4)]
+    own: dict[str, Any] = {"laws": ("linear",), "starts": 2}
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     found = identify_series(maps, **own, resume=whole)
 

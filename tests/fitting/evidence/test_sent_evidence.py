@@ -1,5 +1,7 @@
 """Bootstrap and validation on any executor: the same bits, the same files, and what cannot be sent."""
 
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ import famjax
 from fitting import Identification, InputError, identify, load_bundled
 from fitting.evidence import Bootstrap, Validation, bootstrap, validate
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 REPLICATES = 520  # three chunks, the last one short
 
 
@@ -55,7 +58,7 @@ def test_a_bootstrap_that_is_sent_has_the_same_bits(
 def test_whole_lengths_that_are_sent_have_the_same_bits(
     fitted20: Identification, sent: Any
 ) -> None:
-    own = {"resample": "length", "replicates": 30}
+    own: dict[str, Any] = {"resample": "length", "replicates": 30}
     assert same(bootstrap(fitted20, **own), bootstrap(fitted20, **own, executor=sent))
     assert sent.count == 1
 
@@ -111,6 +114,23 @@ def test_what_cannot_be_sent_is_done_here_and_said(sent: Any) -> None:
         again = bootstrap(fit, 20, executor=sent)
     assert not sent.count
     assert same(bootstrap(fit, 20), again)
+
+
+@pytest.mark.slow
+def test_a_law_typed_at_a_prompt_is_fitted_here_and_said() -> None:
+    law, _, _ = (EXAMPLES / "own_law.py").read_text().partition("if __name__")
+    typed = """
+import jax
+jax.config.update("jax_enable_x64", True)
+import fitting
+result = fitting.identify(fitting.load_bundled("DMSP-10-250"), law=Gent, starts=2)
+print(fitting.bootstrap(result, 10, executor=2))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", law + typed], capture_output=True, text=True, check=True
+    )
+    assert "a class typed at a prompt, so it is done in this process" in done.stderr
+    assert "Bootstrap(" in done.stdout
 
 
 @pytest.mark.slow

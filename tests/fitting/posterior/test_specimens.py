@@ -14,7 +14,7 @@ from fitting.posterior import Posterior, sample_each
 pytest.importorskip("blackjax")
 pytestmark = pytest.mark.slow
 
-OPTIONS = {"draws": 40, "warmup": 30, "chains": 2, "seed": 5}
+OPTIONS: dict[str, Any] = {"draws": 40, "warmup": 30, "chains": 2, "seed": 5}
 
 
 @pytest.fixture(scope="module")
