@@ -114,7 +114,7 @@ def gather(
         profiles: profile likelihoods.
         replicates: of the bootstrap.
         seed: of the bootstrap.
-        executor: what leaves out and fits replicates, as in `validate` and `bootstrap`.
+        executor: what fits replicates, see `bootstrap`; nothing else takes long enough.
         progress: called as it comes.
         error: of predictions, where it is known; found by leaving out unless given.
         posterior: draw from it.
@@ -128,7 +128,6 @@ def gather(
                 validate(
                     result,
                     kind,
-                    executor=executor,
                     progress=lambda done, total, kind=kind: progress(
                         f"leave one {kind} out", done, total
                     ),

@@ -86,8 +86,8 @@ def bootstrap(
             specimens of `identify_together`. The last two need no belief in independent noise.
         seed: of the draws; the same seed gives the same numbers, whatever does them.
         executor: what does the chunks: this process, processes or a cluster, see
-            `famjax.boundary.tasks.AnyExecutor`. A model of your own that cannot be sent to another
-            process, such as one of a function within a function, is fitted in this one.
+            `famjax.boundary.tasks.AnyExecutor`. A single chunk is done in this one, and so is a model
+            of your own that cannot be sent to another, such as one with a function within a function.
         resume: folder to which each finished chunk is written, made if need be; a bootstrap that was
             stopped goes on from there.
         progress: called with (replicates done, replicates).
@@ -116,7 +116,7 @@ def bootstrap(
     store = Store(None if resume is None else Path(resume), "bootstrap", settings, len(chunks))
     run_fits(
         functools.partial(_replicates, result.problem, result.end.u, draws), chunks,
-        executor=executor, store=store,
+        executor=executor if len(chunks) > 1 else None, store=store,
         progress=progress and (lambda n, _: progress(min(n * _CHUNK, replicates), replicates)),
     )  # fmt: skip
     parts = list(store)

@@ -156,8 +156,8 @@ def fit(
     units
         Of table, picture and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     engine
-        Where families are tried, levels left out and replicates fitted. More than one process pay
-        with --validate, for maps of many hundred readings, and from 10000 replicates on.
+        Where a model is chosen anew without each level (--validate), where one is chosen for a map of
+        2000 readings or more, and where replicates are fitted; for these, from 10000 on it pays.
     json_
         Print one JSON object to standard output and nothing else there.
     """

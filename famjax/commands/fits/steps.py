@@ -14,6 +14,9 @@ from fitting.verdict import Judgement, doubtful, judge, suspect
 
 from .measured_shape import shared_moves
 
+_LARGE = 2000
+"""Readings from which other processes choose sooner than this one, see `fitting.choose`."""
+
 
 class Steps:
     """A fit in the making: what was found so far.
@@ -46,9 +49,11 @@ class Steps:
 
     def choose(self) -> None:
         """The family that predicts best what was left out."""
+        large = self._data.force.size >= _LARGE
         self.choice = fitting.choose(
-            self._data, **self._options, executor=self._executor, progress=self._show
-        )
+            self._data, **self._options, executor=self._executor if large else None,
+            progress=self._show,
+        )  # fmt: skip
         self.result = self.choice.chosen
 
     def identify(self, **asked: Any) -> None:
