@@ -2,17 +2,22 @@
 
 `python benchmarks/twins.py --seeds 20 --size small --json FILE`. Each twin is made in a folder of its
 own and evaluated by `famjax characterise`, as a person would; then its results are held against
-`truth.toml`.
+`truth.toml`. A twin takes a minute or more: `--jobs 2` or `--dask tcp://host:8786` makes several at
+once, each of them with one process for its pictures, and `--resume FOLDER` goes on after a stop.
+All figures but the seconds are the same.
 """
 
 import argparse
 import csv
 import dataclasses
+import functools
 import json
+import math
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +26,7 @@ import numpy as np
 
 import famjax
 import fitting
+from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 from famjax.chain.folder import (
     GEOMETRIES,
     TRUE_LENGTHS,
@@ -30,6 +36,7 @@ from famjax.chain.folder import (
     read_sheet,
     read_truth,
 )
+from famjax.commands.options.engine import EngineOptions
 from fitting.shapes import Pictures
 
 INCH, PSI = 0.0254, 6894.757293168361
@@ -38,8 +45,43 @@ HELD_OUT = {"small": (55.0, 85.0), "large": (15.0, 35.0, 55.0, 75.0, 95.0)}
 WITHIN = 1.96
 
 
-def evaluated(seed: int, size: str, folder: Path) -> float:
-    """Make and evaluate a twin; CPU time of the evaluation [s]."""
+def campaign(
+    seeds: Sequence[int],
+    size: str,
+    *,
+    executor: AnyExecutor = None,
+    resume: Path | None = None,
+) -> list[dict[str, Any]]:
+    """The figures of twins, each made, evaluated and compared in a task.
+
+    Args:
+        seeds: of the twins.
+        size: "small" or "large".
+        executor: see `AnyExecutor`.
+        resume: folder to which the figures of each finished one are written.
+    """
+    settings = {"version": famjax.__version__, "seeds": list(seeds), "size": size}
+    store = Store(resume, "campaign of twins", settings, len(seeds))
+    # Several at once share the cores; alone, a twin has them all for its pictures.
+    jobs = None if executor is None else 1
+    run_tasks(
+        functools.partial(twin, size, jobs), seeds, executor=executor, store=store,
+        progress=lambda done, total: print(f"{done} of {total} twins", file=sys.stderr, flush=True),
+        names=[f"twin {seed}" for seed in seeds],
+    )  # fmt: skip
+    return list(store)
+
+
+def twin(size: str, jobs: int | None, seed: int) -> dict[str, Any]:
+    """The figures of one twin; its pictures are measured by so many processes, or all cores."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "twin"
+        seconds = evaluated(seed, size, jobs, folder)
+        return {"seed": seed, "seconds": seconds, **compared(folder, size)}
+
+
+def evaluated(seed: int, size: str, jobs: int | None, folder: Path) -> float:
+    """Make and evaluate a twin; wall time of the evaluation [s]."""
     command = [sys.executable, "-m", "famjax"]
     subprocess.run(
         [*command, "twin", str(folder), "--seed", str(seed), "--size", size],
@@ -47,7 +89,7 @@ def evaluated(seed: int, size: str, folder: Path) -> float:
     )  # fmt: skip
     begin = time.monotonic()
     subprocess.run(
-        [*command, "characterise", str(folder)],
+        [*command, "characterise", str(folder), *([] if jobs is None else ["--jobs", str(jobs)])],
         check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     return time.monotonic() - begin
@@ -111,7 +153,7 @@ def compared(folder: Path, size: str) -> dict[str, Any]:
         "parameters_covered": float(np.mean([abs(one) <= WITHIN for one in off.values()])),
         "intervals": inside.size + len(off),
         "intervals_with_truth": int(inside.sum()) + sum(abs(one) <= WITHIN for one in off.values()),
-        "off": off,
+        "off": {name: one if math.isfinite(one) else None for name, one in off.items()},
         "rmse_N": {
             name: json.loads((results / name / "figures.json").read_text())["rmse_N"]
             for name in GEOMETRIES
@@ -143,16 +185,17 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--size", choices=tuple(HELD_OUT), default="small")
+    parser.add_argument("--jobs", type=int)
+    parser.add_argument("--dask")
+    parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    every = []
-    for seed in range(given.first, given.first + given.seeds):
-        with tempfile.TemporaryDirectory() as place:
-            folder = Path(place) / "twin"
-            seconds = evaluated(seed, given.size, folder)
-            every.append({"seed": seed, "seconds": seconds, **compared(folder, given.size)})
-        print(json.dumps(every[-1]), flush=True)
+    seeds = range(given.first, given.first + given.seeds)
+    with EngineOptions(jobs=given.jobs, dask=given.dask).executor() as executor:
+        every = campaign(seeds, given.size, executor=executor, resume=given.resume)
+    for one in every:
+        print(json.dumps(one))
     figures = {
         key: max(one[key] for one in every)
         for key in (

@@ -1,12 +1,15 @@
 """`choose`: the family that predicts best what it has not seen, and those that are as good."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.tasks import AnyExecutor
 
 from ..data.force_data import ForceData
 from ..engine.descent import End, descend_many
@@ -21,6 +24,7 @@ from ..search.multi_start import best_of, latin_hypercube
 from ..search.posing import Posed, pose_one
 from ..search.result import Identification
 from ..search.robust import check_objective
+from ..trace import run_fits
 from .ladder import MODEL_ERROR, Candidate, ladder
 from .ranking import ALIKE, Tried, hopeless, members, ranked, score
 
@@ -100,6 +104,7 @@ def choose(
     objective: str = "sum_of_squares",
     starts: int = 16,
     seed: int = 0,
+    executor: AnyExecutor = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Choice:
     """The model of a force map, from a ladder of families, by what each predicts of readings left out.
@@ -120,13 +125,15 @@ def choose(
         objective: of the fits of the members.
         starts: of the fit of the chosen family; others are compared with a few.
         seed: of the starts.
+        executor: what fits and judges the families, each a task: this process, processes or a cluster,
+            see `famjax.boundary.tasks.AnyExecutor`; the choice is the same.
         progress: called with (what is done, families done, families).
 
     Returns:
         The choice.
 
     Raises:
-        InputError: what `identify` refuses of the plainest family.
+        InputError: what `identify` refuses of the plainest family, or the executor is gone.
         RuntimeError: float64 is off.
     """
     check_starts(starts)
@@ -139,21 +146,22 @@ def choose(
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths determine no family: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
+    _posed(weighed, candidates[0], constraint, box)  # what the plainest cannot be is no muscle
+
+    def tell(done: int, total: int) -> None:
+        if progress is not None and done < total:
+            progress(candidates[done].name, done, total)
+
+    fit = functools.partial(_fitted, weighed, constraint, box, min(starts, _COMPARED), seed)
     fitted: list[_Fitted] = []
-    for done, candidate in enumerate(candidates):
-        if progress is not None:
-            progress(candidate.name, done, len(candidates))
-        try:
-            posed = _posed(weighed, candidate, constraint, box)
-        except InputError as error:
-            if candidate is candidates[0]:
-                raise  # what the plainest cannot be is no muscle
-            dropped = (*dropped, f"{candidate.name} was left out: {error}")
-            continue
-        one = _fitted(candidate, posed, data.max_force, min(starts, _COMPARED), seed)
-        if one is not None:
+    for candidate, one in zip(
+        candidates, run_fits(fit, candidates, executor=executor, progress=tell), strict=True
+    ):
+        if isinstance(one, str):
+            dropped = (*dropped, f"{candidate.name} was left out: {one}")
+        elif one is not None:
             fitted.append(one)
-    found, rest = _left_out_of(fitted, data.max_force, seed, progress)
+    found, rest = _left_out_of(fitted, data.max_force, seed, executor, progress)
     if not found:
         solve(_posed(weighed, candidates[0], constraint, box), starts=starts, seed=seed)
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
@@ -239,19 +247,26 @@ def rmse_of(problem: Problem, end: End) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class _Fitted:
-    """A family fitted to all readings, with its score on them."""
+    """A family fitted to all readings, at a point of its unit box, with its score on them."""
 
     candidate: Candidate
     posed: Posed
-    end: End
+    u: Float[np.ndarray, " p"]
     rmse: float
     score: float
 
 
 def _fitted(
-    candidate: Candidate, posed: Posed, max_force: float, starts: int, seed: int
-) -> _Fitted | None:
-    """The family fitted as well as a comparison needs; None where no start has a force everywhere."""
+    data: ForceData, constraint: str, box: str, starts: int, seed: int, candidate: Candidate
+) -> _Fitted | str | None:
+    """The family fitted as well as a comparison needs.
+
+    In words why the map cannot carry it; None where no start has a force everywhere.
+    """
+    try:
+        posed = _posed(data, candidate, constraint, box)
+    except InputError as error:
+        return str(error)
     problem = posed.problem
     try:
         end = descended(problem, starts, seed)
@@ -264,7 +279,7 @@ def _fitted(
         if (one := grouped(problem, kind, error, groups=count)) is not None
     }
     rmse = rmse_of(problem, end)
-    return _Fitted(candidate, posed, end, rmse, score(groups, rmse, max_force))
+    return _Fitted(candidate, posed, end.u, rmse, score(groups, rmse, data.max_force))
 
 
 def _kinds(problem: Problem) -> list[tuple[str, int | None]]:
@@ -278,35 +293,86 @@ def _left_out_of(
     fitted: Sequence[_Fitted],
     max_force: float,
     seed: int,
+    executor: AnyExecutor,
     progress: Callable[[str, int, int], None] | None,
 ) -> tuple[list[tuple[_Fitted, dict[str, LeftOut]]], list[_Fitted]]:
     """The families with their errors on what was left out, and those for which it is no use.
 
     A family that errs more on what it has seen than another does on what it has not cannot be as good.
     """
+    race = _Race(sorted(fitted, key=lambda one: one.score), max_force)
+
+    def tell(done: int, total: int) -> None:
+        if progress is not None and done < total:
+            progress(f"left out: {race.order[done].candidate.name}", done, total)
+
+    run_fits(
+        functools.partial(_left_out, seed), race, executor=executor, store=race.found, progress=tell
+    )
     found, rest, best = [], [], np.inf
-    for done, one in enumerate(sorted(fitted, key=lambda one: one.score)):
+    for k, one in enumerate(race.order):
         if one.score > best + ALIKE:
             rest.append(one)
-            continue
-        if progress is not None:
-            progress(f"left out: {one.candidate.name}", done, len(fitted))
-        out = _left_out(one.posed.problem, one.end, seed)
-        if out is not None:
+        elif (out := race.found.parts[k]) is not None:
             found.append((one, out))
-            best = min(best, score(out, one.rmse, max_force))
+            best = min(best, race.score(k))
     return found, rest
 
 
-def _left_out(problem: Problem, end: End, seed: int) -> dict[str, LeftOut] | None:
-    """Errors on what was left out; None where there is no force at some of it."""
-    found = {}
+class _Race(Sequence[_Fitted | None]):
+    """Families by their scores on what they have seen, and None for one that can no longer be as good.
+
+    An earlier one that is no use makes the later ones no use, so what comes of those that were begun
+    before this was known does not matter: the outcome is that of one after the other.
+
+    Args:
+        order: the families, the best first.
+        max_force: largest force measured [N].
+    """
+
+    def __init__(self, order: Sequence[_Fitted], max_force: float) -> None:
+        self.order, self._max_force = order, max_force
+        self.found = _Found()
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def __getitem__(self, index: Any) -> Any:
+        one = self.order[index]
+        best = min((self.score(k) for k in self.found.parts if k < index), default=np.inf)
+        return None if one.score > best + ALIKE else one
+
+    def score(self, index: int) -> float:
+        """Of a family on what was left out; infinite where there is no force at some of it."""
+        out = self.found.parts[index]
+        return np.inf if out is None else score(out, self.order[index].rmse, self._max_force)
+
+
+class _Found:
+    """Errors on what was left out by the place of the family, see `run_tasks`."""
+
+    def __init__(self) -> None:
+        self.parts: dict[int, dict[str, LeftOut] | None] = {}
+
+    def __contains__(self, index: int) -> bool:
+        return index in self.parts
+
+    def keep(self, index: int, part: dict[str, LeftOut] | None) -> None:
+        """One more result."""
+        self.parts[index] = part
+
+
+def _left_out(seed: int, one: _Fitted | None) -> dict[str, LeftOut] | None:
+    """Errors on what was left out; None where there is no force at some of it, or no use in it."""
+    if one is None:
+        return None
+    problem, found = one.posed.problem, {}
     for kind, groups in _kinds(problem):
         # Without some pressures the optimum stays where it was; without a length it may not.
         starts = 1 if kind == "pressure" else 2
-        one = leave_out(problem, end.u, kind, groups=groups, starts=starts, seed=seed)
-        if one is not None:
-            if not np.isfinite(one.error).all():
+        errors = leave_out(problem, one.u, kind, groups=groups, starts=starts, seed=seed)
+        if errors is not None:
+            if not np.isfinite(errors.error).all():
                 return None
-            found[kind] = one
+            found[kind] = errors
     return found

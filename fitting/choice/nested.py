@@ -1,13 +1,19 @@
 """Validation of a choice: made anew without each pressure and each length, which it then predicts."""
 
 import dataclasses
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+
+import famjax
+from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..data.force_data import ForceData
+from ..trace import run_fits
 from .choose import Choice, choose
 
 _STARTS = 4
@@ -63,38 +69,77 @@ def validate_choice(
     choice: Choice,
     groups: str = "length",
     *,
+    executor: AnyExecutor = None,
+    resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> NestedValidation:
     """The errors of a choice on pressures or lengths that neither it nor its fits have seen.
 
+    Every level costs a choice of its own, five seconds of a core for a hundred readings: two
+    processes pay for four levels already.
+
     Args:
         choice: from `choose`.
         groups: "pressure" or "length".
+        executor: what chooses without the levels, each a task: this process, processes or a cluster,
+            see `famjax.boundary.tasks.AnyExecutor`; the numbers are the same.
+        resume: folder to which each finished level is written, made if need be; a validation that was
+            stopped goes on from there.
         progress: called with (levels done, levels).
         options: as `choose` was given; a fold has four starts at the most.
+
+    Raises:
+        InputError: the folder of another validation, or the executor is gone.
     """
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
-    levels = {"pressure": data.pressures, "length": data.lengths}[groups].level
-    loaded = levels[data.loaded]
-    single, place = np.unique(loaded, return_inverse=True)
+    levels = _levels(data, groups)[data.loaded]
+    single, place = np.unique(levels, return_inverse=True)
     count = min(single.size, _MOST)
     group = place * count // single.size
-    values = np.bincount(group, loaded) / np.bincount(group)
-    error, inside, width = np.zeros(loaded.size), np.zeros(loaded.size, bool), np.zeros(loaded.size)
+    values = np.bincount(group, levels) / np.bincount(group)
+    settings = {
+        "version": famjax.__version__,
+        "data": data.sha256,
+        "tolerances": [data.pressure_tolerance, data.length_tolerance],
+        "groups": groups,
+        "options": {name: repr(value) for name, value in sorted(options.items())},
+    }
+    store = Store(None if resume is None else Path(resume), "validation", settings, count)
+    run_fits(
+        functools.partial(_fold, data, groups, group, options), range(count), executor=executor,
+        store=store, progress=progress, names=[f"{groups} {value:.6g}" for value in values],
+    )  # fmt: skip
+    error, inside, width = np.zeros(levels.size), np.zeros(levels.size, bool), np.zeros(levels.size)
     names = []
-    for k in range(count):
+    for k, part in enumerate(store):
         mine = group == k
-        rest = choose(without(data, np.isin(levels, loaded[mine])), **options)
-        names.append(rest.names[0])
-        at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]
-        error[mine] = rest.predict(*at) - data.force[data.loaded][mine]
-        half = rest.error.factor() * rest.error.std(*at)
-        inside[mine], width[mine] = np.abs(error[mine]) <= half, 2 * half
-        if progress is not None:
-            progress(k + 1, values.size)
+        error[mine], inside[mine], width[mine] = part["error"], part["inside"], part["width"]
+        names.append(part["name"])
     return NestedValidation(groups, values, error, inside, width, tuple(names), group)
+
+
+def _fold(
+    data: ForceData,
+    groups: str,
+    group: Int[np.ndarray, " points"],
+    options: Mapping[str, Any],
+    k: int,
+) -> dict[str, Any]:
+    """The choice without one group of the loaded readings, and its errors on them."""
+    mine, levels = group == k, _levels(data, groups)
+    rest = choose(without(data, np.isin(levels, levels[data.loaded][mine])), **options)
+    at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]
+    error = rest.predict(*at) - data.force[data.loaded][mine]
+    half = rest.error.factor() * rest.error.std(*at)
+    return {
+        "name": rest.names[0], "error": error, "inside": np.abs(error) <= half, "width": 2 * half,
+    }  # fmt: skip
+
+
+def _levels(data: ForceData, groups: str) -> Float[np.ndarray, " n"]:
+    return {"pressure": data.pressures, "length": data.lengths}[groups].level
 
 
 def without(data: ForceData, out: Bool[np.ndarray, " n"]) -> ForceData:

@@ -6,14 +6,18 @@ whatever distinguishes one short muscle, and the rig's compliance must then be w
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
+from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..data.force_data import ForceData
 from ..evidence.left_out import LeftOut, leave_out
@@ -23,6 +27,7 @@ from ..families.parameters import Parameter
 from ..search.identification import solve
 from ..search.posing import Posed, pose_together
 from ..search.result import Identification
+from ..trace import run_fits
 from .choose import descended, rmse_of
 from .ladder import EXPONENT_PRIOR, LAWS, Candidate, numbers_of
 from .ranking import Tried, first_on_ladder, ranked
@@ -36,6 +41,7 @@ BETWEEN = 0.02
 """Standard deviation, in parts of the largest force, by which specimens of a series differ. All
 readings of one specimen are off together, so each specimen counts the same, however many it has."""
 
+_COMPARED = 4  # starts of each family at most
 _WORSE = 1.5  # times the error on specimens left out: one rig, not the mean of both
 _NO_DEADBAND = Parameter(value=0.0, vary=False, unit="Pa")
 _EQUAL = (
@@ -129,6 +135,8 @@ def identify_series(
     box: str = "physical",
     starts: int = 8,
     seed: int = 0,
+    executor: AnyExecutor = None,
+    resume: Path | str | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Series:
     """The model of a series that predicts each specimen from the others best.
@@ -148,23 +156,47 @@ def identify_series(
         box: of the standard bounds.
         starts: number of starts, of each fit.
         seed: of the starts.
+        executor: what judges the families, each rig of a law a task: this process, processes or a
+            cluster, see `famjax.boundary.tasks.AnyExecutor`; the model is the same.
+        resume: folder to which the errors of each finished one are written, made if need be; a
+            series that was stopped goes on from there.
         progress: called with (what is done, families done, families).
 
     Returns:
         The model, with the error of every family.
 
     Raises:
-        InputError: fewer than two specimens, an unknown law, or what `identify_together` refuses.
+        InputError: fewer than two specimens, an unknown law, what `identify_together` refuses, the
+            folder of another series, or the executor is gone.
     """
     _check(data, laws)
     alike = [_counting_alike(one, data) for one in data]
     families = _families(laws, dict(parameters or {}))
-    found = []
-    for done, family in enumerate(families):
-        if progress is not None:
-            progress(family[0].name, done, len(families))
-        rigs = [_tried(alike, one, constraint, box, min(starts, 4), seed) for one in family]
-        sound = [(one, rig) for one, rig in zip(family, rigs, strict=True) if rig is not None]
+    rigs = [rig for family in families for rig in family]
+    settings = {
+        "version": famjax.__version__,
+        "data": [one.sha256 for one in data],
+        "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in data],
+        "families": [[one.name, repr(sorted(one.parameters.items()))] for one in rigs],
+        "constraint": constraint,
+        "box": box,
+        "starts": min(starts, _COMPARED),
+        "seed": seed,
+    }
+    store = Store(None if resume is None else Path(resume), "series", settings, len(rigs))
+
+    def tell(done: int, total: int) -> None:
+        if progress is not None and done < total:
+            progress(rigs[done].name, done, total)
+
+    run_fits(
+        functools.partial(_tried, alike, constraint, box, min(starts, _COMPARED), seed), rigs,
+        executor=executor, store=store, progress=tell, names=[one.name for one in rigs],
+    )  # fmt: skip
+    parts, found = iter(store), []
+    for family in families:
+        judged = [_Judged.of(one, next(parts)) for one in family]
+        sound = [one for one in judged if one is not None]
         if sound:
             found.append(_alike(sound))
     if not found:
@@ -175,56 +207,80 @@ def identify_series(
         )
     largest = max(one.max_force for one in data)
     tried, order = ranked(
-        [(one, _rmse(rigs), {"specimen": _mean([rig[2] for rig in rigs])}) for one, rigs in found],
+        [
+            (kept[0].candidate, _rmse(kept), {"specimen": _mean([one.left_out for one in kept])})
+            for kept in found
+        ],
         largest,
     )
     chosen = first_on_ladder(tried)
-    _, rigs = found[order[chosen]]
     if progress is not None:
-        progress(f"identifying: {tried[chosen].candidate.name}", len(families), len(families))
-    fits = [solve(posed, starts=starts, seed=seed) for posed, _, _ in rigs]
+        progress(f"identifying: {tried[chosen].candidate.name}", len(rigs), len(rigs))
+    fits = [
+        solve(_posed(alike, constraint, box, one.candidate), starts=starts, seed=seed)
+        for one in found[order[chosen]]
+    ]
     return Series(
         name=tried[chosen].candidate.name, law=tried[chosen].candidate.law, specimens=fits[0],
         others=tuple(fits[1:]), tried=tried, left_out=tried[chosen].left_out["specimen"],
     )  # fmt: skip
 
 
-_Rig = tuple[Posed, float, LeftOut]
-"""A family with a rig that is rigid, or one that gives way: the problem, RMSE in sample, left out."""
+@dataclasses.dataclass(frozen=True)
+class _Judged:
+    """A law in a rig that is rigid or gives way: RMSE [N] in sample, errors on specimens left out."""
+
+    candidate: Candidate
+    rmse: float
+    left_out: LeftOut
+
+    @classmethod
+    def of(cls, candidate: Candidate, part: Mapping[str, Any]) -> "_Judged | None":
+        """From the part of a store; None where there is no force of every specimen."""
+        if not part["sound"]:
+            return None
+        out = LeftOut("specimen", part["level"], part["group"], part["error"])
+        return cls(candidate, part["rmse"], out)
 
 
 def _tried(
     data: Sequence[ForceData],
-    candidate: Candidate,
     constraint: str,
     box: str,
     starts: int,
     seed: int,
-) -> _Rig | None:
-    """None where the others do not determine the force of every specimen."""
-    posed = pose_together(
+    candidate: Candidate,
+) -> dict[str, Any]:
+    """Its errors; not sound where the others do not determine the force of every specimen."""
+    problem = _posed(data, constraint, box, candidate).problem
+    best = descended(problem, starts, seed)
+    out = leave_out(problem, best.u, "specimen", starts=2, seed=seed)
+    if out is None or not np.isfinite(out.error).all():
+        return {"sound": False}
+    return {
+        "sound": True, "rmse": rmse_of(problem, best), "level": out.level, "group": out.group,
+        "error": out.error,
+    }  # fmt: skip
+
+
+def _posed(data: Sequence[ForceData], constraint: str, box: str, candidate: Candidate) -> Posed:
+    return pose_together(
         data, own=(), parameters=candidate.parameters, constraint=constraint, box=box,
         **candidate.options,
     )  # fmt: skip
-    best = descended(posed.problem, starts, seed)
-    out = leave_out(posed.problem, best.u, "specimen", starts=2, seed=seed)
-    if out is None or not np.isfinite(out.error).all():
-        return None
-    return posed, rmse_of(posed.problem, best), out
 
 
-def _alike(rigs: Sequence[tuple[Candidate, _Rig]]) -> tuple[Candidate, list[_Rig]]:
-    """The family with a rigid rig, with one that gives way, or the mean of both.
+def _alike(judged: Sequence[_Judged]) -> list[_Judged]:
+    """The law in a rigid rig, in one that gives way, or in both.
 
     Both, unless one predicts the specimens plainly worse.
     """
-    least = min(out.rmse for _, (_, _, out) in rigs)
-    kept = [(one, rig) for one, rig in rigs if rig[2].rmse <= _WORSE * least]
-    return kept[0][0], [rig for _, rig in kept]
+    least = min(one.left_out.rmse for one in judged)
+    return [one for one in judged if one.left_out.rmse <= _WORSE * least]
 
 
-def _rmse(rigs: Sequence[_Rig]) -> float:
-    return float(np.sqrt(np.mean([rmse**2 for _, rmse, _ in rigs])))
+def _rmse(judged: Sequence[_Judged]) -> float:
+    return float(np.sqrt(np.mean([one.rmse**2 for one in judged])))
 
 
 def _mean(left_out: Sequence[LeftOut]) -> LeftOut:

@@ -163,20 +163,44 @@ def _traced(
 
 
 class Program:
-    """The linear model of a family at the readings and paths of one map."""
+    """The linear model of a family at the readings and paths of one map.
 
-    def __init__(self, family: AbstractFamily, constraint: Constraint, at: MapInputs) -> None:
-        self._points, padded = at.length.size, _padded(at)
+    Sent to another process it is made there anew, since structures of JAX cannot be sent.
+
+    Args:
+        family: its models.
+        constraint: on their coefficients.
+        at: readings and paths.
+        size: number of readings that one call takes, if it is not that of `at`.
+    """
+
+    def __init__(
+        self,
+        family: AbstractFamily,
+        constraint: Constraint,
+        at: MapInputs,
+        size: int | None = None,
+    ) -> None:
+        self._made_of = family, constraint, at
+        self._points, padded = at.length.size, _padded(at, size)
         self._size = padded.length.size
         leaves, treedef = jax.tree.flatten((family, padded))
         self._arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
         static = tuple(None if eqx.is_array_like(leaf) else (leaf,) for leaf in leaves)
         self._key = treedef, static, constraint, tuple((a.shape, a.dtype.str) for a in self._arrays)
-        self._family_key = tape_store.identity(family.identity)
+
+    @functools.cached_property
+    def _family_key(self) -> str | None:
+        # Not sooner: a process that was sent this learns afterwards where tapes are kept.
+        return tape_store.identity(self._made_of[0].identity)
+
+    def __reduce__(self) -> tuple[type["Program"], tuple[Any, ...]]:
+        return Program, (*self._made_of, self._size)
 
     def at(self, inputs: MapInputs) -> "Program":
         """The same program at other readings and paths of the same sizes; nothing is traced."""
         other = copy.copy(self)
+        other._made_of = (*self._made_of[:2], inputs)
         other._points = inputs.length.size
         own = [np.asarray(leaf) for leaf in jax.tree.leaves(_padded(inputs, self._size))]
         other._arrays = [*self._arrays[: len(self._arrays) - len(own)], *own]

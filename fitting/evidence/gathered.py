@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import from_si, si_unit, unit_system
 
 from ..hysteresis.slip_fit import HysteresisFit
@@ -98,6 +99,7 @@ def gather(
     profiles: bool,
     replicates: int,
     seed: int,
+    executor: AnyExecutor = None,
     progress: Callable[[str, int, int], None],
     error: ModelError | None = None,
     posterior: bool = False,
@@ -112,6 +114,7 @@ def gather(
         profiles: profile likelihoods.
         replicates: of the bootstrap.
         seed: of the bootstrap.
+        executor: what fits replicates, see `bootstrap`; nothing else takes long enough.
         progress: called as it comes.
         error: of predictions, where it is known; found by leaving out unless given.
         posterior: draw from it.
@@ -136,8 +139,9 @@ def gather(
     drawn = None
     if replicates:
         drawn = bootstrap(
-            result, replicates, seed=seed, progress=lambda d, t: progress("bootstrap", d, t)
-        )
+            result, replicates, seed=seed, executor=executor,
+            progress=lambda d, t: progress("bootstrap", d, t),
+        )  # fmt: skip
     sampled = None
     if posterior:
         from ..posterior.sampling import sample  # noqa: PLC0415 -- most fits ask for none

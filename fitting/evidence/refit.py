@@ -1,8 +1,7 @@
 """The same identification again with other readings or bounds: what validation and uncertainty need."""
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -35,7 +34,6 @@ class Refit:
 def refit(
     problems: Sequence[Problem],
     starts: Sequence[Float[np.ndarray, "k p"]],
-    progress: Callable[[int, int], None] | None = None,
     *,
     max_steps: int = 200,
     tolerance: float = 1e-10,
@@ -45,7 +43,6 @@ def refit(
     Args:
         problems: with other readings, weights or bounds.
         starts: of each, points of the unit box of its own free parameters.
-        progress: called with (refits done, refits).
         max_steps: of each descent, see `descend_many`; what is only compared need not be an optimum
             to the last digit.
         tolerance: likewise.
@@ -54,16 +51,9 @@ def refit(
         The refits.
     """
     which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
-    left, done = np.bincount(which), itertools.count(1)
-
-    def ended(place: int) -> None:
-        left[which[place]] -= 1
-        if progress is not None and not left[which[place]]:
-            progress(next(done), len(problems))
-
     tried = descend_many(
         [problems[k] for k in which.tolist()], [start for points in starts for start in points],
-        max_steps=max_steps, tolerance=tolerance, progress=ended,
+        max_steps=max_steps, tolerance=tolerance,
     )  # fmt: skip
     costs = np.array([end.cost for end in tried])
     costs[~np.isfinite(costs)] = np.inf

@@ -1,18 +1,24 @@
 """Validation of an identification on readings it has not seen: one pressure, length or muscle out."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.tasks import AnyExecutor
 
+from ..engine.problem import Problem
 from ..search.multi_start import latin_hypercube
 from ..search.result import Identification
+from ..trace import run_fits
 from .refit import Refit, refit
 
 GROUPS = ("pressure", "length", "specimen")
+_CHUNK = 16  # groups
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +48,7 @@ def validate(
     groups: str = "pressure",
     *,
     starts: int = 4,
+    executor: AnyExecutor = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Validation:
     """The errors of an identification on pressures, lengths or muscles that it has not seen.
@@ -53,14 +60,17 @@ def validate(
         result: from `identify`, or one of `identify_together` for all of these.
         groups: what is left out together.
         starts: descents for each group, one of them from the optimum of all readings.
+        executor: what does the groups, sixteen in a task: this process, processes or a cluster, see
+            `famjax.boundary.tasks.AnyExecutor`; the results are the same. What is one task only, or
+            cannot be sent to another process, is done in this one.
         progress: called with (refits done, refits).
 
     Returns:
         The errors.
 
     Raises:
-        InputError: fewer than two groups, an unknown kind of group, or free coefficients that
-            cannot predict a pressure.
+        InputError: fewer than two groups, an unknown kind of group, free coefficients that cannot
+            predict a pressure, or the executor is gone.
     """
     problem = result.problem
     if groups not in GROUPS:
@@ -78,8 +88,15 @@ def validate(
     out = label == values[:, None]
     cube = latin_hypercube(len(problem.free), starts, result.seed + 1)
     cube[0] = result.end.u
-    without = [problem.with_readings(factor=1.0 * ~left_out) for left_out in out]
-    found = refit(without, [cube] * values.size, progress)
+    chunks = [out[first : first + _CHUNK] for first in range(0, len(out), _CHUNK)]
+    parts = list(
+        run_fits(
+            functools.partial(_without, problem, cube), chunks,
+            executor=executor if len(chunks) > 1 else None,
+            progress=progress and (lambda n, _: progress(min(n * _CHUNK, len(out)), len(out))),
+        )
+    )  # fmt: skip
+    found = Refit(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     out = out & (problem.side == 0)
     square = np.where(out, found.residual, 0.0) ** 2
     group_rmse = np.sqrt(square.sum(axis=1) / out.sum(axis=1))
@@ -94,6 +111,14 @@ def validate(
         ),
         refits=found,
     )
+
+
+def _without(
+    problem: Problem, cube: Float[np.ndarray, "starts p"], out: Bool[np.ndarray, "groups points"]
+) -> dict[str, Any]:
+    """The refits without some groups of readings, from some points of the unit box."""
+    found = refit([problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * len(out))
+    return vars(found)
 
 
 def check_nothing_own(result: Identification) -> None:

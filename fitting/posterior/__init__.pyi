@@ -12,3 +12,4 @@ from .report import (
 )
 from .result import Posterior as Posterior, Summary as Summary
 from .sampling import sample as sample
+from .specimens import sample_each as sample_each

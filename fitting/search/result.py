@@ -1,9 +1,12 @@
 """What an identification returns: numbers with their units, errors, certificate and doubts."""
 
 import dataclasses
+import hashlib
 import math
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -200,6 +203,27 @@ class Identification:
         if len(names) == self.order:
             return names
         return tuple(f"{name}_at_node_{k // self.order + 1}" for k, name in enumerate(names))
+
+    @property
+    def fingerprint(self) -> dict[str, Any]:
+        """By what an unfinished work on it is known: readings, weights, bounds, priors, law."""
+        problem = self.problem
+        numbers = [problem.low, problem.high, problem.coefficient_min, problem.coefficient_max]
+        for part in problem.parts:
+            numbers += [part.force, part.weight, part.side]
+            numbers += [part.inputs.length, part.inputs.pressure]
+            numbers += filter(eqx.is_array_like, jax.tree.leaves(part.family))
+        # Not to the last digit: weights of a robust fit are results, not inputs.
+        text = " ".join(f"{value:.9e}" for one in numbers for value in np.ravel(one).tolist())
+        known = problem.priors, problem.coefficient_priors, f"{problem.noise:.9e}"
+        return {
+            "version": famjax.__version__,
+            "specimens": [part.name for part in problem.parts],
+            "parameters": [*problem.names, *problem.linear],
+            "law": self.law.name,
+            "constraint": self.constraint,
+            "numbers": hashlib.sha256(f"{text} {known}".encode()).hexdigest(),
+        }
 
     @property
     def readings_of_parts(self) -> list[int]:

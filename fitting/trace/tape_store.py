@@ -35,6 +35,11 @@ def keep_tapes(folder: Path | None) -> None:
     _folders[:] = [] if folder is None else [folder]
 
 
+def kept_in() -> Path | None:
+    """The folder in which tapes are kept."""
+    return _folders[0] if _folders else None
+
+
 def identity(*parts: Any) -> str | None:
     """A digest of what a tape follows from; None where it is not kept."""
     if not _folders:

@@ -1,5 +1,8 @@
+import pickle
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
+from typing import Any
 
 import clarabel
 import numpy as np
@@ -9,6 +12,30 @@ from scipy import sparse
 from fitting import ForceData, Identification, identify, load_bundled
 
 DMSP20, DMSP10 = "DMSP-20-300", "DMSP-10-250"
+
+
+class _Sent(Executor):
+    """Sends function, arguments and result through pickle, and does a task in this thread.
+
+    Attributes:
+        count: of the tasks so far.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        self.count += 1
+        function, given, named = pickle.loads(pickle.dumps((fn, args, kwargs)))
+        future: Future[Any] = Future()
+        future.set_result(pickle.loads(pickle.dumps(function(*given, **named))))
+        return future
+
+
+@pytest.fixture
+def sent() -> Any:
+    """An executor whose tasks are sent as to another process, and counted; none is started."""
+    return _Sent()
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
+from ..options.engine import EngineOptions
 from ..options.whole_numbers import Order, Replicates, Seed, Starts
 from ..terminal import Output, print_table, progress_bar
 from .hysteresis import load_ramps, one_map, with_hysteresis
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from fitting.evidence import Evidence
 
     from .steps import Steps
+
+_THIS_PROCESS = EngineOptions()
 
 
 def fit(
@@ -50,6 +53,7 @@ def fit(
     seed: Seed = 0,
     output: Path = Path("famjax-fit"),
     units: Literal["si", "metric", "us"] = "metric",
+    engine: EngineOptions = _THIS_PROCESS,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Identify a muscle from a measured force map.
@@ -144,6 +148,9 @@ def fit(
         Folder for the files, made if need be.
     units
         Of table, picture and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+    engine
+        Where a model is chosen anew without each level (--validate), where one is chosen for a map of
+        2000 readings or more, and where replicates are fitted; for these, from 10000 on it pays.
     json_
         Print one JSON object to standard output and nothing else there.
     """
@@ -192,8 +199,8 @@ def fit(
         from .measured_shape import with_shape
 
         measured, options, surface = with_shape(measured, shape, options)
-    with progress_bar() as progress:
-        steps = Steps(measured, options, progress)
+    with progress_bar() as progress, engine.executor() as executor:
+        steps = Steps(measured, options, progress, executor)
         if (
             law is None
             and order is None

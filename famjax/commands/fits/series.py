@@ -7,8 +7,11 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ..loading import load_fitting, load_map
+from ..options.engine import EngineOptions
 from ..options.whole_numbers import Seed, Starts
 from ..terminal import Output, print_rows, progress_bar
+
+_THIS_PROCESS = EngineOptions()
 
 
 def series(
@@ -24,6 +27,7 @@ def series(
     starts: Starts = 8,
     seed: Seed = 0,
     output: Path = Path("famjax-series"),
+    engine: EngineOptions = _THIS_PROCESS,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Identify several muscles of a series together, to predict those of other lengths.
@@ -57,6 +61,8 @@ def series(
         Of the starts; the same seed gives the same result.
     output
         Folder for the file, made if need be.
+    engine
+        Where the families are judged.
     json_
         Print one JSON object to standard output and nothing else there.
     """
@@ -68,7 +74,7 @@ def series(
 
     place = Output(output)
     maps = [load_map(one, {}) for one in data]
-    with progress_bar() as progress:
+    with progress_bar() as progress, engine.executor() as executor:
         task = progress.add_task("identifying", total=None)
 
         def show(name: str, done: int, total: int) -> None:
@@ -82,6 +88,7 @@ def series(
             box=box,
             starts=starts,
             seed=seed,
+            executor=executor,
             progress=show,
         )
     document = fitting.saved.series_as_dict(found, Origin.of_this_command())

@@ -7,11 +7,15 @@ from typing import Any
 from rich.progress import Progress
 
 import fitting
+from famjax.boundary.tasks import AnyExecutor
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import Evidence, gather, left_out_kinds
 from fitting.verdict import Judgement, doubtful, judge, suspect
 
 from .measured_shape import shared_moves
+
+_LARGE = 2000
+"""Readings from which other processes choose sooner than this one, see `fitting.choose`."""
 
 
 class Steps:
@@ -30,9 +34,14 @@ class Steps:
     judgement: Judgement
 
     def __init__(
-        self, data: fitting.ForceData, options: Mapping[str, Any], progress: Progress
+        self,
+        data: fitting.ForceData,
+        options: Mapping[str, Any],
+        progress: Progress,
+        executor: AnyExecutor = None,
     ) -> None:
         self._data, self._options, self._progress = data, dict(options), progress
+        self._executor = executor
         self._task = progress.add_task(f"identifying {data.specimen.name}", total=None)
 
     def _show(self, what: str, done: int, total: int) -> None:
@@ -40,7 +49,11 @@ class Steps:
 
     def choose(self) -> None:
         """The family that predicts best what was left out."""
-        self.choice = fitting.choose(self._data, **self._options, progress=self._show)
+        large = self._data.force.size >= _LARGE
+        self.choice = fitting.choose(
+            self._data, **self._options, executor=self._executor if large else None,
+            progress=self._show,
+        )  # fmt: skip
         self.result = self.choice.chosen
 
     def identify(self, **asked: Any) -> None:
@@ -66,7 +79,8 @@ class Steps:
         choice = self.choice
         self.evidence = gather(
             self.result, validation=validation and choice is None, profiles=profiles,
-            replicates=replicates, seed=self._options["seed"], progress=self._show,
+            replicates=replicates, seed=self._options["seed"], executor=self._executor,
+            progress=self._show,
             error=None if choice is None else choice.error, posterior=posterior,
             noise=self._options["noise"] if choice is None else None,
             shared=shared_moves(self.result.data, errors, surface),
@@ -74,7 +88,7 @@ class Steps:
         if choice is not None and validation:
             found = [
                 validate_choice(
-                    choice, kind, **self._options,
+                    choice, kind, **self._options, executor=self._executor,
                     progress=lambda done, total, kind=kind: self._show(
                         f"choosing with one {kind} left out", done, total
                     ),

@@ -1,0 +1,138 @@
+"""Choices and series on any executor: the same bits, the same files."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import famjax
+from fitting import ForceData, InputError, Specimen, choose, identify_series
+from fitting.choice import Choice, NestedValidation, Series, ladder, validate_choice
+
+pytestmark = pytest.mark.slow
+
+PRESSURES = np.linspace(1e5, 4e5, 4)
+
+
+def measured(rest: float, lengths: int) -> ForceData:
+    """A muscle of a linear law, with noise of 1 N."""
+    braid = famjax.Braid.from_rest(diameter=0.0215, braid_angle=1.12, length=rest)
+    geometry = famjax.EstimatedGeometry(braid, famjax.Bladder(rest, 0.0215, 1.8e-3, embedded=True))
+    muscle = famjax.Muscle(geometry, famjax.PolynomialMaterial(np.array([1e6])), 3e4)
+    length, pressure = (
+        grid.ravel() for grid in np.meshgrid(rest * np.linspace(1, 0.85, lengths), PRESSURES)
+    )
+    force = np.asarray(muscle.force(length, pressure))
+    force = force + np.random.default_rng(lengths).normal(size=force.size)
+    specimen = Specimen(f"{rest * 1e3:.0f} mm", rest, 1.8e-3, 0.020, embedded=True)
+    return ForceData(force, pressure, length, specimen)
+
+
+SMALL = measured(0.2, 4)
+HELD = {"end_factor": (1.0, 1.0), "braid_compliance": (0.0, 0.0), "rest_length": (0.2, 0.2)}
+FEW: dict[str, Any] = {"starts": 2, "bounds": HELD}  # laws with and without a deadband
+
+
+@pytest.fixture(scope="module")
+def here() -> Choice:
+    return choose(SMALL, **FEW)
+
+
+def same(one: Choice, other: Choice) -> bool:
+    scores, others = ([(t.candidate.name, t.score) for t in of.tried] for of in (one, other))
+    pairs = zip(one.members, other.members, strict=True)
+    return (
+        scores == others
+        and one.names == other.names
+        and one.dropped == other.dropped
+        and all(np.array_equal(a.residuals, b.residuals) for a, b in pairs)
+        and all(
+            np.array_equal(one.left_out[k].error, other.left_out[k].error) for k in one.left_out
+        )
+    )
+
+
+def same_errors(one: NestedValidation, other: NestedValidation) -> bool:
+    values, others = vars(one), vars(other)
+    return all(np.array_equal(values[name], others[name]) for name in values)
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_a_choice_that_is_sent_is_the_same(here: Choice, sent: Any) -> None:
+    told: list[tuple[str, int, int]] = []
+    again = choose(SMALL, **FEW, executor=sent, progress=lambda *of: told.append(of))
+    assert same(here, again)
+    count = len(ladder(SMALL, bounds=HELD)[0])
+    assert sent.count == 2 * count  # fits, then what was left out of them or need not be
+    assert [done for _, done, _ in told] == [*range(count), *range(count), count]
+
+
+def test_families_that_are_no_use_are_left_to_no_worker(here: Choice) -> None:
+    """What an engine has begun too early does not change what was tried."""
+    assert any(not one.left_out for one in here.tried)
+    bound = min(one.score for one in here.tried if one.left_out) + 0.1
+    assert all(one.score > bound for one in here.tried if not one.left_out)
+
+
+def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
+    here: Choice, tmp_path: Path, sent: Any
+) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    found = validate_choice(here, "length", resume=whole, **FEW)
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(done: int, total: int) -> None:
+        if done == 3:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        validate_choice(here, "length", resume=cut, **FEW, progress=stop)
+    again = validate_choice(here, "length", resume=cut, **FEW, executor=sent)
+    assert sent.count == 1  # of four lengths
+    assert same_errors(found, again)
+    assert content(cut) == content(whole)
+    with pytest.raises(InputError, match=r"a validation of other data .*settings.groups"):
+        validate_choice(here, "pressure", resume=cut, **FEW)
+
+
+def test_two_processes_choose_the_same(here: Choice) -> None:
+    assert same(here, choose(SMALL, **FEW, executor=2))
+
+
+def test_a_stopped_series_goes_on_to_the_same_bytes(tmp_path: Path, sent: Any) -> None:
+    maps = [measured(0.1, 3), measured(0.2, 4)]
+    own: dict[str, Any] = {"laws": ("linear",), "starts": 2}
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    found = identify_series(maps, **own, resume=whole)
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(_: str, done: int, total: int) -> None:
+        if done == 2:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        identify_series(maps, **own, resume=cut, progress=stop)
+    again = identify_series(maps, **own, resume=cut, executor=sent)
+    assert sent.count == 2  # of four: with and without a deadband, in two rigs
+    assert _same_series(found, again)
+    assert _same_series(found, identify_series(maps, **own))
+    assert content(cut) == content(whole)
+
+
+def _same_series(one: Series, other: Series) -> bool:
+    pairs = zip(one.specimens, other.specimens, strict=True)
+    return (
+        one.name == other.name
+        and one.candidates == other.candidates
+        and len(one.others) == len(other.others)
+        and all(np.array_equal(a.residuals, b.residuals) for a, b in pairs)
+    )
