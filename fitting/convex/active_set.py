@@ -107,8 +107,8 @@ def nearest_points(
     """
     count, n = centre.shape
     if single:
-        coarse = (array.astype(jnp.float32) for array in (G, h, centre, J))
-        near = nearest_points(*coarse, guess)
+        G4, h4, centre4, J4 = (array.astype(jnp.float32) for array in (G, h, centre, J))
+        near = nearest_points(G4, h4, centre4, J4, guess)
         guess = near.rows, near.used
     chunk = min(count, _CHUNK)
     padded = -(-count // chunk) * chunk

@@ -176,9 +176,8 @@ def search_space(
             progress(min(done * chunk, grid.total), grid.total)
 
     work = functools.partial(search_chunk, space)
-    tally = run_tasks(
-        work, range(0, grid.total, chunk), executor=executor, store=Tally(space), progress=told
-    )
+    tally = Tally(space)
+    run_tasks(work, range(0, grid.total, chunk), executor=executor, store=tally, progress=told)
     front = _balanced(tally.front, wanted) if tally.feasible else {}
     notes = assumption_notes(map(_of_the_section, strengths)) if limits.end_fittings else []
     return SpaceSearch(
