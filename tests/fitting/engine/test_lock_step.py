@@ -1,5 +1,7 @@
 """Descents in step end where each would end alone, and tapes compute what XLA computes."""
 
+import pickle
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +16,7 @@ from fitting.convex.host_qp import solve_host_qps
 from fitting.convex.status import Status
 from fitting.engine.descent import descend, descend_many
 from fitting.search.multi_start import latin_hypercube
+from fitting.search.posing import pose_one
 from fitting.trace import tape_store
 from fitting.trace.tape import Tape, UnknownPrimitiveError, record
 
@@ -136,6 +139,22 @@ def test_a_kept_tape_computes_the_same(folder):
     assert isinstance(again, Tape)
     x, y = np.linspace(0.2, 0.9, 30).reshape(6, 5), np.linspace(1.1, 2, 5)
     np.testing.assert_array_equal(again.run(x, y)[0], tape.run(x, y)[0])
+
+
+def test_a_problem_that_was_sent_has_the_same_bits_and_keeps_its_tape(folder):
+    problem = pose_one(load_bundled("DMSP-10-250")).problem
+    packed = pickle.dumps(problem)
+    tape_store.keep_tapes(None)
+    sent = pickle.loads(packed)
+    tape_store.keep_tapes(folder)  # which a worker learns after it has unpacked its work
+    start = latin_hypercube(3, 1, seed=4)[0]
+    here, there = descend(problem, start), descend(sent, start)
+    np.testing.assert_array_equal(here.point.residual, there.point.residual)
+    np.testing.assert_array_equal(here.u, there.u)
+    assert [file.suffix for file in folder.iterdir()] == [".json"]
+    stations = problem.parts[0].inputs.stations
+    moved = pickle.loads(pickle.dumps(problem.parts[0].with_stations(0.9 * stations)))
+    np.testing.assert_array_equal(moved.program._arrays[-1], 0.9 * stations)
 
 
 def test_a_broken_file_is_as_good_as_none(folder):
