@@ -56,8 +56,8 @@ def sweeps(programmes: int) -> list[Curve]:
 
     replicates, curves = -(-programmes // scaling.PER_REPLICATE), []
     for jobs, name in ((1, "bootstrap programmes, one process"), (2, "two processes")):
-        # Without the start of the processes.
-        times = np.array(scaling.started(replicates, jobs)["times_s"])[2 * jobs :]
+        times = np.array(scaling.started(replicates, jobs)["times_s"])
+        times = times[len(times) // 4 :]  # all processes have begun
         size = scaling.PER_REPLICATE * scaling.CHUNK * np.arange(1, len(times))
         some = np.unique(np.minimum(np.searchsorted(size, SIZES), len(size) - 1))
         curves.append(Curve(name, size[some], times[1:][some] - times[0], SIZES[-1]))
