@@ -6,6 +6,7 @@ python docs/tables.py FOLDER        # or elsewhere
 
 import itertools
 import json
+import runpy
 import subprocess
 import sys
 import tempfile
@@ -118,11 +119,8 @@ def _rows(rows: Sequence[dict[str, Any]], *, with_table: bool) -> str:
 
 def _notes(tables: Iterable[str]) -> list[str]:
     """What is known of why these tables differ."""
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    from chambers_notes import NOTES  # noqa: PLC0415 -- beside the packages, not of them
-
-    sys.path.remove(str(ROOT / "benchmarks"))
-    of = dict(NOTES)
+    script = runpy.run_path(str(ROOT / "examples" / "chambers2021" / "notes.py"))
+    of = dict(script["NOTES"])
     return [f"**{table}.** {of[table]}" for table in tables if table in of]
 
 
