@@ -32,6 +32,7 @@ from promises_kernels import KERNELS
 from promises_photographs import PHOTOGRAPHS
 from promises_posterior import POSTERIOR
 from promises_rig import RIG
+from promises_scaling import SCALING
 from promises_tables import TABLES
 from promises_verdict import VERDICT
 
@@ -59,6 +60,7 @@ PROMISES: tuple[Promise, ...] = tuple(
             *PHOTOGRAPHS,
             *POSTERIOR,
             *RIG,
+            *SCALING,
             *FIRST_ANSWER,
             *VERDICT,
             *CHAIN,

@@ -88,6 +88,28 @@ def nonlinearity(times: list[float]) -> float:
     )
 
 
+def measured(programmes: int) -> dict[str, float]:
+    """The figures, each run in a process of its own."""
+    load = os.getloadavg()[0]
+    replicates = -(-programmes // PER_REPLICATE)
+    runs = {jobs: started(replicates, jobs) for jobs in (0, 1, 2)}
+    here, rates = runs[0], {jobs: steady_rate(runs[jobs]["times_s"], jobs) for jobs in (1, 2)}
+    whole = here["times_s"][-1] - here["times_s"][0]
+    rate = PER_REPLICATE * replicates / whole
+    single = PER_REPLICATE * CHUNK / here["single_s"]
+    return {
+        "programmes": PER_REPLICATE * replicates,
+        "seconds": whole,
+        "programmes_per_s": rate,
+        "of_the_rate_of_one_chunk": rate / single,
+        "nonlinearity": nonlinearity(here["times_s"]),
+        "rss_B": max(run[name] for run in runs.values() for name in ("rss_B", "worker_rss_B")),
+        "one_process_per_s": rates[1],
+        "two_processes_over_one": rates[2] / rates[1],
+        "load": load,
+    }
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Measure and print; exit code 1 if a figure misses what is wanted."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
@@ -99,24 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
     if given.one is not None:
         print(json.dumps(one(given.one, given.jobs)))
         return 0
-    load = os.getloadavg()[0]
-    replicates = -(-int(given.programmes) // PER_REPLICATE)
-    runs = {jobs: started(replicates, jobs) for jobs in (0, 1, 2)}
-    here, rates = runs[0], {jobs: steady_rate(runs[jobs]["times_s"], jobs) for jobs in (1, 2)}
-    whole = here["times_s"][-1] - here["times_s"][0]
-    rate = PER_REPLICATE * replicates / whole
-    single = PER_REPLICATE * CHUNK / here["single_s"]
-    found = {
-        "programmes": PER_REPLICATE * replicates,
-        "seconds": whole,
-        "programmes_per_s": rate,
-        "of_the_rate_of_one_chunk": rate / single,
-        "nonlinearity": nonlinearity(here["times_s"]),
-        "rss_B": max(run[name] for run in runs.values() for name in ("rss_B", "worker_rss_B")),
-        "one_process_per_s": rates[1],
-        "two_processes_over_one": rates[2] / rates[1],
-        "load": load,
-    }
+    found = measured(int(given.programmes))
     for name, value in found.items():
         print(f"{name.replace('_', ' ')}: {value:.4g}")
     if given.json is not None:

@@ -3,6 +3,8 @@
 import gc
 import os
 import sys
+import warnings
+from typing import Any
 
 from .commands.stopping import STOPPED, end_at_interrupts, farewell
 
@@ -17,6 +19,7 @@ def main(arguments: list[str] | None = None) -> None:
     """
     if arguments is None:
         end_at_interrupts(sys.argv[1:])
+        warnings.showwarning = _as_note
         # What imports and traces make stays to the end: it is searched for garbage less often.
         gc.set_threshold(100_000, 20, 50)
     code = _run(sys.argv[1:] if arguments is None else arguments)
@@ -24,6 +27,12 @@ def main(arguments: list[str] | None = None) -> None:
         # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
         gc.freeze()
     sys.exit(code)
+
+
+def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
+    """A warning as a person reads it; those for developers are none of a user's."""
+    if issubclass(category, UserWarning):
+        print(f"note: {message}", file=sys.stderr)
 
 
 def _run(arguments: list[str]) -> int:

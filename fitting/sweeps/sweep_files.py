@@ -11,6 +11,7 @@ import numpy as np
 
 import famjax
 from famjax.boundary.files import as_png, check_output, make_output, write_all
+from famjax.boundary.tasks import keepable
 from famjax.boundary.units import from_si, unit_system
 
 from ..data.force_data import ForceData
@@ -57,7 +58,7 @@ def sweep_command(
     check_output(output)
     make_output(output)
     # The fits alone take less time than it takes to load what keeps them.
-    kept = output / REPLICATES if bootstrap else None
+    kept = keepable(output / REPLICATES) if bootstrap else None
     found = sweep(data, geometry, bootstrap=bootstrap, **options, resume=kept)
     rows = {"rows": [row.as_dict() for row in found.rows]}
     files = {SWEEP_FILE: msgspec.json.encode(rows)}  # nan as null

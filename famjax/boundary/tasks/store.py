@@ -5,6 +5,7 @@ part alone and appears whole, so that a finished folder is the same, byte for by
 on it, in which order, and however often it was stopped.
 """
 
+import importlib.util
 import json
 import os
 import re
@@ -153,6 +154,19 @@ class Store:
                 else:
                     found.add(int(named[1]))
         return found
+
+
+def keepable(folder: Path) -> Path | None:
+    """The folder, or None with a warning where the package that writes parts is not installed."""
+    if importlib.util.find_spec("pyarrow") is not None:
+        return folder
+    warnings.warn(
+        "what is finished is kept in memory alone, and work that is stopped begins anew: for parts "
+        'on the disk, python -m pip install "famjax[tables]"',
+        UserWarning,
+        stacklevel=2,
+    )
+    return None
 
 
 def _write(file: Path, content: bytes) -> None:

@@ -62,6 +62,7 @@ def compare(
     load_matplotlib()
     from famjax.boundary.files import as_png, make_output, write_all
     from famjax.boundary.origin import Origin
+    from famjax.boundary.tasks import keepable
     from famjax.commands.options.fits import parse_specimen
     from fitting.comparison import plot_comparison
 
@@ -70,7 +71,7 @@ def compare(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
     make_output(output)
-    kept = output / "rows"
+    kept = keepable(output / "rows")
     with progress_bar() as progress, engine.executor() as executor:
         task = progress.add_task("comparing", total=None)
 
@@ -91,7 +92,8 @@ def compare(
     paths = write_all(
         output, {"compare.json": content, "compare.png": as_png(plot_comparison(table))}
     )
-    shutil.rmtree(kept)
+    if kept is not None:
+        shutil.rmtree(kept)
     if json_:
         print(json.dumps(document, allow_nan=False))
         return 0

@@ -1,14 +1,14 @@
 """The folder of finished parts: what goes in comes out, other work is refused, damage is repaired."""
 
+import importlib.util
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.tasks import Store
+from famjax.boundary.tasks import Store, keepable
 
 PART = {
     "table": np.array([[1.0, np.nan], [np.inf, -0.0]]),
@@ -114,7 +114,15 @@ def test_what_a_file_cannot_keep_is_refused(tmp_path: Path) -> None:
 def test_memory_needs_no_package_and_a_folder_says_which(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
     Store(None, "test", {}, 1).keep(0, PART)
     with pytest.raises(InputError, match="pyarrow comes with the extra 'tables'"):
         Store(tmp_path, "test", {}, 1)
+
+
+def test_without_pyarrow_nothing_is_kept_and_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert keepable(tmp_path) == tmp_path
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.warns(UserWarning, match=r"begins anew: .*famjax\[tables\]"):
+        assert keepable(tmp_path) is None
