@@ -29,7 +29,7 @@ def test_files_of_a_search(capsys: pytest.CaptureFixture, tmp_path: Path) -> Non
     assert code == 0
     document = json.loads(out)
     assert json.loads((tmp_path / "design.json").read_text()) == document
-    assert document["origin"]["command"].startswith("famjax ")
+    assert document["origin"]["command"].startswith("famjax")
     asked = document["search"]
     assert asked["objectives"] == ["outer_diameter", "rest_length", "air"]
     assert asked["asked_si"]["stroke"] == pytest.approx(0.0508)

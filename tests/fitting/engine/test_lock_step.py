@@ -14,6 +14,7 @@ from fitting.comparison.fit import _posed
 from fitting.convex.arrays import member
 from fitting.convex.host_qp import solve_host_qps
 from fitting.convex.status import Status
+from fitting.engine import program
 from fitting.engine.descent import descend, descend_many
 from fitting.search.multi_start import latin_hypercube
 from fitting.search.posing import pose_one
@@ -147,6 +148,7 @@ def test_a_problem_that_was_sent_has_the_same_bits_and_keeps_its_tape(folder):
     tape_store.keep_tapes(None)
     sent = pickle.loads(packed)
     tape_store.keep_tapes(folder)  # which a worker learns after it has unpacked its work
+    program._traced.cache_clear()  # a worker has traced nothing yet
     start = latin_hypercube(3, 1, seed=4)[0]
     here, there = descend(problem, start), descend(sent, start)
     np.testing.assert_array_equal(here.point.residual, there.point.residual)

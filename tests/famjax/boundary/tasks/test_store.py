@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,7 @@ def test_what_a_file_cannot_keep_is_refused(tmp_path: Path) -> None:
 def test_memory_needs_no_package_and_a_folder_says_which(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
     Store(None, "test", {}, 1).keep(0, PART)
     with pytest.raises(InputError, match="pyarrow comes with the extra 'tables'"):
         Store(tmp_path, "test", {}, 1)
