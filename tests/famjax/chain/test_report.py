@@ -56,9 +56,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def _characterise(folder: Path, *options: str) -> None:
+def _characterise(folder: Path, *options: str, units: str = "metric") -> None:
     with pytest.raises(SystemExit) as stop:
-        main(["characterise", str(folder), *(options or ("--units", "metric"))])
+        main(["characterise", str(folder), "--units", units, *options])
     assert not stop.value.code
 
 
@@ -85,7 +85,7 @@ def test_the_page_has_a_verdict_its_units_and_reasons_for_equal_columns(
     ]
     same = values[1]["braid_compliance"] == 0.0
     assert ("Cylinder and elastic cylinder are the same here" in metric) == same
-    _characterise(own, "--units", "us")
+    _characterise(own, units="us")
     us = html.unescape((own / "results" / "report" / "report.html").read_text())
     words = re.sub(
         r"<svg.*?</svg>|<style.*?</style>|<table.*?</table>|<[^>]*>", " ", us, flags=re.S

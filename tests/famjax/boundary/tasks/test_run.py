@@ -222,7 +222,9 @@ def test_a_script_learns_what_is_wrong_with_it(executor: str, text: str, tmp_pat
 @pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_cluster_names_an_item_with_which_its_workers_die() -> None:
-    dask_itself = pytest.importorskip("dask", reason="dask comes with the extra 'cluster'")
+    # Before what is set: the settings that it brings would go with that.
+    pytest.importorskip("distributed", reason="dask comes with the extra 'cluster'")
+    dask_itself = pytest.importorskip("dask")
     with dask_itself.config.set({"distributed.scheduler.allowed-failures": 0}), dask() as client:
         for executor in (client, client.get_executor()):
             store = Store(None, "test", {}, 6)
