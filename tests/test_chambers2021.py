@@ -40,6 +40,7 @@ def chapter7() -> Iterator[ModuleType]:
     sys.path[:] = before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "lines"),
     [
@@ -72,6 +73,7 @@ def test_scripts_are_cells_of_public_calls() -> None:
                     assert name.name in listed, (file.name, node.module, name.name)
 
 
+@pytest.mark.slow
 def test_least_squares_are_the_identification(chapter7: ModuleType) -> None:
     """Columns and least squares of the open question, and the library's certified fit."""
     question = importlib.import_module("open_question")

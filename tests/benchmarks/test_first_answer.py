@@ -102,6 +102,7 @@ def test_a_primed_row_has_no_cold_regime(bench: ModuleType, machine) -> None:
     assert [(line.regime, line.note) for line in lines[1:]] == [("second", "RMSE 2 N")]
 
 
+@pytest.mark.slow
 def test_programs_are_counted(bench: ModuleType, machine) -> None:
     sine = ("-c", "import jax.numpy as jnp; jnp.sin(1.0)")
     imports = ("-c", "import jax")

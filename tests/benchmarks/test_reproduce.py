@@ -89,6 +89,7 @@ def test_rows_for_machines(found: list) -> None:
             assert row["within"] is None
 
 
+@pytest.mark.slow
 def test_every_published_figure_is_met_but_those_explained(loaded: ModuleType, found: list) -> None:
     assert {(row.table, row.entry) for row in found if row.within is False} == OUT
     explained = {note["table"] for note in loaded.notes() if "Out of tolerance" in note["note"]}
@@ -308,6 +309,7 @@ def test_fourier_terms_return_a_series_exactly(loaded: ModuleType) -> None:
     assert np.abs(fit_terms(x, profiles, 1) - profiles).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_page_is_one_file_with_everything(loaded: ModuleType, found: list, tmp_path: Path) -> None:
     paths = loaded.write_page(tmp_path / "new", found)
     assert [path.name for path in (tmp_path / "new").iterdir()] == [path.name for path in paths]

@@ -421,6 +421,7 @@ def test_path_modulus_matches_differences(elastic: famjax.Muscle) -> None:
     assert float(modulus) == pytest.approx(stress @ strain / (strain @ strain), rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elastic", ["toe"], indirect=True)  # the harder law; each solve compiles
 def test_length_at_load_carries_the_load(elastic: famjax.Muscle) -> None:
     loads = jnp.array([0.0, 200.0, 500.0])

@@ -164,6 +164,7 @@ def test_the_sample_is_seeded_and_spreads_as_it_was_told(golden: MuscleCard) -> 
         draw(members, weights, 1e6 * directions, region, count=4)
 
 
+@pytest.mark.slow
 def test_the_muscles_of_the_sample_are_asked_at_once(golden: MuscleCard) -> None:
     muscles, safe = golden.sample, golden.safe_sample()
     assert muscles is not None
@@ -180,6 +181,7 @@ def test_the_muscles_of_the_sample_are_asked_at_once(golden: MuscleCard) -> None
     np.testing.assert_allclose(forces[0], golden.muscle.force(0.28, 4e5) + shift, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_volume_is_that_of_virtual_work_and_goes_on_beyond_the_data() -> None:
     """A braid without wall and deadband pulls with -P dV/dL, rounded ends or not."""
     braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
@@ -206,6 +208,7 @@ def test_the_volume_is_that_of_virtual_work_and_goes_on_beyond_the_data() -> Non
     np.testing.assert_allclose(rates[::2], rates[1::2], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_cut_card_pulls_the_same_at_the_same_contraction() -> None:
     card = bundled_card("DMSP-10")
     short = card.cut(0.125)

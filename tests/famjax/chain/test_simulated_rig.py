@@ -170,6 +170,7 @@ def air(tmp_path_factory: pytest.TempPathFactory) -> SimulatedTest:
     return whole_test(tmp_path_factory.mktemp("air"), "air", (30, 70), rate=0.06 * INCH, seed=3)
 
 
+@pytest.mark.slow
 def test_a_whole_test_finds_the_muscle_that_was_simulated(air: SimulatedTest) -> None:
     muscle = mckibben()
     for bar in air.analysis.characterisation.isobars:
@@ -283,6 +284,7 @@ def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [22])
 def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(seed: int, tmp_path: Path) -> None:
     """From plan to analysis; also where the log begins late, or has 25 rows a second."""

@@ -62,6 +62,7 @@ def test_json_is_one_object_and_nothing_else(
     assert {p.name for p in (tmp_path / "o").iterdir()} == {"fit.json", "fit.png", "report.html"}
 
 
+@pytest.mark.slow
 def test_table_for_people(capsys: pytest.CaptureFixture, map_file: Path, tmp_path: Path) -> None:
     code, out, _ = run(
         capsys, "fit", map_file, "--order", 2, "--output", tmp_path / "o", "--starts", 4,
@@ -291,6 +292,7 @@ def test_an_interrupt_is_answered_whatever_is_going_on(
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_design_finds_a_muscle_and_says_why_others_fail(
     capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:
@@ -335,6 +337,7 @@ def test_requirements_that_cannot_be_met_or_read(
     assert message in err
 
 
+@pytest.mark.slow
 def test_a_map_comes_from_standard_input_and_what_is_replaced_is_told(
     map_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:

@@ -21,6 +21,7 @@ def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, st
     return int(stop.value.code or 0), captured.out, captured.err
 
 
+@pytest.mark.slow
 def test_files_of_a_search(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
     code, out, _ = run(
         capsys, *ASKED, "--search", "2e3", "--vary", "pressure_psi=40:100", "--json", "--output",

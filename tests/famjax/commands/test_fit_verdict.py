@@ -93,6 +93,7 @@ def test_json_of_a_map_that_ends_uncertified(fit: Fit, sound: ForceData) -> None
     assert any("psi, not kPa" in cause for cause in json.loads(out)["suspicions"])
 
 
+@pytest.mark.slow
 def test_no_pressure_at_all(fit: Fit, sound: ForceData) -> None:
     force = np.where(sound.loaded, 300 + np.arange(85.0), 0.0)
     code, out, err, _ = fit(metric(sound, pressure=np.zeros(85), force=force), *QUICK)
@@ -100,6 +101,7 @@ def test_no_pressure_at_all(fit: Fit, sound: ForceData) -> None:
     assert "Traceback" not in out + err
 
 
+@pytest.mark.slow
 def test_a_wall_of_nine_tenths_of_the_bore(fit: Fit, sound: ForceData) -> None:
     code, out, _, _ = fit(metric(sound), *QUICK, "--specimen", "wall_thickness_mm=9")
     assert code == 1
@@ -114,6 +116,7 @@ def test_a_muscle_of_250_mm_labelled_25(fit: Fit, sound: ForceData) -> None:
     assert "rest length was in cm, not mm" in " ".join(err.split())
 
 
+@pytest.mark.slow
 def test_a_wrong_rest_length_is_named_and_no_unit_is_blamed(fit: Fit, sound: ForceData) -> None:
     code, out, _, _ = fit(metric(sound), *QUICK, "--specimen", "rest_length_mm=275")
     told = " ".join(out.split())
@@ -145,6 +148,7 @@ def test_a_rest_length_that_is_a_little_short_is_blamed_before_a_second_muscle(
     assert "the rest length were another (the longest loaded reading has 250 mm;" in told
 
 
+@pytest.mark.slow
 def test_the_verdict_says_what_it_could_not_check(fit: Fit, sound: ForceData) -> None:
     bare = "\n".join(one for one in metric(sound).splitlines() if not one.startswith("#")) + "\n"
     code, out, _, folder = fit(bare, *QUICK)

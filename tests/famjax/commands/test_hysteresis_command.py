@@ -61,6 +61,7 @@ def fitted(records: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
+@pytest.mark.slow
 def test_the_fit_holds_the_hysteresis(fitted: Path) -> None:
     document = json.loads((fitted / "fit.json").read_text())["hysteresis"]
     assert document["duality_gap"] < 1e-10

@@ -84,6 +84,7 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
         assert (out / name).stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
     recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
     render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")

@@ -19,6 +19,7 @@ def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, st
     return int(stop.value.code or 0), captured.out, captured.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["DMSP-10", "dmsp_10", "dmsp-10-250", "DMSP-10-250"])
 def test_every_name_is_known_everywhere(
     capsys: pytest.CaptureFixture, tmp_path: Path, name: str
@@ -36,6 +37,7 @@ def test_every_name_is_known_everywhere(
     assert (code, "dmsp_10" in out) == (0, True)
 
 
+@pytest.mark.slow
 def test_a_card_predicts_and_says_what_needs_a_fit(
     capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:
@@ -49,6 +51,7 @@ def test_a_card_predicts_and_says_what_needs_a_fit(
     assert (code, "--force needs a fit" in " ".join(err.split())) == (2, True)
 
 
+@pytest.mark.slow
 def test_what_was_not_identified_says_so_wherever_it_is_used(
     capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:

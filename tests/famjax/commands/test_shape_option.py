@@ -89,6 +89,7 @@ def test_turns_that_were_counted_are_held(folder: Path, capsys: pytest.CaptureFi
     assert json.loads(out)
 
 
+@pytest.mark.slow
 def test_lengths_that_no_picture_shows_are_refused(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

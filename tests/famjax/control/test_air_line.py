@@ -59,6 +59,7 @@ def test_the_supply_is_reached_in_the_time_of_the_quarter_circle() -> None:
     assert (float(stays.pressure), int(stays.code)) == (6e5, Outcome.FEASIBLE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("filling", [True, False], ids=["fill", "vent"])
 @pytest.mark.parametrize("held", ["length", "load"])
 def test_a_muscle_against_small_steps(festo: famjax.Muscle, held: str, filling: bool) -> None:
@@ -125,6 +126,7 @@ def test_without_an_equilibrium_the_other_times_are_known() -> None:
     assert np.isfinite(jax.grad(total)(2e-9))
 
 
+@pytest.mark.slow
 def test_derivatives() -> None:
     def time(x: jax.Array) -> jax.Array:
         line = AirLine(x[0] * 1e-9, x[1] * 6e5, x[2], x[3])

@@ -68,6 +68,7 @@ def _asked() -> tuple[np.ndarray, ...]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pulley", "lever"])
 def test_round_trip(festo: famjax.Muscle, softer: famjax.Muscle, kind: str) -> None:
     pair = _pair(festo, softer, kind)
@@ -122,6 +123,7 @@ def _brute(pair: Antagonist, angle: float, torque: float) -> tuple[float, float]
 CASES = ["festo", "lever", "pretension", "bent"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_feasible_set_against_brute_force(
     festo: famjax.Muscle, softer: famjax.Muscle, case: str
@@ -151,6 +153,7 @@ def test_feasible_set_against_brute_force(
     assert checked >= 9
 
 
+@pytest.mark.slow
 def test_extrema_inside_the_curve_count() -> None:
     pair = _pair(Bent(), Bent(5e-4))
     curve = pair.at(jnp.array(0.2)).curve(jnp.array(0.0))
@@ -163,6 +166,7 @@ def test_extrema_inside_the_curve_count() -> None:
     np.testing.assert_allclose(pair.stiffness(0.2, found.flexor, found.extensor), between)
 
 
+@pytest.mark.slow
 def test_codes_and_the_nearest_state(festo: famjax.Muscle) -> None:
     pair = _pair(festo, festo)
     angle = np.array([0.1, 0.1, 0.1, 0.1, 0.1, np.nan, 8.0])
@@ -203,6 +207,7 @@ def test_slack_muscles_pull_with_nothing(festo: famjax.Muscle) -> None:
     assert float(extensor) >= 0
 
 
+@pytest.mark.slow
 def test_derivatives(festo: famjax.Muscle, softer: famjax.Muscle) -> None:
     pair = _pair(festo, softer, "lever")
 
@@ -229,6 +234,7 @@ def test_derivatives(festo: famjax.Muscle, softer: famjax.Muscle) -> None:
     check_grads(jax.jit(rests), (x,), order=1, atol=1e-5, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_float32(festo: famjax.Muscle) -> None:
     single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), _pair(festo, festo))
     f = jnp.float32

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jax.test_util import check_grads
 
 import famjax
@@ -70,6 +71,7 @@ def test_a_force_that_turns_round() -> None:
     assert int(pressure_for_force(Turning(), 201.0, 0.2, (0.0, HIGH)).code) == Outcome.FORCE_HIGH
 
 
+@pytest.mark.slow
 def test_derivatives_jit_and_vmap(festo: famjax.Muscle) -> None:
     def pressure(x: jax.Array) -> jax.Array:
         return pressure_for_force(festo, 400 * x[0], 0.27 * x[1], (0.0, HIGH)).pressure / HIGH

@@ -42,6 +42,7 @@ def test_an_answer_shows_its_numbers_and_words(festo: famjax.Muscle) -> None:
     assert "InversePressure" in traced[0]  # without numbers, which are not known yet
 
 
+@pytest.mark.slow
 def test_an_angle_beyond_the_joint_has_an_outcome_of_its_own(festo: famjax.Muscle) -> None:
     pair = Antagonist(
         festo, festo, (Pulley(0.02, 0.275), Pulley(-0.02, 0.275)), (0.0, HIGH), (-0.1, 0.1)

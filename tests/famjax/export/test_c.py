@@ -49,6 +49,7 @@ def test_ends_of_the_inverse(subject: Subject, tmp_path: Path) -> None:
     assert np.isnan(inverse(np.array([np.nan, 0.27]), np.array([5.0, np.nan]))).all()
 
 
+@pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_code_is_small(real: str, dmsp_20: Subject, tmp_path: Path) -> None:

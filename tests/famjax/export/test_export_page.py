@@ -45,6 +45,7 @@ def test_c(folder: Path) -> None:
     assert 1e5 < float(pressure.split()[0]) < 6e5
 
 
+@pytest.mark.slow
 def test_matlab(folder: Path) -> None:
     if shutil.which("octave-cli") is None:
         pytest.skip("no octave-cli on this machine")

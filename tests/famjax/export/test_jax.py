@@ -16,6 +16,7 @@ from famjax.export import Subject, export
 STEPS = 50
 
 
+@pytest.mark.slow
 def test_a_process_without_famjax_computes_force_and_gradient(
     subject: Subject, tmp_path: Path
 ) -> None:

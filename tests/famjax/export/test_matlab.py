@@ -50,6 +50,7 @@ def test_octave_computes_the_table_to_the_last_digits(subject: Subject, tmp_path
     assert back["S"][0] == pytest.approx(subject.pull.force(0.28, P[0]), rel=1e-13)
 
 
+@pytest.mark.slow
 @needs_octave
 def test_octave_reads_the_mat_file(subject: Subject, tmp_path: Path) -> None:
     export(subject, ["mat"], tmp_path)
@@ -63,6 +64,7 @@ def test_octave_reads_the_mat_file(subject: Subject, tmp_path: Path) -> None:
     assert str(back["a"]) == "Test-20"
 
 
+@pytest.mark.slow
 def test_scipy_reads_the_mat_file_and_numpy_the_csv_file(subject: Subject, tmp_path: Path) -> None:
     csv, mat = export(subject, ["csv", "mat"], tmp_path)
     table = loadmat(mat, squeeze_me=True)
@@ -77,6 +79,7 @@ def test_scipy_reads_the_mat_file_and_numpy_the_csv_file(subject: Subject, tmp_p
     assert (rows["force_N"].reshape(force.shape) == force).all()
 
 
+@pytest.mark.slow
 def test_what_a_table_says_of_straight_lines_holds(subject: Subject, tmp_path: Path) -> None:
     from scipy.interpolate import RegularGridInterpolator
 

@@ -50,6 +50,7 @@ def _hoop_moments(geometry: MeasuredGeometry | AverageDiameterGeometry, contract
     return [float(jnp.sum(at.station_weights * at.hoop_strain**n)) for n in range(1, 5)]
 
 
+@pytest.mark.slow
 def test_table_6_2_hoop_strain(measured: MeasuredGeometry, average: AverageDiameterGeometry):
     published = [1.65, 2.84, 4.99, 8.86]
     np.testing.assert_allclose(_hoop_moments(measured, TABLE_CONTRACTION), published, rtol=MOMENTS)
@@ -119,6 +120,7 @@ def test_average_geometry_differs_from_measured_in_strain_alone(
     )  # the mean of D^2 exceeds the square of the mean
 
 
+@pytest.mark.slow
 def test_cylinders_measured_are_cylinders(average: AverageDiameterGeometry) -> None:
     lengths = [9.0, 8.0, 7.0, 6.0]
     diameters = [1.1, 1.6, 1.9, 2.2]
@@ -156,6 +158,7 @@ def test_stations_stand_for_the_axis(measured: MeasuredGeometry) -> None:
     assert float(jnp.sum(at.station_weights)) == pytest.approx(1, rel=EXACT)
 
 
+@pytest.mark.slow
 def test_jit_and_vmap_equal_eager(geometry: MeasuredGeometry | AverageDiameterGeometry) -> None:
     L, P = jnp.linspace(6.1, 9.3, 5), jnp.linspace(5.0, 110.0, 5)
     eager = geometry.dimensions(L, P)
@@ -168,6 +171,7 @@ def test_jit_and_vmap_equal_eager(geometry: MeasuredGeometry | AverageDiameterGe
     assert float(one.thickness) == pytest.approx(float(eager.thickness[2]), rel=1e-11)
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_force(geometry: MeasuredGeometry | AverageDiameterGeometry) -> None:
     muscle = Muscle(geometry, LATEX)
     check_grads(
@@ -179,6 +183,7 @@ def test_derivatives_of_the_force(geometry: MeasuredGeometry | AverageDiameterGe
     )
 
 
+@pytest.mark.slow
 def test_derivative_of_free_contraction_in_the_law(measured_family: About) -> None:
     measured = MeasuredGeometry(measured_family(Braid(9.89, 1.09, 0.011)), SPECIMEN)
 

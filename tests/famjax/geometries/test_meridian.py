@@ -272,6 +272,7 @@ def test_maximum_diameter(name: str, every: dict[str, Case]) -> None:
     assert found >= float(np.max(diameter(x))) - 1e-13
 
 
+@pytest.mark.slow
 def test_maximum_diameter_at_an_end_and_over_lengths() -> None:
     flared = FourierProfile(1.0, [0.2], [0.0], 3.0)
     assert float(maximum_diameter(flared, 1.0)) == pytest.approx(1.2, rel=EXACT)
@@ -309,6 +310,7 @@ def test_derivative_of_shapes_with_vertical_tangents() -> None:
         )
 
 
+@pytest.mark.slow
 def test_jit_and_vmap_equal_eager() -> None:
     shape = CircularArcEnds(2.2, 0.9)
     lengths = jnp.array([2.0, 4.0, 6.0])

@@ -199,6 +199,7 @@ def test_bladder_force_is_the_slope_of_the_stored_energy(
     assert np.asarray(muscle.bladder_force(lengths, 2e5)) == pytest.approx(want, rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_laws_work_in_a_muscle(
     law: famjax.materials.AbstractMaterial, chambers: famjax.Muscle
@@ -239,6 +240,7 @@ def test_saturating_law_has_its_two_moduli_and_is_odd() -> None:
     assert float(law.initial_modulus) == pytest.approx(E + S / s, rel=EXACT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", [0.02, 0.2])  # the sharp knee is the quadrature's hard case
 def test_saturating_energy_is_the_work_of_true_stress(s: float) -> None:
     E, S = 0.5, 0.3

@@ -63,6 +63,7 @@ def test_derivative_in_the_rest_length_jit_and_vmap() -> None:
     np.testing.assert_allclose(slopes, central, rtol=1e-5)  # h^2 of the difference
 
 
+@pytest.mark.slow
 def test_what_cannot_be_cut() -> None:
     with pytest.raises(eqx.EquinoxRuntimeError, match="above the dead length"):
         famjax.cut_to_length(muscle("inextensible", 1.05), 0.01)

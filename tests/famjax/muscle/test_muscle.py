@@ -46,6 +46,7 @@ def test_force_is_the_sum_of_its_terms_by_hand(chambers: famjax.Muscle) -> None:
     assert float(chambers.force(L, P)) == pytest.approx(by_hand, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives_of_force(muscle: famjax.Muscle) -> None:
     L, P = _states(muscle)
     rest, top, scale = L[-1], P[-1], float(muscle.force(L[-1], P[-1]))
@@ -131,6 +132,7 @@ def test_without_bladder_the_free_contraction_is_the_braid_s(festo: famjax.Muscl
     assert float(limp.free_contraction(3e5)) == pytest.approx(float(expected), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_solve_is_differentiable_in_everything(muscle: famjax.Muscle) -> None:
     P = float(_states(muscle)[1][4])
 

@@ -120,6 +120,7 @@ def muscle(request: pytest.FixtureRequest) -> famjax.Muscle:
     return famjax.Muscle(GEOMETRIES[request.param](), terms)
 
 
+@pytest.mark.slow
 def test_unreachable_members_spoil_nothing(muscle: famjax.Muscle) -> None:
     """Values, and derivatives in every number, forward and reverse, of a batch and of a good one."""
     numbers, remade = numbers_of(muscle)
@@ -211,6 +212,7 @@ def test_pressures_that_a_law_does_not_know_spoil_nothing() -> None:
     assert np.isfinite(slopes[0][[0, 2]]).all()
 
 
+@pytest.mark.slow
 def test_equilibria_that_do_not_exist_spoil_nothing() -> None:
     muscle = MUSCLES["muscle"]
     loads = jnp.array([10.0, 1e6, 50.0])
@@ -232,6 +234,7 @@ def test_equilibria_that_do_not_exist_spoil_nothing() -> None:
 # ---- every term
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TERMS)
 def test_laws_of_every_term(name: str) -> None:
     term = TERMS[name]
@@ -345,6 +348,7 @@ CALLS: dict[str, tuple] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MUSCLES)
 def test_every_method_of_every_model(name: str, caplog: pytest.LogCaptureFixture) -> None:
     """Jit equals eager, vmap a loop, and what was called once is not traced again."""
@@ -394,6 +398,7 @@ def test_the_log_would_show_a_trace(caplog: pytest.LogCaptureFixture) -> None:
     assert caplog.records
 
 
+@pytest.mark.slow
 def test_derivatives_of_equilibria_in_pressure() -> None:
     muscle = MUSCLES["mounted"]
     for method in (muscle.free_contraction, lambda P: muscle.length_at_load(20.0, P)):

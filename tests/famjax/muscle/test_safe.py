@@ -117,6 +117,7 @@ def test_outside_nothing_falls_and_all_is_finite(kind, u, contraction, top, seed
     assert (F[at_lock > L] == 0).all()  # whatever the pressure
 
 
+@pytest.mark.slow
 @QUICK
 @given(**MUSCLES)
 def test_derivatives_are_those_of_the_values(kind, u, contraction, top, seed) -> None:
@@ -155,6 +156,7 @@ def test_the_force_is_c1_across_every_edge(kind, u, contraction, top, seed) -> N
         np.testing.assert_allclose(one, other, rtol=0, atol=JUMP * scale)
 
 
+@pytest.mark.slow
 @QUICK
 @given(**MUSCLES)
 def test_inside_it_is_the_model(kind, u, contraction, top, seed) -> None:
@@ -179,6 +181,7 @@ def latex() -> SafeMuscle:
     return SafeMuscle.of(LATEX, [0.24, 0.3], [5e4, 6e5])
 
 
+@pytest.mark.slow
 def test_equilibria_agree_with_the_force(latex: SafeMuscle) -> None:
     for load in (0.3 * float(latex.slack_width), 50.0, 400.0):
         length = latex.length_at_load(load, 3e5)
@@ -193,6 +196,7 @@ def test_equilibria_agree_with_the_force(latex: SafeMuscle) -> None:
     assert latex.free_contraction(1.2e6) < lock + 0.04
 
 
+@pytest.mark.slow
 def test_it_is_mapped_jitted_and_differentiated_in_its_own_numbers(latex: SafeMuscle) -> None:
     L, P = jnp.array([0.1, 0.25, 0.29, 0.35, 0.6]), jnp.array([1e4, 2e5, 9e5, 4e5, 1.2e6])
     one_by_one = [float(latex.force(float(a), float(b))) for a, b in zip(L, P, strict=True)]
@@ -256,6 +260,7 @@ def test_the_largest_rectangle_is_found() -> None:
     np.testing.assert_array_equal(whole.pressure, [2e5, 6e5])
 
 
+@pytest.mark.slow
 def test_a_rig_that_gives_way_is_continued_too(latex: SafeMuscle) -> None:
     mounted = SafeMuscle.of(MountedMuscle(LATEX, 2e-6), [0.24, 0.3], [5e4, 6e5])
     L, P = np.array([0.2, 0.28, 0.33]), np.array([2e5, 4e5, 9e5])
@@ -265,6 +270,7 @@ def test_a_rig_that_gives_way_is_continued_too(latex: SafeMuscle) -> None:
     np.testing.assert_allclose(found[1], latex.force(0.28 - 2e-6 * found[1], 4e5), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_pieces() -> None:
     x, ends = jnp.linspace(-3, 3, 601), jnp.array([2.0, 0.0])
     y = bent(x, ends)

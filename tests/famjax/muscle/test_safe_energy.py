@@ -107,6 +107,7 @@ def energies(of: SafeMuscle, L: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, 
     return np.array(found), np.array(scales)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [euler, rk4])
 def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) -> None:
     L, v = (np.asarray(one) for one in hung(plain, STARTS, step, jnp.asarray(DT)))
@@ -124,6 +125,7 @@ def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) 
     assert (left <= FINER * above + ONSETS).all(), (left, above)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [euler, rk4])
 def test_with_hysteresis_the_mass_comes_to_rest(loops: SafeMuscle, step: Callable) -> None:
     L, v = (np.asarray(one) for one in hung(loops, STARTS, step, jnp.asarray(DT)))
@@ -139,6 +141,7 @@ def test_with_hysteresis_the_mass_comes_to_rest(loops: SafeMuscle, step: Callabl
     assert (0.5 * STARTS[:, 2] * (v[:, -tenth:] ** 2).max(axis=1) < 0.1).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     st.lists(st.floats(0.02, 0.5), min_size=2, max_size=6),
@@ -197,6 +200,7 @@ def test_without_hysteresis_the_state_is_empty(plain: SafeMuscle) -> None:
     np.testing.assert_array_equal(plain.pull(state, 0.26, 3e5), plain.force(0.26, 3e5))
 
 
+@pytest.mark.slow
 def test_both_branches_lie_about_the_static_map(loops: SafeMuscle) -> None:
     """A ramp of pressure at one length, as in the records that the loops were fitted to."""
     P = np.append(np.linspace(0, 6e5, 61), np.linspace(6e5, 0, 61))

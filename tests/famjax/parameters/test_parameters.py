@@ -122,6 +122,7 @@ def test_geometry_is_diameter_and_angle_at_rest() -> None:
     assert eqx.tree_equal(untouched, BRAID)
 
 
+@pytest.mark.slow
 def test_with_parameters_is_differentiable_and_traceable() -> None:
     def force(x: jax.Array) -> jax.Array:
         values = {"braid_diameter": x[0] * 0.023, "braid_angle": x[1], "E_2": x[2] * 1e7}

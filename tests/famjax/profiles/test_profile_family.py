@@ -138,6 +138,7 @@ def test_inelastic_braid_knows_no_pressure() -> None:
     np.testing.assert_array_equal(low, high)
 
 
+@pytest.mark.slow
 def test_derivatives_in_length_and_pressure() -> None:
     family = _family(EVEN, ELASTIC)
     check_grads(
@@ -179,6 +180,7 @@ def test_float32() -> None:
     np.testing.assert_allclose(diameter, _diameter(family, 0.4, inside, 100.0), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_kinks_are_those_of_every_profile() -> None:
     shapes = [ConicFrustumEnds(1.2, 0.9, 1.0), ConicFrustumEnds(1.9, 0.9, 1.5)]
     family = MeasuredFamily([10.0, 6.0], shapes, 100.0, Braid(12.0, 1.0))

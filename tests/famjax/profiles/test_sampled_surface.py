@@ -62,6 +62,7 @@ def test_its_derivatives_are_those_of_differences(surface: SampledSurface) -> No
         assert exact == pytest.approx((up - down) / (2 * step), rel=1e-5, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_muscle_of_that_shape_is_differentiable_by_every_sample(surface: SampledSurface) -> None:
     bladder = famjax.Bladder(0.30, 0.0194, 1e-3)
 

@@ -79,6 +79,7 @@ def test_the_work_is_the_pressure_times_the_volume_swept(measured: MeasuredGeome
     assert work == pytest.approx(100.0 * float(volume[1] - volume[0]), rel=1e-10)
 
 
+@pytest.mark.slow
 def test_fluid_and_outline_have_one_rate(measured: MeasuredGeometry) -> None:
     """The family's outline and the geometry's dimensions are two ways to the same volume."""
     np.testing.assert_allclose(
@@ -111,6 +112,7 @@ def test_nothing_is_lost_at_no_pressure() -> None:
     np.testing.assert_allclose(rates, expected, rtol=EXACT)
 
 
+@pytest.mark.slow
 def test_jit_vmap_and_derivative(measured: MeasuredGeometry) -> None:
     eager = virtual_work_force(measured, LENGTHS, 60.0)
     assert virtual_work_force(measured, LENGTHS[:, None], jnp.ones(2)).shape == (7, 2)
@@ -134,6 +136,7 @@ def test_float32() -> None:
     assert float(force) == pytest.approx(float(exact), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_report_on_the_reference_specimen(measured: MeasuredGeometry) -> None:
     """What virtual work changes, in lbf at 100 psi; rounding of table 4.3 leaves 24, 8 and 35."""
     contraction = jnp.array([0.0, 0.175, 0.35])

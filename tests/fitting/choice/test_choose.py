@@ -30,6 +30,7 @@ def test_the_choice_on_a_measured_muscle(chosen: Choice) -> None:
     assert chosen.left_out["length"].interior_rmse < 11.0
 
 
+@pytest.mark.slow
 def test_the_best_is_first_and_the_chosen_is_as_good(chosen: Choice) -> None:
     judged = [one for one in chosen.tried if one.left_out]
     assert chosen.tried[: len(judged)] == tuple(judged)

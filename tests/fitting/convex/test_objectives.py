@@ -124,6 +124,7 @@ def smallest_slope(E: np.ndarray) -> float:
     return float(slope(at).min())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("driver", DRIVERS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_optimum_is_certified_and_feasible_everywhere(kind: str, driver: str) -> None:
@@ -188,6 +189,7 @@ def quintic() -> tuple[np.ndarray, np.ndarray]:
     return (strain[:, None] ** np.arange(1, 6))[None], y[None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_functions_themselves_hold_where_no_cubic_does(driver: str) -> None:
     array, solve = DRIVERS[driver]

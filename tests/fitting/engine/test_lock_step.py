@@ -31,6 +31,7 @@ def problem():
     return _posed(peer_families(data)["klute_hannaford"], data)
 
 
+@pytest.mark.slow
 def test_descents_in_step_end_where_each_ends_alone(problem):
     starts = latin_hypercube(3, 10, seed=1)
     whole = np.ones(problem.force.size)

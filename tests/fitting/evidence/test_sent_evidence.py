@@ -41,6 +41,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 def test_a_bootstrap_that_is_sent_has_the_same_bits(
     fitted20: Identification, here: Bootstrap, sent: Any
 ) -> None:
@@ -55,6 +56,7 @@ def test_a_bootstrap_that_is_sent_has_the_same_bits(
         assert same(here, bootstrap(fitted20, REPLICATES, seed=3, executor=one))
 
 
+@pytest.mark.slow
 def test_whole_lengths_that_are_sent_have_the_same_bits(
     fitted20: Identification, sent: Any
 ) -> None:
@@ -71,6 +73,7 @@ def test_more_replicates_begin_with_the_same(fitted20: Identification, here: Boo
     np.testing.assert_array_equal(fewer.samples, here.samples[:250])
 
 
+@pytest.mark.slow
 def test_a_stopped_bootstrap_goes_on_to_the_same_bytes(
     fitted20: Identification, here: Bootstrap, tmp_path: Path, sent: Any
 ) -> None:
@@ -106,6 +109,7 @@ def test_a_validation_that_is_sent_has_the_same_bits(fitted20: Identification, s
     assert sent.count == 2  # one task is done here
 
 
+@pytest.mark.slow
 def test_what_cannot_be_sent_is_done_here_and_said(sent: Any) -> None:
     class Longer(famjax.geometries.EndEffectGeometry):
         """A class within a function, which no other process can import."""

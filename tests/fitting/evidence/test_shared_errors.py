@@ -76,6 +76,7 @@ def test_what_is_held_does_not_move(found: fitting.Identification, carried: Carr
     assert carried.std["braid_diameter"] == 0
 
 
+@pytest.mark.slow
 def test_an_error_widens_the_band_and_is_told(found: fitting.Identification, tmp_path) -> None:
     told = {}
     for errors in (SharedErrors(), SharedErrors(force_reading=0.02)):

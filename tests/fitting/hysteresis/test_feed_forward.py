@@ -61,6 +61,7 @@ def _trajectory() -> np.ndarray:
     return REST * (1 - 0.09 - 0.05 * np.sin(4 * np.pi * t) - 0.02 * np.sin(14 * np.pi * t))
 
 
+@pytest.mark.slow
 def test_the_tracking_error_is_halved(
     muscle: famjax.Muscle, model: CentredSlip, plant: CentredSlip
 ) -> None:
@@ -96,6 +97,7 @@ def test_state_by_state_is_the_fit_along_a_history(model: CentredSlip) -> None:
     np.testing.assert_allclose(forces, model.along(L, P), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_codes_and_derivatives(muscle: famjax.Muscle, model: CentredSlip) -> None:
     wanted = _trajectory()[:12]
     force = np.where(np.arange(12) == 6, 1e5, LOAD)

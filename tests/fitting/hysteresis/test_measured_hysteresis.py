@@ -35,6 +35,7 @@ def _fit(pairs: BranchPairs) -> HysteresisFit:
     return fit
 
 
+@pytest.mark.slow
 def test_bpa10_records_and_lengths_left_out() -> None:
     if not BPA10.FOLDER.is_dir():
         pytest.skip(BPA10.ABSENT)

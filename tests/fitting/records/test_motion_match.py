@@ -31,6 +31,7 @@ def photographed(seed, offset, rate=1.0, noise=0.001 * IN, jitter=0.0, n=220, se
     return t, REST + sense * displacement(at) + noise * rng.standard_normal(n)
 
 
+@pytest.mark.slow
 def test_offset_and_rate_come_back_within_their_standard_errors():
     scaled = []
     for seed in range(40):

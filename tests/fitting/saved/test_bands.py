@@ -99,6 +99,7 @@ def test_three_lengths_are_fitted_and_bounded_by_a_prior(
     assert "were left out" in said
 
 
+@pytest.mark.slow
 def test_an_onset_lies_between_the_readings_at_its_length(
     dmsp10: ForceData, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

@@ -47,6 +47,7 @@ def test_the_command_writes_what_predict_says(
     assert " && famjax" in card.provenance.command
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_the_fit(fit_json: Path) -> None:
     fit = load_fit(fit_json)
     known = card_of(fit, count=0).covariance

@@ -131,6 +131,7 @@ def test_errors_cover_the_truth() -> None:
     assert 1.0 < result.errors.rmse < 3.0
 
 
+@pytest.mark.slow
 def test_drucker_holds_between_the_stations() -> None:
     """A law that wants to fall: the constraint is active inside the path and holds everywhere."""
     falling = famjax.PolynomialMaterial([4e6, -18e6, 22e6])
@@ -232,6 +233,7 @@ def test_units_of_the_file_do_not_matter(
     )
 
 
+@pytest.mark.slow
 def test_elastic_braid_is_identified() -> None:
     """The truth has soft threads: the elastic geometry finds it, the inelastic one cannot."""
     thread = famjax.braids.LinearThread(8e9, 1e-7)

@@ -130,6 +130,7 @@ def saved(result: fitting.Identification, folder: Path) -> None:
     assert row["force_N"] == pytest.approx(float(result.muscle.force(0.27, 5e5)), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_gent_bladder(tmp_path: Path) -> None:
     data = readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3))
     result = identify(data, law=Gent, starts=STARTS)
@@ -140,6 +141,7 @@ def test_a_gent_bladder(tmp_path: Path) -> None:
     assert row.lolo_rmse < 1e-3
 
 
+@pytest.mark.slow
 def test_a_law_that_the_pressure_stiffens(tmp_path: Path) -> None:
     data = readings(famjax.Muscle(CYLINDER, PressureStiffening(2e6, 1e6), 30e3))
     result = identify(data, law=PressureStiffening, constraint="slope", starts=STARTS)
@@ -147,6 +149,7 @@ def test_a_law_that_the_pressure_stiffens(tmp_path: Path) -> None:
     saved(result, tmp_path)
 
 
+@pytest.mark.slow
 def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
     law = famjax.PolynomialMaterial([4e6, -6e6, 6e6])
     truth = famjax.Muscle(ConicalEnds(CYLINDER, 0.02), law, 30e3)
@@ -159,6 +162,7 @@ def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
     assert min(row.rmse for row in known.rows) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
     law, spring = famjax.PolynomialMaterial([4e6, -6e6, 6e6]), ReturnSpring(800.0)
     terms = (
@@ -174,6 +178,7 @@ def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
     saved(result, tmp_path)
 
 
+@pytest.mark.slow
 def test_several_specimens_share_a_spring_and_conical_ends() -> None:
     law = famjax.PolynomialMaterial([4e6, -6e6, 6e6])
     maps = []

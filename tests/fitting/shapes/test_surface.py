@@ -38,6 +38,7 @@ def test_force_from_photographs_is_that_of_the_true_profiles() -> None:
     assert not found.left_out
 
 
+@pytest.mark.slow
 def test_a_braid_that_gives_is_seen_in_the_shape() -> None:
     found = shape_surface(photographed(noise=0.0006 * INCH, stretch=2e-4))
     assert found.form.with_pressure >= 0

@@ -38,6 +38,7 @@ def assert_same(one: Sweep, other: Sweep, within: float) -> None:
     assert known > 6
 
 
+@pytest.mark.slow
 def test_by_way_of_float32() -> None:
     assert_same(swept(single=False), swept(single=True), ROUNDING)
 

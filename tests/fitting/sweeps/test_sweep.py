@@ -254,6 +254,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_bytes(
         sweep(DATA, geometry(), **options, resume=cut)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(200)
 def test_every_executor_finds_the_same_bits() -> None:
     options = {"deadband": 1e4, "orders": (2, 3), "bootstrap": 250}

@@ -82,11 +82,13 @@ def test_units_of_arrays_are_guessed_from_the_pressures_that_are_usual(dmsp10: F
     assert causes(in_psi).startswith("the pressures are in psi, not kPa")
 
 
+@pytest.mark.slow
 def test_absolute_pressures(dmsp10: ForceData) -> None:
     absolute = dataclasses.replace(dmsp10, pressure=dmsp10.pressure + 101.3e3)
     assert causes(absolute) == "the pressures are absolute, not gauge"
 
 
+@pytest.mark.slow
 def test_signs_of_a_length(dmsp20: ForceData) -> None:
     at = dmsp20.length == np.unique(dmsp20.length)[-2]
     negative = dataclasses.replace(dmsp20, force=np.where(at, -dmsp20.force, dmsp20.force))
@@ -172,6 +174,7 @@ def test_swapped_columns(dmsp20: ForceData) -> None:
     assert causes(swapped) == "the columns of force and pressure are swapped"
 
 
+@pytest.mark.slow
 def test_a_force_that_does_not_rise(dmsp20: ForceData) -> None:
     constant = 300 + 1e-3 * np.arange(dmsp20.force.size)
     assert causes(dataclasses.replace(dmsp20, force=constant)) == (
@@ -179,6 +182,7 @@ def test_a_force_that_does_not_rise(dmsp20: ForceData) -> None:
     )
 
 
+@pytest.mark.slow
 def test_contractions_a_hundred_times_too_small(dmsp10: ForceData) -> None:
     rest = dmsp10.specimen.rest_length
     length = rest - (rest - dmsp10.length) / 100

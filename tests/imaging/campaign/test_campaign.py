@@ -320,6 +320,7 @@ def reader(path):
 """
 
 
+@pytest.mark.slow
 def test_spawned_workers_measure_and_one_that_dies_costs_only_its_picture(
     rendered, tmp_path, monkeypatch
 ):

@@ -74,6 +74,7 @@ def test_the_angle_is_that_of_the_strands(case):
     assert found.braid.turns == pytest.approx(photo.truth.turns, rel=0.01)
 
 
+@pytest.mark.slow
 def test_strands_that_are_known_are_not_counted():
     made = scene(1)
     _, counted = measured(made)

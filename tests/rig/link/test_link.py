@@ -117,6 +117,7 @@ def test_a_port_that_goes_away_is_opened_again(port: InProcessPort) -> None:
     assert port.closed == 2
 
 
+@pytest.mark.slow
 def test_a_port_that_stays_away_is_told_as_silence(port: InProcessPort) -> None:
     with Link(port.open) as link:
         link.command("hello")

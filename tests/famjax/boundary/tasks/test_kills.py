@@ -42,6 +42,7 @@ def kill_a_worker(place: Path) -> None:
         os.kill(int(newest.read_text()), signal.SIGKILL)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(90)
 @pytest.mark.parametrize("engine", ["processes", "dask"])
 def test_three_workers_and_the_client_are_killed(engine: str, tmp_path: Path) -> None:

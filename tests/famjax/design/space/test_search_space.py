@@ -72,6 +72,7 @@ def free_air(bladder, combination, contraction, pressure):
     return ((pressure + ATMOSPHERE) * full - ATMOSPHERE * empty) / ATMOSPHERE
 
 
+@pytest.mark.slow
 def test_a_tiny_space_is_what_a_loop_over_it_finds():
     catalogue, material = two_pairs(), PolynomialMaterial(LATEX)
     steps = 5
@@ -134,6 +135,7 @@ def test_at_one_length_and_pressure_it_is_the_search_of_the_catalogue():
         assert row["tube"] is None
 
 
+@pytest.mark.slow
 def test_what_is_found_does_not_depend_on_the_chunk():
     done = []
     one = found_with(chunk=4096, table_rows=200)
