@@ -27,27 +27,34 @@ RATE, LINEAR, MEMORY, TWO = 0.8, 0.1, 2 * 2**30, 1.6
 _SINGLE = 12  # chunks, the quickest of which is the measure
 
 
+def reference() -> tuple[Any, Any, float]:
+    """The bundled DMSP-20-300, a geometry of it, and its deadband [Pa]."""
+    import famjax  # noqa: PLC0415 -- not in the process that only starts others
+    import fitting  # noqa: PLC0415
+
+    data = fitting.load_bundled("DMSP-20-300")
+    rest = data.specimen.rest_length
+    braid = famjax.Braid.from_rest(diameter=0.0216, braid_angle=1.1, length=rest)
+    return data, famjax.EstimatedGeometry(braid, famjax.Bladder(rest, 0.0195, 1.5e-3)), 43e3
+
+
 def one(replicates: int, jobs: int) -> dict[str, Any]:
     """A sweep of so many replicates in this process, or by processes: its times and memory."""
     import jax  # noqa: PLC0415 -- not in the process that only starts others
 
-    import famjax  # noqa: PLC0415
     import fitting  # noqa: PLC0415
     from famjax.commands.compilation_cache import switch_on  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
     switch_on()
-    data = fitting.load_bundled("DMSP-20-300")
-    rest = data.specimen.rest_length
-    braid = famjax.Braid.from_rest(diameter=0.0216, braid_angle=1.1, length=rest)
-    geometry = famjax.EstimatedGeometry(braid, famjax.Bladder(rest, 0.0195, 1.5e-3))
+    data, geometry, deadband = reference()
 
     def seconds(count: int, executor: int | None) -> list[float]:
         """When the parts were done; the first of these is the fits, or the start."""
         told: list[float] = []
         with tempfile.TemporaryDirectory() as folder:
             fitting.sweeps.sweep(
-                data, geometry, deadband=43e3, bootstrap=count, executor=executor, resume=folder,
+                data, geometry, deadband=deadband, bootstrap=count, executor=executor, resume=folder,
                 progress=lambda *_: told.append(time.perf_counter()),
             )  # fmt: skip
         return told[1:]

@@ -135,20 +135,17 @@ def work_of_a_programme() -> tuple[float, float]:
     import jax  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
-    import famjax  # noqa: PLC0415
-    import fitting  # noqa: PLC0415
+    import scaling  # noqa: PLC0415
+
     from fitting.sweeps.design import Design  # noqa: PLC0415
     from fitting.sweeps.forms import Forms  # noqa: PLC0415
     from fitting.sweeps.linear_model import LinearModel  # noqa: PLC0415
     from fitting.sweeps.readings import arrange  # noqa: PLC0415
     from fitting.sweeps.replicates import Chunk  # noqa: PLC0415
 
-    data = fitting.load_bundled("DMSP-20-300")
-    rest = data.specimen.rest_length
-    braid = famjax.Braid.from_rest(diameter=0.0216, braid_angle=1.1, length=rest)
-    geometry = famjax.EstimatedGeometry(braid, famjax.Bladder(rest, 0.0195, 1.5e-3))
-    readings = arrange(data, rest, 4)
-    model = LinearModel(geometry, 43e3, 4, readings.pressure, readings.path_end)
+    data, geometry, deadband = scaling.reference()
+    readings = arrange(data, data.specimen.rest_length, 4)
+    model = LinearModel(geometry, deadband, 4, readings.pressure, readings.path_end)
     chunk = Chunk.of(Design.of(model, readings), Forms((1, 2, 3, 4)))
     pressures, k = chunk.there.shape
     rows = chunk.A.shape[-1] + 1
