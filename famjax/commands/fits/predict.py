@@ -65,7 +65,7 @@ def predict(
     import numpy as np
 
     from famjax.boundary.units import parse_quantities, quantity_unit
-    from famjax.commands.options.answers import answer_units, in_units
+    from famjax.commands.options.answers import answer_units, force_and_onset, in_units
 
     sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
     if history is None and is_card(muscle):
@@ -111,11 +111,8 @@ def predict(
     if json_:
         print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
         return 0
-    rows = in_units(rows, asked)
-    for title, of_force in (("Force", True), ("Onset", False)):
-        chosen = [row for row in rows if ("slack" in row) == of_force]
-        if chosen:
-            _print_rows(title, chosen, units)
+    for title, chosen in force_and_onset(in_units(rows, asked)).items():
+        _print_rows(title, chosen, units)
     _print_notes(saved, other=other is not None, forces=bool(pressure))
     return 0
 

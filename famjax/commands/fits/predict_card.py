@@ -49,7 +49,7 @@ def predict_by_card(
     from famjax.boundary.errors import InputError
     from famjax.boundary.units import parse_quantities
     from famjax.cards import read_card
-    from famjax.commands.options.answers import answer_units, in_units
+    from famjax.commands.options.answers import answer_units, force_and_onset, in_units
     from famjax.muscles import bundled_card
 
     asked = [name for name, value in others.items() if value]
@@ -86,11 +86,8 @@ def predict_by_card(
     if as_json:
         print(json.dumps(rows if units is None else in_units(rows, asked_units), allow_nan=False))
         return 0
-    rows = in_units(rows, asked_units)
-    for title, of_force in (("Force", True), ("Onset", False)):
-        chosen = [row for row in rows if ("slack" in row) == of_force]
-        if chosen:
-            print_rows(f"{title} of {card.name}", chosen)
+    for title, chosen in force_and_onset(in_units(rows, asked_units)).items():
+        print_rows(f"{title} of {card.name}", chosen)
     print("note: of a card; rows that are not inside are continued beyond the model's own region")
     return 0
 

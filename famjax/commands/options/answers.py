@@ -53,3 +53,12 @@ def _entry(key: str, value: Any, units: Mapping[str, str]) -> tuple[str, Any]:
         return key, value
     unit = units[_KINDS[end]]
     return f"{name}_{unit}", None if value is None else from_si(value, unit, _KINDS[end])
+
+
+def force_and_onset(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """The tables of a prediction by their titles: forces, and onset pressures; none is empty."""
+    tables = {
+        "Force": [row for row in rows if "slack" in row],
+        "Onset": [row for row in rows if "slack" not in row],
+    }
+    return {title: chosen for title, chosen in tables.items() if chosen}
