@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from .. import __version__
 from . import rig
@@ -55,6 +55,17 @@ COMMANDS = {
 """Where each command is, `module:function`, and the first sentence of its help."""
 
 
+def _as_typed(default: object) -> str | None:
+    """A default as one would type it; None for what is not given, off or empty."""
+    if default is None or default is False or default == ():
+        return None
+    return ", ".join(map(str, default)) if isinstance(default, tuple) else str(default)
+
+
+_OPTIONS = Parameter(negative=(), show_default=_as_typed)
+"""Of every option: a switch has no `--no-`, and a list no `--empty-`, unless it says so."""
+
+
 def command_line(arguments: Sequence[str]) -> App:
     """The command line, for these arguments.
 
@@ -63,9 +74,9 @@ def command_line(arguments: Sequence[str]) -> App:
     """
     command, of_rig = [*arguments, "", ""][:2]
     app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
-              suppress_keyboard_interrupt=False)  # fmt: skip
+              default_parameter=_OPTIONS, suppress_keyboard_interrupt=False)  # fmt: skip
     _register(app, __name__.rpartition(".")[0], COMMANDS, command)
-    rig_app = App(name="rig", help=rig.HELP, help_format="markdown")
+    rig_app = App(name="rig", help=rig.HELP, help_format="markdown", default_parameter=_OPTIONS)
     _register(rig_app, rig.__name__, rig.COMMANDS, of_rig)
     app.command(rig_app)
     app.register_install_completion_command(

@@ -45,8 +45,8 @@ def new(folder: Path) -> int:
 def characterise(
     folder: Path,
     *,
-    only: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    force: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    only: tuple[str, ...] = (),
+    force: tuple[str, ...] = (),
     engine: EngineOptions = _UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
 ) -> int:
@@ -113,7 +113,7 @@ def twin(
     *,
     seed: Seed = 0,
     size: Literal["small", "large"] = "small",
-    flawed: bool = True,
+    flawed: Annotated[bool, Parameter(negative="--no-flawed")] = True,
     truth: Path | None = None,
 ) -> int:
     """Make a characterisation folder of a known muscle, with the simulated rig and camera.

@@ -16,22 +16,22 @@ _SHOWN = 10  # rows of a front on the terminal; all are in the file
 
 
 def design(
-    require: Annotated[tuple[str, ...], Parameter(negative=())] = ("pressure_psi=100",),
+    require: tuple[str, ...] = ("pressure_psi=100",),
     *,
-    catalogue: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
-    bundled: bool = True,
-    tube: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    catalogue: tuple[Path, ...] = (),
+    bundled: Annotated[bool, Parameter(negative="--no-bundled")] = True,
+    tube: tuple[str, ...] = (),
     rest_length_mm: float = 235.74375,
     search: float | None = None,
-    objective: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    vary: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    objective: tuple[str, ...] = (),
+    vary: tuple[str, ...] = (),
     front_step: float = 0.01,
-    end_fittings: bool = True,
+    end_fittings: Annotated[bool, Parameter(negative="--no-end-fittings")] = True,
     table: Literal["csv", "parquet"] = "csv",
     output: Path = Path("famjax-design"),
     units: Literal["si", "metric", "us"] = "us",
     engine: EngineOptions = _THIS_PROCESS,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
 

@@ -33,9 +33,9 @@ def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] 
     """Say on standard error that nothing was identified, where that is so."""
     from ..cards import unidentified
 
-    told = unidentified(str(name), verdict, reasons)
-    if told is not None:
-        print(f"warning: {told}", file=sys.stderr)
+    doubt = unidentified(str(name), verdict, reasons)
+    if doubt is not None:
+        print(f"warning: {doubt}", file=sys.stderr)
 
 
 def load_map(

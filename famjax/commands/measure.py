@@ -25,16 +25,16 @@ def measure(
     how: RecipeOptions = _UNSAID,
     log: Path | None = None,
     log_offset: str | None = None,
-    log_columns: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    log_units: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    log_columns: tuple[str, ...] = (),
+    log_units: tuple[str, ...] = (),
     log_decimal: Literal[".", ","] | None = None,
     rest_length: str | None = None,
     engine: EngineOptions = _UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
     output: Path = Path("famjax-measure"),
-    resume: bool = True,
+    resume: Annotated[bool, Parameter(negative="--no-resume")] = True,
     overlays: int = 12,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Measure the shape of a muscle in photographs, each picture with its errors.
 

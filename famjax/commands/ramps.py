@@ -13,7 +13,7 @@ from .terminal import Output, print_rows
 def ramps(
     *records: str,
     atmosphere: str,
-    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    specimen: tuple[str, ...] = (),
     columns: str | None = None,
     branches: Literal["both", "fill", "vent"] = "both",
     period_s: float | None = None,
@@ -22,7 +22,7 @@ def ramps(
     length_std_mm: float | None = None,
     output: Path = Path("famjax-ramps"),
     units: Literal["si", "metric", "us"] = "metric",
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Turn raw isometric pressure ramps into a static force map with its noise and hysteresis.
 

@@ -3,9 +3,6 @@
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from .loading import load_fitting
 from .terminal import print_rows, progress_bar
@@ -14,7 +11,7 @@ from .terminal import print_rows, progress_bar
 def reproduce(
     *,
     output: Path = Path("famjax-reproduce"),
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Compute the reference work's tables and put them beside its printed figures.
 

@@ -62,7 +62,7 @@ class _Lines(Progress):
 
 
 class Output:
-    """The folder of a command's files: checked before the work, and told of at its end.
+    """The folder of a command's files: checked before the work, its files listed at the end.
 
     Attributes:
         folder: where they go.

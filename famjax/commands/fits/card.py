@@ -18,7 +18,7 @@ def card(
     name: str | None = None,
     sample: int = 32,
     seed: Seed = 0,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Write the muscle card of a fit: what a simulator, a controller or a colleague needs of it.
 

@@ -3,9 +3,6 @@
 import json
 import shutil
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
@@ -19,15 +16,15 @@ _THIS_PROCESS = EngineOptions()
 def compare(
     data: str = "DMSP-20-300",
     *,
-    models: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    models: tuple[str, ...] = (),
+    specimen: tuple[str, ...] = (),
     pressure_tolerance: str | None = None,
     length_tolerance: str | None = None,
     starts: Starts = 32,
     seed: Seed = 0,
     output: Path = Path("famjax-compare"),
     engine: EngineOptions = _THIS_PROCESS,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Fit every published static force model, and famjax's own, to one force map.
 

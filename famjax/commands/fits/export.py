@@ -15,7 +15,7 @@ Name = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]
 def export(
     muscle: str,
     *,
-    to: Annotated[tuple[Name, ...], Parameter(negative=())],
+    to: tuple[Name, ...],
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("exported"),
     length: str | None = None,
     tendon_offset: str | None = None,

@@ -31,30 +31,30 @@ def fit(
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
     dependence: Literal["fixed", "linear", "free"] = "fixed",
     box: Literal["physical", "open"] = "physical",
-    bounds: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    free: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    prior: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    bounds: tuple[str, ...] = (),
+    free: tuple[str, ...] = (),
+    prior: tuple[str, ...] = (),
     noise_N: Annotated[float | None, Parameter(name="--noise-N")] = None,
     objective: Literal["sum_of_squares", "huber"] = "sum_of_squares",
-    censored: Annotated[bool, Parameter(negative=())] = False,
+    censored: bool = False,
     pressure_tolerance: str | None = None,
     length_tolerance: str | None = None,
-    validate: Annotated[bool, Parameter(negative=())] = False,
-    profile: Annotated[bool, Parameter(negative=())] = False,
+    validate: bool = False,
+    profile: bool = False,
     bootstrap: Replicates = 0,
-    posterior: Annotated[bool, Parameter(negative=())] = False,
-    hysteresis: Annotated[bool, Parameter(negative=())] = False,
+    posterior: bool = False,
+    hysteresis: bool = False,
     shape: Path | None = None,
-    error: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    shared_error: Annotated[tuple[str, ...], Parameter(name="--error")] = (),
     atmosphere: str | None = None,
     columns: str | None = None,
-    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    specimen: tuple[str, ...] = (),
     starts: Starts = 16,
     seed: Seed = 0,
     output: Path = Path("famjax-fit"),
     units: Literal["si", "metric", "us"] = "metric",
     engine: EngineOptions = _THIS_PROCESS,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Identify a muscle from a measured force map.
 
@@ -125,8 +125,7 @@ def fit(
         The muscle's shape as photographs show it, the `measurements.nc` of `famjax measure`, in place
         of a cylinder; the turns of the threads are identified, or held: `--bounds turns=1.09`. The
         law is the polynomial one unless --law names another.
-
-    Error:
+    shared_error
         A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
         `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names: rest_length,
         wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero (with a unit);
@@ -178,7 +177,7 @@ def fit(
     kinds = parameter_kinds(law) if bounds or free or prior else {}
     kinds |= {} if shape is None else {"turns": "number"}
     tolerances = {"pressure": pressure_tolerance, "length": length_tolerance}
-    known, stated = parse_specimen(specimen), parse_errors(error)
+    known, stated = parse_specimen(specimen), parse_errors(shared_error)
     measured, pairs = (
         load_ramps(data, known, atmosphere=atmosphere, columns=columns, **tolerances)
         if hysteresis
@@ -219,10 +218,10 @@ def fit(
         )  # fmt: skip
         steps.judge()
         evidence = steps.evidence if pairs is None else with_hysteresis(steps.evidence, pairs)
-        told = {"choice": steps.choice, "judgement": steps.judgement}
-        paths = write_fit(steps.result, output, units, evidence, Origin.of_this_command(), **told)
+        judged = {"choice": steps.choice, "judgement": steps.judgement}
+        paths = write_fit(steps.result, output, units, evidence, Origin.of_this_command(), **judged)
     if json_:
-        summary = fitting.saved.summary_as_dict(steps.result, units, evidence, **told)
+        summary = fitting.saved.summary_as_dict(steps.result, units, evidence, **judged)
         print(json.dumps(summary, allow_nan=False))
     else:
         _print_fit(steps, units, evidence)

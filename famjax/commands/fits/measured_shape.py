@@ -15,7 +15,7 @@ TURNS = "turns"
 def with_shape(
     data: fitting.ForceData, pictures: Path, options: Mapping[str, Any]
 ) -> tuple[fitting.ForceData, dict[str, Any], fitting.shapes.ShapeSurface]:
-    """The map with what is told of the shape, the options of a fit with that geometry, and the shape.
+    """The map with notes on the shape, the options of a fit with that geometry, and the shape.
 
     The turns of the threads are identified unless they are named: the force tells them, and the
     diameters alone do not.
@@ -35,9 +35,9 @@ def with_shape(
     named = {*options["bounds"], *options["parameters"]}
     least, most = surface.threads.turns_range()
     free = {} if TURNS in named else {TURNS: Parameter(min=least, max=most)}
-    told = dataclasses.replace(data, notes=(*data.notes, *surface.told()))
+    noted = dataclasses.replace(data, notes=(*data.notes, *surface.summary()))
     fitted = {**options, "geometry": geometry, "parameters": {**options["parameters"], **free}}
-    return told, fitted, surface
+    return noted, fitted, surface
 
 
 def shared_moves(

@@ -3,9 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Literal
 
 from ..loading import load_fitting, warn_unidentified
 from ..terminal import print_rows
@@ -22,12 +20,12 @@ def predict(
     length: tuple[str, ...] = (),
     pressure: tuple[str, ...] = (),
     force: tuple[str, ...] = (),
-    onset: Annotated[bool, Parameter(negative=())] = False,
+    onset: bool = False,
     rest_length: str | None = None,
     length_std: str | None = None,
     history: Path | None = None,
     units: Literal["si", "metric", "us"] | None = None,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Predict the force of a fitted muscle, and the pressure at which it begins to pull.
 
@@ -119,13 +117,13 @@ def predict(
 
 def _print_rows(title: str, rows: list[dict], units: str | None) -> None:
     """A table of answers, and below it why some are not inside."""
-    from famjax.boundary.sentence import told_in
+    from famjax.boundary.sentence import in_units
 
     print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in rows])
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {told_in(reason, units or 'metric')}")
+            print(f"- {in_units(reason, units or 'metric')}")
 
 
 def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:

@@ -2,9 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from ..loading import load_fitting, load_map
 from ..options.engine import EngineOptions
@@ -16,19 +14,16 @@ _THIS_PROCESS = EngineOptions()
 
 def series(
     *data: str,
-    law: Annotated[
-        tuple[Literal["linear", "mooney-rivlin", "ogden", "cubic", "saturating"], ...],
-        Parameter(negative=()),
-    ] = (),
-    free: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    bounds: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    law: tuple[Literal["linear", "mooney-rivlin", "ogden", "cubic", "saturating"], ...] = (),
+    free: tuple[str, ...] = (),
+    bounds: tuple[str, ...] = (),
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
     box: Literal["physical", "open"] = "physical",
     starts: Starts = 8,
     seed: Seed = 0,
     output: Path = Path("famjax-series"),
     engine: EngineOptions = _THIS_PROCESS,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Identify several muscles of a series together, to predict those of other lengths.
 

@@ -2,9 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
@@ -22,20 +20,21 @@ def sweep(
     braid_angle: str | None = None,
     deadband: str | None = None,
     order: SweptOrders = (1, 2, 3, 4),
-    dependence: Annotated[
-        tuple[Literal["fixed", "linear", "free"], ...], Parameter(negative=())
-    ] = ("fixed", "linear", "free"),
-    constraint: Annotated[
-        tuple[Literal["none", "positive", "slope", "drucker"], ...], Parameter(negative=())
-    ] = ("none", "positive", "slope", "drucker"),
+    dependence: tuple[Literal["fixed", "linear", "free"], ...] = ("fixed", "linear", "free"),
+    constraint: tuple[Literal["none", "positive", "slope", "drucker"], ...] = (
+        "none",
+        "positive",
+        "slope",
+        "drucker",
+    ),
     objective: Literal["sum_of_squares", "mean_rmse", "huber"] = "sum_of_squares",
     bootstrap: Replicates = 0,
     seed: Seed = 0,
-    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    specimen: tuple[str, ...] = (),
     output: Path = Path("famjax-sweep"),
     units: Literal["si", "metric", "us"] = "metric",
     engine: EngineOptions = _THIS_PROCESS,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Fit every permutation of order, pressure dependence and constraint at one geometry.
 

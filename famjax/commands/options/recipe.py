@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from cyclopts import Parameter
 
@@ -69,7 +69,7 @@ class RecipeOptions:
     tape_diameter: str | None = None
     tape_hue: str | None = None
     recipe: Path | None = None
-    braid_angle: Annotated[bool | None, Parameter(negative=())] = None
+    braid_angle: bool | None = None
     n_threads: int | None = None
     turns: float | None = None
     method: Literal["limb", "pixel"] | None = None

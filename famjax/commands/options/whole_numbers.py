@@ -50,6 +50,6 @@ Order = Annotated[int | None, Parameter(converter=whole)]
 
 SweptOrders = Annotated[
     tuple[int, ...],
-    Parameter(converter=whole, validator=validators.Number(gte=1, lte=4), negative=()),
+    Parameter(converter=whole, validator=validators.Number(gte=1, lte=4)),
 ]
 """Orders of the polynomial law that a sweep has."""

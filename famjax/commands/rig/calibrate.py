@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from ...boundary.units import from_si, parse_quantity, si_unit, unit_system
 from ..terminal import print_table
@@ -18,8 +16,8 @@ STEPS = (*range(40, 201, 20), *range(180, 39, -20))
 def rig_calibrate_sensor(
     sensor: Literal["pressure", "force"],
     *,
-    reference: Annotated[tuple[str, ...], Parameter(negative=())],
-    reading: Annotated[tuple[float, ...], Parameter(negative=())] = (),
+    reference: tuple[str, ...],
+    reading: tuple[float, ...] = (),
     port: str | None = None,
     baud: int = 115200,
     seconds: float = 2.0,
@@ -82,9 +80,9 @@ def rig_calibrate_pump(
     *,
     port: str | None = None,
     baud: int = 115200,
-    steps: Annotated[tuple[int, ...], Parameter(negative=())] = STEPS,
+    steps: tuple[int, ...] = STEPS,
     settle: str = "3s",
-    yes: Annotated[bool, Parameter(negative=())] = False,
+    yes: bool = False,
     units: Literal["si", "metric", "us"] = "us",
 ) -> int:
     """Step the pump of a water circuit with the controller off, for the output that holds a pressure.

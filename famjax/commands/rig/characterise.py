@@ -2,9 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from ...boundary.units import parse_quantity
 from ..options.entries import parse_entries
@@ -17,20 +15,20 @@ def rig_characterise(
     log: Path,
     *,
     rest_length: str,
-    log_columns: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    log_units: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    log_columns: tuple[str, ...] = (),
+    log_units: tuple[str, ...] = (),
     log_decimal: Literal[".", ","] | None = None,
     sync_column: str | None = None,
     near: str | None = None,
     near_within: str = "5s",
     skip_cycles: int = 0,
-    shortening_positive: Annotated[bool, Parameter(negative=())] = False,
-    pushing_positive: Annotated[bool, Parameter(negative=())] = False,
+    shortening_positive: bool = False,
+    pushing_positive: bool = False,
     zero_displacement: str = "0mm",
-    specimen: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    specimen: tuple[str, ...] = (),
     output: Path = Path("famjax-rig"),
     units: Literal["si", "metric", "us"] = "us",
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Turn a test's journal and the test machine's log into curves, figures and a dataset to fit.
 

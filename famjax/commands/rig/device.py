@@ -1,9 +1,8 @@
 """Commands on a device at a port: list the ports, live values."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from .asking import said_yes
@@ -83,7 +82,7 @@ def rig_acknowledge(
     *,
     calibration: Path | None = None,
     baud: int = 115200,
-    yes: Annotated[bool, Parameter(negative=())] = False,
+    yes: bool = False,
 ) -> int:
     """Acknowledge a trip, after its cause was found; nothing else clears one.
 

@@ -2,9 +2,8 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from .problems import rig_problems
@@ -59,7 +58,7 @@ def rig_replay(
 def rig_check(
     journal: Path,
     *,
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Check a journal: is it whole, what was lost, did the device do what its law says?
 

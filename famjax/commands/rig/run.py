@@ -2,9 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Literal
 
 from ..keys import has_keys
 from ..options.entries import parse_entries
@@ -21,10 +19,10 @@ def rig_run(
     port: str | None = None,
     baud: int = 115200,
     output: Path = Path("famjax-rig"),
-    resume: Annotated[bool, Parameter(negative=())] = False,
-    dry_run: Annotated[bool, Parameter(negative=())] = False,
-    yes: Annotated[bool, Parameter(negative=())] = False,
-    meta: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    resume: bool = False,
+    dry_run: bool = False,
+    yes: bool = False,
+    meta: tuple[str, ...] = (),
     start: Literal["asked", "load", "at-once"] | None = None,
     camera: str | None = None,
     units: Literal["si", "metric", "us"] = "us",

@@ -1,9 +1,7 @@
 """Commands without hardware: a whole test in virtual time, a rig served in real time."""
 
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from ..loading import load_fitting
 from ..options.whole_numbers import Seed
@@ -20,7 +18,7 @@ def rig_simulate(
     seed: Seed = 0,
     output: Path = Path("famjax-rig"),
     units: Literal["si", "metric", "us"] = "us",
-    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    json_: bool = False,
 ) -> int:
     """Carry out the same test against a simulated rig, far faster than real time.
 

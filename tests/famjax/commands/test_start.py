@@ -61,6 +61,17 @@ def test_a_command_is_listed_with_its_own_first_sentence(
     shown = " ".join(capsys.readouterr().out.split())
     for paragraph in docstring.partition("\n\nParameters\n")[0].split("\n\n"):
         assert " ".join(paragraph.replace("`", "").split()) in shown
+    assert "--empty-" not in shown  # of a list: no option that means nothing
+
+
+@pytest.mark.parametrize("words", [words for words, *_ in commands()])
+def test_every_option_has_a_text(words: tuple[str, ...]) -> None:
+    asked = app.command_line(list(words))
+    for word in words:
+        asked = asked[word]
+    for option in asked.assemble_argument_collection(parse_docstring=True):
+        if option.parse and not option.has_tokens and option.show:
+            assert option.parameter.help, option.names
 
 
 def test_help_loads_no_library() -> None:
