@@ -32,7 +32,7 @@ class Quantity(NamedTuple):
     kind: str
     digits: int = 4
 
-    def told(self, system: str) -> str:
+    def in_units(self, system: str) -> str:
         """The number with its unit in a unit system."""
         unit = unit_system(system)[self.kind]
         return f"{from_si(float(self.value), unit, self.kind):.{self.digits}g} {unit}".rstrip()
@@ -44,8 +44,8 @@ class Sentence(str):
     Args:
         *parts: texts, quantities and further sentences, in their order.
 
-    >>> told = Sentence("The length is ", Quantity(0.296, "length"), ".")
-    >>> told, told_in(told, "us")
+    >>> found = Sentence("The length is ", Quantity(0.296, "length"), ".")
+    >>> found, in_units(found, "us")
     ('The length is 296 mm.', 'The length is 11.65 in.')
     """
 
@@ -53,7 +53,7 @@ class Sentence(str):
 
     def __new__(cls, *parts: str | Quantity) -> "Sentence":
         """A sentence of these parts."""
-        made = super().__new__(cls, "".join(_told(one, "metric") for one in parts))
+        made = super().__new__(cls, "".join(_part_in_units(one, "metric") for one in parts))
         made.parts = parts
         return made
 
@@ -61,20 +61,20 @@ class Sentence(str):
         return Sentence, self.parts
 
 
-def told_in(sentence: str, system: str) -> str:
+def in_units(sentence: str, system: str) -> str:
     """A sentence in a unit system, si, metric or us; a text without quantities as it is."""
     if isinstance(sentence, Sentence):
-        return "".join(_told(one, system) for one in sentence.parts)
+        return "".join(_part_in_units(one, system) for one in sentence.parts)
     return sentence
 
 
-def retold(text: str, system: str) -> str:
+def text_in_units(text: str, system: str) -> str:
     """A text that was read back from a file, its lengths, pressures and forces in a unit system.
 
     Numbers that a unit follows, and ranges such as `159 to 236 mm`; what is in units of the system
     already stays to the last digit, and so does every other number.
 
-    >>> retold("At 344738 Pa the strokes from 159 to 236 mm lack 1.02 s.", "us")
+    >>> text_in_units("At 344738 Pa the strokes from 159 to 236 mm lack 1.02 s.", "us")
     'At 50 psi the strokes from 6.26 to 9.291 in lack 1.02 s.'
     """
     wanted = unit_system(system)
@@ -95,5 +95,5 @@ def retold(text: str, system: str) -> str:
     return _WITH_UNIT.sub(converted, text)
 
 
-def _told(part: str | Quantity, system: str) -> str:
-    return part.told(system) if isinstance(part, Quantity) else told_in(part, system)
+def _part_in_units(part: str | Quantity, system: str) -> str:
+    return part.in_units(system) if isinstance(part, Quantity) else in_units(part, system)

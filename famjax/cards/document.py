@@ -155,10 +155,10 @@ def checked(document: Any) -> CardDocument:
     Raises:
         InputError: another schema, an entry that is missing, unknown or of the wrong kind.
     """
-    told = document.get("schema") if isinstance(document, dict) else None
-    if told != SCHEMA:
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
         raise InputError(
-            f"a muscle card must be of schema {SCHEMA!r}, got {told!r}; make one of a fit by famjax "
+            f"a muscle card must be of schema {SCHEMA!r}, got {schema!r}; make one of a fit by famjax "
             "card"
         )
     try:

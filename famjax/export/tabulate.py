@@ -136,12 +136,14 @@ def table_errors(muscle: SafeMuscle, pull: TabulatedPull, *, seed: int = 0) -> T
     off = np.abs(np.array([pull.force(*state) for state in states]) - force)
     largest = float(force[:half].max())
     area = np.array([pull.area(*state) for state in states])
-    told = (force > pull.slack_width) & (area > _STEEP * area[:half].mean())
-    told &= (pull.stops[0] < L) & (pull.stops[1] > L)
+    invertible = (force > pull.slack_width) & (area > _STEEP * area[:half].mean())
+    invertible &= (pull.stops[0] < L) & (pull.stops[1] > L)
     back = [
         abs(pull.pressure(length, one) - pressure)
-        for (length, pressure), one, tell in zip(states, force.tolist(), told, strict=True)
-        if tell
+        for (length, pressure), one, one_to_one in zip(
+            states, force.tolist(), invertible, strict=True
+        )
+        if one_to_one
     ]
     return TableErrors(
         largest_force=largest,

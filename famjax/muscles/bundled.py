@@ -15,7 +15,7 @@ _MAPS = ("DMSP-10-250", "DMSP-20-300")
 
 
 def bundled_name(name: str) -> str | None:
-    """The name in `NAMES` of a bundled muscle as people write it, or None where it is none.
+    """The name in `NAMES` of a bundled muscle in any common spelling, or None where it is none.
 
     In any case, with hyphens or underscores, and with or without the length of the muscle that was
     measured, which the name of its force map has.

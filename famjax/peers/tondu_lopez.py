@@ -53,7 +53,7 @@ class Kerscher(PeerModel):
 
     F = mu(eps) F_TL, mu = a_m exp(-c_m eps) + b_m
 
-    The factor scales the section too, so the braid's diameter cannot be told from it.
+    The factor scales the section too, so it cannot be separated from the braid's diameter.
 
     Attributes:
         muscle: Tondu and Lopez' model.

@@ -105,7 +105,7 @@ class ThreadFriction(AbstractFriction):
     Attributes:
         coefficient: f_s [-], >= 0.
         rest_area: S0 [m2], contact area at rest; 2 pi R0 L0 for a braid that covers the bladder.
-            Only f_s S0 can be told from a force.
+            Only f_s S0 can be identified from a force.
         rest_braid_angle: theta0 [rad].
 
     References:

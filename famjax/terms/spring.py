@@ -15,7 +15,7 @@ class Spring(AbstractForceTerm):
     Attributes:
         stiffness: k [N/m], >= 0; a stretched spring pulls with the muscle.
         rest_length: L_s [m], active length of the muscle at which the spring pulls with F_0 only.
-            Only F_0 - k L_s can be told from a force.
+            Only F_0 - k L_s can be identified from a force.
         preload: F_0 [N].
     """
 

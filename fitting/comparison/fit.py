@@ -315,7 +315,7 @@ def _linear_fit(problem: Problem) -> _End:
 
 
 def _determined(problem: Problem, point: Point) -> bool:
-    """Whether the readings tell the linear parameters apart; bounded ones are taken as told."""
+    """Whether the readings tell the linear parameters apart; bounded ones count as determined."""
     limits = np.concatenate([problem.coefficient_min, problem.coefficient_max])
     if not problem.linear or np.isfinite(limits).any():
         return True

@@ -290,8 +290,8 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
 def _assumed(fields: Mapping[str, Any]) -> tuple[str, ...]:
     """What is not said of a specimen and has to be assumed."""
     found = [n for n in ("rest_length", "nominal_diameter", "wall_thickness") if n not in fields]
-    told = {"embedded", "bladder_diameter"} & set(fields)
-    return (*found, *([] if told else ["bladder_diameter"]))
+    given = {"embedded", "bladder_diameter"} & set(fields)
+    return (*found, *([] if given else ["bladder_diameter"]))
 
 
 def _complete(

@@ -24,12 +24,12 @@ class Levels:
         level: the mean of the values on the reading's level, or the value itself where all of them
             are equal; shape (n,).
         tolerance: neighbours nearer than this are on one level; 0 where only equal values are.
-        told: what a reader must know, or "".
+        note: what a reader must know, or "".
     """
 
     level: Float[np.ndarray, " n"]
     tolerance: float
-    told: str
+    note: str
 
 
 def levels_of(values: Float[np.ndarray, " n"], what: str, tolerance: float | None = None) -> Levels:
@@ -75,21 +75,21 @@ def levels_of(values: Float[np.ndarray, " n"], what: str, tolerance: float | Non
     label = group[place]
     count = np.bincount(label)
     mean = np.where(high > low, np.bincount(label, values) / count, low)
-    told = ""
+    note = ""
     if tolerance > 0 and count.size < distinct.size:
         how = "given" if given else "found from the gaps between them"
-        told = Sentence(
+        note = Sentence(
             f"Readings whose {what}s are less than ",
             Quantity(tolerance, what),
             f" apart count as one {what} ({how}): {distinct.size} values on {count.size} levels.",
         )
     elif count.size > max(2, _FRACTION * values.size):
-        told = (
+        note = (
             f"Hardly two readings share a {what}, and no gaps divide them into levels: leaving one "
             f"{what} out leaves out single readings. Give a tolerance "
             f"(--{what}-tolerance) if they were taken at common {what}s."
         )
-    return Levels(mean[label], float(tolerance), told)
+    return Levels(mean[label], float(tolerance), note)
 
 
 def _found(distinct: Float[np.ndarray, " k"], readings: int) -> float:
@@ -106,4 +106,4 @@ def _found(distinct: Float[np.ndarray, " k"], readings: int) -> float:
 
 
 def _shown(value: float, what: str) -> str:
-    return Quantity(value, what).told("metric")
+    return Quantity(value, what).in_units("metric")

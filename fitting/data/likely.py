@@ -14,7 +14,7 @@ from .force_data import ForceData
 _REACH = (0.55, 1.07)  # of the rest length: what muscles of rubber and threads come to
 _LONGEST = 0.85  # of the rest length: the longest length of most tests is above it
 _USUAL = 0.25  # m: rest length of a usual muscle
-_ALIKE = 0.5  # decades: not told apart
+_ALIKE = 0.5  # decades: taken as equal
 
 
 def likely_length_fault(data: ForceData) -> str:
@@ -40,11 +40,11 @@ def likely_length_fault(data: ForceData) -> str:
         if _near(low, high, 1 / factor)
     }
     # Either change brings the two together; they differ in the muscle that is left.
-    left = [(_unlikely(rest), told) for told in of_lengths.values()]
-    left += [(_unlikely(rest * factor), told) for factor, told in of_rest.items()]
+    left = [(_unlikely(rest), sentence) for sentence in of_lengths.values()]
+    left += [(_unlikely(rest * factor), sentence) for factor, sentence in of_rest.items()]
     if left:
         left.sort(key=lambda one: one[0])
-        likely = [told for away, told in left if away < left[0][0] + _ALIKE][:2]
+        likely = [sentence for away, sentence in left if away < left[0][0] + _ALIKE][:2]
         return f"It looks as if {', or '.join(likely)}."
     if _falls_with_length(data):
         return (

@@ -151,8 +151,8 @@ def response(
         rest=jnp.asarray(rest, float),
         path_end=end,
     )
-    told = jnp.stack(derived) if derived else jnp.zeros(0)
-    return Response(force, columns, values, rows, told, numbers, number_columns), aside
+    scalars = jnp.stack(derived) if derived else jnp.zeros(0)
+    return Response(force, columns, values, rows, scalars, numbers, number_columns), aside
 
 
 def with_derivatives(

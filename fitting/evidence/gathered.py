@@ -149,10 +149,15 @@ def gather(
         sampled = sample(
             result, noise=noise, seed=seed, progress=lambda d, t: progress("posterior", d, t)
         )
-    told = _error(result) if error is None else error
+    model_error = _error(result) if error is None else error
     carried = carry(result, shared) if shared else None
     return Evidence(
-        tuple(validations), tuple(found), drawn, error=told, posterior=sampled, shared=carried
+        tuple(validations),
+        tuple(found),
+        drawn,
+        error=model_error,
+        posterior=sampled,
+        shared=carried,
     )
 
 
@@ -305,11 +310,11 @@ def _budget(shared: Carried, result: Identification, system: str) -> Table:
         every = [float(scatter[k]), *shared.effects[:, k].tolist()]
         total = math.hypot(*every)
         # What has no effect has one of rounding.
-        told = (
+        shown = (
             f"{from_si(one, unit, kind):.2g}" if one > 1e-9 * total else "0"
             for one in (*every, total)
         )  # fmt: skip
-        rows.append((name, unit, *told))
+        rows.append((name, unit, *shown))
     sources = (source.replace("_", " ") for source in shared.sources)
     return (
         "Standard errors by source",

@@ -82,12 +82,14 @@ class ModelError:
     @property
     def covers(self) -> str:
         """What the interval covers, in a sentence."""
-        told = [
+        judged = [
             f"{name}s left out"
             for name, along in (("length", self.length), ("pressure", self.pressure))
             if along.freedom > PRIOR_FREEDOM
         ]
-        shown = f"as {' and '.join(told)} show it" if told else "as a prior for all muscles has it"
+        shown = (
+            f"as {' and '.join(judged)} show it" if judged else "as a prior for all muscles has it"
+        )
         return (
             f"single readings: their noise, and the error of the model {shown}, growing with the "
             "distance from what was measured"

@@ -116,13 +116,13 @@ def drawn(
 
     def step(chain: Chains, key: Array) -> tuple[Chains, Drawn]:
         move, own = jax.random.split(key)
-        state, told = kernel(
+        state, info = kernel(
             move, chain.states, density, **chain.tuning, max_num_doublings=_DOUBLINGS
         )
         v, _ = density.box(state.position)
         p, x, noise, held = density.draw(whole, v, own)
         found = Drawn(
-            p, x, noise, held, told.is_divergent, 1.0 * told.num_integration_steps,
+            p, x, noise, held, info.is_divergent, 1.0 * info.num_integration_steps,
             state.logdensity,
         )  # fmt: skip
         return Chains(state, chain.tuning), found

@@ -87,7 +87,7 @@ def split(text: str, encoding: str, decimal: str | None = None) -> LogText:
         decimal: "." or ",", where it is known.
 
     Raises:
-        InputError: there is no block of numbers, or the decimal sign cannot be told.
+        InputError: there is no block of numbers, or the decimal sign is ambiguous.
     """
     if decimal not in {None, ".", ","}:
         raise InputError(f"decimal must be '.' or ',', got {decimal!r}")

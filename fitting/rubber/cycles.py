@@ -96,7 +96,7 @@ def split_branches(position: ArrayLike, *, min_travel: float = 0.5) -> tuple[Bra
     """The branches of a record, found by its turning points; noise and holds do not count as such.
 
     A turning point is an extreme from which the position comes back by at least `min_travel`.
-    Readings that a hold's noise cannot be told from, at either end, are left out: within six
+    Readings at either end that are within the noise of a hold are left out: within six
     standard deviations of the noise from the extreme (estimated from second differences), but
     never more than 2 % of the range.
 

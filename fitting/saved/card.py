@@ -74,8 +74,8 @@ def _covariance(document: dict) -> Covariance | None:
 
 def _provenance(document: dict, origin: Origin | None) -> Provenance:
     data, made = document["data"], document.get("origin") or {}
-    told = {} if origin is None else origin.as_dict()
-    commands = [one["command"] for one in (made, told) if one.get("command")]
+    here = {} if origin is None else origin.as_dict()
+    commands = [one["command"] for one in (made, here) if one.get("command")]
     return Provenance(
         verdict=document.get("verdict"),
         reasons=document.get("reasons") or [],
@@ -86,7 +86,7 @@ def _provenance(document: dict, origin: Origin | None) -> Provenance:
         source=data.get("source"),
         data_sha256=data.get("sha256"),
         specimen={k: v for k, v in data["specimen"].items() if v is not None},
-        date=told.get("date", made.get("date")),
+        date=here.get("date", made.get("date")),
         command=" && ".join(commands) or None,
         versions=document.get("versions") or {},
     )

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 import famjax
 from famjax.boundary.origin import Origin
-from famjax.boundary.sentence import told_in
+from famjax.boundary.sentence import in_units
 from famjax.boundary.units import from_si, si_unit, unit_system
 from famjax.cards import muscle_as_dict
 
@@ -61,8 +61,8 @@ def summary_as_dict(
     fixed = result.node_pressures is None
     return {
         "verdict": judged.level,
-        "reasons": [str(told_in(one, system)) for one in judged.reasons],
-        "unchecked": str(told_in(judged.unchecked, system)) or None,
+        "reasons": [str(in_units(one, system)) for one in judged.reasons],
+        "unchecked": str(in_units(judged.unchecked, system)) or None,
         "suspicions": [one.cause for one in judged.suspicions],
         "choice": None if choice is None else choice_as_dict(choice),
         "rmse_N": finite_or_none(errors.rmse),
@@ -99,7 +99,7 @@ def summary_as_dict(
         "active_constraints": list(result.active_constraints),
         "converged": result.converged,
         "warnings": [
-            str(told_in(one, system))
+            str(in_units(one, system))
             for one in (*result.warnings, *evidence_warnings(evidence or Evidence(), result))
         ],
         **evidence_as_dict(evidence or Evidence()),

@@ -208,7 +208,7 @@ def _band(
         factor = fit.document["model_error"]["factor_95"]
         if _by_what_was_left_out(fit):
             std, band = np.hypot(model, found.std), "left out"
-            # What all readings share is told by no reading left out: it is stated, and normal.
+            # No reading left out shows an error that all share: it is stated, and normal.
             student, normal = factor * model, _NORMAL_95 * found.std
             factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
         else:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from famjax.boundary.files import as_png, write_all
 from famjax.boundary.origin import Origin
-from famjax.boundary.sentence import Quantity, told_in
+from famjax.boundary.sentence import Quantity, in_units
 from famjax.boundary.units import from_si, unit_system
 
 from ..choice.choose import Choice
@@ -34,24 +34,24 @@ def verdict(
     errors, margin = result.errors, result.certificate.stability_margin
     judged = judge(result) if judgement is None else judgement
     fit = (
-        f"RMSE {Quantity(errors.rmse, 'force', 3).told(system)}, {errors.rmse_percent:.2g} % of the "
+        f"RMSE {Quantity(errors.rmse, 'force', 3).in_units(system)}, {errors.rmse_percent:.2g} % of the "
         f"largest force, over {errors.n_points} readings."
     )
     if judged.unchecked:
-        fit = f"{fit} {told_in(judged.unchecked, system)}"
-    told = judged.level.capitalize()
-    reasons = [told_in(one, system) for one in judged.reasons]
-    told = f"{told}: {reasons[0]} {fit}" if reasons else f"{told}. {fit}"
+        fit = f"{fit} {in_units(judged.unchecked, system)}"
+    level = judged.level.capitalize()
+    reasons = [in_units(one, system) for one in judged.reasons]
+    said = f"{level}: {reasons[0]} {fit}" if reasons else f"{level}. {fit}"
     if not result.converged:
-        return f"NOT converged. {told}"
+        return f"NOT converged. {said}"
     if not judged.passed:
-        return told
+        return said
     # A margin at rounding level is that of an active constraint.
     stable = margin >= -1e-9 * float(np.abs(result.coefficients).max())
     law = "Drucker-stable" if stable else "NOT Drucker-stable"
-    stress = Quantity(margin, "stress", 3).told(system)
+    stress = Quantity(margin, "stress", 3).in_units(system)
     return (
-        f"{told} The law is {law} on the whole actuation path (margin {stress}), and its coefficients "
+        f"{said} The law is {law} on the whole actuation path (margin {stress}), and its coefficients "
         f"are globally optimal for this geometry (KKT residual {result.certificate.kkt_residual:.0e})."
     )
 
@@ -93,7 +93,7 @@ def notes(
         *evidence_warnings(evidence or Evidence(), result),
         *(() if error is None else (f"Bands of predictions, 95 %, are of {error.covers}.",)),
     )
-    return tuple(told_in(one, system) for one in found)
+    return tuple(in_units(one, system) for one in found)
 
 
 def _parameter_table(result: Identification, system: str) -> Table:
@@ -148,7 +148,7 @@ def _certificate_table(result: Identification, system: str) -> Table:
             ("smallest tangent modulus on the strain range", stress(certificate.slope_margin))]),
         ("largest strain used", f"{result.strain_range:.4g}"),
         ("active constraints",
-         "; ".join(told_in(one, system) for one in result.active_constraints) or "none"),
+         "; ".join(in_units(one, system) for one in result.active_constraints) or "none"),
         ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
         ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
         ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),
@@ -219,13 +219,15 @@ def write_fit(
     Raises:
         InputError: the folder cannot be written.
     """
-    told = {"choice": choice, "judgement": judge(result) if judgement is None else judgement}
-    content = json.dumps(fit_as_dict(result, evidence, origin, **told), indent=1, allow_nan=False)
+    verdict = {"choice": choice, "judgement": judge(result) if judgement is None else judgement}
+    content = json.dumps(
+        fit_as_dict(result, evidence, origin, **verdict), indent=1, allow_nan=False
+    )
     figure = plot_fit(result, system)
     files = {
         "fit.json": content.encode(),
         "fit.png": as_png(figure),
-        "report.html": html_report(result, system, evidence, figure, origin, **told).encode(),
+        "report.html": html_report(result, system, evidence, figure, origin, **verdict).encode(),
     }
     if evidence is not None and evidence.posterior is not None:
         files["posterior.png"] = as_png(plot_posterior(evidence.posterior, system))

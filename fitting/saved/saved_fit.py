@@ -73,11 +73,11 @@ def load_fit(path: str | Path) -> SavedFit:
         _check(document, muscle)
         loops = document.get("hysteresis")
         hysteresis = None if loops is None else slip_from_dict(loops)
-        told = document.get("model_error")
+        stored = document.get("model_error")
         others = tuple(_mounted(one) for one in document.get("averaged_with") or ())
     except InputError as error:
         raise InputError(f"{path} is damaged: {error}") from None
-    error = None if told is None else ModelError.from_dict(told)
+    error = None if stored is None else ModelError.from_dict(stored)
     return SavedFit(muscle, document, hysteresis, others, error)
 
 

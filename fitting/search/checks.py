@@ -127,8 +127,8 @@ def check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
 
 def _check(data: ForceData) -> str:
     """What to do about lengths out of reach."""
-    told = likely_length_fault(data)
-    return f"Check the unit of the length column and the rest length{'. ' * bool(told)}{told}"
+    likely = likely_length_fault(data)
+    return f"Check the unit of the length column and the rest length{'. ' * bool(likely)}{likely}"
 
 
 def check_censored(table: Mapping[str, Entry]) -> None:

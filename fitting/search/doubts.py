@@ -25,7 +25,7 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
         names: of its nonlinear parameters, which come first in it.
     """
     data = result.data
-    found = [*data.notes, *(of.told for of in (data.pressures, data.lengths) if of.told)]
+    found = [*data.notes, *(of.note for of in (data.pressures, data.lengths) if of.note)]
     if result.box == "open":
         found.append(
             "The box is open: braid diameter and angle are then only fit parameters, not the "

@@ -87,8 +87,8 @@ def summarise(
             end=found.end,
             place=k,
         )
-        told = warnings(result, found.spread, problem.names)
-        results.append(dataclasses.replace(result, warnings=told))
+        notes = warnings(result, found.spread, problem.names)
+        results.append(dataclasses.replace(result, warnings=notes))
     return tuple(results)
 
 

@@ -82,7 +82,7 @@ class ShapeSurface:
     left_out: tuple[str, ...]
     notes: tuple[str, ...]
 
-    def told(self) -> tuple[str, ...]:
+    def summary(self) -> tuple[str, ...]:
         """What a reader of a fit with this shape must know, in sentences."""
         test, (short, long) = self.held_out, (self.lengths[-1], self.lengths[0])
         return (

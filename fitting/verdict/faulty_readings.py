@@ -9,7 +9,7 @@ from ..choice.nested import without
 from ..data.force_data import ForceData
 from .trial import Trial, attempt, richest
 
-Told = tuple[str, float]
+Explanation = tuple[str, float]
 """What is wrong, and the misfit without it in parts of the largest force."""
 
 _OUTLYING = 5.0  # robust standard deviations
@@ -20,7 +20,7 @@ _GAUSS = 1.4826  # from the median of absolute errors to a standard deviation
 _TRIED = 50  # offsets of a length
 _OFFSET = 0.06  # of the rest length
 ONE_MUSCLE = 3
-"""Lengths at least that a muscle is told by."""
+"""Fewest lengths that show a muscle."""
 
 _PER_LENGTH = 5  # readings
 
@@ -39,7 +39,7 @@ def errors_of(trial: Trial, data: ForceData) -> Float[np.ndarray, " loaded"]:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-def outliers(data: ForceData) -> Told | None:
+def outliers(data: ForceData) -> Explanation | None:
     """A few readings far off, found by leaving the worst out and fitting again."""
     candidate, force = richest(data), data.force[data.loaded]
     kept, errors = force <= 20 * float(np.median(force)), np.zeros(force.size)
@@ -76,12 +76,12 @@ def levels_in(data: ForceData) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray,
     return np.unique(data.lengths.level[data.loaded], return_inverse=True)
 
 
-def one_length_off(data: ForceData) -> Told | None:
+def one_length_off(data: ForceData) -> Explanation | None:
     """One length that is not what it says: without it the others fit, and moved it fits, too."""
     lengths, place = levels_in(data)
     if lengths.size < ONE_MUSCLE + 1:
         return None
-    best: Told | None = None
+    best: Explanation | None = None
     pressure, force = data.pressure[data.loaded], data.force[data.loaded]
     reach = _OFFSET * data.specimen.rest_length
     moved = np.linspace(-reach, reach, 2 * _TRIED + 1)

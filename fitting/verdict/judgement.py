@@ -129,7 +129,7 @@ _CHECKS = {
 
 def _unchecked(result: Identification) -> str:
     """What the description of the specimen leaves open."""
-    left = [told for name, told in _CHECKS.items() if name in result.data.assumed]
+    left = [check for name, check in _CHECKS.items() if name in result.data.assumed]
     if not left:
         return ""
     listed = ", ".join(left[:-1]) + " and " * (len(left) > 1) + left[-1]

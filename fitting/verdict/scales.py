@@ -16,7 +16,7 @@ from .suspicion import FAR_BETTER, GOOD, Suspicion, named
 from .trial import Trial, attempt
 
 _USUAL = 5e5  # Pa, the highest pressure of most tests of pneumatic muscles
-_ALIKE = 0.5  # decades of pressure or of misfit: not told apart
+_ALIKE = 0.5  # decades of pressure or of misfit: taken as equal
 _NOT_SAID = 0.35  # decades that a unit which the file does not name counts
 _GOOD_ENOUGH = 0.01  # smaller misfits say no more
 _CORNERED = 0.3  # decades that a geometry at its bounds counts
@@ -105,8 +105,8 @@ def wrong_scales(
 ) -> list[Suspicion]:
     """Units and sizes of which another would explain the readings far better, the likeliest first.
 
-    A unit of force, one of pressure and the bore all scale the force at a pressure: what cannot be
-    told apart by the misfit is told by the pressure, which is some bar in most tests.
+    A unit of force, one of pressure and the bore all scale the force at a pressure: where the misfit
+    does not separate them, the pressure does, which is some bar in most tests.
 
     Args:
         data: the map.

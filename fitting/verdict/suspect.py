@@ -12,7 +12,7 @@ import numpy as np
 from ..choice.nested import without
 from ..data.force_data import ForceData
 from ..search.result import Identification
-from .faulty_readings import Told, one_length_off, outliers
+from .faulty_readings import Explanation, one_length_off, outliers
 from .plain_faults import (
     absolute,
     no_rise,
@@ -127,15 +127,15 @@ def suspect(
 
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
     """Faults of some readings; the simplest that is as good as the best."""
-    good: list[tuple[Told, bool]] = []
+    good: list[tuple[Explanation, bool]] = []
     for search, grave in ((outliers, True), (one_length_off, False), (two_muscles, True)):
-        told = search(data)
-        if told is not None and told[1] * FAR_BETTER < least and told[1] < GOOD:
-            good.append((told, grave))
-            if told[1] < _SURE:
+        found = search(data)
+        if found is not None and found[1] * FAR_BETTER < least and found[1] < GOOD:
+            good.append((found, grave))
+            if found[1] < _SURE:
                 break
     if not good:
         return []
-    best = min(told[1] for told, _ in good)
+    best = min(found[1] for found, _ in good)
     (cause, better), grave = next(one for one in good if one[0][1] <= 2 * max(best, 1e-3))
     return [named(cause, least, better, grave=grave)]

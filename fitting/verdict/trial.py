@@ -97,6 +97,6 @@ def richest(data: ForceData, law: str | None = None) -> Candidate | None:
     """
     candidates, _ = ladder(data)
     alike = [one for one in candidates if one.law == (law or candidates[0].law)]
-    told = 2 * np.unique(data.lengths.level[data.loaded]).size - _SPARE
-    spare = [one for one in alike if one.unknowns <= told] or alike[:1]
+    determined = 2 * np.unique(data.lengths.level[data.loaded]).size - _SPARE
+    spare = [one for one in alike if one.unknowns <= determined] or alike[:1]
     return max(spare, key=lambda one: one.unknowns, default=None)

@@ -10,7 +10,7 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
 
 from ..data.force_data import ForceData
-from .faulty_readings import ONE_MUSCLE, Told, errors_of, kept_only, levels_in, thinned
+from .faulty_readings import ONE_MUSCLE, Explanation, errors_of, kept_only, levels_in, thinned
 from .trial import Trial, attempt
 
 _TRIED = 4  # divisions
@@ -20,7 +20,7 @@ _COMBINATIONS = 400
 Mask = Bool[np.ndarray, " loaded"]
 
 
-def two_muscles(data: ForceData) -> Told | None:
+def two_muscles(data: ForceData) -> Explanation | None:
     """The division of the readings between two muscles that leaves the least misfit.
 
     The specimen is one of them. Of the other neither bore nor rest length is known: it is taken as

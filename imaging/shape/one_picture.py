@@ -161,7 +161,7 @@ def _check(quality: Quality, recipe: Recipe) -> None:
         if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
             raise
         raise AmbiguousHue(
-            "the tapes' edges must be cut straight; these are so ragged that they cannot be told from "
+            "the tapes' edges must be cut straight; these are so ragged that they look like "
             "ones that moved: wind fresh tape with a straight edge",
             tape_sd_px=quality.tape_sd_px,
             tape_blur_px=quality.tape_blur_px,

@@ -24,7 +24,7 @@ class Step:
         after: names of the steps whose files it reads.
         run: makes its files in the folder that it is given.
         resumes: names in its folder of what it goes on with after it was stopped.
-        says: lines on what is in its folder, told whenever it is done or was done before.
+        says: lines on what is in its folder, printed when it is done and when it was done before.
     """
 
     name: str

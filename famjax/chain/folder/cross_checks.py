@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import retold
+from famjax.boundary.sentence import text_in_units
 from fitting.saved import PageTable
 
 CHECKS = "checks.json"
@@ -150,7 +150,7 @@ def checks_table(places: Sequence[Path], system: str = "metric") -> list[PageTab
     """The checks of several steps as a table of the report, in a unit system; none without checks."""
     checks = [one for place in places for one in read_checks(place)]
     rows = [
-        (one.what, retold(one.range, system), retold(one.value, system), one.verdict)
+        (one.what, text_in_units(one.range, system), text_in_units(one.value, system), one.verdict)
         for one in checks
     ]
     title = "What two sources say of one thing, and what it must be by their standard errors."

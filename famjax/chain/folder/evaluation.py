@@ -235,7 +235,7 @@ def _shape(sheet: Sheet, place: Path) -> None:
         "mean_diameter_m": surface.diameters[0].mean(axis=1).tolist(),
         "mean_diameter_std_m": surface.draws[:, 0].mean(axis=2).std(axis=0, ddof=1).tolist(),
         "triangle": dataclasses.asdict(threads),
-        "told": list(surface.told()),
+        "notes": list(surface.summary()),
     }
     (place / "shape.json").write_text(
         json.dumps(content, indent=1, default=float) + "\n", encoding="utf-8"

@@ -171,13 +171,13 @@ def search_space(
         "table_rows": table_rows,
     }
 
-    def told(done: int, _: int) -> None:
+    def report(done: int, _: int) -> None:
         if progress is not None:
             progress(min(done * chunk, grid.total), grid.total)
 
     work = functools.partial(search_chunk, space)
     tally = Tally(space)
-    run_tasks(work, range(0, grid.total, chunk), executor=executor, store=tally, progress=told)
+    run_tasks(work, range(0, grid.total, chunk), executor=executor, store=tally, progress=report)
     front = _balanced(tally.front, wanted) if tally.feasible else {}
     notes = assumption_notes(map(_of_the_section, strengths)) if limits.end_fittings else []
     return SpaceSearch(

@@ -6,35 +6,35 @@ import pickle
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity, Sentence, retold, told_in
+from famjax.boundary.sentence import Quantity, Sentence, in_units, text_in_units
 
 INNER = Sentence("the length ", Quantity(0.25, "length"))
 WHOLE = Sentence("It seems that ", INNER, " pulls ", Quantity(44.4822, "force", 3), ".")
 
 
 @pytest.mark.parametrize(
-    ("system", "told"),
+    ("system", "text"),
     [
         ("metric", "It seems that the length 250 mm pulls 44.5 N."),
         ("us", "It seems that the length 9.843 in pulls 10 lbf."),
         ("si", "It seems that the length 0.25 m pulls 44.5 N."),
     ],
 )
-def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, told: str) -> None:
-    assert told_in(WHOLE, system) == told
-    assert told_in(told, "us") == told  # a text has no quantities to change
+def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, text: str) -> None:
+    assert in_units(WHOLE, system) == text
+    assert in_units(text, "us") == text  # a text has no quantities to change
 
 
 def test_as_it_stands_it_is_a_metric_text() -> None:
-    assert told_in(WHOLE, "metric") == WHOLE
+    assert in_units(WHOLE, "metric") == WHOLE
     assert json.loads(json.dumps([WHOLE])) == [WHOLE]
-    assert told_in(pickle.loads(pickle.dumps(WHOLE)), "us") == told_in(WHOLE, "us")
+    assert in_units(pickle.loads(pickle.dumps(WHOLE)), "us") == in_units(WHOLE, "us")
     with pytest.raises(InputError, match="units must be one of"):
-        told_in(WHOLE, "imperial")
+        in_units(WHOLE, "imperial")
 
 
 @pytest.mark.parametrize(
-    ("text", "system", "told"),
+    ("text", "system", "shown"),
     [
         ("At 137895 Pa from 0.2359 m to 0.1588 m.", "metric", "At 137.9 kPa from 235.9 mm to 158.8 mm."),
         ("At 137895 Pa from 0.2359 m to 0.1588 m.", "us", "At 20 psi from 9.287 in to 6.252 in."),
@@ -44,6 +44,6 @@ def test_as_it_stands_it_is_a_metric_text() -> None:
         ("2 N/mm and 3 Nm, DMSP-20 N", "us", "2 N/mm and 3 Nm, DMSP-20 N"),
     ],
 )  # fmt: skip
-def test_what_is_read_back_from_a_file_is_told_anew(text: str, system: str, told: str) -> None:
-    assert retold(text, system) == told
-    assert retold(retold(text, system), system) == told
+def test_what_is_read_back_from_a_file_follows_the_units(text: str, system: str, shown: str) -> None:
+    assert text_in_units(text, system) == shown
+    assert text_in_units(text_in_units(text, system), system) == shown

@@ -31,7 +31,7 @@ def test_readings_about_nominal_pressures_find_their_level(
     found = levels_of(measured(nominal, times, std, seed), "pressure")
     expected = np.tile(np.arange(nominal.size)[np.argsort(np.argsort(nominal))], times)
     np.testing.assert_array_equal(np.unique(found.level, return_inverse=True)[1], expected)
-    assert "found from the gaps" in found.told
+    assert "found from the gaps" in found.note
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -40,7 +40,7 @@ def test_no_levels_are_seen_where_there_are_none(seed: int) -> None:
     found = levels_of(values, "pressure")
     np.testing.assert_array_equal(found.level, values)
     assert found.tolerance == 0
-    assert "no gaps divide them" in found.told
+    assert "no gaps divide them" in found.note
 
 
 def test_nominal_values_are_taken_as_they_are() -> None:
@@ -48,14 +48,14 @@ def test_nominal_values_are_taken_as_they_are() -> None:
     values = np.tile([5e3, 6e3, 7e3, 300e3, 600e3], 2)
     found = levels_of(values, "pressure")
     np.testing.assert_array_equal(found.level, values)
-    assert found.told == ""
+    assert found.note == ""
 
 
 def test_a_given_tolerance_is_kept_to_or_refused() -> None:
     values = np.array([70.0e3, 70.4e3, 80.0e3, 80.3e3])
     found = levels_of(values, "pressure", 1e3)
     np.testing.assert_allclose(found.level, [70.2e3, 70.2e3, 80.15e3, 80.15e3])
-    assert "(given): 4 values on 2 levels" in found.told
+    assert "(given): 4 values on 2 levels" in found.note
     assert levels_of(values, "pressure", 0.0).tolerance == 0
     with pytest.raises(InputError, match="chain into one pressure, wider than the gap to another"):
         levels_of(np.append(np.arange(0.0, 10e3, 0.9e3), 15e3), "pressure", 1e3)

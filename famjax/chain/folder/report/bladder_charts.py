@@ -59,7 +59,7 @@ def _by_geometry(
 ) -> Chart:
     series = [
         Series(fit.short, fit.states.contraction, values(fit), colour=COLOURS[geometry],
-               dash=DASHES[geometry], told=name == "hoop-strain-1")
+               dash=DASHES[geometry], in_legend=name == "hoop-strain-1")
         for geometry, fit in source.fits.items()
     ]  # fmt: skip
     return Chart(name, caption, CONTRACTION, y, series, size="small")
@@ -119,7 +119,7 @@ def law_charts(source: Source) -> list[Chart]:
             outside = np.where(inside, np.nan, shown)
             series.append(
                 Series(f"{fit.short}, not stable", strain, outside, colour=colour, dash=":",
-                       told=False, width=thick)
+                       in_legend=False, width=thick)
             )  # fmt: skip
     ends = stable_range(best)
     if ends is None:

@@ -67,7 +67,7 @@ class Series:
         colour: of all of it.
         marker: of its points; "" for a line.
         dash: of its line; "" for points alone.
-        told: whether the legend names it.
+        in_legend: whether the legend names it.
         width: of its line, in parts of the others'.
         at_end: written beside its last point, or "".
     """
@@ -80,7 +80,7 @@ class Series:
     colour: str | tuple[float, ...] = "black"
     marker: str = ""
     dash: str = "-"
-    told: bool = True
+    in_legend: bool = True
     width: float = 1.0
     at_end: str = ""
 
@@ -140,7 +140,7 @@ class Chart:
                 axes.fill_between(one.x, one.low, one.high, color=one.colour, alpha=0.2, lw=0)
             axes.plot(
                 one.x, one.y, ls=one.dash or "none", marker=one.marker or None, ms=2.6, mew=0.6,
-                mfc="white", color=one.colour, label=one.label if one.told else "_",
+                mfc="white", color=one.colour, label=one.label if one.in_legend else "_",
                 lw=1.1 * one.width, zorder=2 if one.dash else 3,
             )  # fmt: skip
             known = np.flatnonzero(np.isfinite(one.y))

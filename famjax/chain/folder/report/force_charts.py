@@ -65,10 +65,10 @@ def _actuation(source: Source, model: _Isobars) -> Chart:
         name = source.number(level, "pressure", 3)
         series += [
             Series(f"model, {name} {unit}", model.contraction, model.force[k], model.low[k],
-                   model.high[k], colour=colour, told=False, at_end=name),
+                   model.high[k], colour=colour, in_legend=False, at_end=name),
             Series(f"measured, {name} {unit}", 1 - data.length[of] / rest,
                    source.scaled(data.force[of], "force"), colour=colour, marker="o", dash="",
-                   told=False),
+                   in_legend=False),
         ]  # fmt: skip
     of = (
         ""
@@ -107,7 +107,7 @@ def _residuals(source: Source, model: _Isobars) -> Chart:
             Series(
                 source.pressure(level), 1 - lengths[of] / rest,
                 source.scaled(fit.residuals[of], "force"), colour=colour, marker="o", dash="",
-                told=levels.size <= 6,
+                in_legend=levels.size <= 6,
             )
         )  # fmt: skip
     return Chart(
@@ -175,10 +175,10 @@ def pressure_charts(source: Source) -> list[Chart]:
                     "measured", P, source.scaled(seen, kind), colour="black", marker="o", dash=""
                 )
             )
-        told = "measured and of" if errors else "not reached in the test, of"
+        points = "measured and of" if errors else "not reached in the test, of"
         if lines:
             charts.append(
-                Chart(name, f"{title} by pressure, {told} each geometry.", axis,
+                Chart(name, f"{title} by pressure, {points} each geometry.", axis,
                       Quantity(name.replace("-", "_"), label, unit), lines)
             )  # fmt: skip
         if errors:
@@ -206,7 +206,7 @@ def _rmse(source: Source, axis: Quantity) -> Chart:
                 Series(
                     f"{fit.short}, left out", source.scaled(np.array(out["left_out"]), "pressure"),
                     source.scaled(np.array(out["group_rmse_N"], float), "force"),
-                    colour=COLOURS[geometry], marker="s", dash=":", told=False,
+                    colour=COLOURS[geometry], marker="s", dash=":", in_legend=False,
                 )
             )  # fmt: skip
     return Chart(

@@ -157,8 +157,8 @@ def unknown(source: Source) -> list[str]:
 
 def notes(source: Source) -> list[str]:
     """What a reader must know of test, shape and readings."""
-    told = source.shape["told"] if source.shape else []
-    found = [*source.test.get("notes", []), *told, *source.data.notes]
+    of_shape = source.shape["notes"] if source.shape else []
+    found = [*source.test.get("notes", []), *of_shape, *source.data.notes]
     # A force map advises an option of `famjax fit`; here the same stands in the sheet.
     return [_OPTION.sub(rf"(\1 in [specimen] of {SHEET})", one) for one in found]
 
@@ -180,8 +180,8 @@ def _test(source: Source) -> list[Drawing]:
 
 def _names(source: Source) -> str:
     """What the short names of the geometries stand for."""
-    told = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
-    return f"Geometries, here and below: {told}."
+    named = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
+    return f"Geometries, here and below: {named}."
 
 
 def _drawn(charts: Sequence[Chart]) -> list[Drawing]:

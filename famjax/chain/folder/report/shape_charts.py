@@ -43,7 +43,7 @@ def _profiles(source: Source) -> Chart:
                    *(source.scaled(one, "length") for one in line), colour=colour),
             Series(f"{name}, {Path(pictures.names[k]).name}", source.scaled(x[shown] * L, "length"),
                    source.scaled(pictures.diameter[k, shown], "length"), colour=colour, marker="o",
-                   dash="", told=False),
+                   dash="", in_legend=False),
         ]  # fmt: skip
     return Chart(
         "profiles",
@@ -78,7 +78,7 @@ def _diameters(source: Source) -> Chart:
         shown = (source.scaled(one, "length") for one in (line, low, high))
         series += [
             Series(f"{label}, pictures", taken, source.scaled(seen, "length"), colour=colour,
-                   marker="o", dash="", told=False),
+                   marker="o", dash="", in_legend=False),
             Series(label, c, *shown, colour=colour),
         ]  # fmt: skip
     states = source.fits[CYLINDER].states
@@ -113,7 +113,7 @@ def _volume(source: Source) -> Chart:
     states = source.fits[CYLINDER].states
     series = [
         Series("pictures", 1 - pictures.length / rest, volume(pictures.length, pictures.diameter),
-               colour="#0072b2", marker="o", dash="", told=False),
+               colour="#0072b2", marker="o", dash="", in_legend=False),
         Series("measured shape", 1 - surface.lengths / rest,
                volume(surface.lengths, surface.diameters[0]), low, high, colour="#0072b2"),
         Series("cylinder of the triangle", states.contraction,

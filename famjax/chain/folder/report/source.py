@@ -29,7 +29,7 @@ from ..sheet import RESULTS, Sheet
 from .states import States, states_of
 
 COLOURS = dict(zip(GEOMETRIES, ("0.35", "0.65", "#e69f00", "#0072b2", "#009e73"), strict=True))
-"""Of the geometries in every chart; also told apart by those who see no red or green."""
+"""Of the geometries in every chart; distinct without red or green as well."""
 DASHES = dict(zip(GEOMETRIES, ("--", "--", "-.", "-", ":"), strict=True))
 NONE, MINUS = "\N{EN DASH}", "\N{MINUS SIGN}"
 """As printed: what is not known, and below zero."""

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from famjax.boundary.files import write_all
 from famjax.boundary.origin import Origin
-from famjax.boundary.sentence import retold
+from famjax.boundary.sentence import text_in_units
 from fitting.saved import inline_svg, page
 
 from ..cached_steps import Step
@@ -52,17 +52,17 @@ def _write(sheet: Sheet, names: Sequence[str], origin: Origin, system: str, plac
     digests = input_digests(sheet)
     taken = 0 if sheet.photographs is None else len(shown_pictures(sheet, sheet.photographs))
     parts, lacking = sections(source), unknown(source)
-    told = Section("Provenance", tables=[origin_table(origin), input_table(digests, taken)])
+    provenance = Section("Provenance", tables=[origin_table(origin), input_table(digests, taken)])
     figures, tables = itertools.count(1), itertools.count(1)
     text = page(
         "characterisation.html", "famjax",
         name=sheet.specimen.name,
-        verdict=retold(verdict(source), system),
+        verdict=text_in_units(verdict(source), system),
         good=source.best.saved.document.get("verdict") != "not identified",
         summary=summary(source),
-        unknown=[retold(one, system) for one in (*lacking, *doubts(source.steps))],
-        sections=[_shown(part, figures, tables) for part in (*parts, told)],
-        notes=[retold(one, system) for one in notes(source)],
+        unknown=[text_in_units(one, system) for one in (*lacking, *doubts(source.steps))],
+        sections=[_shown(part, figures, tables) for part in (*parts, provenance)],
+        notes=[text_in_units(one, system) for one in notes(source)],
     )  # fmt: skip
     (place / PAGE).write_text(text, encoding="utf-8")
     (place / INPUTS).write_text(input_lines(digests), encoding="utf-8")
