@@ -44,6 +44,8 @@ def test_as_it_stands_it_is_a_metric_text() -> None:
         ("2 N/mm and 3 Nm, DMSP-20 N", "us", "2 N/mm and 3 Nm, DMSP-20 N"),
     ],
 )  # fmt: skip
-def test_what_is_read_back_from_a_file_follows_the_units(text: str, system: str, shown: str) -> None:
+def test_what_is_read_back_from_a_file_follows_the_units(
+    text: str, system: str, shown: str
+) -> None:
     assert text_in_units(text, system) == shown
     assert text_in_units(text_in_units(text, system), system) == shown
