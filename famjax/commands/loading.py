@@ -29,6 +29,13 @@ def load_fitting():
     return fitting
 
 
+def look_here() -> None:
+    """Let classes be found that lie in the folder that the user starts from."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+
+
 def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
     """Say on standard error that nothing was identified, where that is so."""
     from ..cards import unidentified

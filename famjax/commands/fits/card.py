@@ -1,13 +1,12 @@
 """`famjax card`."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..loading import load_fitting, warn_unidentified
+from ..loading import load_fitting, look_here, warn_unidentified
 from ..options.whole_numbers import Seed
 
 
@@ -46,7 +45,7 @@ def card(
     from famjax.cards import write_card
     from fitting.saved import card_of, load_fit
 
-    sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
+    look_here()
     found = card_of(
         load_fit(fit_json), name=name, count=sample, seed=seed, origin=Origin.of_this_command()
     )

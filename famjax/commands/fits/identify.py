@@ -1,14 +1,13 @@
 """`famjax fit`."""
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from ..loading import load_fitting, load_map
+from ..loading import load_fitting, load_map, look_here
 from ..matplotlib_import import load_matplotlib
 from ..options.engine import EngineOptions
 from ..options.whole_numbers import Order, Replicates, Seed, Starts
@@ -45,6 +44,8 @@ def fit(
     posterior: bool = False,
     hysteresis: bool = False,
     shape: Path | None = None,
+    geometry: str | None = None,
+    term: tuple[str, ...] = (),
     shared_error: Annotated[tuple[str, ...], Parameter(name="--error")] = (),
     atmosphere: str | None = None,
     columns: str | None = None,
@@ -125,6 +126,12 @@ def fit(
         The muscle's shape as photographs show it, the `measurements.nc` of `famjax measure`, in place
         of a cylinder; the turns of the threads are identified, or held: `--bounds turns=1.09`. The
         law is the polynomial one unless --law names another.
+    geometry
+        A geometry of your own around the cylinder, module:Class: `--geometry my_ends:ConicalEnds`. The
+        numbers that it declares are identified, or held by --bounds. The law is the polynomial one
+        unless --law names another.
+    term
+        A force term of your own beside braid and bladder, module:Class, repeatable; as --geometry.
     shared_error
         A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
         `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names: rest_length,
@@ -165,6 +172,7 @@ def fit(
         parse_priors,
         parse_specimen,
     )
+    from famjax.commands.options.own_parts import own_parts, taking_part
     from fitting.saved import write_fit
 
     from .steps import Steps
@@ -172,10 +180,11 @@ def fit(
     place = Output(output)
     if posterior:
         fitting.posterior.load_blackjax()
-    if law is not None and ":" in law:
-        sys.path.insert(0, str(Path.cwd()))  # where a law of the user's own lies
-    kinds = parameter_kinds(law) if bounds or free or prior else {}
-    kinds |= {} if shape is None else {"turns": "number"}
+    if geometry is not None and shape is not None:
+        raise fitting.InputError(
+            "--shape is a geometry already: give either --shape or --geometry, got both"
+        )
+    look_here()
     tolerances = {"pressure": pressure_tolerance, "length": length_tolerance}
     known, stated = parse_specimen(specimen), parse_errors(shared_error)
     measured, pairs = (
@@ -183,7 +192,11 @@ def fit(
         if hysteresis
         else (load_map(one_map(data), known, **tolerances), None)
     )
-    options = {
+    parts, declared = own_parts(measured, geometry, term)
+    kinds = parameter_kinds(law) if bounds or free or prior else {}
+    kinds |= {name: one.kind for name, one in declared.items()}
+    kinds |= {} if shape is None else {"turns": "number"}
+    options = parts | {
         "constraint": constraint,
         "box": box,
         "bounds": parse_bounds(bounds, kinds),
@@ -193,6 +206,7 @@ def fit(
         "starts": starts,
         "seed": seed,
     }
+    options["parameters"] |= taking_part(declared, {**options["bounds"], **options["parameters"]})
     surface = None
     if shape is not None:
         from .measured_shape import with_shape
@@ -206,6 +220,7 @@ def fit(
             and dependence == "fixed"
             and not censored
             and shape is None
+            and not parts
         ):
             steps.choose()
         else:

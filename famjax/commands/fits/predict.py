@@ -1,11 +1,10 @@
 """`famjax predict`."""
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ..loading import load_fitting, warn_unidentified
+from ..loading import load_fitting, look_here, warn_unidentified
 from ..terminal import print_rows
 from .hysteresis import print_history
 from .predict_card import is_card, predict_by_card
@@ -65,7 +64,7 @@ def predict(
     from famjax.boundary.units import parse_quantities, quantity_unit
     from famjax.commands.options.answers import answer_units, force_and_onset, in_units
 
-    sys.path.append(str(Path.cwd()))  # where a law of the user's own lies
+    look_here()
     if history is None and is_card(muscle):
         others = {"--force": force, "--rest-length": rest_length, "--length-std": length_std}
         return predict_by_card(muscle, length, pressure, units, others, onset=onset, as_json=json_)
