@@ -65,7 +65,7 @@ def simulated_muscle(
 
     def state(length: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array]:
         force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))
-        return force, famjax.geometries.inner_volume(first.geometry, length, pressure)
+        return force, first.volume(length, pressure)
 
     over = jax.jit(jax.vmap(jax.vmap(state, (None, 0)), (0, None)))
     force, volume = (np.asarray(one) for one in over(lengths, pressures))

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..boundary.errors import InputError
-from ..muscle import AbstractMuscle, muscle_volume
+from ..muscle import AbstractMuscle
 
 
 def fluid_volume(muscle: Any, length: Real, pressure: Real) -> RealArray:
@@ -24,15 +24,12 @@ def fluid_volume(muscle: Any, length: Real, pressure: Real) -> RealArray:
     Raises:
         InputError: the model has no geometry, as those of other authors.
     """
-    own = getattr(muscle, "volume", None)
-    if own is not None:
-        return own(length, pressure)
-    if not isinstance(muscle, AbstractMuscle):
+    if not hasattr(muscle, "volume"):
         raise InputError(
             f"a fluid volume needs a muscle with a geometry, got {type(muscle).__name__}: give a "
             "function of the gauge pressure [Pa] that returns the volume [m3] instead"
         )
-    return muscle_volume(muscle, length, pressure)
+    return muscle.volume(length, pressure)
 
 
 class HeldLength(eqx.Module):

@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+import math
 
 import equinox as eqx
 import jax
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._types import Real, RealArray, as_real
+from ..braids.inextensible import NEUTRAL_ANGLE
 from ..parameters import Parametrised
 
 
@@ -126,3 +128,45 @@ class AbstractGeometry(Parametrised):
     @abc.abstractmethod
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction."""
+
+    def inner_volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid: that of the braid's outline less the rubber's.
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa].
+
+        Returns:
+            V [m3], broadcast shape; nan where the muscle cannot be.
+        """
+        at = self.dimensions(length, pressure)
+        return at.volume - at.bladder_volume
+
+    def braid_limits(self) -> tuple[RealArray, RealArray]:
+        """Active lengths [m] at which the unloaded braid locks, and at which its threads are straight.
+
+        Locked, at the neutral angle, pressure shortens it no further; with straight threads nothing
+        but their stretch lengthens it.
+
+        Returns:
+            (lock, straight) [m], nan for a geometry that has no `braid`.
+
+        References:
+            Chambers 2021, section 2.1: the neutral angle, 35.26 deg from the circumference.
+        """
+        braid = getattr(self, "braid", None)
+        if braid is None:
+            return jnp.full((), jnp.nan), jnp.full((), jnp.nan)
+        thread = braid.rest_thread_length
+        return thread * math.sin(NEUTRAL_ANGLE), thread
+
+    def cut_to_length(self, rest_length: RealArray) -> "AbstractGeometry":  # noqa: ARG002
+        """The geometry of the same construction with another rest length [m]; `famjax.cut_to_length`.
+
+        Raises:
+            ValueError: a shape that is that of one length.
+        """
+        raise ValueError(
+            f"a {type(self).__name__} cannot be cut to another length: a measured or assumed shape is "
+            "that of one length; a geometry of your own can have a method cut_to_length(rest_length)"
+        )

@@ -1,5 +1,6 @@
 """A cylinder that stands for a muscle with rounded ends: Tondu & Lopez's factor on contraction."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float
@@ -49,3 +50,29 @@ class EndEffectGeometry(AbstractGeometry):
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction."""
         return self.cylinder.rest_length
+
+    def inner_volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid, V_c(L0) + (V_c(L) - V_c(L0))/k, V_c being the cylinder's.
+
+        Its slope in the length is then the cylinder's, as the virtual work of the pressure wants,
+        and at rest the ends count as the cylinder does.
+        """
+        at = self.dimensions(length, pressure)
+        rest = self.cylinder.dimensions(self.rest_length, jnp.zeros(()))
+        return rest.volume + (at.volume - rest.volume) / self.end_factor - at.bladder_volume
+
+    def braid_limits(self) -> tuple[RealArray, RealArray]:
+        """Those of the cylinder, mapped back: rounded ends shift both lengths."""
+        rest = self.rest_length
+        lock, straight = self.cylinder.braid_limits()
+        return rest + (lock - rest) / self.end_factor, rest + (straight - rest) / self.end_factor
+
+    def cut_to_length(self, rest_length: RealArray) -> "EndEffectGeometry":
+        """The same ends on a longer or shorter cylinder: their dead length L0 (1 - 1/k) stays."""
+        dead = self.rest_length * (1 - 1 / self.end_factor)
+        new = eqx.error_if(
+            rest_length,
+            jnp.any(rest_length <= dead),
+            "the rest length must be above the dead length of the ends",
+        )
+        return EndEffectGeometry(self.cylinder.cut_to_length(new), new / (new - dead))

@@ -1,5 +1,6 @@
 """A cylinder in its braid: the geometry that is estimated from the braid alone."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -104,6 +105,19 @@ class EstimatedGeometry(AbstractGeometry):
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction: the bladder's."""
         return self.bladder.rest_length
+
+    def cut_to_length(self, rest_length: RealArray) -> "EstimatedGeometry":
+        """The same braid and bladder, longer or shorter: B0 and N are proportional to L0."""
+        new = eqx.error_if(
+            rest_length, jnp.any(rest_length <= 0), "the rest length must be above 0"
+        )
+        ratio = new / self.bladder.rest_length
+        longer = eqx.tree_at(
+            lambda b: (b.rest_thread_length, b.turns),
+            self.braid,
+            (self.braid.rest_thread_length * ratio, self.braid.turns * ratio),
+        )
+        return EstimatedGeometry(longer, dataclasses.replace(self.bladder, rest_length=new))
 
     def parameters(self) -> dict[str, RealArray]:
         """Braid diameter and angle at rest, unloaded, then those of braid and bladder."""

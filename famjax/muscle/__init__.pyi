@@ -14,4 +14,4 @@ from .region import (
     slopes as slopes,
 )
 from .safe import SafeMuscle as SafeMuscle
-from .volume import continued_volume as continued_volume, muscle_volume as muscle_volume
+from .volume import continued_volume as continued_volume

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from .._compiled import compiled
 from .._each import at_each
 from .._types import Real, RealArray, as_real
+from ..boundary.errors import InputError
 from ..parameters import Parametrised
 from .equilibrium import longest_equilibrium, required
 from .one_muscle import check_one_muscle
@@ -53,6 +54,27 @@ class AbstractMuscle(Parametrised):
     @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m] between which an equilibrium is looked for."""
+
+    def stops(self) -> Float[Array, "2"]:
+        """Lengths [m] at which the braid locks and at which its threads are straight.
+
+        The ends of `length_range` for a model that does not know its braid.
+        """
+        return jnp.stack(self.length_range())
+
+    def volume(self, length: Real, pressure: Real) -> RealArray:  # noqa: ARG002
+        """Volume V [m3] of the fluid at active length L [m] and gauge pressure P [Pa].
+
+        Returns:
+            V, broadcast shape; nan where the model has no such state.
+
+        Raises:
+            InputError: a model that has no geometry.
+        """
+        raise InputError(
+            f"a {type(self).__name__} has no volume, as it has no geometry: ask a famjax.Muscle, "
+            "or give a function of the gauge pressure [Pa] that returns the volume [m3]"
+        )
 
     def stiffness(self, length: Real, pressure: Real) -> RealArray:
         """Axial stiffness dF/dL [N/m] at constant pressure, broadcast shape; positive resists."""

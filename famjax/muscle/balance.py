@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from .._compiled import compiled
 from .._types import Real, RealArray, as_real
@@ -85,6 +86,15 @@ class Muscle(AbstractMuscle):
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m] between which an equilibrium is looked for."""
         return self.geometry.length_range()
+
+    def stops(self) -> Float[Array, "2"]:
+        """Lengths [m] at which the braid locks and at which its threads are straight, if it has one."""
+        limits, known = jnp.stack(self.geometry.braid_limits()), jnp.stack(self.length_range())
+        return jnp.where(jnp.isfinite(limits), limits, known)
+
+    def volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid, the geometry's `inner_volume`, broadcast shape."""
+        return self.geometry.inner_volume(length, pressure)
 
     @property
     def rest_length(self) -> RealArray:

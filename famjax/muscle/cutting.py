@@ -2,13 +2,7 @@
 
 import dataclasses
 
-import equinox as eqx
-import jax.numpy as jnp
-
-from .._types import Real, RealArray, as_real
-from ..geometries.dimensions import AbstractGeometry
-from ..geometries.end_effect import EndEffectGeometry
-from ..geometries.estimated import EstimatedGeometry
+from .._types import Real, as_real
 from . import AbstractMuscle, Muscle
 
 
@@ -20,7 +14,8 @@ def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
     end-fittings do not know how long the muscle is.
 
     Args:
-        muscle: of an estimated geometry, with or without an end effect.
+        muscle: of a geometry that can be cut: an estimated one, with or without an end effect, or one
+            of your own with a method `cut_to_length`.
         rest_length: L0 [m] of the other muscle, > 0, above the dead length.
 
     Returns:
@@ -41,29 +36,5 @@ def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
             f"only a famjax.Muscle can be cut to another length, got {type(muscle).__name__}: cut "
             "the muscle that it is made of"
         )
-    new = as_real(rest_length)
-    return dataclasses.replace(muscle, geometry=_cut(muscle.geometry, new))
-
-
-def _cut(geometry: AbstractGeometry, new: RealArray) -> AbstractGeometry:
-    if isinstance(geometry, EndEffectGeometry):
-        old = geometry.rest_length
-        dead = old * (1 - 1 / geometry.end_factor)
-        new = eqx.error_if(
-            new, jnp.any(new <= dead), "the rest length must be above the dead length of the ends"
-        )
-        return EndEffectGeometry(_cut(geometry.cylinder, new), new / (new - dead))
-    if isinstance(geometry, EstimatedGeometry):
-        braid, bladder = geometry.braid, geometry.bladder
-        new = eqx.error_if(new, jnp.any(new <= 0), "the rest length must be above 0")
-        ratio = new / bladder.rest_length
-        longer = eqx.tree_at(
-            lambda b: (b.rest_thread_length, b.turns),
-            braid,
-            (braid.rest_thread_length * ratio, braid.turns * ratio),
-        )
-        return EstimatedGeometry(longer, dataclasses.replace(bladder, rest_length=new))
-    raise ValueError(
-        f"only an estimated geometry can be cut to another length, got {type(geometry).__name__}: "
-        "a measured or assumed shape is that of one length"
-    )
+    geometry = muscle.geometry.cut_to_length(as_real(rest_length))
+    return dataclasses.replace(muscle, geometry=geometry)

@@ -52,6 +52,15 @@ class MeanMuscle(AbstractMuscle):
         shortest, longest = (jnp.stack([one[k] for one in ranges]) for k in (0, 1))
         return jnp.max(shortest), jnp.min(longest)
 
+    def stops(self) -> Float[Array, "2"]:
+        """Lengths [m] between which no member stops."""
+        each = jnp.stack([one.stops() for one in self.members])
+        return jnp.stack([jnp.max(each[:, 0]), jnp.min(each[:, 1])])
+
+    def volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid: the first member's."""
+        return self.members[0].volume(length, pressure)
+
     @property
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction: the first member's."""

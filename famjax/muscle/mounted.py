@@ -4,7 +4,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from .._compiled import compiled
 from .._each import at_each
@@ -46,6 +46,15 @@ class MountedMuscle(AbstractMuscle):
     def length_range(self) -> tuple[RealArray, RealArray]:
         """The muscle's own: without load the mountings do not give way."""
         return self.muscle.length_range()
+
+    def stops(self) -> Float[Array, "2"]:
+        """The muscle's own."""
+        return self.muscle.stops()
+
+    def volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid, at the length that the mountings leave the muscle."""
+        own = as_real(length) - self.compliance * self.force(length, pressure)
+        return self.muscle.volume(own, pressure)
 
     def declared(self) -> dict[str, Declared]:
         """The compliance's declaration and the muscle's, none of them linear.

@@ -8,14 +8,10 @@ from jaxtyping import Array, Float
 
 from .._compiled import compiled
 from .._types import Real, RealArray, as_real
-from ..geometries.braid_limits import braid_limits
 from ..terms import CentredSlip, SlipState
 from .abstract_muscle import AbstractMuscle
-from .balance import Muscle
 from .bend import taut, untaut
 from .continued import ContinuedMuscle
-from .mean import MeanMuscle
-from .mounted import MountedMuscle
 from .region import Region, Slopes, grid_slopes, rising_region
 from .volume import continued_volume
 
@@ -189,17 +185,4 @@ class SafeMuscle(AbstractMuscle):
 
 @compiled
 def _stops(muscle: AbstractMuscle) -> Float[Array, "2"]:
-    """Where the braid locks and where its threads are straight [m].
-
-    Those of the geometry, or the range of lengths of a model that has no braid.
-    """
-    if isinstance(muscle, MeanMuscle):
-        each = jnp.stack([_stops(one) for one in muscle.members])
-        return jnp.stack([jnp.max(each[:, 0]), jnp.min(each[:, 1])])
-    if isinstance(muscle, MountedMuscle):
-        return _stops(muscle.muscle)
-    known = jnp.stack(muscle.length_range())
-    if isinstance(muscle, Muscle):
-        limits = jnp.stack(braid_limits(muscle.geometry))
-        return jnp.where(jnp.isfinite(limits), limits, known)
-    return known
+    return muscle.stops()

@@ -5,35 +5,8 @@ import jax.numpy as jnp
 
 from .._compiled import compiled
 from .._types import Real, RealArray, as_real
-from ..boundary.errors import InputError
-from ..geometries import inner_volume
 from .abstract_muscle import AbstractMuscle
-from .balance import Muscle
-from .mean import MeanMuscle
-from .mounted import MountedMuscle
 from .region import Region
-
-
-def muscle_volume(muscle: AbstractMuscle, length: Real, pressure: Real) -> RealArray:
-    """Volume V [m3] of the fluid in a muscle, `famjax.geometries.inner_volume`, broadcast shape.
-
-    Of the mean of several models it is the first's, and of a mounted muscle that at the length that
-    its mountings leave it.
-
-    Raises:
-        InputError: a model that has no geometry.
-    """
-    if isinstance(muscle, MeanMuscle):
-        return muscle_volume(muscle.members[0], length, pressure)
-    if isinstance(muscle, MountedMuscle):
-        own = as_real(length) - muscle.compliance * muscle.force(length, pressure)
-        return muscle_volume(muscle.muscle, own, pressure)
-    if isinstance(muscle, Muscle):
-        return inner_volume(muscle.geometry, length, pressure)
-    raise InputError(
-        f"a {type(muscle).__name__} has no volume, as it has no geometry: ask a famjax.Muscle, "
-        "or give a function of the gauge pressure [Pa] that returns the volume [m3]"
-    )
 
 
 def continued_volume(
@@ -41,7 +14,7 @@ def continued_volume(
 ) -> RealArray:
     """V [m3] at any length [m] and pressure [Pa], broadcast shape: positive, C1, rising as at the edge.
 
-    Inside the region it is `muscle_volume`. Beyond an edge it goes on with the slope of the edge
+    Inside the region it is the muscle's own. Beyond an edge it goes on with the slope of the edge
     where it grows, and where it shrinks as V/(1 + s), which never reaches zero.
 
     Args:
@@ -63,7 +36,7 @@ def _continued(
 
     def along(pressure: RealArray) -> RealArray:
         volume, slope = jax.jvp(
-            lambda length: muscle_volume(muscle, length, pressure), (L,), (jnp.ones_like(L),)
+            lambda length: muscle.volume(length, pressure), (L,), (jnp.ones_like(L),)
         )
         return _grown(volume, slope * (length - L))
 

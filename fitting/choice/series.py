@@ -25,7 +25,7 @@ from ..evidence.pull import pull
 from ..evidence.spread import muscle_spread
 from ..families.parameters import Parameter
 from ..search.identification import solve
-from ..search.posing import Posed, pose_together
+from ..search.posing import Geometry, Posed, pose_together
 from ..search.result import Identification
 from ..trace import run_fits
 from .choose import descended, rmse_of
@@ -133,6 +133,8 @@ def identify_series(
     parameters: Mapping[str, Parameter] | None = None,
     constraint: str = "drucker",
     box: str = "physical",
+    geometry: Geometry | None = None,
+    terms: famjax.terms.AbstractForceTerm | None = None,
     starts: int = 8,
     seed: int = 0,
     executor: AnyExecutor = None,
@@ -157,6 +159,9 @@ def identify_series(
             length of rounded ends, the same at every length.
         constraint: on the coefficients.
         box: of the standard bounds.
+        geometry: a class or function of the estimated geometry of each specimen, see `identify`; it
+            needs a method `cut_to_length`.
+        terms: further force terms, the same for every specimen; see `identify`.
         starts: number of starts, of each fit.
         seed: of the starts.
         executor: what judges the families, each rig of a law a task: this process, processes or a
@@ -172,9 +177,10 @@ def identify_series(
         InputError: fewer than two specimens, an unknown law, what `identify_together` refuses, the
             folder of another series, or the executor is gone.
     """
-    _check(data, laws)
+    _check(data, laws, geometry)
+    own = {k: v for k, v in (("geometry", geometry), ("terms", terms)) if v is not None}
     alike = [_counting_alike(one, data) for one in data]
-    families = _families(laws, dict(parameters or {}))
+    families = _families(laws, dict(parameters or {}), own)
     rigs = [rig for family in families for rig in family]
     settings = {
         "version": famjax.__version__,
@@ -183,6 +189,7 @@ def identify_series(
         "families": [[one.name, repr(sorted(one.parameters.items()))] for one in rigs],
         "constraint": constraint,
         "box": box,
+        "own": [repr(one) for one in own.values()],
         "starts": min(starts, _COMPARED),
         "seed": seed,
     }
@@ -290,7 +297,7 @@ def _mean(left_out: Sequence[LeftOut]) -> LeftOut:
     return dataclasses.replace(left_out[0], error=np.mean([one.error for one in left_out], axis=0))
 
 
-def _check(data: Sequence[ForceData], laws: Sequence[str]) -> None:
+def _check(data: Sequence[ForceData], laws: Sequence[str], geometry: Geometry | None) -> None:
     if len(data) < 2:
         raise InputError(
             f"a series needs the force maps of two specimens or more, got {len(data)}; for one use "
@@ -306,12 +313,20 @@ def _check(data: Sequence[ForceData], laws: Sequence[str]) -> None:
             "all specimens have one rest length: they say nothing of another. Give specimens of "
             "different lengths, or use identify_together"
         )
+    never_cut = famjax.geometries.AbstractGeometry.cut_to_length
+    if isinstance(geometry, type) and getattr(geometry, "cut_to_length", None) is never_cut:
+        raise InputError(
+            f"{geometry.__name__} needs a method cut_to_length(rest_length): a series predicts muscles "
+            "of other lengths"
+        )
 
 
-def _families(laws: Sequence[str], said: Mapping[str, Parameter]) -> list[tuple[Candidate, ...]]:
+def _families(
+    laws: Sequence[str], said: Mapping[str, Parameter], own: Mapping[str, Any]
+) -> list[tuple[Candidate, ...]]:
     """Laws with and without a deadband, each in a rigid rig and in one that gives way.
 
-    What a user says of deadband or rig is not varied.
+    What a user says of deadband or rig is not varied; a user's own geometry and terms are in all.
     """
     found = []
     for rank, law in enumerate(laws):
@@ -323,7 +338,7 @@ def _families(laws: Sequence[str], said: Mapping[str, Parameter]) -> list[tuple[
             found.append(
                 tuple(
                     Candidate(
-                        law=law, free=tuple(rig), deadband=deadband, options=LAWS[law],
+                        law=law, free=tuple(rig), deadband=deadband, options={**LAWS[law], **own},
                         bounds={}, parameters={**base, **rig, **said},
                         unknowns=numbers_of(law) + deadband + len(rig),
                         rank=(rank, 1 - deadband, 0),

@@ -6,7 +6,6 @@ import numpy as np
 
 import famjax
 from famjax.boundary.sentence import Quantity, Sentence
-from famjax.geometries import braid_limits
 
 from .saved_fit import SavedFit
 
@@ -84,7 +83,7 @@ def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
         ratios, pressures = np.array(readings["length_m"]) / fitted, readings["pressure_Pa"]
         rest = (asked,)
     muscle = fit.muscle if rest_length is None else famjax.cut_to_length(fit.muscle, rest_length)
-    lock, thread = (float(at) for at in braid_limits(muscle.geometry))
+    lock, thread = (float(at) for at in muscle.geometry.braid_limits())
     return Reach(
         rest_length=asked,
         ratios=(min(ratios), max(ratios)),

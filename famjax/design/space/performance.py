@@ -12,7 +12,6 @@ from ..._compiled import compiled
 from ..._types import RealArray
 from ...boundary.errors import InputError
 from ...braids.thread import thread_tension
-from ...geometries import inner_volume
 from ...materials.abstract_material import AbstractMaterial
 from ...materials.polynomial import PolynomialMaterial
 from ..catalogue_search import Requirement
@@ -180,8 +179,8 @@ def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) ->
 
 def _free_air(combination: Combination, contraction: RealArray, pressure: RealArray) -> RealArray:
     geometry, rest = combination.geometry, combination.rest_length
-    empty = inner_volume(geometry, rest, jnp.zeros_like(pressure))
-    full = inner_volume(geometry, rest * (1 - contraction), pressure)
+    empty = geometry.inner_volume(rest, jnp.zeros_like(pressure))
+    full = geometry.inner_volume(rest * (1 - contraction), pressure)
     return full * (1 + pressure / ATMOSPHERE) - empty
 
 

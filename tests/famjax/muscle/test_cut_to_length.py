@@ -63,6 +63,35 @@ def test_derivative_in_the_rest_length_jit_and_vmap() -> None:
     np.testing.assert_allclose(slopes, central, rtol=1e-5)  # h^2 of the difference
 
 
+class Wrapped(famjax.geometries.AbstractGeometry):
+    """A geometry of a modeller's own, which says how it is cut."""
+
+    inner: famjax.geometries.AbstractGeometry
+
+    def dimensions(self, length, pressure):
+        return self.inner.dimensions(length, pressure)
+
+    def length_range(self):
+        return self.inner.length_range()
+
+    def cut_to_length(self, rest_length):
+        return Wrapped(self.inner.cut_to_length(rest_length))
+
+    rest_length = property(lambda self: self.inner.rest_length)
+
+
+def test_a_geometry_of_ones_own_is_cut_and_has_a_volume() -> None:
+    plain = muscle("inextensible")
+    own = famjax.cut_to_length(famjax.Muscle(Wrapped(plain.geometry), LAW, 2e4), OTHER)
+    short = famjax.cut_to_length(plain, OTHER)
+    at = 0.9 * OTHER, 4e5
+    assert float(own.force(*at)) == float(short.force(*at))
+    assert float(own.volume(*at)) == float(short.volume(*at))
+    np.testing.assert_array_equal(own.stops(), own.length_range())  # it names no braid
+    lock, straight = short.stops()
+    assert float(lock) < OTHER < float(straight) == float(short.geometry.braid.rest_thread_length)
+
+
 @pytest.mark.slow
 def test_what_cannot_be_cut() -> None:
     with pytest.raises(eqx.EquinoxRuntimeError, match="above the dead length"):

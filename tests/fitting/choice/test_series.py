@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Float
 
 import famjax
 import fitting
@@ -231,3 +232,44 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     truth = float(in_rig(0.18, TRUTH).force(0.17, 4e5))
     assert abs(row["force_N"] - truth) < 2 * NOISE
     assert row["low_95_N"] < truth < row["high_95_N"]
+
+
+class Pull(famjax.terms.AbstractForceTerm):
+    """A preload of the rig, the same on every specimen."""
+
+    preload: Float[Array, ""] = famjax.parameter("N", low=0.0, high=50.0)
+
+    def force(self, at, pressure):
+        return self.preload * jnp.ones_like(at.length)
+
+
+def test_a_term_of_ones_own_is_shared_by_the_series() -> None:
+    maps = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
+    maps = [dataclasses.replace(one, force=one.force + 20.0) for one in maps]
+    held = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}  # it pulls alike
+    found = identify_series(
+        maps, laws=LAWS, terms=Pull(0.0), parameters={"preload": Parameter(), **held}, starts=4
+    )
+    one, other = (fit.estimate("preload").value for fit in found.specimens)
+    assert one == other
+    assert max(fit.errors.rmse for fit in found.specimens) < 3 * NOISE
+    lengths = 0.12 * np.linspace(0.9, 1, 3)
+    force, std = found.predict(0.12, lengths, np.full(3, 4e5))
+    truth = np.asarray(in_rig(0.12, TRUTH).force(lengths, 4e5)) + 20.0
+    assert (np.abs(force - truth) < 3 * std).all()
+    with pytest.raises(InputError, match="needs a method cut_to_length"):
+        identify_series(maps, laws=LAWS, geometry=NeverCut)
+
+
+class NeverCut(famjax.geometries.AbstractGeometry):
+    """Of one length only."""
+
+    inner: famjax.geometries.AbstractGeometry
+
+    def dimensions(self, length, pressure):
+        return self.inner.dimensions(length, pressure)
+
+    def length_range(self):
+        return self.inner.length_range()
+
+    rest_length = property(lambda self: self.inner.rest_length)
