@@ -147,7 +147,7 @@ class DeviceControl:
         self._manual = self._next_manual
         self._integral = 0
         self._over = self._jumped = self._outside = self._stall_ticks = 0
-        self.plausibility.enter(self._history)
+        self.plausibility.enter(self.count, self._history)
         self.report_state = True
 
     def leave(self, state: int, fault: int, pressure: int = 0) -> None:

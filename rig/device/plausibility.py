@@ -22,6 +22,8 @@ FIRST_LIMIT = 50  # the same before the circuit has answered: how slow it is is 
 MOST_PUSH = 65000  # PWM counts * ticks
 HEADROOM = 20 * PRESSURE_UNIT  # with less below the limit less push is allowed
 CLOSE_TICKS = 50  # for which a lively reading is never within CLOSE_BAND
+LEAP = 8  # counts in one tick: no pressure stops within a tick after that
+LEAP_TICKS = 20  # within CLOSE_BAND after a leap: the reading is not the pressure's
 SETTLED_SHIFT = 7  # the settled one, which knows nothing of a wound integral, of 128
 HELD_SHIFT = 9  # the holding output follows with a time constant of 512 records
 
@@ -92,11 +94,14 @@ class Plausibility:
         self._push = self._wound_push = self._answer_push = self._answer_sum = 0
         self._watch_ticks = self._watch_from = self._moves = 0
         self._asked, self._quick_ticks = NOTHING, 0
+        self._leapt = False
 
-    def enter(self, recent: Sequence[int]) -> None:
-        """The output comes on; `recent` are the last five readings."""
+    def enter(self, reading: int, recent: Sequence[int]) -> None:
+        """The output comes on; `recent` are the last five readings, `reading` the last."""
+        self._close.low = self._close.high = reading
         self._held = self._settled = self._still_ticks = self._close_ticks = 0
         self._push = self._wound_push = 0
+        self._leapt = False
         self._expect_answer(START, 0, recent)
 
     def rest(self) -> None:
@@ -137,8 +142,10 @@ class Plausibility:
     def is_frozen(self, now: Tick, law: ControlLaw) -> bool:
         """Whether the output has pushed more than a reading that has not moved can bear."""
         self._close_ticks += 1
+        before = self._close.low
         if self._close.left(now.reading, CLOSE_BAND):
             self._held = now.integral
+            self._leapt = abs(now.reading - before) > LEAP
             self._close_ticks = self._push = self._wound_push = 0
         if abs(now.reading - now.oldest) >= QUICK_CHANGE:
             self._quick_ticks = QUICK_TICKS
@@ -151,11 +158,13 @@ class Plausibility:
         if now.record:
             self._held += (now.integral - self._held) >> HELD_SHIFT
             self._settled += (now.integral - self._settled) >> SETTLED_SHIFT
-        rests = self._close_ticks * self._liveliness >= CLOSE_TICKS * LIVELY_MOVES
+        enough = LEAP_TICKS if self._leapt else CLOSE_TICKS
+        rests = self._close_ticks * self._liveliness >= enough * LIVELY_MOVES
         wound = self.alive != QUIET and rests
         push = max(self._push, self._wound_push) if wound else self._push
         half = now.error // 2 if now.error >= 0 else -(-now.error // 2)  # as C divides
-        headroom = max(min(self._headroom + half, HEADROOM), HEADROOM // 4)
+        known = 0 if self._leapt else self._headroom + half  # it may have been at the limit
+        headroom = max(min(known, HEADROOM), HEADROOM // 4)
         quiet = self.alive == QUIET and self._asked != START
         share = (1 if self._quick_ticks else 2) << quiet
         return push * HEADROOM >= self.frozen * self.frozen_ticks * share * headroom

@@ -116,6 +116,8 @@ static void enter(famrig *d)
     d->integral = d->held = d->settled = 0;
     d->over = d->jumped = d->outside = 0;
     d->stall_ticks = d->still_ticks = d->close_ticks = d->push = d->wound_push = 0;
+    d->close.low = d->close.high = d->count;
+    d->leapt = false;
     d->tell_state = true;
     fr_expect_answer(d, FR_A_START);
 }

@@ -104,6 +104,7 @@ typedef struct {
     uint16_t still_ticks, close_ticks, quick_ticks, push, wound_push, answer_push, answer_sum;
     uint16_t watch_ticks, watch_from, moves;
     uint8_t alive, liveliness, asked;
+    bool leapt;
     fr_latch latch;
     uint32_t tripped_at;
     /* what is to be told */

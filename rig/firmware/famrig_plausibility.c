@@ -20,6 +20,8 @@
 #define HELD_SHIFT 9       /* the holding output follows with a time constant of 512 records */
 #define SETTLED_SHIFT 7    /* the settled one, which knows nothing of a wound integral, of 128 */
 #define CLOSE_TICKS 50     /* for which a lively reading is never within CLOSE_BAND */
+#define LEAP 8             /* counts in one tick: no pressure stops within a tick after that */
+#define LEAP_TICKS 20      /* within CLOSE_BAND after a leap: the reading is not the pressure's */
 
 static uint16_t distance(uint16_t a, uint16_t b) { return a > b ? a - b : b - a; }
 
@@ -91,12 +93,12 @@ static uint16_t pushed(const famrig *d, uint16_t push, int32_t held, uint8_t sla
 
 static uint32_t push_budget(const famrig *d) { return d->frozen * (uint32_t)d->frozen_ticks; }
 
-/* Whether that is more than a pressure bears that does not move: less where its limit is near, more
- * where nothing has happened for a while, so that strokes explain it, and of a quiet reading, which
- * rests on its way between two counts. */
+/* Whether that is more than a pressure bears that does not move: less where its limit is near, or may
+ * have been before the reading leapt; more where nothing has happened for a while, so that strokes
+ * explain it, and of a quiet reading, which rests on its way between two counts. */
 static bool too_much(const famrig *d, uint16_t push, int32_t error)
 {
-    int32_t headroom = d->headroom + error / 2;
+    int32_t headroom = d->leapt ? 0 : d->headroom + error / 2; /* it may have been at the limit */
     if (headroom > HEADROOM)
         headroom = HEADROOM;
     if (headroom < HEADROOM / 4)
@@ -109,8 +111,10 @@ static bool too_much(const famrig *d, uint16_t push, int32_t error)
 bool fr_is_frozen(famrig *d, uint16_t pressure, int32_t error)
 {
     d->close_ticks++;
+    uint16_t before = d->close.low;
     if (moved(&d->close, pressure, CLOSE_BAND)) {
         d->held = d->integral;
+        d->leapt = distance(pressure, before) > LEAP;
         d->close_ticks = d->push = d->wound_push = 0;
     }
     if (distance(pressure, d->history[d->oldest]) >= QUICK_CHANGE)
@@ -124,8 +128,8 @@ bool fr_is_frozen(famrig *d, uint16_t pressure, int32_t error)
         d->held += (d->integral - d->held) >> HELD_SHIFT;
         d->settled += (d->integral - d->settled) >> SETTLED_SHIFT;
     }
-    bool wound = d->alive != FR_QUIET &&
-                 d->close_ticks * (uint32_t)d->liveliness >= CLOSE_TICKS * FR_LIVELY_MOVES;
+    uint16_t enough = (d->leapt ? LEAP_TICKS : CLOSE_TICKS) * FR_LIVELY_MOVES;
+    bool wound = d->alive != FR_QUIET && d->close_ticks * (uint32_t)d->liveliness >= enough;
     return too_much(d, d->push, error) || (wound && too_much(d, d->wound_push, error));
 }
 

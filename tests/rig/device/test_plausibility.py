@@ -273,6 +273,22 @@ def test_a_reading_that_freezes_at_the_set_point_trips_within_a_second(
     assert (loop.device.state, loop.fault) == (TRIP, FROZEN)
 
 
+@pytest.mark.parametrize("after", [0.20, 0.22, 0.24, 0.26])
+def test_a_reading_that_leaps_to_the_set_point_and_rests_trips_below_the_limit(
+    make: Make, after: float
+) -> None:
+    """Gains well above the published ones: the true pressure is near its limit when the reading leaps."""
+    loop = Loop(make(), "water")
+    loop.wait(3.0)
+    loop.start(45.3, 60.0, (1.5, 8.0))
+    loop.wait(after)
+    assert loop.sim.pressure > 50 * PSI
+    loop.sim.sensor_fault = loop.counts(45.1)
+    loop.wait(2.0)
+    assert (loop.device.state, loop.fault) == (TRIP, FROZEN)
+    assert loop.peak <= 1.02 * 60
+
+
 def test_a_quiet_reading_that_freezes_trips_once_the_output_has_moved(make: Make) -> None:
     loop = Loop(make(), "air", noise=False)
     loop.wait(4.2)
