@@ -12,8 +12,11 @@ __famjax__ = "0.1.0"
 _MOVED = {
     "fitting.records": (
         "Alignment", "Characterisation", "Gap", "Isobar", "IsobaricRecord", "MachineLog", "Stroke",
-        "align_by_load", "align_by_pulses", "characterise", "combine", "dataset_text",
-        "force_rmse", "read_machine_log", "strokes", "write_dataset",
+        "ClockMap", "align_by_load", "align_by_pulses", "characterise", "combine", "dataset_text",
+        "fit_clock", "force_rmse", "read_machine_log", "strokes", "write_dataset",
+    ),
+    "famjax.chain.journals": (
+        "UNIT_OF", "clocks", "convert", "table", "to_xarray", "write_netcdf", "write_parquet",
     ),
     "famjax.chain": ("Analysis", "analyse", "figures", "plot_characterisation", "table_rows"),
 }  # fmt: skip

@@ -19,8 +19,10 @@ from fitting.records import (
 )
 from rig.calibration import Calibration
 from rig.errors import RigError
-from rig.journal import Record, table
+from rig.journal import Record
 from rig.protocol import TICK_HZ
+
+from .journals import table
 
 _APART = 3.0  # times, by which two records of one test do not differ in duration
 _STRETCH = 0.05  # of the rest length, by which a muscle may be stretched

@@ -9,6 +9,7 @@ from .characterisation import (
     characterise as characterise,
     force_rmse as force_rmse,
 )
+from .clock import ClockMap as ClockMap, fit_clock as fit_clock
 from .dataset import dataset_text as dataset_text, write_dataset as write_dataset
 from .isobaric_record import IsobaricRecord as IsobaricRecord, combine as combine
 from .machine_log import Gap as Gap, MachineLog as MachineLog, read_machine_log as read_machine_log

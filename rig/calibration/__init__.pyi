@@ -1,5 +1,5 @@
 from .feed_forward import FeedForward as FeedForward, fit_feed_forward as fit_feed_forward
-from .sensor import Sensor as Sensor, fit_sensor as fit_sensor
+from .sensor import READINGS as READINGS, Sensor as Sensor, fit_sensor as fit_sensor
 from .whole_rig import (
     Calibration as Calibration,
     calibration_as_dict as calibration_as_dict,

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..calibration.whole_rig import Calibration, calibration_from_dict
 from ..errors import RigError
 from ..protocol.control_law import TICKS
 from ..protocol.messages import DeviceSettings, DeviceStatus, Sample
@@ -132,6 +133,18 @@ def read_journal(path: str | Path) -> Record:
         damage=tuple(parts.damage),
         refused=refused,
     )
+
+
+def stored_calibration(record: Record) -> Calibration:
+    """The calibration with which a journal was recorded.
+
+    Raises:
+        RigError: the journal has none.
+    """
+    notes = record.notes_of("rig")
+    if not notes:
+        raise RigError(f"{record.path} has no calibration in it; give one")
+    return calibration_from_dict(notes[-1]["calibration"])
 
 
 def _in_order(

@@ -92,7 +92,7 @@ def rig_convert(journal: Path, target: Path) -> int:
     target
         File to write: .parquet, .nc (NetCDF) or .csv.
     """
-    from rig.journal import convert
+    from famjax.chain.journals import convert
 
     with rig_problems():
         print("written:", convert(journal, target))

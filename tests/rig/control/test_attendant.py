@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from famjax.chain import analyse
+from famjax.chain.journals import table
 from fitting.records import read_machine_log
 from rig.control import (
     Attendant,
@@ -23,7 +24,7 @@ from rig.control import (
     run,
 )
 from rig.errors import RigError
-from rig.journal import Journal, audit, read_journal, table
+from rig.journal import Journal, audit, read_journal
 from rig.link import VirtualLink
 from rig.simulation import MachineClock, PneumaticCircuit, SimulatedRig, machine_for, mckibben
 

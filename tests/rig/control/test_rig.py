@@ -8,21 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from famjax.chain.journals import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, Isobaric, Rig, calibrate_feed_forward, next_block, run
 from rig.device import firmware_folder
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal import (
-    UNIT_OF,
-    Journal,
-    audit,
-    read_journal,
-    table,
-    to_xarray,
-    write_netcdf,
-    write_parquet,
-)
+from rig.journal import Journal, audit, read_journal
 from rig.link import VirtualLink
 from rig.protocol import MANUAL, RUN, SAFE, frame
 from rig.protocol.control_law import PRESSURE_UNIT

@@ -19,10 +19,10 @@ from avr import (
 from lock_step import lock_step
 from session_fuzz import Fuzz
 
+from famjax.chain.journals import table
 from rig import Journal, Rig, audit, read_journal, run
 from rig.control import Control, Isobaric
 from rig.device import Device, firmware_folder
-from rig.journal import table
 from rig.link import VirtualLink
 from rig.protocol import RUN, DeviceStatus, Hello, Splitter, frame, parse
 from rig.simulation import SimulatedRig

@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
+from famjax.chain.journals import clocks
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal import Journal, Missing, clocks, read_journal, writer as _journal
+from rig.journal import Journal, Missing, read_journal, writer as _journal
 from rig.protocol import TICK_HZ, TICKS, Sample, frame
 
 PAGE = 4096

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
+from famjax.chain.journals import table
 from rig.control import Control, Rig
 from rig.device import Device
 from rig.fault import RigFault
-from rig.journal import Journal, audit, read_journal, table, writer as _journal
+from rig.journal import Journal, audit, read_journal, writer as _journal
 from rig.link import Lost, Silent, VirtualLink
 from rig.protocol import FAULTS, RUN, SAFE, TRIP
 from rig.simulation import ByteChannel, SimulatedRig

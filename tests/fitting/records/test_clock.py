@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rig.errors import RigError
-from rig.journal import fit_clock
+from famjax.boundary.errors import InputError
+from fitting.records import fit_clock
 
 LATENCY = 0.002
 """Shortest latency [s]: the map cannot know it."""
@@ -62,9 +62,9 @@ def test_a_perfect_line_comes_back_exactly_and_the_inverse_inverts() -> None:
 
 
 def test_what_cannot_be_mapped_is_refused() -> None:
-    with pytest.raises(RigError, match=r"one shape"):
+    with pytest.raises(InputError, match=r"one shape"):
         fit_clock([1.0, 2.0], [1.0])
-    with pytest.raises(RigError, match=r"two device times"):
+    with pytest.raises(InputError, match=r"two device times"):
         fit_clock([1.0, 1.0], [1.0, 2.0])
-    with pytest.raises(RigError, match=r"finite"):
+    with pytest.raises(InputError, match=r"finite"):
         fit_clock([1.0, np.nan], [1.0, 2.0])

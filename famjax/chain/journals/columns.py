@@ -1,24 +1,15 @@
-"""A journal as columns in SI with a time of the host's clock, for analysis and other programs."""
+"""A journal as columns in SI with a time of the host's clock."""
 
-import csv
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from famjax.boundary.extras import import_extra
-from famjax.boundary.units import UNITS
-
-from ..calibration.sensor import READINGS
-from ..calibration.whole_rig import Calibration, calibration_from_dict
-from ..errors import RigError
-from ..protocol.control_law import TICK_HZ, TICKS
-from .clock import ClockMap, fit_clock
-from .reader import Record, read_journal
-
-if TYPE_CHECKING:
-    import xarray
+from famjax.units import PSI
+from fitting.records import ClockMap, fit_clock
+from rig.calibration import READINGS, Calibration
+from rig.journal import Record, stored_calibration
+from rig.protocol import TICK_HZ, TICKS
 
 COLUMNS_IN_UNITS = ("time_s", "device_time_s", "pressure_Pa", "force_N", "set_pressure_Pa")
 COUNTS_AND_CODES = ("output", "integral", "state", "fault", "sync", "block", "epoch", "seq")
@@ -26,8 +17,6 @@ UNIT_OF = {name: name.rpartition("_")[2] for name in COLUMNS_IN_UNITS} | dict.fr
     COUNTS_AND_CODES, "1"
 )
 """Columns of a table and their units; "1" for counts and codes."""
-
-_PSI = UNITS["pressure"]["psi"]
 
 
 def table(record: Record, calibration: Calibration | None = None) -> dict[str, NDArray[Any]]:
@@ -50,7 +39,7 @@ def table(record: Record, calibration: Calibration | None = None) -> dict[str, N
     calibration = calibration or stored_calibration(record)
     known, governing = [settings for _, settings in record.settings], record.governing()
     scale = READINGS / np.array([*(s.ticks_per_record for s in known), READINGS])[governing]
-    set_point = np.array([*(s.law.set_point_psi for s in known), np.nan])[governing] * _PSI
+    set_point = np.array([*(s.law.set_point_psi for s in known), np.nan])[governing] * PSI
     flags = record.column("flags")
     device = record.column("tick") / TICK_HZ
     time = np.full(len(device), np.nan)
@@ -72,18 +61,6 @@ def table(record: Record, calibration: Calibration | None = None) -> dict[str, N
         "epoch": record.epoch,
         "seq": record.column("seq"),
     }
-
-
-def stored_calibration(record: Record) -> Calibration:
-    """The calibration with which a journal was recorded.
-
-    Raises:
-        RigError: the journal has none.
-    """
-    notes = record.notes_of("rig")
-    if not notes:
-        raise RigError(f"{record.path} has no calibration in it; give one")
-    return calibration_from_dict(notes[-1]["calibration"])
 
 
 def clocks(record: Record) -> dict[int, ClockMap]:
@@ -124,73 +101,3 @@ def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
             after = (part_of_row == part) & (time >= note["at"])
             blocks[after] = note["block"] if note["note"] == "block" else -1
     return blocks
-
-
-def to_xarray(record: Record, calibration: Calibration | None = None) -> "xarray.Dataset":
-    """The table as a dataset over time, with the unit of each variable as its attribute.
-
-    Raises:
-        RigError: xarray is not installed, or as `table`.
-    """
-    xarray = import_extra("xarray", "tables", RigError)
-    columns = table(record, calibration)
-    variables = {
-        name: ("time_s", values, {"units": UNIT_OF[name]})
-        for name, values in columns.items()
-        if name != "time_s"
-    }
-    coordinates = {"time_s": ("time_s", columns["time_s"], {"units": "s"})}
-    return xarray.Dataset(variables, coordinates, attrs={"source": record.path.name})
-
-
-def write_netcdf(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
-    """Write the table as NetCDF 3, the unit of each variable as its attribute.
-
-    Raises:
-        RigError: as `to_xarray`.
-    """
-    dataset = to_xarray(record, calibration)
-    small = {name: v.astype(np.int32) for name, v in dataset.items() if v.dtype.kind == "i"}
-    dataset.assign({n: v.assign_attrs(dataset[n].attrs) for n, v in small.items()}).to_netcdf(
-        path, engine="scipy", format="NETCDF3_64BIT"
-    )
-
-
-def write_parquet(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
-    """Write the table as Parquet, the unit of each column in its name and its metadata.
-
-    Raises:
-        RigError: pyarrow is not installed, or as `table`.
-    """
-    arrow, parquet = (
-        import_extra(name, "tables", RigError) for name in ("pyarrow", "pyarrow.parquet")
-    )
-    columns = table(record, calibration)
-    fields = [
-        arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": UNIT_OF[name]})
-        for name, values in columns.items()
-    ]
-    schema = arrow.schema(fields, metadata={"source": record.path.name})
-    parquet.write_table(arrow.table(list(columns.values()), schema=schema), path)
-
-
-def convert(journal: str | Path, target: str | Path) -> Path:
-    """The records of a journal as a table: Parquet, NetCDF or CSV, by the target's ending.
-
-    Raises:
-        RigError: another ending, or the journal cannot be read.
-    """
-    target = Path(target)
-    record = read_journal(journal)
-    writers = {".parquet": write_parquet, ".nc": write_netcdf}
-    if target.suffix in writers:
-        writers[target.suffix](record, target)
-        return target
-    if target.suffix != ".csv":
-        raise RigError(f"the target must end in {', '.join(writers)} or .csv, got {target.name!r}")
-    columns = table(record)
-    with target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-    return target

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import RigError
+from famjax.boundary.errors import InputError
 
 _PASSES = 3
 
@@ -65,7 +65,7 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = 10.0) -> Cl
         The map; it puts a record's host time at its creation plus the shortest latency.
 
     Raises:
-        RigError: fewer than two distinct device times, shapes that differ, or values that are not
+        InputError: fewer than two distinct device times, shapes that differ, or values that are not
             finite.
 
     References:
@@ -78,13 +78,13 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = 10.0) -> Cl
     """
     t, arrival = np.asarray(device, np.float64), np.asarray(host, np.float64)
     if t.ndim != 1 or t.shape != arrival.shape:
-        raise RigError(
+        raise InputError(
             f"device and host times must have one shape (n,), got {t.shape} and {arrival.shape}"
         )
     if not (np.isfinite(t).all() and np.isfinite(arrival).all()):
-        raise RigError("device and host times must be finite; leave out records with no time")
+        raise InputError("device and host times must be finite; leave out records with no time")
     if t.size < 2 or np.ptp(t) == 0:
-        raise RigError("a clock needs records of two device times at least; record for longer")
+        raise InputError("a clock needs records of two device times at least; record for longer")
     order = np.argsort(t, kind="stable")
     t, arrival = t[order], arrival[order]
     windows = max(round((t[-1] - t[0]) / window), 1)

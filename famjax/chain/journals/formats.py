@@ -1,0 +1,87 @@
+"""A journal's columns as a dataset, as NetCDF, Parquet or CSV."""
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from famjax.boundary.extras import import_extra
+from rig.calibration import Calibration
+from rig.errors import RigError
+from rig.journal import Record, read_journal
+
+from .columns import UNIT_OF, table
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def to_xarray(record: Record, calibration: Calibration | None = None) -> "xarray.Dataset":
+    """The table as a dataset over time, with the unit of each variable as its attribute.
+
+    Raises:
+        RigError: xarray is not installed, or as `table`.
+    """
+    xarray = import_extra("xarray", "tables", RigError)
+    columns = table(record, calibration)
+    variables = {
+        name: ("time_s", values, {"units": UNIT_OF[name]})
+        for name, values in columns.items()
+        if name != "time_s"
+    }
+    coordinates = {"time_s": ("time_s", columns["time_s"], {"units": "s"})}
+    return xarray.Dataset(variables, coordinates, attrs={"source": record.path.name})
+
+
+def write_netcdf(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
+    """Write the table as NetCDF 3, the unit of each variable as its attribute.
+
+    Raises:
+        RigError: as `to_xarray`.
+    """
+    dataset = to_xarray(record, calibration)
+    small = {name: v.astype(np.int32) for name, v in dataset.items() if v.dtype.kind == "i"}
+    dataset.assign({n: v.assign_attrs(dataset[n].attrs) for n, v in small.items()}).to_netcdf(
+        path, engine="scipy", format="NETCDF3_64BIT"
+    )
+
+
+def write_parquet(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
+    """Write the table as Parquet, the unit of each column in its name and its metadata.
+
+    Raises:
+        RigError: pyarrow is not installed, or as `table`.
+    """
+    arrow, parquet = (
+        import_extra(name, "tables", RigError) for name in ("pyarrow", "pyarrow.parquet")
+    )
+    columns = table(record, calibration)
+    fields = [
+        arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": UNIT_OF[name]})
+        for name, values in columns.items()
+    ]
+    schema = arrow.schema(fields, metadata={"source": record.path.name})
+    parquet.write_table(arrow.table(list(columns.values()), schema=schema), path)
+
+
+def convert(journal: str | Path, target: str | Path) -> Path:
+    """The records of a journal as a table: Parquet, NetCDF or CSV, by the target's ending.
+
+    Raises:
+        RigError: another ending, or the journal cannot be read.
+    """
+    target = Path(target)
+    record = read_journal(journal)
+    writers = {".parquet": write_parquet, ".nc": write_netcdf}
+    if target.suffix in writers:
+        writers[target.suffix](record, target)
+        return target
+    if target.suffix != ".csv":
+        raise RigError(f"the target must end in {', '.join(writers)} or .csv, got {target.name!r}")
+    columns = table(record)
+    with target.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+    return target
