@@ -4,15 +4,12 @@ from .attendant import (
     Situation as Situation,
     Watcher as Watcher,
 )
-from .camera_command import CameraCommand as CameraCommand
 from .first_stroke import LoadChange as LoadChange, Start as Start
-from .monitor import Monitor as Monitor
 from .operator import (
     JOURNAL as JOURNAL,
     ports as ports,
     prepare as prepare,
     record_test as record_test,
-    run_test as run_test,
 )
 from .output_steps import (
     calibrate_feed_forward as calibrate_feed_forward,

@@ -9,9 +9,7 @@ from ..errors import RigError
 from ..journal.reader import read_journal
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
-from ..link.serial_link import Link, serial_opener
 from .attendant import Attendant
-from .camera_command import CameraCommand
 from .first_stroke import Start
 from .plan import duration
 from .plan_file import PlanFile
@@ -44,55 +42,12 @@ def ports() -> list[dict[str, str]]:
     ]
 
 
-def run_test(
-    test: PlanFile,
-    port: str,
-    folder: str | Path,
-    *,
-    baud: int = 115200,
-    resume: bool = False,
-    meta: Mapping[str, str] | None = None,
-    attendant: Attendant | None = None,
-    start: Start = "at once",
-    camera: CameraCommand | None = None,
-) -> Path:
-    """Carry out a test on a real rig and record it.
-
-    Args:
-        test: from its file.
-        port: as `serial_opener` takes it.
-        folder: for the journal.
-        baud: of the firmware.
-        resume: continue the existing journal with the block that was not completed.
-        meta: further entries of the journal, such as {"operator": "A. Name"}.
-        attendant: as for `run`.
-        start: as for `run`.
-        camera: takes the photographs of the plan.
-
-    Returns:
-        The journal.
-
-    Raises:
-        RigError: as `prepare`, `Rig` and `run`.
-        RigFault: the test had to stop; the rig is vented.
-    """
-    calibration, first = prepare(test, folder, resume=resume, camera=camera)
-    path = Path(folder) / JOURNAL
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with Link(serial_opener(port, baud)) as link:
-        record_test(
-            test, link, calibration, path, first_block=first, append=resume, meta=meta,
-            attendant=attendant, start=start, camera=camera,
-        )  # fmt: skip
-    return path
-
-
 def prepare(
     test: PlanFile,
     folder: str | Path,
     *,
     resume: bool = False,
-    camera: CameraCommand | None = None,
+    camera: Callable[[str], None] | None = None,
 ) -> tuple[Calibration, int]:
     """All that can be refused before a port is opened; nothing is written.
 

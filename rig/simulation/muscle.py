@@ -1,7 +1,7 @@
 """The muscle in a simulated rig: force and volume, tabulated so that a step costs a microsecond."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -122,41 +122,6 @@ class SimulatedMuscle:
     def force(self, length: float, pressure: float) -> float:
         """F [N] of `at`."""
         return self.at(length, pressure)[0]
-
-
-def tabulate(
-    force: Callable[[float, float], float],
-    volume: Callable[[float, float], float],
-    *,
-    shortest: float,
-    rest_length: float,
-    highest_pressure: float = 120 * PSI,
-    n_lengths: int = 201,
-    n_pressures: int = 25,
-    friction: float = 0.02,
-) -> SimulatedMuscle:
-    """A muscle from two functions of length [m] and gauge pressure [Pa].
-
-    Args:
-        force: F [N], positive when it pulls.
-        volume: of fluid V [m3].
-        shortest: least L [m] of the table.
-        rest_length: L0 [m], the greatest L of the table.
-        highest_pressure: greatest P [Pa] of the table, which begins at 0.
-        n_lengths: of the table.
-        n_pressures: of the table.
-        friction: see `SimulatedMuscle`.
-
-    Returns:
-        The muscle.
-    """
-    lengths = np.linspace(shortest, rest_length, n_lengths)
-    pressures = np.linspace(0, highest_pressure, n_pressures)
-    tables = [
-        np.array([[float(law(L, P)) for P in pressures.tolist()] for L in lengths.tolist()])
-        for law in (force, volume)
-    ]
-    return SimulatedMuscle(lengths, pressures, *tables, rest_length=rest_length, friction=friction)
 
 
 def mckibben(

@@ -8,9 +8,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from rig.control import Attendant, Monitor, Request, Situation
+from rig.control import Attendant, Request, Situation
 
 from ..keys import Keys, has_keys, single_keys
+from .monitor import Monitor
 
 KEYS: dict[str, Request] = {"\n": "go", " ": "go", "p": "pause", "s": "skip", "r": "repeat"}
 TWICE: dict[Request, str] = {

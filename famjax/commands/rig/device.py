@@ -53,8 +53,9 @@ def rig_monitor(
     from rich.text import Text
 
     from rig import Link, read_calibration
-    from rig.control import Monitor
     from rig.link import serial_opener
+
+    from .monitor import Monitor
 
     with rig_problems():
         view = Monitor(read_calibration(calibration) if calibration else None, units)

@@ -32,9 +32,10 @@ def rig_replay(
     from rich.text import Text
 
     from rig import read_journal
-    from rig.control import Monitor
     from rig.journal import stored_calibration
     from rig.protocol import Sample
+
+    from .monitor import Monitor
 
     with rig_problems():
         record = read_journal(journal)

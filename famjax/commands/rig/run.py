@@ -10,7 +10,9 @@ from .asking import confirm, known_port, tell_preconditions
 from .problems import rig_problems
 
 if TYPE_CHECKING:
-    from rig.control import CameraCommand, Start
+    from rig.control import Start
+
+    from .camera_command import CameraCommand
 
 
 def rig_run(
@@ -62,10 +64,12 @@ def rig_run(
     units
         Of the values: si, metric or us.
     """
-    from rig import read_plan
-    from rig.control import CameraCommand, describe, duration, prepare, run_test
+    from rig import Link, read_plan
+    from rig.control import JOURNAL, describe, duration, prepare, record_test
+    from rig.link import serial_opener
 
     from .attended import attended, clock, new_monitor
+    from .camera_command import CameraCommand
 
     with rig_problems():
         test = read_plan(plan)
@@ -80,19 +84,14 @@ def rig_run(
             return 0
         confirm(f"{clock(duration(test.plan, first))} of strokes and rests", yes=yes)
         with attended(new_monitor(calibration, units)) as attendant:
-            path = run_test(
-                test,
-                port,
-                output,
-                baud=baud,
-                resume=resume,
-                meta=entries,
-                attendant=attendant,
-                start=_start(start),
-                camera=photographer,
-            )
+            output.mkdir(parents=True, exist_ok=True)
+            with Link(serial_opener(port, baud)) as link:
+                record_test(
+                    test, link, calibration, output / JOURNAL, first_block=first, append=resume,
+                    meta=entries, attendant=attendant, start=_start(start), camera=photographer,
+                )  # fmt: skip
     _report_photographs(photographer)
-    print("written:", path)
+    print("written:", output / JOURNAL)
     return 0
 
 

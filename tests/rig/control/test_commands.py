@@ -11,9 +11,9 @@ from rig_commands import run, write_plan
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import parse_quantity
 from famjax.commands.rig import HELP
+from famjax.commands.rig.monitor import Monitor
 from fitting import read_csv
 from rig import read_journal, read_plan
-from rig.control import Monitor
 from rig.protocol import Sample, frame
 
 

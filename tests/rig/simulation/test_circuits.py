@@ -12,10 +12,10 @@ from rig.simulation import (
     Plant,
     PneumaticCircuit,
     Regulator,
+    SimulatedMuscle,
     iso_6358_flow,
     machine_for,
     mckibben,
-    tabulate,
 )
 
 PSI = 6894.757293168361
@@ -253,7 +253,11 @@ def test_muscle_table_holds_what_it_was_given() -> None:
     def volume(L: float, P: float) -> float:
         return 1e-4 + 1e-5 * L + 1e-12 * P
 
-    muscle = tabulate(force, volume, shortest=0.15, rest_length=0.23, friction=0.0)
+    lengths, pressures = np.linspace(0.15, 0.23, 201), np.linspace(0, 120 * PSI, 25)
+    grid = lengths[:, None], pressures[None, :]
+    muscle = SimulatedMuscle(
+        lengths, pressures, force(*grid), volume(*grid), rest_length=0.23, friction=0.0
+    )
     rng = np.random.default_rng(3)
     for L, P in zip(rng.uniform(0.15, 0.23, 200), rng.uniform(-1e4, 2e6, 200), strict=True):
         F, V_, dV_dL, dV_dP = muscle.at(float(L), float(P))
@@ -299,7 +303,9 @@ def test_mckibben_does_virtual_work_and_meets_the_printed_muscle() -> None:
         (lambda: Regulator(0.0), "set_pressure"),
         (lambda: mckibben(rest_length=0.3), "rest_length must lie between"),
         (
-            lambda: tabulate(lambda L, P: 1.0, lambda L, P: -1.0, shortest=0.1, rest_length=0.2),
+            lambda: SimulatedMuscle(
+                [0.1, 0.2], [0.0, 1e5], np.ones((2, 2)), -np.ones((2, 2)), rest_length=0.2
+            ),
             "volume",
         ),
     ],

@@ -4,11 +4,10 @@ from collections import deque
 
 import numpy as np
 
-from famjax.boundary.units import factor, unit_system
+from rig.calibration import READINGS, Calibration, Sensor
+from rig.protocol import FAULTS, STATES, Sample
 
-from ..calibration.sensor import READINGS, Sensor
-from ..calibration.whole_rig import Calibration
-from ..protocol.messages import FAULTS, STATES, Sample
+from ...boundary.units import factor, unit_system
 
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 

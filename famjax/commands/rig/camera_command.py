@@ -4,7 +4,7 @@ import shlex
 import shutil
 import subprocess
 
-from ..errors import RigError
+from rig import RigError
 
 NAME = "{name}"
 """Stands in the command for a photograph's name."""
