@@ -11,10 +11,7 @@ from .operator import (
     prepare as prepare,
     record_test as record_test,
 )
-from .output_steps import (
-    calibrate_feed_forward as calibrate_feed_forward,
-    calibrate_pump as calibrate_pump,
-)
+from .output_steps import calibrate_feed_forward as calibrate_feed_forward
 from .plan import (
     Isobaric as Isobaric,
     Plan as Plan,
@@ -25,7 +22,6 @@ from .plan import (
     next_block as next_block,
 )
 from .plan_file import (
-    PRECONDITIONS as PRECONDITIONS,
     PlanFile as PlanFile,
     isobaric_from_dict as isobaric_from_dict,
     read_plan as read_plan,
@@ -36,7 +32,12 @@ from .plan_run import (
     run as run,
 )
 from .rig import Rig as Rig
-from .settings import Control as Control, Guards as Guards, floor_counts as floor_counts
+from .settings import (
+    Control as Control,
+    Guards as Guards,
+    RigSettings as RigSettings,
+    floor_counts as floor_counts,
+)
 from .tripped import (
     acknowledge as acknowledge,
     device_status as device_status,

@@ -16,7 +16,6 @@ from .plan_file import PlanFile
 from .plan_run import Machine, check_plan, run
 from .resumption import resumed_block
 from .rig import Rig
-from .set_up import limit_commands
 from .settings import check_feed_forward
 
 JOURNAL = "test.fam"
@@ -81,7 +80,7 @@ def prepare(
 
 def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
     check_feed_forward(test.circuit, calibration)
-    limit_commands(calibration, test.pressure_limit, test.jump_limit, test.guards)
+    test.settings.commands(calibration)
     check_plan(test.plan, calibration, test.pressure_limit, first_block)
 
 
@@ -133,27 +132,17 @@ def record_test(
             if meta:
                 journal.note("meta", entries=dict(meta))
             with Rig(
-                link,
-                calibration,
-                pressure_limit=test.pressure_limit,
-                control=test.control,
-                jump_limit=test.jump_limit,
-                guards=test.guards,
-                journal=journal,
-                camera=camera,
-            ) as rig:
+                link, calibration, pressure_limit=test.pressure_limit, control=test.control,
+                jump_limit=test.jump_limit, guards=test.guards, journal=journal, camera=camera,
+            ) as rig:  # fmt: skip
                 empty = False
                 if attendant is not None:
                     for sentence in rig.unseen:
                         attendant.tell(f"note: {sentence}")
                 run(
-                    rig,
-                    test.plan,
-                    machine=machine,
-                    first_block=first_block,
-                    attendant=attendant,
-                    start=start,
-                )
+                    rig, test.plan, machine=machine, first_block=first_block,
+                    attendant=attendant, start=start,
+                )  # fmt: skip
     except RigError:
         if empty:  # the device refused the test: nothing has run
             path.unlink()

@@ -8,28 +8,11 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
+from famjax.boundary.toml_file import Form, NotNegative, Text, from_entries, read_toml
 
 from ..errors import RigError
 from .plan import Isobaric
-from .settings import JUMP_LIMIT, Control, Guards
-
-PRECONDITIONS: dict[str, tuple[str, ...]] = {
-    "air": (
-        "The supply regulator is set no higher than muscle and hoses are rated for.",
-        "A normally open dump valve vents the muscle when it loses its supply.",
-        "The proportional valve exhausts at 0 % output.",
-        "Nobody stands in line with the muscle's ends.",
-    ),
-    "water": (
-        "A mechanical relief valve is fitted: software cannot stop the peak when the needle valve "
-        "blocks (239 psi and more were computed in a circuit that trips within 6 ms).",
-        "A normally open dump valve leads to the tank.",
-        "The pump stops at 0 % output, and its supply has a switch within reach.",
-        "The circuit is bled: trapped air stores energy.",
-    ),
-}
-"""What must hold before a circuit is pressurised and software cannot check."""
+from .settings import JUMP_LIMIT, Control, Guards, RigSettings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +43,11 @@ class PlanFile:
                 f"pressure_limit must be a pressure >= 0 and finite, got {self.pressure_limit} Pa; "
                 "give the muscle's or the circuit's, whichever is lower"
             )
+
+    @property
+    def settings(self) -> RigSettings:
+        """What the device controls and trips with."""
+        return RigSettings(self.pressure_limit, self.control, self.jump_limit, self.guards)
 
 
 def read_plan(path: str | Path) -> PlanFile:
@@ -96,20 +84,13 @@ def read_plan(path: str | Path) -> PlanFile:
     )
     gains = Control.per_psi(rig.proportional_counts_per_psi, rig.integral_counts_per_psi_s)
     return PlanFile(
-        plan=plan,
-        circuit=rig.circuit,
-        pressure_limit=rig.pressure_limit,
-        control=dataclasses.replace(gains, integral_limits=rig.integral_limits_counts),
-        calibration=Path(path).parent.absolute() / rig.calibration if rig.calibration else None,
-        jump_limit=rig.jump_limit,
-        guards=Guards(
-            rig.reading_floor_counts,
-            rig.reading_ceiling_counts,
-            rig.still,
-            rig.frozen_output_counts,
-            rig.frozen,
-            rig.stall,
-        ),
+        plan,
+        rig.circuit,
+        rig.pressure_limit,
+        dataclasses.replace(gains, integral_limits=rig.integral_limits_counts),
+        Path(path).parent.absolute() / rig.calibration if rig.calibration else None,
+        rig.jump_limit,
+        Guards(**{field.name: getattr(rig, field.name) for field in dataclasses.fields(Guards)}),
     )
 
 
@@ -142,8 +123,8 @@ _PLAN_FORM = Form(
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class _RigTable:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _RigTable(Guards):
     """The table [rig]."""
 
     circuit: Literal["air", "water"]
@@ -156,20 +137,11 @@ class _RigTable:
     ] = Control.integral_limits
     calibration: Text | None = None
     jump_limit: NotNegative = JUMP_LIMIT
-    reading_floor_counts: int | None = Guards.floor
-    reading_ceiling_counts: int = Guards.ceiling
-    still: Positive = Guards.still
-    frozen_output_counts: int = Guards.frozen_output
-    frozen: Positive = Guards.frozen
-    stall: Positive = Guards.stall
 
 
+_TIMES = dict.fromkeys(("still", "frozen", "stall"), "time")
+_COUNTS = ("floor", "reading_floor"), ("ceiling", "reading_ceiling"), ("frozen_output",) * 2
 _RIG_FORM = Form(
-    kinds={
-        "pressure_limit": "pressure",
-        "jump_limit": "pressure",
-        "still": "time",
-        "frozen": "time",
-        "stall": "time",
-    }
+    kinds={"pressure_limit": "pressure", "jump_limit": "pressure", **_TIMES},
+    keys={name: f"{key}_counts" for name, key in _COUNTS},
 )

@@ -62,7 +62,7 @@ def run(
         RigError: as `check_plan`; nothing has been started then.
         RigFault: the test had to stop.
     """
-    check_plan(plan, rig.calibration, rig.pressure_limit, first_block)
+    check_plan(plan, rig.calibration, rig.settings.pressure_limit, first_block)
     rig.note("plan", plan=repr(plan), first_block=first_block, seconds=duration(plan, first_block))
     _Run(rig, plan, machine, attendant or Attendant(), start).carry_out(first_block)
     rig.stop()

@@ -1,12 +1,11 @@
 """Whether a test may go on in a journal: the same plan, limits, gains and calibration."""
 
-import dataclasses
 import json
 import re
 from collections.abc import Mapping
 from typing import Any
 
-from ..calibration.whole_rig import Calibration, calibration_as_dict
+from ..calibration.whole_rig import Calibration
 from ..errors import RigError
 from ..journal.reader import Record
 from .plan import next_block
@@ -21,16 +20,9 @@ def resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> i
     Raises:
         RigError: what differs from the test that the journal holds, or it is complete.
     """
-    now = {
-        "pressure_limit_Pa": test.pressure_limit,
-        "jump_limit_Pa": test.jump_limit,
-        "guards": dataclasses.asdict(test.guards),
-        "control": dataclasses.asdict(test.control),
-        "calibration": calibration_as_dict(calibration),
-    }
     apart = _plan_differences(record, repr(test.plan))
     for note in record.notes_of("rig")[-1:]:
-        apart += _differences(note, json.loads(json.dumps(now)))
+        apart += _differences(note, json.loads(json.dumps(test.settings.as_note(calibration))))
     if apart:
         raise RigError(
             f"{record.path} cannot be resumed with another test: {'; '.join(apart)}. Restore what it "

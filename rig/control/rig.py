@@ -15,8 +15,8 @@ from ..link.events import Lost, Reset, Silent
 from ..link.mean_counts import mean_counts
 from ..protocol.control_law import TICK_HZ
 from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, TRIP, Sample
-from .set_up import greet, limit_commands, set_up
-from .settings import JUMP_LIMIT, Control, Guards
+from .set_up import greet, set_up
+from .settings import JUMP_LIMIT, Control, Guards, RigSettings
 from .tripped import at_trip
 
 LOOK = 0.05
@@ -40,6 +40,7 @@ class Rig:
         camera: called with a name to take a photograph, or None.
 
     Attributes:
+        settings: what the device controls and trips with.
         lost: records that the line lost.
         unseen: what the device cannot tell about its transducer, in sentences; known once entered.
         set_point: the pressure that was set last [Pa], nan before.
@@ -62,17 +63,12 @@ class Rig:
     ) -> None:
         self.link = link
         self.calibration = calibration
-        self.control = control
-        self.pressure_limit = pressure_limit
-        self.jump_limit = jump_limit
+        self.settings = RigSettings(pressure_limit, control, jump_limit, guards or Guards())
+        self.settings.commands(calibration)  # refused before the port is used
         self.lost = 0
         self.unseen: tuple[str, ...] = ()
         self._journal = journal
         self._camera = camera
-        self.guards = guards or Guards()
-        limit_commands(
-            calibration, pressure_limit, jump_limit, self.guards
-        )  # refused before the port is used
         self.set_point = float("nan")
         self._active_from: int | None = None
         self._cancelled = False
@@ -81,10 +77,7 @@ class Rig:
         self.link.attach(self._journal)
         try:
             greet(self.link)
-            found = set_up(
-                self.link, self.calibration, self.control, self.pressure_limit, self.jump_limit,
-                self.guards,
-            )  # fmt: skip
+            found = set_up(self.link, self.calibration, self.settings)
             self.unseen = found["unseen"]
             self.note("rig", **found)
         except BaseException as error:
@@ -109,10 +102,11 @@ class Rig:
         Raises:
             RigError: it is not, or the feed-forward does not know it.
         """
-        if not 0 <= pressure < self.pressure_limit:
+        limit = self.settings.pressure_limit
+        if not 0 <= pressure < limit:
             raise RigError(
-                f"a set pressure must be >= 0 and below the limit of {self.pressure_limit:.0f} Pa, "
-                f"got {pressure:.0f} Pa"
+                f"a set pressure must be >= 0 and below the limit of {limit:.0f} Pa, got "
+                f"{pressure:.0f} Pa"
             )
         feed_forward = self.calibration.feed_forward.output(pressure)
         answer = self.link.command("set", pressure / _PSI, feed_forward)

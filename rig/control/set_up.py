@@ -1,39 +1,18 @@
 """Before a test: greet the device, then send its transducer, its limits and its gains."""
 
-import dataclasses
 from typing import Any
 
-from famjax.boundary.units import UNITS
-
-from ..calibration.whole_rig import Calibration, calibration_as_dict
+from ..calibration.whole_rig import Calibration
 from ..errors import RigError
 from ..fault import RigFault
 from ..link.abstract_link import AbstractLink
 from ..protocol.messages import PROTOCOL
-from .settings import Control, Guards, device_calibration, jump_counts, trip_counts
+from .settings import RigSettings
 from .tripped import refuse_tripped, unseen, watch_rest
 
 HELLOS = 5
 """Times that a device is greeted: a board that was reset by opening its port starts in two seconds."""
 _LOOK = 0.05
-_PSI = UNITS["pressure"]["psi"]
-
-
-def limit_commands(
-    calibration: Calibration, pressure_limit: float, jump_limit: float, guards: Guards
-) -> list[tuple[str, tuple[float, ...]]]:
-    """The commands that set a device's transducer and limits.
-
-    Raises:
-        RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
-    """
-    trip = trip_counts(calibration, pressure_limit)
-    return [
-        ("cal", device_calibration(calibration)),
-        ("trip", (trip,)),
-        ("jump", (jump_counts(calibration, jump_limit),)),
-        *guards.commands(calibration, trip),
-    ]
 
 
 def greet(link: AbstractLink) -> None:
@@ -65,27 +44,18 @@ def greet(link: AbstractLink) -> None:
     link.alarms.clear()  # opening the port may have reset the board
 
 
-def set_up(
-    link: AbstractLink,
-    calibration: Calibration,
-    control: Control,
-    pressure_limit: float,
-    jump_limit: float,
-    guards: Guards,
-) -> dict[str, Any]:
+def set_up(link: AbstractLink, calibration: Calibration, settings: RigSettings) -> dict[str, Any]:
     """Send a device all that it controls with.
 
     Returns:
         What governs the test, for the journal: units in the keys.
 
     Raises:
-        RigError: as `limit_commands`, the device refuses it, it is tripped, or its transducer reads
-            a pressure that does not vent.
+        RigError: as `RigSettings.commands`, the device refuses it, it is tripped, or its transducer
+            reads a pressure that does not vent.
         RigFault: it does not answer.
     """
-    commands = limit_commands(calibration, pressure_limit, jump_limit, guards)
-    gains = control.proportional * _PSI, control.integral * _PSI
-    commands += [("gain", gains), ("ilim", control.integral_limits)]
+    commands = settings.commands(calibration)
     link.command("stop")
     refuse_tripped(link, calibration)
     for verb, values in commands:
@@ -96,16 +66,11 @@ def set_up(
             raise RigFault("the device does not report its settings; check the cable")
         link.sleep(_LOOK)
     alive = watch_rest(link, calibration)
-    hello, settings = session.hello, session.settings
-    return {
-        "pressure_limit_Pa": pressure_limit,
-        "jump_limit_Pa": jump_limit,
-        "guards": dataclasses.asdict(guards),
+    hello, stored = session.hello, session.settings
+    return settings.as_note(calibration) | {
         "unseen": tuple(unseen(calibration, alive=alive)),
-        "trip_counts": settings.trip if settings else None,
-        "jump_counts": settings.jump if settings else None,
-        "calibration": calibration_as_dict(calibration),
-        "control": dataclasses.asdict(control),
-        "gains_stored_counts_per_psi": settings.law.gains if settings else None,
+        "trip_counts": stored.trip if stored else None,
+        "jump_counts": stored.jump if stored else None,
+        "gains_stored_counts_per_psi": stored.law.gains if stored else None,
         "hello": hello._asdict() if hello else None,
     }

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from msgspec import Meta
 
@@ -10,7 +10,7 @@ from famjax.boundary.toml_file import check_fields
 from famjax.boundary.units import UNITS
 
 from ..calibration.sensor import READINGS
-from ..calibration.whole_rig import Calibration
+from ..calibration.whole_rig import Calibration, calibration_as_dict
 from ..errors import RigError
 
 _PSI = UNITS["pressure"]["psi"]
@@ -188,3 +188,46 @@ def floor_counts(calibration: Calibration) -> int:
     """
     zero = calibration.pressure.zero / READINGS
     return math.floor(FLOOR_SHARE * zero) if zero >= LIVE_ZERO else 0
+
+
+@dataclasses.dataclass(frozen=True)
+class RigSettings:
+    """What a device controls and trips with.
+
+    Attributes:
+        pressure_limit: at which it trips [Pa gauge]; there is no default.
+        control: gains.
+        jump_limit: change of the pressure within 10 ms at which it trips [Pa].
+        guards: when it takes its reading for one that cannot be true.
+    """
+
+    pressure_limit: float
+    control: Control
+    jump_limit: float = JUMP_LIMIT
+    guards: Guards = dataclasses.field(default_factory=Guards)
+
+    def commands(self, calibration: Calibration) -> list[tuple[str, tuple[float, ...]]]:
+        """The commands that set them, and the transducer.
+
+        Raises:
+            RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
+        """
+        trip, gains = trip_counts(calibration, self.pressure_limit), self.control
+        return [
+            ("cal", device_calibration(calibration)),
+            ("trip", (trip,)),
+            ("jump", (jump_counts(calibration, self.jump_limit),)),
+            *self.guards.commands(calibration, trip),
+            ("gain", (gains.proportional * _PSI, gains.integral * _PSI)),
+            ("ilim", gains.integral_limits),
+        ]
+
+    def as_note(self, calibration: Calibration) -> dict[str, Any]:
+        """What a journal holds of them, units in the keys."""
+        return {
+            "pressure_limit_Pa": self.pressure_limit,
+            "jump_limit_Pa": self.jump_limit,
+            "guards": dataclasses.asdict(self.guards),
+            "control": dataclasses.asdict(self.control),
+            "calibration": calibration_as_dict(calibration),
+        }

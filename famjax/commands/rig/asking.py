@@ -4,6 +4,23 @@ import sys
 
 from ...boundary.units import from_si
 
+PRECONDITIONS: dict[str, tuple[str, ...]] = {
+    "air": (
+        "The supply regulator is set no higher than muscle and hoses are rated for.",
+        "A normally open dump valve vents the muscle when it loses its supply.",
+        "The proportional valve exhausts at 0 % output.",
+        "Nobody stands in line with the muscle's ends.",
+    ),
+    "water": (
+        "A mechanical relief valve is fitted: software cannot stop the peak when the needle valve "
+        "blocks (239 psi and more were computed in a circuit that trips within 6 ms).",
+        "A normally open dump valve leads to the tank.",
+        "The pump stops at 0 % output, and its supply has a switch within reach.",
+        "The circuit is bled: trapped air stores energy.",
+    ),
+}
+"""What must hold before a circuit is pressurised and software cannot check."""
+
 
 def known_port(port: str | None) -> str:
     """The port, or an error that lists what there is to choose from."""
@@ -30,8 +47,6 @@ def typed(question: str) -> str:
 
 def tell_preconditions(test) -> None:
     """Print what must hold before the circuit of a test is pressurised and software cannot check."""
-    from rig.control import PRECONDITIONS
-
     print(
         f"Circuit of {test.circuit}, limit {test.pressure_limit / 1e3:.4g} kPa "
         f"({from_si(test.pressure_limit, 'psi', 'pressure'):.4g} psi). Make sure that:"

@@ -107,26 +107,42 @@ def rig_calibrate_pump(
     units
         Of the table: si, metric or us.
     """
-    from rig import read_plan
-    from rig.control import calibrate_pump
+    from rig import Rig, RigError, read_calibration, read_plan
+    from rig.calibration import update_calibration
+    from rig.control import calibrate_feed_forward
     from rig.link import Link, serial_opener
 
     with rig_problems():
         test, wait = read_plan(plan), parse_quantity(settle, "time")
         port = known_port(port)
+        if test.circuit != "water":
+            raise RigError(
+                f"the pump of a water circuit is stepped; the circuit is {test.circuit!r}, whose valve "
+                "neither fills nor empties at its middle, 127.5 counts, whatever the pressure"
+            )
+        if test.calibration is None:
+            raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
+        beyond = [output for output in steps if not 0 <= output <= 255]
+        if beyond:
+            raise RigError(f"an output is 0 to 255 counts, got {beyond[0]}")
+        calibration = read_calibration(test.calibration)
         tell_preconditions(test)
         confirm(f"{len(steps)} steps of the pump, the controller off", yes=yes)
         unit = unit_system(units)["pressure"]
-        with Link(serial_opener(port, baud)) as link:
-            found, path = calibrate_pump(
-                test, link, steps, settle=wait,
+        with Link(serial_opener(port, baud)) as link, Rig(
+            link, calibration, pressure_limit=test.pressure_limit, control=test.control,
+            jump_limit=test.jump_limit, guards=test.guards,
+        ) as rig:  # fmt: skip
+            found = calibrate_feed_forward(
+                rig, steps, settle=wait,
                 tell=lambda output, pressure: print(
                     f"output {output}: {from_si(pressure, unit, 'pressure'):.4g} {unit}", flush=True
                 ),
             )  # fmt: skip
+        update_calibration(test.calibration, "feed_forward", found)
         low, high = (f"{from_si(P, unit, 'pressure'):.4g}" for P in found.pressure_range)
     print(f"known from {low} to {high} {unit}, scatter {found.scatter:.2g} counts")
-    print("written:", path)
+    print("written:", test.calibration)
     return 0
 
 

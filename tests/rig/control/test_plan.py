@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from famjax.boundary.errors import InputError
+from famjax.commands.rig.asking import PRECONDITIONS
 from rig.control import (
-    PRECONDITIONS,
     Isobaric,
     describe,
     duration,
