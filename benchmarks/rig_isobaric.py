@@ -29,12 +29,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bare_regulator import Regulator
 
 from famjax.chain import simulate
 from fitting.records import Characterisation, IsobaricRecord, characterise, force_rmse
 from rig.control import Control, Isobaric, PlanFile
 from rig.device import NativeDevice, build_native
-from rig.simulation import Plant, Regulator, machine_for, mckibben
+from rig.simulation import Plant, machine_for, mckibben
 
 PSI, INCH, POUND = 6894.757293168361, 0.0254, 4.4482216152605
 GAINS = {"air": (4.0, 2.0), "water": (0.0, 5.0)}

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from famjax.boundary.toml_file import Form, NotNegative, Text, from_entries, read_toml
+from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
 
 from ..errors import RigError
 from .plan import Isobaric
@@ -137,6 +137,9 @@ class _RigTable(Guards):
     ] = Control.integral_limits
     calibration: Text | None = None
     jump_limit: NotNegative = JUMP_LIMIT
+    still: Positive = Guards.still  # checked once it is in seconds
+    frozen: Positive = Guards.frozen
+    stall: Positive = Guards.stall
 
 
 _TIMES = dict.fromkeys(("still", "frozen", "stall"), "time")

@@ -6,13 +6,11 @@ from .muscle import SimulatedMuscle as SimulatedMuscle, mckibben as mckibben
 from .orifice import iso_6358_flow as iso_6358_flow
 from .plant import Plant as Plant
 from .pneumatic import PneumaticCircuit as PneumaticCircuit, RunningPneumatic as RunningPneumatic
-from .regulator import Regulator as Regulator, RunningRegulator as RunningRegulator
 from .sensors import (
     SimulatedSensor as SimulatedSensor,
     load_cell as load_cell,
     pressure_transducer as pressure_transducer,
 )
-from .server import RigServer as RigServer
 from .simulated_rig import (
     CIRCUITS as CIRCUITS,
     SimulatedRig as SimulatedRig,

@@ -12,7 +12,6 @@ from .machine import MachineClock, TestMachine
 from .muscle import SimulatedMuscle, mckibben
 from .plant import Plant
 from .pneumatic import PneumaticCircuit
-from .regulator import Regulator
 from .sensors import SimulatedSensor, load_cell, pressure_transducer
 
 CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
@@ -58,7 +57,7 @@ class SimulatedRig:
 
     def __init__(
         self,
-        circuit: PneumaticCircuit | HydraulicCircuit | Regulator | None = None,
+        circuit: PneumaticCircuit | HydraulicCircuit | None = None,
         muscle: SimulatedMuscle | None = None,
         machine: TestMachine | None = None,
         device: Device | NativeDevice | None = None,

@@ -128,7 +128,9 @@ def rig_serve(
     import time
 
     from rig.calibration import write_calibration
-    from rig.simulation import CIRCUITS, RigServer, SimulatedRig
+    from rig.simulation import CIRCUITS, SimulatedRig
+
+    from .server import RigServer
 
     with rig_problems():
         simulated = SimulatedRig(CIRCUITS[circuit](), baud=baud, seed=seed)

@@ -11,7 +11,6 @@ from rig.simulation import (
     HydraulicCircuit,
     Plant,
     PneumaticCircuit,
-    Regulator,
     SimulatedMuscle,
     iso_6358_flow,
     machine_for,
@@ -191,36 +190,6 @@ def test_dump_valves_vent() -> None:
         assert run.pressure < 5 * PSI
 
 
-def test_a_bare_regulator_droops_and_relieves_as_stated() -> None:
-    c = Regulator(60 * PSI)
-    for rate in (2e-6, -2e-6):
-        run = c.start()
-        run.pressure = 60 * PSI
-        for _ in range(20_000):
-            run.step(0, False, V, rate, 0.0, 1e-3)  # constant volume: its loss is flow alone
-        flow_anr = (run.pressure + ATMOSPHERE) * abs(rate) / 1e5
-        if rate > 0:
-            assert run.pressure == pytest.approx(60 * PSI - c.feed_droop * flow_anr, abs=1)
-        else:
-            assert run.pressure == pytest.approx(
-                63 * PSI + c.relief_droop * flow_anr, abs=1
-            )  # beyond the dead zone of 3 psi
-
-
-def test_the_same_muscle_on_a_regulator_swings_by_several_psi() -> None:
-    muscle = mckibben()
-    run = Regulator(60 * PSI).start()
-    length, P = muscle.rest_length, []
-    for k in range(150_000):
-        speed = -0.508e-3 if k < 75_000 else 0.508e-3  # 0.02 in/s
-        _, volume, area, give = muscle.at(length, run.pressure)
-        run.step(0, False, volume, area * speed, give, 2e-3)
-        length += speed * 2e-3
-        if k > 5000:
-            P.append(run.pressure / PSI)
-    assert 4 < np.ptp(P) < 12  # figures 3.3 and 3.4: up to 8 psi
-
-
 @pytest.mark.parametrize(
     ("circuit", "outputs"),
     [(PneumaticCircuit(), (200, 128, 122, 133)), (HydraulicCircuit(), (190, 150, 150, 170))],
@@ -300,7 +269,6 @@ def test_mckibben_does_virtual_work_and_meets_the_printed_muscle() -> None:
         (lambda: PneumaticCircuit(critical_ratio=1.0), "critical_ratio"),
         (lambda: HydraulicCircuit(needle=-1.0), "needle must be a number >= 0"),
         (lambda: HydraulicCircuit(lag=math.nan), "lag must be a number > 0 and finite, got nan"),
-        (lambda: Regulator(0.0), "set_pressure"),
         (lambda: mckibben(rest_length=0.3), "rest_length must lie between"),
         (
             lambda: SimulatedMuscle(

@@ -3,9 +3,9 @@
 import dataclasses
 
 from famjax.boundary.toml_file import NotNegative, Positive, check_fields
-
-from ..errors import RigError
-from .circuits import ANR_PRESSURE, ATMOSPHERE, PSI
+from famjax.units import PSI
+from rig.errors import RigError
+from rig.simulation.circuits import ANR_PRESSURE, ATMOSPHERE
 
 _NORMAL_LITRE_PER_MINUTE = 1e-3 / 60  # m3/s, ANR
 
