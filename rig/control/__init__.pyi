@@ -16,10 +16,10 @@ from .plan import (
     Isobaric as Isobaric,
     Plan as Plan,
     Step as Step,
-    describe as describe,
     duration as duration,
     highest_pressure as highest_pressure,
     next_block as next_block,
+    seconds_of as seconds_of,
 )
 from .plan_file import (
     PlanFile as PlanFile,

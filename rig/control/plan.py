@@ -113,25 +113,3 @@ def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
     """
     passed = (note["block"] + 1 for note in notes if note["note"] in {"done", "skipped"})
     return max(passed, default=0)
-
-
-def describe(plan: Plan, first_block: int = 0) -> list[str]:
-    """One line for each step with the time at which it begins, units in the line; nothing is run.
-
-    >>> describe(Isobaric((1e5,), cycles=1, stroke=0.0625, rate=0.0009765625, settle=5.0))[:3]
-    ['     0.0 s  block 0: 100000 Pa', '     0.0 s  set 100000 Pa', '     0.0 s  wait 5 s']
-    """
-    texts = {
-        "block": "block {1}: {2:.0f} Pa",
-        "set": "set {1:.0f} Pa",
-        "wait": "wait {1:g} s",
-        "strokes": "{2} cycles, {3:g} s: stroke {4:g} m at {5:g} m/s",
-        "trigger": "trigger {1}",
-        "note": "note {1} {2}",
-        "done": "block {1} is complete",
-    }
-    at, lines = 0.0, []
-    for step in plan.steps(first_block):
-        lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
-        at += seconds_of(step)
-    return lines

@@ -1,8 +1,10 @@
 """The firmware's core in Python, byte for byte what the C core sends: a device without hardware."""
 
+import struct
+
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import crc16, frame
-from ..protocol.messages import DRIVEN, PROTOCOL, STATES
+from ..protocol.messages import DRIVEN, PROTOCOL, STATES, Sample
 from .guards import (
     COUNTER,
     NUMBER,
@@ -12,7 +14,6 @@ from .guards import (
     WATCHDOG,
     DeviceControl,
     Latch,
-    StoredRecord,
 )
 from .host_line import (
     ARGUMENTS,
@@ -44,6 +45,7 @@ _ANSWER, _REPEAT, _REPORT, _SETTINGS = _SAMPLE + 50, 2 * _SAMPLE, _SAMPLE + 100,
 _COMMENT_TICKS = 100
 _FUTURE = 1 << 31  # a record this old is one that is still to come
 _LINE_END = (b"\r", b"\n")
+_MEMORY = struct.Struct("<HBBH")
 
 
 class Device:
@@ -101,6 +103,7 @@ class Device:
         self._cause = cause
         fault = WATCHDOG if cause & WATCHDOG_RESET else 0
         self._control = DeviceControl(
+            self.boot,
             fault,
             least_div=-(-_SAMPLE // self._budget),
             trip_ceiling=self._trip_ceiling,
@@ -108,7 +111,7 @@ class Device:
         )
         self._latched = self._control.latch
         self._memory.store(self.boot, self._latched)
-        self._ring: list[StoredRecord] = []
+        self._ring: list[Sample] = []
         self._received, self._line = bytearray(), bytearray()
         self._sending = bytearray(b"\n")  # ends the line that the reset has cut
         self._strict = self._human = False
@@ -172,7 +175,7 @@ class Device:
             self._ring.append(record)
             if len(self._ring) > self._size:
                 del self._ring[0]
-            self._send_record((control.seq - 1) & COUNTER, record)
+            self._send_record(record)
         if control.latch is not self._latched:
             self._latched = control.latch
             self._memory.store(self.boot, control.latch)
@@ -196,11 +199,12 @@ class Device:
     def _send(self, kind: str, *fields: int | str) -> None:
         self._sending += frame(",".join([kind, *map(str, fields)]))
 
-    def _send_record(self, seq: int, record: StoredRecord) -> None:
+    def _send_record(self, record: Sample) -> None:
         if self._room() < _SAMPLE:
             self._dropped = (self._dropped + 1) & 0xFFFF
             return
-        self._sending += _record_line(self.boot, seq, record)
+        body = b"T,%d,%d,%d,%d,%d,%d,%d,%d,%d" % record
+        self._sending += b"%b*%04X\n" % (body, crc16(body))
 
     def _report(self) -> None:
         """One of the lines that are due, where there is room."""
@@ -255,7 +259,7 @@ class Device:
             self._mask >>= 1
             self._base = (self._base + 1) & COUNTER
             if wanted and 1 <= age <= kept:
-                self._send_record((seq - age) & COUNTER, self._ring[-age])
+                self._send_record(self._ring[-age])
                 return
             if wanted and kept < age < _FUTURE and not self._range_sent:
                 self._range_sent = True
@@ -323,40 +327,26 @@ class Device:
 
 
 class Memory:
-    """What outlives a reset: boot counter, and the trip that is latched.
+    """What outlives a reset.
 
     Args:
         eeprom: where it is kept; what does not fit into it lives as long as the device.
+
+    Attributes:
+        boot: the boot counter.
+        latch: the trip: fault, output, counts.
     """
 
     def __init__(self, eeprom: bytearray | None) -> None:
         self._eeprom = bytearray() if eeprom is None else eeprom
-        self._bytes = self._eeprom + b"\xff" * (6 - len(self._eeprom))
-
-    @property
-    def boot(self) -> int:
-        """The boot counter."""
-        return int.from_bytes(self._bytes[:2], "little")
-
-    @property
-    def latch(self) -> Latch:
-        """The trip: fault, output, counts."""
-        return Latch(self._bytes[2], self._bytes[3], int.from_bytes(self._bytes[4:], "little"))
+        blank = b"\xff" * (_MEMORY.size - len(self._eeprom))
+        self.boot, *latch = _MEMORY.unpack((self._eeprom + blank)[: _MEMORY.size])
+        self.latch = Latch(*latch)
 
     def store(self, boot: int, latch: Latch) -> None:
         """Keep both."""
-        fault, output, count = latch
-        numbers = boot.to_bytes(2, "little"), bytes((fault, output)), count.to_bytes(2, "little")
-        self._bytes = bytearray(b"".join(numbers))
-        self._eeprom[:] = self._bytes[: len(self._eeprom)]
-
-
-def _record_line(boot: int, seq: int, record: StoredRecord) -> bytes:
-    tick, sum_p, count, sum_f, output, integral, flags = record
-    body = b"T,%d,%d,%d,%d,%d,%d,%d,%d,%d" % (
-        boot & 15, seq, tick, sum_p, count, sum_f, output, integral, flags
-    )  # fmt: skip
-    return b"%b*%04X\n" % (body, crc16(body))
+        self.boot, self.latch = boot, latch
+        self._eeprom[:] = _MEMORY.pack(boot, *latch)[: len(self._eeprom)]
 
 
 def _hundredths(pressure: int) -> str:

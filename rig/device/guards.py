@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from ..protocol.control_law import INTEGRAL_UNIT, ControlLaw, drive, next_integral, pressure_error
-from ..protocol.messages import DRIVEN, MANUAL, RUN, SAFE, TRIP
+from ..protocol.messages import DRIVEN, MANUAL, RUN, SAFE, TRIP, Sample
 from .plausibility import Plausibility, Tick
 
 SILENCE, OVER_PRESSURE, JUMP, STALL, WATCHDOG, RANGE, FROZEN, NO_RESPONSE = range(1, 9)  # of FAULTS
@@ -46,18 +46,6 @@ LIMITS = {
 """The limits that act at once: attribute, and in what unit of the command's number it is kept."""
 
 
-class StoredRecord(NamedTuple):
-    """The contents of a record, except its number."""
-
-    tick: int
-    pressure_sum: int
-    pressure_count: int
-    force_sum: int
-    output: int
-    integral: int
-    flags: int
-
-
 class Latch(NamedTuple):
     """What a trip leaves behind, also over a reset; `fault` is none of `TRIPS` where none is latched."""
 
@@ -74,7 +62,10 @@ class DeviceControl:
     limits of the guards act at once.
     """
 
-    def __init__(self, fault: int, least_div: int, trip_ceiling: int, latch: Latch) -> None:
+    def __init__(
+        self, boot: int, fault: int, least_div: int, trip_ceiling: int, latch: Latch
+    ) -> None:
+        self._boot = boot & 15
         self._least_div = least_div  # ticks per record that the serial line can carry
         self._trip_ceiling = trip_ceiling
         self.latch = latch if latch.fault in TRIPS else Latch()
@@ -104,7 +95,7 @@ class DeviceControl:
         self._over = self._jumped = self._outside = 0
         self._stall_ticks = self._stall_from = 0
 
-    def step(self, pressure: int, force: int) -> StoredRecord | None:
+    def step(self, pressure: int, force: int) -> Sample | None:
         """One tick: guards, output, and the record where one is complete."""
         self.tick = (self.tick + 1) & COUNTER
         if self.phase == 0:
@@ -209,13 +200,12 @@ class DeviceControl:
         self._stall_ticks += 1
         return self._stall_ticks >= self.stall
 
-    def _end_record(self) -> StoredRecord:
+    def _end_record(self) -> Sample:
         self.phase = 0
-        self.seq = (self.seq + 1) & COUNTER
+        seq, self.seq = self.seq, (self.seq + 1) & COUNTER
+        sums = self._sum_p, self.count, self._sum_f
         flags = self.state + 4 * self.sync + 16 * self.fault
-        return StoredRecord(
-            self.tick, self._sum_p, self.count, self._sum_f, self.output, self._integral, flags
-        )
+        return Sample(self._boot, seq, self.tick, *sums, self.output, self._integral, flags)
 
     def in_force(self) -> int:
         """The first record that a command given now governs in full."""

@@ -1,5 +1,6 @@
 """How the device reads a line of the host: check, words, numbers, all in integers."""
 
+import re
 from typing import NamedTuple
 
 from ..protocol.lines import crc16
@@ -10,6 +11,8 @@ LINE_LIMIT = 63
 _DIGITS = b"0123456789"
 _PRINTABLE = bytes(range(ord(" "), ord("~") + 1))
 _HEX = b"0123456789ABCDEF"
+_NUMBER = re.compile(rb"(-?)(\d{1,6})(?:\.(\d{0,4}))?").fullmatch
+_REQUEST = re.compile(rb"(\d{1,10}) ([\dA-Fa-f]{1,16})").fullmatch
 
 
 class Number(NamedTuple):
@@ -75,16 +78,14 @@ def split_command(body: bytes) -> tuple[int, bytes, list[bytes]]:
 
 def read_number(word: bytes, number: Number) -> int | None:
     """A decimal number of at most six digits and four decimals, as the device stores it."""
-    negative = word.startswith(b"-")
-    whole, point, fraction = word[negative:].partition(b".")
-    if not 1 <= len(whole) <= 6 or len(fraction) > 4 or (point and number.unit == 1):
+    match = _NUMBER(word)
+    if match is None or (number.unit == 1 and b"." in word):
         return None
-    if not all(d in _DIGITS for d in whole + fraction):
-        return None
+    sign, whole, fraction = match.groups(b"")
     tens = 10 ** len(fraction)
     part = (2 * int(fraction or b"0") * number.unit + tens) // (2 * tens)
     value = int(whole) * number.unit + part
-    value = -value if negative else value
+    value = -value if sign else value
     return value if number.low <= value <= number.high else None
 
 
@@ -100,11 +101,7 @@ def read_numbers(verb: bytes, words: list[bytes]) -> list[int] | None:
 
 def read_request(words: list[bytes]) -> tuple[int, int] | None:
     """First record and mask of a re-request, `rp base hexmask`."""
-    if len(words) != 2:
+    match = _REQUEST(b" ".join(words))
+    if match is None or int(match[1]) > 0xFFFFFFFF:
         return None
-    base, mask = words
-    if not (1 <= len(base) <= 10 and all(d in _DIGITS for d in base) and int(base) <= 0xFFFFFFFF):
-        return None
-    if not (1 <= len(mask) <= 16 and all(d in _HEX for d in mask.upper())):
-        return None
-    return int(base), int(mask, 16)
+    return int(match[1]), int(match[2], 16)

@@ -68,13 +68,9 @@ class RunningHydraulic:
         dump: opening of the dump valve, 0 to 1.
     """
 
-    __slots__ = ("_keep", "circuit", "dump", "pressure", "speed")
-
     def __init__(self, circuit: HydraulicCircuit) -> None:
         self.circuit = circuit
-        self.pressure = 0.0
-        self.speed = 0.0
-        self.dump = 0.0
+        self.pressure = self.speed = self.dump = 0.0
         self._keep = (0.0, 0.0, 0.0)
 
     def step(

@@ -75,13 +75,9 @@ class RunningPneumatic:
         dump: opening of the dump valve, 0 to 1.
     """
 
-    __slots__ = ("_keep", "circuit", "dump", "opening", "pressure")
-
     def __init__(self, circuit: PneumaticCircuit) -> None:
         self.circuit = circuit
-        self.pressure = 0.0
-        self.opening = 0.0
-        self.dump = 0.0
+        self.pressure = self.opening = self.dump = 0.0
         self._keep = (0.0, 0.0, 0.0)  # dt, what half of it leaves of the valves' errors
 
     def step(

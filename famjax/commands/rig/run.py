@@ -10,7 +10,7 @@ from .asking import confirm, known_port, tell_preconditions
 from .problems import rig_problems
 
 if TYPE_CHECKING:
-    from rig.control import Start
+    from rig.control import Plan, Start
 
     from .camera_command import CameraCommand
 
@@ -65,7 +65,7 @@ def rig_run(
         Of the values: si, metric or us.
     """
     from rig import Link, read_plan
-    from rig.control import JOURNAL, describe, duration, prepare, record_test
+    from rig.control import JOURNAL, duration, prepare, record_test
     from rig.link import serial_opener
 
     from .attended import attended, clock, new_monitor
@@ -113,3 +113,28 @@ def _report_photographs(camera: "CameraCommand | None") -> None:
     print(f"photographs: {camera.taken}, of which {len(camera.failed)} failed")
     for name, why in camera.failed.items():
         print(f"- {name}: {why}", file=sys.stderr)
+
+
+def describe(plan: "Plan", first_block: int = 0) -> list[str]:
+    """One line for each step with the time at which it begins, units in the line; nothing is run.
+
+    >>> from rig.control import Isobaric
+    >>> describe(Isobaric((1e5,), cycles=1, stroke=0.0625, rate=0.0009765625, settle=5.0))[:3]
+    ['     0.0 s  block 0: 100000 Pa', '     0.0 s  set 100000 Pa', '     0.0 s  wait 5 s']
+    """
+    from rig.control import seconds_of
+
+    texts = {
+        "block": "block {1}: {2:.0f} Pa",
+        "set": "set {1:.0f} Pa",
+        "wait": "wait {1:g} s",
+        "strokes": "{2} cycles, {3:g} s: stroke {4:g} m at {5:g} m/s",
+        "trigger": "trigger {1}",
+        "note": "note {1} {2}",
+        "done": "block {1} is complete",
+    }
+    at, lines = 0.0, []
+    for step in plan.steps(first_block):
+        lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
+        at += seconds_of(step)
+    return lines

@@ -6,15 +6,15 @@ import pytest
 
 from famjax.boundary.errors import InputError
 from famjax.commands.rig.asking import PRECONDITIONS
+from famjax.commands.rig.run import describe
 from rig.control import (
     Isobaric,
-    describe,
     duration,
     highest_pressure,
     next_block,
     read_plan,
+    seconds_of,
 )
-from rig.control.plan import seconds_of
 
 PSI = 6894.757293168361
 PLAN = Isobaric((1e5, 3e5, 2e5), cycles=2, stroke=0.05, rate=0.001, settle=4.0)
