@@ -23,8 +23,11 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "rig"))
+
+from native import NativeDevice, build_native  # pyright: ignore[reportMissingImports]
+
 from rig.control import Control, Rig
-from rig.device import NativeDevice, build_native
 from rig.errors import RigError
 from rig.fault import RigFault
 from rig.link import VirtualLink

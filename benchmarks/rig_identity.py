@@ -26,9 +26,10 @@ from avr import (  # pyright: ignore[reportMissingImports]
     silence_delay,
 )
 from lock_step import lock_step  # pyright: ignore[reportMissingImports]
+from native import NativeDevice, build_native  # pyright: ignore[reportMissingImports]
 from session_fuzz import Fuzz  # pyright: ignore[reportMissingImports]
 
-from rig.device import Device, NativeDevice, build_native, firmware_folder
+from rig.device import Device, firmware_folder
 
 CHUNK = 100_000  # ticks of one seed
 TICK = 2e-3  # s

@@ -23,18 +23,22 @@ here was tuned to it. The simulated machine turns in no time, a real one somewha
 import argparse
 import dataclasses
 import json
+import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "rig"))
+
 from bare_regulator import Regulator
+from native import NativeDevice, build_native  # pyright: ignore[reportMissingImports]
 
 from famjax.chain import simulate
 from fitting.records import Characterisation, IsobaricRecord, characterise, force_rmse
 from rig.control import Control, Isobaric, PlanFile
-from rig.device import NativeDevice, build_native
 from rig.simulation import Plant, machine_for, mckibben
 
 PSI, INCH, POUND = 6894.757293168361, 0.0254, 4.4482216152605

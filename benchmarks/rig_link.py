@@ -32,7 +32,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.device import Device, NativeDevice, build_native
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "rig"))
+
+from native import NativeDevice, build_native  # pyright: ignore[reportMissingImports]
+
+from rig.device import Device
 from rig.journal import Journal, read_journal
 from rig.link import Link, Lost, Session, serial_opener
 from rig.protocol import Sample, parse
@@ -45,7 +49,7 @@ COUNTS = 1 << 16
 PAGE = 4096
 
 
-def make_device(folder: Path, baud: int) -> Device | NativeDevice:
+def make_device(folder: Path, baud: int) -> Device:
     """The C core where there is a compiler, else its Python port, which sends the same bytes."""
     pace = {115_200: 23, 500_000: 100}[baud]
     if shutil.which("cc"):

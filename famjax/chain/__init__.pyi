@@ -9,6 +9,7 @@ from .photographs import (
 )
 from .simulation import (
     SimulatedTest as SimulatedTest,
+    Watcher as Watcher,
     simulate as simulate,
     simulated_muscle as simulated_muscle,
 )

@@ -13,8 +13,8 @@ import famjax
 from famjax.units import PSI
 from fitting.records import read_machine_log, write_dataset
 from rig.calibration import Calibration
-from rig.control import JOURNAL, PlanFile, Watcher, record_test
-from rig.device import Device, NativeDevice
+from rig.control import JOURNAL, Attendant, PlanFile, Request, Situation, record_test
+from rig.device import Device
 from rig.errors import RigError
 from rig.journal import read_journal
 from rig.link import VirtualLink
@@ -49,6 +49,25 @@ class SimulatedTest:
     paths: tuple[Path, ...]
 
 
+class Watcher(Attendant):
+    """Reports progress about every second of the plan.
+
+    Args:
+        progress: called with the seconds done and the seconds planned.
+    """
+
+    def __init__(self, progress: Callable[[float, float], None]) -> None:
+        self._progress = progress
+        self._due = 0.0
+
+    def look(self, situation: Situation) -> Request:
+        """Report where a second has passed."""
+        if situation.done >= self._due:
+            self._due = situation.done + 1.0
+            self._progress(situation.done, situation.done + situation.left)
+        return ""
+
+
 def simulated_muscle(
     members: Sequence[famjax.Muscle], *, shortest: float, friction: float = 0.02
 ) -> SimulatedMuscle:
@@ -80,7 +99,7 @@ def simulate(
     specimen: Mapping[str, object] | None = None,
     clock: MachineClock | None = None,
     clock_rate: float = -0.002,
-    device: Device | NativeDevice | None = None,
+    device: Device | None = None,
     baud: int = 115200,
     seed: int = 0,
     began: datetime.datetime | None = None,

@@ -102,10 +102,5 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
             "each step, start where the pump begins to deliver, and check the needle valve"
         )
     covariance = scatter**2 * np.linalg.inv(A.T @ A)
-    return FeedForward(
-        tuple(map(float, c)),
-        scale,
-        (float(P.min()), float(P.max())),
-        tuple(tuple(map(float, row)) for row in covariance),
-        scatter,
-    )
+    rows, known = tuple(map(tuple, covariance.tolist())), (float(P.min()), float(P.max()))
+    return FeedForward(tuple(c.tolist()), scale, known, rows, scatter)

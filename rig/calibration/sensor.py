@@ -124,11 +124,5 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     # gain = 1/slope turns the sign of its correlation with the zero
     correlation = variance * x.mean() / spread / (slope_std * zero_std) if variance else 0.0
     gain = 1 / slope
-    return Sensor(
-        gain,
-        zero,
-        slope_std * gain * gain,
-        zero_std,
-        float(correlation),
-        math.sqrt(variance) * abs(gain),
-    )
+    scatter = math.sqrt(variance) * abs(gain)
+    return Sensor(gain, zero, slope_std * gain * gain, zero_std, float(correlation), scatter)

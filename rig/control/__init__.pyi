@@ -1,10 +1,10 @@
 from .attendant import (
     Attendant as Attendant,
+    LoadChange as LoadChange,
     Request as Request,
     Situation as Situation,
-    Watcher as Watcher,
+    Start as Start,
 )
-from .first_stroke import LoadChange as LoadChange, Start as Start
 from .operator import (
     JOURNAL as JOURNAL,
     ports as ports,

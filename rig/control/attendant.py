@@ -1,13 +1,15 @@
-"""Who attends a run: is told what to do, sees the rig at every look, and may steer the plan."""
+"""Who attends a run: gets instructions, sees the rig at every look, and may steer the plan."""
 
-from collections.abc import Callable
+from collections import deque
 from typing import Literal, NamedTuple
+
+import numpy as np
 
 from ..protocol.messages import Sample
 
 Request = Literal["", "go", "pause", "skip", "repeat"]
-"""What an attendant asks for: nothing; strokes are under way; hold the pressure and let the plan
-stand, or go on; leave this block; begin it anew."""
+"""An attendant's request: none; strokes are under way; pause with the pressure held, or go on; skip
+this block; repeat it."""
 
 Phase = Literal["settling", "ready", "strokes", "paused"]
 """What a run waits for: the pressure, the first stroke, the last one, the attendant."""
@@ -25,7 +27,7 @@ class Situation(NamedTuple):
         pressure: measured [Pa gauge].
         set_point: set pressure [Pa gauge].
         done: time of the plan that has passed [s].
-        left: time of the plan that is left [s], waiting for people neglected.
+        left: time of the plan that is left [s], neglecting the time that the operator takes.
         newest: the device's newest record.
     """
 
@@ -42,30 +44,56 @@ class Situation(NamedTuple):
 
 
 class Attendant:
-    """Nobody: sees all and asks for nothing; subclasses show and steer."""
+    """An attendant that requests nothing; subclasses display and steer."""
 
     def tell(self, text: str) -> None:
-        """Something that a person at the machine has to know or do."""
+        """An instruction to the operator."""
 
     def look(self, situation: Situation) -> Request:  # noqa: ARG002 -- for subclasses
-        """Called about twenty times a second; what to do."""
+        """Called about twenty times a second; returns a request."""
         return ""
 
 
-class Watcher(Attendant):
-    """Reports progress about every second of the plan.
+Start = Literal["at once", "asked", "load"]
+"""When strokes count as begun: as soon as they are requested, when the attendant confirms them, or
+when the load changes."""
+
+AGO = 20
+"""Looks that lie between the load before and the load now, a second."""
+LOOKS = 40
+"""Looks whose mean is the load before, two seconds."""
+SPREADS = 6.0
+"""Standard deviations by which the load must have changed, in three looks in a row."""
+IN_A_ROW = 3
+
+
+class LoadChange:
+    """Detects a load that leaves its mean over the preceding seconds.
+
+    Creep of the bladder is slow and stays within it; a stroke is not.
 
     Args:
-        progress: called with the seconds done and the seconds planned.
+        least: the smallest change that counts [unit of the load], as of a reading or two.
+
+    >>> change = LoadChange(1.0)
+    >>> any(change.seen(load) for load in [500.0, 500.4] * 50)
+    False
+    >>> [change.seen(load) for load in (502.0, 504.0, 506.0)]
+    [False, False, True]
     """
 
-    def __init__(self, progress: Callable[[float, float], None]) -> None:
-        self._progress = progress
-        self._due = 0.0
+    def __init__(self, least: float) -> None:
+        self._least = least
+        self._loads: deque[float] = deque(maxlen=LOOKS + AGO)
+        self._beyond = 0
 
-    def look(self, situation: Situation) -> Request:
-        """Report where a second has passed."""
-        if situation.done >= self._due:
-            self._due = situation.done + 1.0
-            self._progress(situation.done, situation.done + situation.left)
-        return ""
+    def seen(self, load: float) -> bool:
+        """Take the load of a look; whether strokes have begun."""
+        before = list(self._loads)[:LOOKS]
+        full = len(self._loads) == LOOKS + AGO
+        self._loads.append(load)
+        if not full:
+            return False
+        spread = max(SPREADS * float(np.std(before)), self._least)
+        self._beyond = self._beyond + 1 if abs(load - float(np.mean(before))) > spread else 0
+        return self._beyond >= IN_A_ROW

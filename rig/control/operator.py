@@ -1,25 +1,27 @@
-"""A test on a port from start to end, recorded; what ports there are."""
+"""A test from start to end, recorded, and whether it may go on; what ports there are."""
 
 import datetime
+import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from ..calibration.whole_rig import Calibration, read_calibration
 from ..errors import RigError
-from ..journal.reader import read_journal
+from ..journal.reader import Record, read_journal
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
-from .attendant import Attendant
-from .first_stroke import Start
-from .plan import duration
+from .attendant import Attendant, Start
+from .plan import duration, next_block
 from .plan_file import PlanFile
 from .plan_run import Machine, check_plan, run
-from .resumption import resumed_block
 from .rig import Rig
 from .settings import check_feed_forward
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""
+_FIELD = re.compile(r"(\w+)=(.*?)(?=, \w+=|\)$)")
 
 
 def ports() -> list[dict[str, str]]:
@@ -147,3 +149,43 @@ def record_test(
         if empty:  # the device refused the test: nothing has run
             path.unlink()
         raise
+
+
+def resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> int:
+    """The block with which a test goes on in the journal that it began.
+
+    Raises:
+        RigError: what differs from the test that the journal holds, or it is complete.
+    """
+    apart = _plan_differences(record, repr(test.plan))
+    for note in record.notes_of("rig")[-1:]:
+        apart += _differences(note, json.loads(json.dumps(test.settings.as_note(calibration))))
+    if apart:
+        raise RigError(
+            f"{record.path} cannot be resumed with another test: {'; '.join(apart)}. Restore what it "
+            "was begun with, or record into another folder"
+        )
+    block = next_block(record.notes)
+    if block >= len(test.plan.pressures):
+        raise RigError(f"{record.path} is complete: nothing is left to resume")
+    return block
+
+
+def _plan_differences(record: Record, plan: str) -> list[str]:
+    for note in record.notes_of("plan")[-1:]:
+        if note["plan"] != plan:
+            before, after = (dict(_FIELD.findall(text)) for text in (note["plan"], plan))
+            return _differences(before, after) or [f"the plan was {note['plan']}, is {plan}"]
+    return []
+
+
+def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
+    """What has another value, a name and both values each; of tables the entries that have."""
+    found = []
+    for name, value in after.items():
+        old = before.get(name)
+        if isinstance(value, dict) and isinstance(old, dict):
+            found += [f"{name}: {one}" for one in _differences(old, value)]
+        elif old != value:
+            found.append(f"{name} was {old}, is {value}")
+    return found

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from ..calibration.feed_forward import FeedForward, fit_feed_forward
+from ..link.mean_counts import mean_counts
 from .rig import Rig
 
 
@@ -34,7 +35,7 @@ def calibrate_feed_forward(
     for output in outputs:
         rig.manual(int(output))
         rig.wait(settle)
-        counts, _ = rig.average(average)
+        counts, _ = mean_counts(rig.link, average, rig.wait)
         pressures.append(float(rig.calibration.pressure.value(counts)))
         rig.note("step", output=int(output), pressure_Pa=pressures[-1])
         if tell is not None:

@@ -68,19 +68,13 @@ class Isobaric:
             raise RigError(
                 f"the plan has blocks 0 to {len(self.pressures) - 1}, it cannot start at {first_block}"
             )
+        seconds = self.cycles * 2 * self.stroke / self.rate
+        strokes = self.cycles, seconds, self.stroke, self.rate, self.photograph_every
         for block, pressure in list(enumerate(self.pressures))[first_block:]:
             yield ("block", block, pressure)
             yield ("set", pressure)
             yield ("wait", self.settle)
-            yield (
-                "strokes",
-                block,
-                self.cycles,
-                self.cycles * 2 * self.stroke / self.rate,
-                self.stroke,
-                self.rate,
-                self.photograph_every,
-            )
+            yield ("strokes", block, *strokes)
             yield ("done", block)
 
 

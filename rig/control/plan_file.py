@@ -26,7 +26,7 @@ class PlanFile:
         control: gains.
         calibration: path of the calibration, absolute; None where the file names none.
         jump_limit: change of the pressure within 10 ms that trips [Pa].
-        guards: when the device takes its reading for one that cannot be true.
+        guards: when the device rejects its reading as implausible.
     """
 
     plan: Isobaric
@@ -68,7 +68,7 @@ def read_plan(path: str | Path) -> PlanFile:
     calibration = "calibration.toml"
 
     [rig] may have integral_limits_counts = [-128, 128], and jump_limit_psi = 15: a change within
-    10 ms that trips; and the guards against a reading that cannot be true, see `Guards`:
+    10 ms that trips; and the guards against an implausible reading, see `Guards`:
     reading_floor_counts, reading_ceiling_counts = 963, still_s = 0.7, frozen_output_counts = 4,
     frozen_s = 0.75, stall_s = 3.
 
@@ -113,13 +113,8 @@ def isobaric_from_dict(entries: Mapping[str, Any], where: str = "") -> Isobaric:
 
 
 _PLAN_FORM = Form(
-    kinds={
-        "pressures": "pressure",
-        "stroke": "length",
-        "rate": "rate",
-        "settle": "time",
-        "photograph_every": "time",
-    }
+    {"pressures": "pressure", "stroke": "length", "rate": "rate"}
+    | dict.fromkeys(("settle", "photograph_every"), "time")
 )
 
 

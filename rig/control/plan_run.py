@@ -1,4 +1,4 @@
-"""A plan carried out on a rig, block by block, with somebody who may steer it."""
+"""A plan carried out on a rig, block by block, with an attendant who may steer it."""
 
 import math
 from collections import deque
@@ -9,8 +9,7 @@ from famjax.boundary.units import UNITS
 from ..calibration.sensor import READINGS
 from ..calibration.whole_rig import Calibration
 from ..errors import RigError
-from .attendant import Attendant, Phase, Request, Situation
-from .first_stroke import LoadChange, Start
+from .attendant import Attendant, LoadChange, Phase, Request, Situation, Start
 from .plan import Plan, Step, duration, highest_pressure, seconds_of
 from .rig import LOOK, Rig
 
@@ -55,7 +54,7 @@ def run(
         plan: what to do.
         machine: makes the strokes; without one the plan waits for as long as they last.
         first_block: where to begin; `next_block` of a journal's notes resumes it.
-        attendant: is told when to start the strokes, sees the rig at every look, may steer.
+        attendant: gets the instruction to start the strokes, sees the rig at every look, may steer.
         start: without a machine, when the strokes of a block count as begun.
 
     Raises:
@@ -137,14 +136,13 @@ class _Run:
             following = self._blocks(following)
 
     def _blocks(self, first: int) -> int | None:
-        """The steps of a block and of those behind it; the block with which to begin anew, if any."""
+        """The steps of a block and of those behind it; the block to go back or on to, if any."""
         self._left = duration(self._plan, first)
         try:
             for step in self._plan.steps(first):
-                before = self._left
+                left = self._left - seconds_of(step)
                 self._carry_out(step)
-                passed = seconds_of(step)
-                self._left = before - passed
+                self._left = left
         except _BlockLeft as left:
             return left.following
         return None
@@ -201,17 +199,16 @@ class _Run:
 
     def _wait_for_the_first(self, step: Step) -> None:
         """Ask for the strokes, and hold the pressure until they have begun."""
-        _, block, cycles, seconds, stroke, rate, _ = step
-        self._attendant.tell(self._start_strokes(block, cycles, seconds, stroke, rate))
+        self._attendant.tell(self._start_strokes(step))
         if self._machine is not None or self._start == "at once":
             return
         rig, held = self._rig, self._held
         change = LoadChange(abs(rig.calibration.force.gain) * READINGS)
         while True:
-            asked = self._look("ready", LOOK, 0, cycles)
+            asked = self._look("ready", LOOK, 0, step[2])
             if not held and self._held:
                 held = True
-                self._attendant.tell(self._start_strokes(block, cycles, seconds, stroke, rate))
+                self._attendant.tell(self._start_strokes(step))
             if self._start == "load" and change.seen(rig.force):
                 return
             if asked == "go" and held:  # the first stroke itself may disturb the pressure
@@ -264,10 +261,9 @@ class _Run:
                 self._attendant.tell(f"block {self._block} is {what}: stop the strokes")
                 raise _BlockLeft(self._block + (asked == "skip"))
 
-    def _start_strokes(
-        self, block: int, cycles: int, seconds: float, stroke: float, rate: float
-    ) -> str:
-        """What a person at the test machine is told, with the pressure that is measured."""
+    def _start_strokes(self, step: Step) -> str:
+        """The instruction to the person at the test machine, with the measured pressure."""
+        _, block, cycles, seconds, stroke, rate, _ = step
         measured, wanted = self._rig.pressure, self._rig.set_point
         held = self._held
         return (

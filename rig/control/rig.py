@@ -12,7 +12,6 @@ from ..fault import ADVICE, RigFault
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
-from ..link.mean_counts import mean_counts
 from ..protocol.control_law import TICK_HZ
 from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, TRIP, Sample
 from .set_up import greet, set_up
@@ -35,14 +34,14 @@ class Rig:
         pressure_limit: at which the device trips [Pa gauge]; there is no default.
         control: gains.
         jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
-        guards: when the device takes its reading for one that cannot be true.
+        guards: when the device rejects its reading as implausible.
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
 
     Attributes:
         settings: what the device controls and trips with.
         lost: records that the line lost.
-        unseen: what the device cannot tell about its transducer, in sentences; known once entered.
+        unseen: faults of its transducer that the device cannot detect, in sentences; known once entered.
         set_point: the pressure that was set last [Pa], nan before.
 
     Raises:
@@ -181,14 +180,6 @@ class Rig:
         """End the test at the next look, from any thread."""
         self._cancelled = True
 
-    def average(self, seconds: float) -> tuple[float, float]:
-        """Mean sums of five readings of pressure and force [counts] over a time [s].
-
-        Raises:
-            RigFault: as `wait` and `mean_counts`.
-        """
-        return mean_counts(self.link, seconds, self.wait)
-
     def sync(self, seconds: float) -> None:
         """Raise the sync pin for a time [s], in whole records, and note with which one it begins.
 
@@ -202,7 +193,7 @@ class Rig:
         self.note("sync", seq=answer.seq, records=records)
 
     def trigger(self, name: str) -> None:
-        """Take a photograph and note at which tick it was asked for."""
+        """Take a photograph and note the tick of the request."""
         newest = self.link.newest
         self.note("trigger", name=name, tick=newest.tick if newest else None)
         if self._camera is not None:

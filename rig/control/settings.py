@@ -120,7 +120,7 @@ _Reading = Annotated[int, Meta(ge=0, le=1023, description="0 to 1023 counts")]
 
 @dataclasses.dataclass(frozen=True)
 class Guards:
-    """When the device trips because its reading cannot be true; `firmware/README.md` says why.
+    """When the device trips because its reading is implausible; the reasons are in `firmware/README.md`.
 
     Attributes:
         floor: least plausible reading [counts of one conversion]; None derives it from the
@@ -198,7 +198,7 @@ class RigSettings:
         pressure_limit: at which it trips [Pa gauge]; there is no default.
         control: gains.
         jump_limit: change of the pressure within 10 ms at which it trips [Pa].
-        guards: when it takes its reading for one that cannot be true.
+        guards: when it rejects its reading as implausible.
     """
 
     pressure_limit: float

@@ -1,4 +1,4 @@
-"""A device before its first pressure: is it tripped, and does its transducer tell anything?"""
+"""A device before its first pressure: whether it is tripped, and whether its transducer is alive."""
 
 from famjax.boundary.units import UNITS
 
@@ -66,7 +66,7 @@ def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> N
 
 
 def trip_text(status: DeviceStatus, calibration: Calibration | None = None) -> str:
-    """What a device says about its trip: fault, reading, output, and what to check.
+    """A trip as the device reports it: fault, reading, output, and what to check.
 
     >>> trip_text(DeviceStatus(1, 9, 45, 3, 6, 0, 0, 0, 0, 0, 0, 40, 12, 131))
     'range at 12 counts, output 131; the reading was outside floor and ceiling: a broken wire, a \
@@ -114,7 +114,7 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
 
 
 def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
-    """What the device cannot tell about this transducer, one sentence each.
+    """Faults of this transducer that the device cannot detect, one sentence each.
 
     Args:
         calibration: of the transducer.
@@ -129,6 +129,6 @@ def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
     if not alive:
         found.append(
             "the reading hardly varies at rest, so that one that freezes close to the set pressure "
-            "is not told from a quiet one"
+            "cannot be distinguished from a quiet one"
         )
     return found

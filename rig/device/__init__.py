@@ -1,4 +1,4 @@
-"""The firmware's core in Python and compiled from C: a device without hardware."""
+"""The firmware's core in Python, byte for byte: a device without hardware."""
 
 import lazy_loader
 

@@ -1,6 +1,9 @@
-from .core import BAUD_RATES as BAUD_RATES, Device as Device
-from .native import (
-    NativeDevice as NativeDevice,
-    build_native as build_native,
+from .core import (
+    BAUD_RATES as BAUD_RATES,
+    POWER_ON as POWER_ON,
+    TRIP_CEILING as TRIP_CEILING,
+    Device as Device,
+    Memory as Memory,
     firmware_folder as firmware_folder,
 )
+from .guards import Latch as Latch

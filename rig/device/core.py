@@ -1,6 +1,8 @@
 """The firmware's core in Python, byte for byte what the C core sends: a device without hardware."""
 
 import struct
+from importlib import resources
+from pathlib import Path
 
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import crc16, frame
@@ -46,6 +48,11 @@ _COMMENT_TICKS = 100
 _FUTURE = 1 << 31  # a record this old is one that is still to come
 _LINE_END = (b"\r", b"\n")
 _MEMORY = struct.Struct("<HBBH")
+
+
+def firmware_folder() -> Path:
+    """Where the sources of the firmware and its prebuilt `famrig.hex` are."""
+    return Path(str(resources.files("rig"))) / "firmware"
 
 
 class Device:

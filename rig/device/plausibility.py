@@ -1,4 +1,4 @@
-"""Does a reading tell anything? What a pressure does at rest and under an output, and a frozen one not."""
+"""Plausibility of the readings: a live one varies at rest and follows the output, a frozen one does not."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,5 +1,5 @@
-/* Does a reading tell anything? What a pressure does at rest and under an output, and a frozen one not;
- * README.md says why. rig/device/plausibility.py is the same in Python. */
+/* Plausibility of the readings: a live one varies at rest and follows the output, a frozen one does not;
+ * the reasons are in README.md. rig/device/plausibility.py is the same in Python. */
 #include "famrig_plausibility.h"
 
 #define ONE_COUNT INT32_C(32768) /* of the integral */

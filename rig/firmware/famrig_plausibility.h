@@ -1,4 +1,4 @@
-/* What the core asks about its readings. */
+/* Plausibility of the readings. */
 #ifndef FAMRIG_PLAUSIBILITY_H
 #define FAMRIG_PLAUSIBILITY_H
 

@@ -20,7 +20,7 @@ class Gaps:
         ring: records that the device can repeat.
 
     Attributes:
-        ring: as given; set again when the device says another number.
+        ring: as given, then as the device reports.
         pace: time [s] that the device takes for each repeated record; likewise.
         round_trip: smoothed time [s] from a request to its first answer.
     """

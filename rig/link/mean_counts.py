@@ -1,4 +1,4 @@
-"""Mean counts of both sensors over a while."""
+"""Mean counts of both sensors over a time."""
 
 from collections.abc import Callable
 

@@ -111,7 +111,7 @@ class RecordOrder:
     def _is_confirmed(
         self, sample: Sample, line: bytes, now: float, *, late: bool, near: bool
     ) -> bool:
-        """Whether a doubtful record is right after all; if not yet, it is asked for again."""
+        """Whether a doubtful record is right after all; if not yet, it is requested again."""
         copies = self._doubtful.setdefault(sample.seq, set())
         if line in copies:
             self.confirmed += 1

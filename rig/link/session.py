@@ -38,7 +38,7 @@ class Session:
     r"""One session with a device.
 
     Args:
-        ring: records that the device can repeat, until its hello says how many.
+        ring: records that the device can repeat, until its hello reports the number.
         first_id: number of the first command, see `CommandQueue`.
 
     Attributes:

@@ -14,6 +14,7 @@ from .lines import (
     parse as parse,
 )
 from .messages import (
+    DRIVEN as DRIVEN,
     FAULTS as FAULTS,
     MANUAL as MANUAL,
     RUN as RUN,

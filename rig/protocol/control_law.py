@@ -1,7 +1,7 @@
 """The pressure controller in the integers that the firmware computes with: PI with feed-forward.
 
 u = v + Kp e + I, dI/dt = Ki e, e = set point - measured pressure. The same figures come out of the
-C core, of its Python port and of the audit of a record: a sample says what its output had to be.
+C core, of its Python port and of the audit of a record: each sample determines what its output had to be.
 """
 
 from typing import NamedTuple

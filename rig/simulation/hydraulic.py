@@ -49,9 +49,8 @@ class HydraulicCircuit:
 
     def steady_output(self, pressure: float) -> float:
         """Output [counts], not rounded, whose flow the needle passes at a gauge pressure [Pa]."""
-        return (
-            FULL_OUTPUT * self.needle * math.sqrt(pressure) / (self.displacement * self.full_speed)
-        )
+        full_flow = self.displacement * self.full_speed
+        return FULL_OUTPUT * self.needle * math.sqrt(pressure) / full_flow
 
     def start(self) -> "RunningHydraulic":
         """The circuit at atmosphere with its pump at rest."""

@@ -75,7 +75,7 @@ class SimulatedMuscle:
         self._rows: list[list[tuple[float, float]]] = [
             [(F, V) for F, V in row] for row in pairs.tolist()
         ]
-        self._cell = self._corners(0, 0)  # the one that was last asked for
+        self._cell = self._corners(0, 0)  # the last one used
 
     def at(self, length: float, pressure: float) -> tuple[float, float, float, float]:
         """Force and volume at an active length L [m] and gauge pressure P [Pa].

@@ -25,11 +25,8 @@ def iso_6358_flow(
     """
     ratio = downstream / upstream
     share, slope = share_of_sonic(ratio, critical_ratio)
-    return (
-        conductance * upstream * share,
-        conductance * (share - ratio * slope),
-        conductance * slope,
-    )
+    flow, by_downstream = conductance * upstream * share, conductance * slope
+    return flow, conductance * (share - ratio * slope), by_downstream
 
 
 def share_of_sonic(ratio: float, critical_ratio: float) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from ..calibration.feed_forward import FeedForward, fit_feed_forward
 from ..calibration.whole_rig import Calibration
 from ..device.core import BAUD_RATES, Device
-from ..device.native import NativeDevice
 from ..errors import RigError
 from .channel import ByteChannel
 from .circuits import PSI
@@ -31,8 +30,7 @@ class SimulatedRig:
         circuit: pneumatic unless given.
         muscle: the reference work's 7/8 in muscle unless given.
         machine: a test machine at the muscle's rest length unless given.
-        device: the Python port of the firmware for this baud rate unless given; the compiled core
-            gives the same bytes sooner.
+        device: the Python port of the firmware for this baud rate unless given.
         pressure_sensor: `pressure_transducer()` unless given.
         force_sensor: `load_cell()` unless given.
         baud: of the line, one of `BAUD_RATES`.
@@ -60,7 +58,7 @@ class SimulatedRig:
         circuit: PneumaticCircuit | HydraulicCircuit | None = None,
         muscle: SimulatedMuscle | None = None,
         machine: TestMachine | None = None,
-        device: Device | NativeDevice | None = None,
+        device: Device | None = None,
         *,
         pressure_sensor: SimulatedSensor | None = None,
         force_sensor: SimulatedSensor | None = None,
@@ -145,17 +143,12 @@ class SimulatedRig:
 
         The hydraulic feed-forward is the cubic fitted to the pump's steady outputs, 5 to 115 psi.
         """
-        return Calibration(
-            self.pressure_sensor.calibration(),
-            self.force_sensor.calibration(),
-            self._feed_forward(),
-        )
-
-    def _feed_forward(self) -> FeedForward:
+        sensors = self.pressure_sensor.calibration(), self.force_sensor.calibration()
         if not isinstance(self.circuit, HydraulicCircuit):
-            return FeedForward.bias(128.0)
+            return Calibration(*sensors, FeedForward.bias(128.0))
         pressures = [5 * PSI * k for k in range(1, 24)]
-        return fit_feed_forward(pressures, [self.circuit.steady_output(P) for P in pressures])
+        outputs = [self.circuit.steady_output(P) for P in pressures]
+        return Calibration(*sensors, fit_feed_forward(pressures, outputs))
 
 
 def machine_for(

@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from rig.device import Device, NativeDevice
+from rig.device import Device
 from rig.protocol import Ack, Message, Sample, Splitter, command_body, frame, parse
 
 AnyMessage = TypeVar("AnyMessage", bound=Message)
@@ -15,7 +15,7 @@ REST = (("floor", 0), ("still", 60000), ("frozen", 255, 2000), ("stall", 30000))
 class Bench:
     """Drives a device and keeps what it said, in order; only a reset tears a line."""
 
-    def __init__(self, device: Device | NativeDevice) -> None:
+    def __init__(self, device: Device) -> None:
         self.device = device
         self.said: list[Message] = []
         self.torn: list[bytes] = []

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 from famjax.__main__ import main
-from rig.device import build_native, firmware_folder
+from rig.device import firmware_folder
 
 sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
 
 from avr import Avr, build_harness
+from native import build_native
 from rig_commands import write_plan
 
 

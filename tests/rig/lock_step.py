@@ -3,12 +3,12 @@
 from avr import Avr
 from session_fuzz import Fuzz
 
-from rig.device import Device, NativeDevice
+from rig.device import Device
 
 LAG = 120  # bytes that the AVR's line may be behind the core: one tick's, and those it releases
 
 
-def lock_step(core: Device | NativeDevice, avr: Avr, fuzz: Fuzz, ticks: int) -> int:
+def lock_step(core: Device, avr: Avr, fuzz: Fuzz, ticks: int) -> int:
     """Run both and compare; how many records were sent, repeated ones among them.
 
     The AVR finishes a tick during the next call, so its output and pins are compared a tick late.

@@ -3,7 +3,6 @@
 import threading
 import time
 from pathlib import Path
-from typing import Literal, Self
 
 from rig import RigError
 from rig.simulation import SimulatedRig
@@ -39,7 +38,7 @@ class RigServer:
     def __init__(
         self,
         rig: SimulatedRig,
-        transport: Literal["pty", "tcp"] = "pty",
+        transport: str = "pty",
         *,
         link: str | Path | None = None,
         port: int = 0,
@@ -63,7 +62,7 @@ class RigServer:
         """What to open with pyserial: the path of a terminal, or socket://127.0.0.1:port."""
         return self._line.address
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "RigServer":
         self._thread.start()
         return self
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.chain import analyse
+from famjax.chain import Watcher, analyse
 from famjax.chain.journals import table
 from famjax.commands.rig.camera_command import CameraCommand
 from fitting.records import read_machine_log
@@ -19,7 +19,6 @@ from rig.control import (
     Request,
     Rig,
     Situation,
-    Watcher,
     next_block,
     run,
 )

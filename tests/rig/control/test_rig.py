@@ -15,7 +15,7 @@ from rig.device import firmware_folder
 from rig.errors import RigError
 from rig.fault import RigFault
 from rig.journal import Journal, audit, read_journal
-from rig.link import VirtualLink
+from rig.link import VirtualLink, mean_counts
 from rig.protocol import MANUAL, RUN, SAFE, frame
 from rig.protocol.control_law import PRESSURE_UNIT
 from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
@@ -365,7 +365,7 @@ def test_means_are_those_of_the_records() -> None:
     with opened(sim) as rig:
         rig.set_pressure(30 * PSI)
         rig.wait(3.0)
-        pressure, force = rig.average(2.0)
+        pressure, force = mean_counts(rig.link, 2.0, rig.wait)
         calibration = sim.calibration()
         assert calibration.pressure.value(pressure) == pytest.approx(sim.pressure, abs=0.5 * PSI)
         assert calibration.force.value(force) == pytest.approx(sim.force, abs=20)

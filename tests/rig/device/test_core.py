@@ -6,10 +6,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from native import NativeDevice, build_native
 from session_fuzz import Fuzz
 
 from rig import RigError
-from rig.device import Device, NativeDevice, build_native, firmware_folder
+from rig.device import Device, firmware_folder
 from rig.protocol import RUN, frame
 
 TICKS = 20_000  # per seed; the benchmark does millions

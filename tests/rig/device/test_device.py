@@ -5,8 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 from bench import Bench
+from native import NativeDevice
 
-from rig.device import Device, NativeDevice
+from rig.device import Device
 from rig.protocol import (
     MANUAL,
     RUN,

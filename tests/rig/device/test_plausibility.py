@@ -4,15 +4,16 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from bench import Bench
+from native import NativeDevice
 
-from rig.device import Device, NativeDevice
+from rig.device import Device
 from rig.protocol import RUN, SAFE, TRIP, DeviceSettings, DeviceStatus, Hello, frame
 from rig.simulation import HydraulicCircuit, PneumaticCircuit, SimulatedRig
 
 PSI = 6894.757293168361
 RANGE, FROZEN, NO_RESPONSE = 6, 7, 8
 FLOOR, CEILING = 51, 963
-Make = Callable[..., Device | NativeDevice]
+Make = Callable[..., Device]
 
 
 @pytest.fixture(params=["python", "c"])
@@ -167,7 +168,7 @@ def test_memory_that_was_never_written_is_no_trip(make: Make) -> None:
 class Loop:
     """A person's commands, a device and its plant; the transducer lies from a moment on."""
 
-    def __init__(self, device: Device | NativeDevice, fluid: str, *, noise: bool = True) -> None:
+    def __init__(self, device: Device, fluid: str, *, noise: bool = True) -> None:
         circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit(relief=None)
         self.sim = SimulatedRig(circuit, device=device, seed=11)
         if not noise:

@@ -3,21 +3,14 @@
 import ctypes
 import shutil
 import subprocess
-from importlib import resources
 from pathlib import Path
 
-from ..errors import RigError
-from ..protocol.messages import DRIVEN
-from .core import POWER_ON, TRIP_CEILING, Memory
-from .guards import Latch
+from rig.device import POWER_ON, TRIP_CEILING, Device, Latch, Memory, firmware_folder
+from rig.errors import RigError
+from rig.protocol import DRIVEN
 
 _SOURCES = ("famrig_core.c", "famrig_plausibility.c", "famrig_text.c", "famrig_host.c")
 _SENT = 256
-
-
-def firmware_folder() -> Path:
-    """Where the sources of the firmware and its prebuilt `famrig.hex` are."""
-    return Path(str(resources.files("rig"))) / "firmware"
 
 
 def build_native(
@@ -56,7 +49,7 @@ def build_native(
     return library
 
 
-class NativeDevice:
+class NativeDevice(Device):
     """`Device` in C; arguments, attributes and bytes are the same.
 
     Args:
