@@ -7,3 +7,4 @@ from .core import (
     firmware_folder as firmware_folder,
 )
 from .guards import Latch as Latch
+from .host_line import ARGUMENTS as ARGUMENTS

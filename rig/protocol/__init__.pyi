@@ -1,4 +1,5 @@
 from .control_law import (
+    PRESSURE_UNIT as PRESSURE_UNIT,
     TICK_HZ as TICK_HZ,
     TICKS as TICKS,
     ControlLaw as ControlLaw,

@@ -3,7 +3,7 @@ from .circuits import RunningCircuit as RunningCircuit
 from .hydraulic import HydraulicCircuit as HydraulicCircuit, RunningHydraulic as RunningHydraulic
 from .machine import MachineClock as MachineClock, TestMachine as TestMachine
 from .muscle import SimulatedMuscle as SimulatedMuscle, mckibben as mckibben
-from .orifice import iso_6358_flow as iso_6358_flow
+from .orifice import SLOW_FLOW as SLOW_FLOW, iso_6358_flow as iso_6358_flow
 from .plant import Plant as Plant
 from .pneumatic import PneumaticCircuit as PneumaticCircuit, RunningPneumatic as RunningPneumatic
 from .sensors import (

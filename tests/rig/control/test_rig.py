@@ -16,8 +16,7 @@ from rig.errors import RigError
 from rig.fault import RigFault
 from rig.journal import Journal, audit, read_journal
 from rig.link import VirtualLink, mean_counts
-from rig.protocol import MANUAL, RUN, SAFE, frame
-from rig.protocol.control_law import PRESSURE_UNIT
+from rig.protocol import MANUAL, PRESSURE_UNIT, RUN, SAFE, frame
 from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
 
 PSI = 6894.757293168361

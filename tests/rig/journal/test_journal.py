@@ -19,7 +19,7 @@ from bare_rig import BareRig, Recorder
 from famjax.chain.journals import clocks
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.journal import Journal, Missing, read_journal, writer as _journal
+from rig.journal import Journal, Missing, read_journal
 from rig.protocol import TICK_HZ, TICKS, Sample, frame
 
 PAGE = 4096
@@ -224,7 +224,9 @@ def test_a_hanging_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         assert go_on.wait(10)
         return write(file, data)
 
-    monkeypatch.setattr(_journal, "os", SimpleNamespace(**{**vars(os), "write": hang}))
+    monkeypatch.setattr(
+        sys.modules[Journal.__module__], "os", SimpleNamespace(**{**vars(os), "write": hang})
+    )
     journal = Journal(tmp_path / "hang.fam", lambda: 0.0, reserve_bytes=0)
     journal.lines(record(0) * 200_000)
     with pytest.raises(RigFault, match=r"MB wait for the disk"):
@@ -244,7 +246,9 @@ def test_a_full_disk_is_told_and_keeps_what_was_written(
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(file, data[:size])
 
-    monkeypatch.setattr(_journal, "os", SimpleNamespace(**{**vars(os), "write": limited}))
+    monkeypatch.setattr(
+        sys.modules[Journal.__module__], "os", SimpleNamespace(**{**vars(os), "write": limited})
+    )
     journal = Journal(path, lambda: 0.0, reserve_bytes=0)
     for k in range(30):
         journal.lines(record(k))
@@ -262,7 +266,7 @@ def test_a_full_disk_is_told_and_keeps_what_was_written(
 def test_recording_stops_at_the_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = [10**9]
     usage = SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=free[0]))
-    monkeypatch.setattr(_journal, "shutil", usage)
+    monkeypatch.setattr(sys.modules[Journal.__module__], "shutil", usage)
     with pytest.raises(RigError, match=r"1000 MB free, the plan needs"):
         Journal(tmp_path / "a.fam", lambda: 0.0, plan_seconds=60_000)
     journal = Journal(tmp_path / "a.fam", lambda: 0.0, plan_seconds=3600, sync_period=0.001)

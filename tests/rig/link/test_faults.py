@@ -19,7 +19,7 @@ from famjax.chain.journals import table
 from rig.control import Control, Rig
 from rig.device import Device
 from rig.fault import RigFault
-from rig.journal import Journal, audit, read_journal, writer as _journal
+from rig.journal import Journal, audit, read_journal
 from rig.link import Lost, Silent, VirtualLink
 from rig.protocol import FAULTS, RUN, SAFE, TRIP
 from rig.simulation import ByteChannel, SimulatedRig
@@ -197,7 +197,9 @@ def test_a_full_disk_vents_and_keeps_what_was_written(
     with bench:
         while bench.journal.waiting:  # virtual time runs ahead of the disk
             time.sleep(0.001)
-        monkeypatch.setattr(_journal, "os", SimpleNamespace(**{**vars(os), "write": full}))
+        monkeypatch.setattr(
+            sys.modules[Journal.__module__], "os", SimpleNamespace(**{**vars(os), "write": full})
+        )
         with pytest.raises(RigFault, match=r"No space left on device"):
             while True:
                 bench.rig.wait(0.1)

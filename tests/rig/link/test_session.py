@@ -6,8 +6,7 @@ from bare_rig import BareRig, Recorder
 
 from rig.errors import RigError
 from rig.fault import RigFault
-from rig.link import Lost, Reset, Session, Silent, Timing
-from rig.link.session import ALIVE, HEARTBEAT
+from rig.link import ALIVE, HEARTBEAT, Lost, Reset, Session, Silent, Timing
 from rig.protocol import TICKS, Sample, frame
 
 

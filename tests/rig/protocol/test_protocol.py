@@ -5,8 +5,7 @@ import re
 
 import pytest
 
-from rig.device import firmware_folder
-from rig.device.host_line import ARGUMENTS
+from rig.device import ARGUMENTS, firmware_folder
 from rig.protocol import (
     Ack,
     Comment,
