@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._refuse_if import refuse_if
 from .._types import Real, RealArray, as_real
 from ..profiles.profile import AbstractProfile
 from .bladder import Bladder
@@ -55,7 +56,7 @@ class Meridian(eqx.Module):
             The meridian, its arrays of the length's shape with the stations as last axis.
 
         Raises:
-            RuntimeError: the diameter is not positive everywhere (`equinox.error_if`).
+            RuntimeError: the diameter is not positive everywhere.
 
         >>> from famjax.profiles.assumed_shapes import Cylinder
         >>> print(f"{Meridian.of(Cylinder(2.0), 3.0).volume:.3f}")
@@ -73,7 +74,7 @@ class Meridian(eqx.Module):
         """The line at this thickness [m] below, measured along the radius: the bladder's outside.
 
         Raises:
-            RuntimeError: the thickness exceeds the radius somewhere (`equinox.error_if`).
+            RuntimeError: the thickness exceeds the radius somewhere.
         """
         radius = _positive(
             self.radius - thickness, "the radius of a profile must exceed the braid's thickness"
@@ -135,7 +136,7 @@ class Meridian(eqx.Module):
             (R - t / 2) / (R_0 - t_0 / 2) - 1 at the stations, shape (..., stations).
 
         Raises:
-            RuntimeError: the wall closes the bore somewhere (`equinox.error_if`).
+            RuntimeError: the wall closes the bore somewhere.
 
         References:
             Chambers 2021, section 6.1.
@@ -143,7 +144,7 @@ class Meridian(eqx.Module):
         inward = 0.0 if bladder.embedded else 0.5
         thickness = self.thickness(bladder.volume)[..., None]
         bore = self.radius - (0.5 + inward) * thickness
-        radius = eqx.error_if(
+        radius = refuse_if(
             self.radius,
             bore <= 0,
             "the radius of a profile must leave a bore in the bladder: the wall that the rubber's "
@@ -230,7 +231,7 @@ def _unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _positive(radius: RealArray, must: str) -> RealArray:
     """The radius, or an error where it is not positive."""
-    return eqx.error_if(
+    return refuse_if(
         radius,
         radius <= 0,
         f"{must}; somewhere it is not. Check the coefficients of the profile and that the length "

@@ -46,7 +46,7 @@ def _margin(part: Part, point: Point, place: int, kind: str) -> Margin:
 
     def evaluate(positions: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k"]:
         at = part.program.at(dataclasses.replace(part.inputs, stations=positions))
-        aside = at(parameters, x, reached)[2]
-        return np.asarray(aside.path_modulus if kind == "drucker" else aside.slope)[:paths]
+        name = "path_modulus" if kind == "drucker" else "slope"
+        return getattr(at(parameters, x, reached, name)[2], name)[:paths]
 
     return Margin(*weakest(evaluate, paths, count))

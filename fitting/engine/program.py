@@ -13,7 +13,7 @@ import copy
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -25,13 +25,17 @@ from jaxtyping import Array, Float
 from famjax.compile_options import quick_options
 
 from ..trace import tape_store
+from ..trace.held import with_held
 from ..trace.tape import UnknownPrimitiveError, record
 from .family import AbstractFamily
-from .response import Aside, Constraint, MapInputs, Response, bucket, response, with_derivatives
+from .response import Aside, Constraint, MapInputs, Response, bucket, response
 
 _FIELDS = (*Response._fields, *Response._fields, *Aside._fields)
-_OF_DESCENTS = frozenset({"force", "columns", "values", "rows", "stiffness"})
-_ALL = frozenset(_FIELDS)
+_SLOPES = range(len(Response._fields), 2 * len(Response._fields))
+_VALUES = [k for k in range(len(_FIELDS)) if k not in _SLOPES]
+OF_DESCENTS = frozenset({"force", "columns", "values", "rows", "stiffness"})
+"""What a descent needs of the results."""
+ALL = frozenset(_FIELDS)
 _MEMBERS = 16
 """Members that a compiled program evaluates at once."""
 
@@ -51,10 +55,18 @@ class _Traced:
         def leaves(*arguments: Any) -> list[Array]:
             return jax.tree.leaves(function(*arguments))
 
-        def packed(*arguments: Any) -> Array:
-            return jnp.concatenate([leaf.ravel() for leaf in leaves(*arguments)])
+        def along_all(arrays: list[Array], p: Array, x0: Array, reached: Array) -> list[Array]:
+            def along(direction: Array) -> tuple[Response, Response, Aside]:
+                return function(arrays, list(p), x0, reached, list(direction))
 
-        self._runs: dict[tuple[int, ...], Callable[..., list[np.ndarray]]] = {}
+            unit = jnp.eye(self._parameters)
+            return jax.tree.leaves(jax.vmap(along, out_axes=(None, 0, None))(unit))
+
+        def packed(*arguments: Any) -> Array:
+            return jnp.concatenate([leaf.ravel() for leaf in along_all(*arguments)])
+
+        self._arrays, self._parameters = len(examples[0]), len(examples[1])
+        self._runs: dict[Any, Callable[..., list[np.ndarray]]] = {}
         self._tape = tape_store.load(key)
         if self._tape is not None:
             return
@@ -62,24 +74,42 @@ class _Traced:
             self._tape = record(leaves, *examples)
             tape_store.save(key, self._tape)
         except UnknownPrimitiveError:
-            self._shapes = [leaf.shape for leaf in jax.eval_shape(leaves, *examples)]
+            arrays, _, x0, reached, _ = examples
+            p = jax.ShapeDtypeStruct((self._parameters,), float)
+            found = jax.eval_shape(along_all, arrays, p, x0, reached)
+            self._shapes = [leaf.shape for leaf in found]
             self._compiled = jax.jit(
                 jax.vmap(packed, in_axes=(None, 0, 0, 0)), compiler_options=quick_options()
             )
 
     def __call__(
-        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], fields: frozenset[str]
+        self,
+        arrays: list[np.ndarray],
+        varying: tuple[np.ndarray, ...],
+        fields: frozenset[str],
+        moving: Sequence[int],
+        held: Mapping[int, float],
     ) -> tuple[Response, Response, Aside]:
-        """Members along the first axis, of arguments and of results; what is not asked is None."""
+        """Members along the first axis, of arguments and of results; see `Program.of_members`."""
         if self._tape is None:
             found: list[Any] = self._compiled_leaves(arrays, varying)
         else:
             found, members = [None] * len(_FIELDS), max(len(v) for v in varying)
-            places = tuple(k for k, name in enumerate(_FIELDS) if name in fields)
-            values = self._on_tape([array[..., None] for array in arrays], varying, places)
-            for place, value in zip(places, values, strict=True):
+            once = tuple(k for k in _VALUES if _FIELDS[k] in fields)
+            each = tuple(k for k in _SLOPES if _FIELDS[k] in fields)
+            results = iter(
+                self._on_tape([a[..., None] for a in arrays], varying, once, each, moving, held)
+            )
+            for place in once:
+                value = next(results)
                 of_each = np.broadcast_to(value, (*value.shape[:-1], members))
                 found[place] = np.ascontiguousarray(np.moveaxis(of_each, -1, 0))
+            for place in each:
+                shape = found[place - len(Response._fields)].shape[1:]
+                found[place] = np.zeros((members, self._parameters, *shape))
+            for parameter in moving:
+                for place in each:
+                    found[place][:, parameter] = np.moveaxis(next(results), -1, 0)
         split = len(Response._fields)
         return (
             Response(*found[:split]), Response(*found[split : 2 * split]), Aside(*found[2 * split :])
@@ -110,12 +140,31 @@ class _Traced:
         return force, stiffness
 
     def _on_tape(
-        self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...], places: tuple[int, ...]
+        self,
+        arrays: list[np.ndarray],
+        varying: tuple[np.ndarray, ...],
+        once: tuple[int, ...],
+        each: tuple[int, ...] = (),
+        moving: Sequence[int] = (),
+        held: Mapping[int, float] | None = None,
     ) -> list[np.ndarray]:
+        """Results at the places `once`, then those at the places `each` along each parameter."""
         assert self._tape is not None
-        if places not in self._runs:
-            self._runs[places] = self._tape.function(list(places))
-        return self._runs[places](*arrays, *(np.moveaxis(v, 0, -1) for v in varying))
+        p, x0, reached = (np.moveaxis(v, 0, -1) for v in varying)
+        none = x0.shape[-1] == 1 and not x0.any()  # what most fits are linear about
+        asked = once, each, tuple(moving), tuple((held or {}).items()), none
+        if asked not in self._runs:
+            count, first = self._parameters, self._arrays
+            last = first + count + 2
+            always = {first + k: np.array(value) for k, value in (held or {}).items()}
+            if none:
+                always[first + count] = np.zeros(x0.shape[0])
+            turns = [
+                {last + k: np.array(1.0 * (k == parameter)) for k in range(count)}
+                for parameter in moving
+            ]
+            self._runs[asked] = with_held(self._tape, always, turns, once, each).run
+        return self._runs[asked](*arrays, *p, x0, reached, *(None for _ in p))
 
     def _compiled_leaves(
         self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...]
@@ -143,23 +192,26 @@ def _traced(
     sizes: tuple[int, int, int], family_key: str | None,
 ) -> _Traced:  # fmt: skip
     def function(
-        arrays: list[Array], p: Array, x0: Array, reached: Array
+        arrays: list[Array], p: list[Array], x0: Array, reached: Array, direction: list[Array]
     ) -> tuple[Response, Response, Aside]:
         given = iter(arrays)
         leaves = [next(given) if kept is None else kept[0] for kept in static]
         family, at = jax.tree.unflatten(treedef, leaves)
 
-        def of_parameters(p: Array) -> tuple[Response, Aside]:
+        def of_parameters(p: list[Array]) -> tuple[Response, Aside]:
             return response(family, constraint, at, p, x0, reached)
 
-        return with_derivatives(of_parameters, p)
+        return jax.jvp(of_parameters, (p,), (direction,), has_aux=True)
 
     def array(shape: tuple[int, ...], kind: str = "f8") -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct(shape, np.dtype(kind))
 
     arrays = [array(shape, kind) for shape, kind in shapes]
     key = None if family_key is None else tape_store.identity(family_key, constraint, shapes, sizes)
-    return _Traced(function, (arrays, *(array((size,)) for size in sizes)), key)
+    numbers = [array(()) for _ in range(sizes[0])]
+    return _Traced(
+        function, (arrays, numbers, array((sizes[1],)), array((sizes[2],)), numbers), key
+    )
 
 
 class Program:
@@ -221,9 +273,21 @@ class Program:
         p: Float[np.ndarray, " q"],
         x0: Float[np.ndarray, " n"],
         reached: Float[np.ndarray, " points"],
+        *fields: str,
+        slopes: bool = False,
     ) -> tuple[Response, Response, Aside]:
-        """Values, derivatives in p (leading axis of parameters), and what has none."""
-        found = self.of_members(p[None], x0[None], reached[None], complete=True)
+        """Values, derivatives in p (leading axis of parameters), and what has none.
+
+        Args:
+            p: parameters.
+            x0: coefficients.
+            reached: forces [N].
+            fields: of the results; the others are None.
+            slopes: whether to differentiate; otherwise derivatives are zero, or right.
+        """
+        found = self.of_members(
+            p[None], x0[None], reached[None], frozenset(fields), range(p.size) if slopes else ()
+        )
         return jax.tree.map(lambda leaf: leaf[0], found)
 
     def of_members(
@@ -231,8 +295,9 @@ class Program:
         p: Float[np.ndarray, "members q"],
         x0: Float[np.ndarray, "#members n"],
         reached: Float[np.ndarray, "#members points"],
-        *,
-        complete: bool = False,
+        fields: frozenset[str],
+        moving: Sequence[int],
+        held: Mapping[int, float] | None = None,
     ) -> tuple[Response, Response, Aside]:
         """The same for several members at once, along a first axis.
 
@@ -240,13 +305,16 @@ class Program:
             p: parameters.
             x0: coefficients; a single row serves all members.
             reached: forces [N]; likewise.
-            complete: all there is; otherwise only what a descent needs, the rest being None.
+            fields: of the results; the others are None.
+            moving: places of the parameters in which to differentiate; other derivatives are zero,
+                or right.
+            held: values of parameters that are the same in many calls, by their places.
         """
         force = np.zeros((len(reached), self._size))
         force[:, : self._points] = reached
         sizes = p.shape[1], x0.shape[1], self._size
         return _traced(*self._key, sizes, self._family_key)(
-            self._arrays, (p, x0, force), _ALL if complete else _OF_DESCENTS
+            self._arrays, (p, x0, force), fields, moving, held or {}
         )
 
     def forces(

@@ -1,7 +1,7 @@
 """What a fit asks of a model: force, columns and rows of constraints, with their derivatives."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -98,7 +98,7 @@ def response(
     family: AbstractFamily,
     constraint: Constraint,
     at: MapInputs,
-    p: Float[Array, " q"],
+    p: Float[Array, " q"] | Sequence[Array],
     x0: Float[Array, " n"],
     reached: Float[Array, " points"],
 ) -> tuple[Response, Aside]:
@@ -108,7 +108,8 @@ def response(
         family: what is fitted.
         constraint: on the coefficients.
         at: readings and paths.
-        p: `family.nonlinear`, then one offset for each length that has one.
+        p: `family.nonlinear`, then one offset for each length that has one; in one array or in
+            several.
         x0: `family.linear`.
         reached: force [N] at the readings, by which a compliant rig gives way.
     """
@@ -116,8 +117,8 @@ def response(
     searched = dict(zip(family.nonlinear, p[:known], strict=True))
     compliance = searched.get("series_compliance")
     length, pressure = jnp.asarray(at.length), jnp.asarray(at.pressure)
-    if p.shape[0] > known:
-        length = length + p[known:][at.length_index]
+    if len(p) > known:
+        length = length + jnp.stack(list(p[known:]))[at.length_index]
     rest, end = family.rest_length(searched), jnp.asarray(at.path_end)
     if compliance is not None:
         end = jnp.minimum(end, jnp.min(length - compliance * at.force))

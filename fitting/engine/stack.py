@@ -20,9 +20,10 @@ from ..convex.host_qp import solve_host_qps
 from ..convex.status import Status
 from .one_sided import one_sided
 from .point import Linear, Point
+from .program import ALL, OF_DESCENTS
 
 if TYPE_CHECKING:
-    from .problem import Part, Problem
+    from .problem import Problem
 
 REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 REACHED = 1e-13  # relative change of the forces with which that ends
@@ -44,6 +45,14 @@ class Stack:
             np.stack([getattr(p, name) for p in problems])
             for name in ("low", "high", "coefficient_min", "coefficient_max")
         )
+        same = (self._low == self._high).all(axis=0) & (self._low == self._low[0]).all(axis=0)
+        self._moving = [
+            tuple(np.flatnonzero(np.isin(p.at, like.free)).tolist()) for p in like.parts
+        ]
+        self._held = [
+            {k: float(self._low[0, place]) for k, place in enumerate(p.at) if same[place]}
+            for p in like.parts
+        ]
         if like.constraint == "positive":
             lowest = np.maximum(lowest, 0.0)
         unit, rows, offsets = np.eye(len(like.linear)), [], []
@@ -121,8 +130,8 @@ class Stack:
     ) -> Point:
         """The fits by linear models about coefficients, and about forces reached by the rig."""
         linear = tuple(
-            _linear(part, parameters, x[:, part.coefficients], force, complete)
-            for part, force in zip(self.like.parts, reached, strict=True)
+            self._linear(k, parameters, x[:, part.coefficients], reached[k], complete)
+            for k, part in enumerate(self.like.parts)
         )
         if self.like.side.any():
             linear = one_sided(self, members, linear, guesses)
@@ -130,6 +139,53 @@ class Stack:
         optimum = solve_host_qps(*programme, guesses)
         residual = self._residual(programme, optimum.x, parameters)
         return Point(parameters, optimum, residual, programme, linear)
+
+    def _linear(
+        self,
+        place: int,
+        parameters: np.ndarray,
+        x0: np.ndarray,
+        reached: np.ndarray,
+        complete: bool,
+    ) -> Linear:
+        """The linear models of a part about x0 and the forces that the rig is taken at."""
+        part = self.like.parts[place]
+        asked = (
+            (ALL, range(part.at.size), None) if complete
+            else (OF_DESCENTS, self._moving[place], self._held[place])
+        )  # fmt: skip
+        rigid = part.compliance is None
+        found: Any = part.program.of_members(
+            parameters[:, part.at], x0, reached[:1] if rigid else reached, *asked
+        )
+        value, slope, aside = found
+        count, points, n = len(parameters), part.force.size, x0.shape[1]
+        paths = part.inputs.path_end.size
+        force, columns = value.force[:, :points], value.columns[:, :points]
+        d_force, d_columns = slope.force[:, :, :points], slope.columns[:, :, :points]
+        if part.compliance is not None:
+            # The rig lets the force move only 1/(1 + c dF/dL) as far as the muscle's own.
+            stiffness = aside.stiffness[:, :points]
+            gain = 1 / (1 + parameters[:, part.compliance, None] * stiffness)
+            force = reached + gain * (force - reached)
+            columns, d_force = gain[:, :, None] * columns, gain[:, None] * d_force
+            d_columns = gain[:, None, :, None] * d_columns
+        q, many = part.at.size, paths * value.rows.shape[2]
+        rows = value.rows[:, :paths].reshape(count, many, n)
+        d_rows = slope.rows[:, :, :paths].reshape(count, q, many, n)
+        values = value.values[:, :paths].reshape(count, many)
+        d_values = slope.values[:, :, :paths].reshape(count, q, many)
+        if x0.any():
+            own = x0[:, :, None]
+            force = force - (columns @ own)[:, :, 0]
+            values = values - (rows @ own)[:, :, 0]
+            d_force = d_force - (d_columns @ own[:, None])[..., 0]
+            d_values = d_values - (d_rows @ own[:, None])[..., 0]
+        return Linear(
+            force=force, columns=columns, rows=rows, values=values, d_force=d_force,
+            d_columns=d_columns, d_rows=d_rows, d_values=d_values, derived=value.derived,
+            d_derived=slope.derived, aside=aside, reached=reached,
+        )  # fmt: skip
 
     def programme(
         self, members: np.ndarray, linear: Sequence[Linear]
@@ -238,44 +294,6 @@ def partial(
     for place, prior in enumerate(reversed(like.priors), 1):
         d_residual[..., -place, prior.place] = like.noise / prior.std
     return d_residual, d_slack
-
-
-def _linear(
-    part: "Part", parameters: np.ndarray, x0: np.ndarray, reached: np.ndarray, complete: bool
-) -> Linear:
-    """The linear models of a part about x0 and the forces that the rig is taken at."""
-    rigid = part.compliance is None
-    found: Any = part.program.of_members(
-        parameters[:, part.at], x0, reached[:1] if rigid else reached, complete=complete
-    )
-    value, slope, aside = found
-    count, points, n = len(parameters), part.force.size, x0.shape[1]
-    paths = part.inputs.path_end.size
-    force, columns = value.force[:, :points], value.columns[:, :points]
-    d_force, d_columns = slope.force[:, :, :points], slope.columns[:, :, :points]
-    if part.compliance is not None:
-        # The rig lets the force move only 1/(1 + c dF/dL) as far as the muscle's own.
-        stiffness = aside.stiffness[:, :points]
-        gain = 1 / (1 + parameters[:, part.compliance, None] * stiffness)
-        force = reached + gain * (force - reached)
-        columns, d_force = gain[:, :, None] * columns, gain[:, None] * d_force
-        d_columns = gain[:, None, :, None] * d_columns
-    q, many = part.at.size, paths * value.rows.shape[2]
-    rows = value.rows[:, :paths].reshape(count, many, n)
-    d_rows = slope.rows[:, :, :paths].reshape(count, q, many, n)
-    values = value.values[:, :paths].reshape(count, many)
-    d_values = slope.values[:, :, :paths].reshape(count, q, many)
-    if x0.any():
-        own = x0[:, :, None]
-        force = force - (columns @ own)[:, :, 0]
-        values = values - (rows @ own)[:, :, 0]
-        d_force = d_force - (d_columns @ own[:, None])[..., 0]
-        d_values = d_values - (d_rows @ own[:, None])[..., 0]
-    return Linear(
-        force=force, columns=columns, rows=rows, values=values, d_force=d_force,
-        d_columns=d_columns, d_rows=d_rows, d_values=d_values, derived=value.derived,
-        d_derived=slope.derived, aside=aside, reached=reached,
-    )  # fmt: skip
 
 
 def _wider(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:

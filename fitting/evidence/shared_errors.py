@@ -166,7 +166,7 @@ def _at(
     own, inputs = parameters[part.at], part.inputs
     searched = own[: len(part.family.nonlinear)]
     predicted = part.predict(searched, x[part.coefficients], inputs.length, inputs.pressure)
-    numbers = part.program(own, x[part.coefficients], predicted)[0].numbers
+    numbers = part.program(own, x[part.coefficients], predicted, "numbers")[0].numbers
     compliance = 0.0 if part.compliance is None else float(parameters[part.compliance])
     return predicted - force, np.append(numbers, compliance)
 

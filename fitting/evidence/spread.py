@@ -38,8 +38,9 @@ def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers 
     part, q = problem.parts[result.place], len(problem.names)
     own = point.x[part.coefficients]
     value, slope, _ = part.program(
-        point.parameters[part.at], own, point.linear[result.place].reached
-    )
+        point.parameters[part.at], own, point.linear[result.place].reached, "numbers",
+        "number_columns", slopes=True,
+    )  # fmt: skip
     slopes = np.zeros((value.numbers.size + 1, q + point.x.size))
     np.add.at(slopes[:-1].T, part.at, slope.numbers)
     slopes[:-1, q + part.coefficients] = value.number_columns

@@ -237,11 +237,11 @@ def check_affine(problem: Problem) -> None:
     middle = problem.low + (problem.high - problem.low) / 2
     for part in problem.parts:
         p, n = middle[part.at], part.coefficients.size
-        none = part.program(p, np.zeros(n), part.force)[0].columns
+        none = part.program(p, np.zeros(n), part.force, "columns")[0].columns
         size = np.nanmax(np.abs(none), axis=0, initial=0.0)
         force = np.abs(part.force).max()
         other = np.where(size > 0, force / np.where(size > 0, size, 1.0), 1.0) * (1 + np.arange(n))
-        with_them = part.program(p, other, part.force)[0].columns
+        with_them = part.program(p, other, part.force, "columns")[0].columns
         change = np.nanmax(np.abs(with_them - none), axis=0, initial=0.0)
         bent = np.flatnonzero(change > _AFFINE * np.nanmax(np.abs([none, with_them]), initial=0.0))
         if bent.size:

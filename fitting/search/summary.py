@@ -96,7 +96,10 @@ def _muscle(found: Optimal, place: int) -> famjax.Muscle:
     """The muscle of a part at the optimum; nothing is compiled for it."""
     part, point = found.problem.parts[place], found.point
     value = part.program(
-        point.parameters[part.at], point.x[part.coefficients], point.linear[place].reached
+        point.parameters[part.at],
+        point.x[part.coefficients],
+        point.linear[place].reached,
+        "numbers",
     )[0]
     return part.family.final(unflat(part.family, np.asarray(value.numbers)))
 

@@ -97,13 +97,13 @@ class LinearModel:
         )
         family = FixedGeometry.of(geometry, deadband, order)
         self._program = Program(family, "drucker", self._inputs)
-        value, _, aside = self._call(self._inputs)
+        value, _, aside = self._call(self._inputs, "derived", "largest_strain")
         self.shortest_length = float(value.derived[0])
         self._largest_strain = aside.largest_strain[: self._paths]
 
-    def _call(self, inputs: MapInputs) -> tuple:
+    def _call(self, inputs: MapInputs, *fields: str) -> tuple:
         none = np.zeros(0), np.zeros(self.order), np.zeros(_POINTS)
-        return self._program.at(inputs)(*none)
+        return self._program.at(inputs)(*none, *fields)
 
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
@@ -116,7 +116,8 @@ class LinearModel:
             here = slice(first, first + _POINTS)
             count = L[here].size
             at = [np.pad(v[here], (0, _POINTS - count), mode="edge") for v in (L, P)]
-            value = self._call(dataclasses.replace(self._inputs, length=at[0], pressure=at[1]))[0]
+            inputs = dataclasses.replace(self._inputs, length=at[0], pressure=at[1])
+            value = self._call(inputs, "force", "columns")[0]
             braid[here], columns[here] = value.force[:count], value.columns[:count]
         return braid.reshape(shape), columns.reshape(*shape, self.order)
 
@@ -131,7 +132,7 @@ class LinearModel:
         def evaluate(s: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k order"]:
             strain = self._largest_strain[:, None, None] * s[: self._paths, :, None]
             at = dataclasses.replace(self._inputs, stations=s[self._paths :])
-            modulus = self._call(at)[0].rows[: self._paths]
+            modulus = self._call(at, "rows")[0].rows[: self._paths]
             return np.concatenate([n * strain ** (n - 1), modulus])
 
         return PathFunctions.of(evaluate, 2 * self._paths)

@@ -166,6 +166,17 @@ def _cumulative(function: Operation) -> Rule:
     return rule
 
 
+def _sort(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
+    axis, keys = params["dimension"], params["num_keys"]
+
+    def sort(*x: np.ndarray) -> tuple[np.ndarray, ...]:
+        whole = _together(x, shapes)
+        order = np.lexsort(whole[:keys][::-1], axis=axis)
+        return tuple(np.take_along_axis(one, order, axis=axis) for one in whole)
+
+    return sort
+
+
 def _dot_general(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     (left_sum, right_sum), (left_each, right_each) = params["dimension_numbers"]
     left = list(LETTERS[: len(shapes[0])])
@@ -290,6 +301,15 @@ def _cond(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     return cond
 
 
+def _refuse_if(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
+    def checked(x: np.ndarray, bad: np.ndarray) -> np.ndarray:
+        if bad.any():
+            raise RuntimeError(params["message"])
+        return x
+
+    return checked
+
+
 def _same(x: np.ndarray) -> np.ndarray:
     return x
 
@@ -336,10 +356,12 @@ RULES: dict[str, Rule] = {
     "reduce_or": _reduce(np.any),
     "cumsum": _cumulative(np.cumsum),
     "cumprod": _cumulative(np.cumprod),
+    "sort": _sort,
     "dot_general": _dot_general,
     "iota": _iota,
     "gather": _gather,
     "cond": _cond,
+    "refuse_if": _refuse_if,
     "while": _while,
     "scan": _scan,
 }  # fmt: skip

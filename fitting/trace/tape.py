@@ -28,12 +28,14 @@ _KEPT = {
     "pad": ("padding_config",), "unstack": ("axis",), "split": ("axis", "sizes"),
     "dot_general": ("dimension_numbers",),
     "iota": ("dtype", "shape", "dimension"), "cumsum": ("axis", "reverse"),
-    "cumprod": ("axis", "reverse"), "while": ("cond_nconsts", "body_nconsts"),
+    "cumprod": ("axis", "reverse"), "sort": ("dimension", "num_keys"),
+    "refuse_if": ("message",), "while": ("cond_nconsts", "body_nconsts"),
     "scan": ("length", "num_carry", "num_consts", "reverse"),
 }  # fmt: skip
-_NESTED = {
+NESTED = {
     "while": {"cond": "cond_jaxpr", "body": "body_jaxpr"}, "scan": {"body": "jaxpr"}, "cond": {},
 }  # fmt: skip
+"""Primitives with tapes of their own, and where JAX keeps what these are made of."""
 
 
 class UnknownPrimitiveError(Exception):
@@ -117,7 +119,7 @@ class _Recorder:
     ) -> tuple[int, ...]:
         """The slots of the results; an operation that was seen before is not done again."""
         key = name, inputs, repr(params)
-        if key not in self._seen or name in _NESTED:
+        if key not in self._seen or name in NESTED:
             self._seen[key] = tuple(self.slot(shape) for shape in shapes)
             self.steps.append(Step(name, inputs, self._seen[key], params))
         return self._seen[key]
@@ -197,7 +199,7 @@ def _params(name: str, params: dict[str, Any]) -> dict[str, Any]:
             kept["axes"] = params["axes"]
     if name == "reshape" and params["dimensions"] is not None:
         raise UnknownPrimitiveError(name)
-    nested: dict[str, Any] = {key: _tape(params[of]) for key, of in _NESTED.get(name, {}).items()}
+    nested: dict[str, Any] = {key: _tape(params[of]) for key, of in NESTED.get(name, {}).items()}
     if name == "cond":
         nested["branches"] = tuple(_tape(branch) for branch in params["branches"])
     return {key: _simple(value) for key, value in kept.items()} | nested

@@ -2,12 +2,14 @@
 
 import pickle
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
 
+from famjax._refuse_if import refuse_if
 from fitting import load_bundled
 from fitting.comparison import peer_families
 from fitting.comparison.fit import _posed
@@ -19,6 +21,7 @@ from fitting.engine.descent import descend, descend_many
 from fitting.search.multi_start import latin_hypercube
 from fitting.search.posing import pose_one
 from fitting.trace import tape_store
+from fitting.trace.held import with_held
 from fitting.trace.tape import Tape, UnknownPrimitiveError, record
 
 ROUNDING = 1e-13  # of the largest value: operations in another order
@@ -93,6 +96,7 @@ FUNCTIONS = {
     "derivative": lambda x, y: jax.jacfwd(lambda v: jnp.sin(v) * v[0])(x) * y,
     "loop": _looped,
     "scan": lambda x, y: jax.lax.scan(lambda c, v: (c * y + v, c), y, x)[1],
+    "sorting": lambda x, y: jax.grad(lambda v: jnp.sum(jnp.sort(v) ** 2 * jnp.arange(6.0)))(-x) * y,
     "branch": lambda x, y: jax.lax.cond(y > 1.5, jnp.sin, jnp.cos, x),
     "linear solve": lambda x, y: jax.lax.custom_root(
         lambda v: v**3 - y, y, lambda f, v: v - 0.0 * f(v), lambda g, v: v / g(jnp.ones_like(v))
@@ -119,6 +123,40 @@ def test_only_what_is_asked_for_is_computed():
     tape = record(lambda x: (jnp.sin(x), jnp.full((), jnp.nan) * jnp.cos(x)), np.ones(3))
     (sine,) = tape.function([0])(np.ones((3, 1)))
     np.testing.assert_allclose(sine[:, 0], np.sin(1.0))
+
+
+def test_a_derivative_along_a_parameter_takes_what_that_has_an_effect_on():
+    def function(x, y, z, t):
+        return jax.jvp(lambda a, b: jnp.exp(a) * z + b**3, (x, y), (t[0], t[1]))
+
+    arguments = np.array([0.3, 0.4]), np.array([1.5, 1.7]), np.array([0.0, 2.0])
+    tape = record(function, 0.3, 1.5, 2.0, [1.0, 1.0])
+    units = [{3: np.array(1.0), 4: np.array(0.0)}, {3: np.array(0.0), 4: np.array(1.0)}]
+    both = with_held(tape, {}, units, [0], [1])
+    value, along_x, along_y = both.run(*arguments, None, None)
+    np.testing.assert_allclose(value, np.exp(arguments[0]) * arguments[2] + arguments[1] ** 3)
+    np.testing.assert_allclose(along_x, np.exp(arguments[0]) * arguments[2])
+    np.testing.assert_allclose(along_y, 3 * arguments[1] ** 2)
+    along = with_held(tape, {2: np.array(0.0)}, units[:1], [], [1])
+    assert along.outputs[0] in along.constants
+    assert not along.run(*arguments, None, None)[0].any()
+
+
+def test_a_refusal_is_the_same_on_a_tape_and_compiled(folder):
+    def function(x):
+        return jax.jvp(lambda v: refuse_if(v, v <= 0, "must be positive") ** 2, (x,), (x,))
+
+    tape = record(function, np.ones(3))
+    tape_store.save("refusal", tape)
+    for one in (tape, tape_store.load("refusal")):
+        assert isinstance(one, Tape)
+        np.testing.assert_allclose(one.run(np.full((3, 1), 2.0))[1], 8.0)
+        with pytest.raises(RuntimeError, match="must be positive"):
+            one.run(np.array([[1.0, 2.0], [1.0, -1.0], [1.0, 2.0]]))
+    for call in (function, eqx.filter_jit(function), jax.vmap(function)):
+        np.testing.assert_allclose(call(np.full(3, 2.0))[1], 8.0)
+        with pytest.raises(RuntimeError, match="must be positive"):
+            call(np.array([1.0, -1.0, 2.0]))
 
 
 def test_an_operation_without_a_rule_is_named():
