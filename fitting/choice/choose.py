@@ -14,7 +14,7 @@ from famjax.boundary.tasks import AnyExecutor
 from ..data.force_data import ForceData
 from ..engine.descent import End, descend_many
 from ..engine.problem import Problem
-from ..evidence.left_out import LeftOut, grouped, groups_of, leave_out
+from ..evidence.left_out import LeftOut, grouped, groups_of, leave_out_each
 from ..evidence.model_error import ModelError, model_error
 from ..evidence.refit import force_error
 from ..families.parameters import Parameter
@@ -366,13 +366,8 @@ def _left_out(seed: int, one: _Fitted | None) -> dict[str, LeftOut] | None:
     """Errors on what was left out; None where there is no force at some of it, or no use in it."""
     if one is None:
         return None
-    problem, found = one.posed.problem, {}
-    for kind, groups in _kinds(problem):
-        # Without some pressures the optimum stays where it was; without a length it may not.
-        starts = 1 if kind == "pressure" else 2
-        errors = leave_out(problem, one.u, kind, groups=groups, starts=starts, seed=seed)
-        if errors is not None:
-            if not np.isfinite(errors.error).all():
-                return None
-            found[kind] = errors
-    return found
+    problem = one.posed.problem
+    # Without some pressures the optimum stays where it was; without a length it may not.
+    kinds = {kind: (groups, 1 if kind == "pressure" else 2) for kind, groups in _kinds(problem)}
+    found = leave_out_each(problem, one.u, kinds, seed=seed)
+    return found if all(np.isfinite(errors.error).all() for errors in found.values()) else None

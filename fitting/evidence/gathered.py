@@ -15,7 +15,7 @@ from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hyste
 from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
 from ..posterior.result import Posterior
 from ..search.result import Identification
-from .left_out import groups_of, leave_out
+from .left_out import groups_of, leave_out_each
 from .likelihood import LEVELS, Profile, profile
 from .model_error import ModelError, model_error
 from .resampling import Bootstrap, bootstrap
@@ -166,11 +166,9 @@ def _error(result: Identification) -> ModelError | None:
     problem = result.problem
     if result.dependence != "fixed" or len(problem.parts) > 1:
         return None
-    left_out = {}
-    for kind in ("length", "pressure"):
-        one = leave_out(problem, result.end.u, kind, groups=groups_of(problem, kind))
-        if one is not None and np.isfinite(one.error).all():
-            left_out[kind] = one
+    kinds = {kind: (groups_of(problem, kind), 1) for kind in ("length", "pressure")}
+    found = leave_out_each(problem, result.end.u, kinds)
+    left_out = {kind: one for kind, one in found.items() if np.isfinite(one.error).all()}
     return model_error(result.data, result.residuals, left_out, result.n_parameters)
 
 

@@ -1,6 +1,7 @@
 """Errors on readings while they were left out: what a model is judged by, and its bands are made of."""
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -71,20 +72,46 @@ def leave_out(
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
     """
-    level = problem.levels(kind)
-    group = _groups(problem, kind, groups)
-    if group is None:
-        return None
+    return leave_out_each(problem, u, {kind: (groups, starts)}, seed=seed).get(kind)
+
+
+def leave_out_each(
+    problem: Problem,
+    u: Float[np.ndarray, " p"],
+    kinds: Mapping[str, tuple[int | None, int]],
+    *,
+    seed: int = 0,
+) -> dict[str, LeftOut]:
+    """`leave_out` for several kinds, the refits of all in step.
+
+    Args:
+        problem: what was fitted.
+        u: its optimum in the unit box.
+        kinds: number of groups and of starts of each.
+        seed: of the starts.
+
+    Returns:
+        The errors by kind, without those of which there are too few levels.
+    """
+    problems, starts, found = [], [], {}
     at = np.flatnonzero(problem.side == 0)
-    count = int(group.max()) + 1
-    out = group == np.arange(count)[:, None]
-    cube = latin_hypercube(len(problem.free), starts, seed)
-    cube[0] = u
-    fits = refit(
-        [problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * count,
-        max_steps=_STEPS, tolerance=_TOLERANCE,
-    )  # fmt: skip
-    return LeftOut(kind, level[at], group[at], fits.residual[group[at], at])
+    for kind, (groups, count) in kinds.items():
+        group = _groups(problem, kind, groups)
+        if group is None:
+            continue
+        found[kind] = group[at], len(problems)
+        cube = latin_hypercube(len(problem.free), count, seed)
+        cube[0] = u
+        for k in range(int(group.max()) + 1):
+            problems.append(problem.with_readings(factor=1.0 * (group != k)))
+            starts.append(cube)
+    if not found:
+        return {}
+    residual = refit(problems, starts, max_steps=_STEPS, tolerance=_TOLERANCE).residual
+    return {
+        kind: LeftOut(kind, problem.levels(kind)[at], group, residual[first + group, at])
+        for kind, (group, first) in found.items()
+    }
 
 
 def groups_of(problem: Problem, kind: str) -> int | None:
