@@ -21,7 +21,7 @@ from .design import Design
 from .fits import solve
 from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
 from .linear_model import LinearModel
-from .readings import arrange
+from .readings import Readings, arrange
 from .replicates import Chunk, chunk_sums
 from .result import Sweep, SweepRow
 from .scores import score
@@ -140,6 +140,29 @@ def sweep(
     )
 
 
+@dataclasses.dataclass(frozen=True)
+class _Given:
+    """What a linear problem is made of.
+
+    Attributes:
+        key: equal where all of it is; deadband [Pa] and highest order at its end.
+        geometry: of the muscle.
+        readings: of the force map.
+    """
+
+    key: tuple[Any, ...]
+    geometry: famjax.geometries.AbstractGeometry = dataclasses.field(compare=False)
+    readings: Readings = dataclasses.field(compare=False)
+
+
+@functools.lru_cache(maxsize=2)
+def _linear(given: _Given) -> tuple[LinearModel, Callable[[], Design]]:
+    """The model and the design of some readings, which several sweeps of them share."""
+    (*_, deadband, order), readings = given.key, given.readings
+    model = LinearModel(given.geometry, deadband, order, readings.pressure, readings.path_end)
+    return model, functools.cache(lambda: Design.of(model, readings))
+
+
 class _Task:
     """One force map of a sweep."""
 
@@ -154,8 +177,11 @@ class _Task:
         self.data, self.forms, self._objective = data, forms, objective
         highest = forms.orders[-1]
         self.readings = arrange(data, float(geometry.rest_length), highest)
-        levels, ends = self.readings.pressure, self.readings.path_end
-        self.model = LinearModel(geometry, deadband, highest, levels, ends)
+        key = (
+            jax.tree.structure(geometry), _fingerprint(geometry),
+            _fingerprint(vars(self.readings)), deadband, highest,
+        )  # fmt: skip
+        self.model, self._designed = _linear(_Given(key, geometry, self.readings))
 
     def fits(self) -> dict[str, np.ndarray]:
         """All fits with their scores."""
@@ -167,9 +193,9 @@ class _Task:
             "left_out_N2": np.asarray(square),
         }
 
-    @functools.cached_property
+    @property
     def _design(self) -> Design:
-        return Design.of(self.model, self.readings)
+        return self._designed()
 
     def chunk(self) -> Chunk:
         """Replicates of its fits, without a seed."""
@@ -319,9 +345,9 @@ def check_options(objective: str, bootstrap: int, seed: int) -> None:
         )
 
 
-def _fingerprint(geometry: famjax.geometries.AbstractGeometry) -> str:
-    """Hash of a geometry's numbers."""
-    digest = hashlib.sha256(type(geometry).__name__.encode())
-    for leaf in jax.tree.leaves(geometry):
+def _fingerprint(tree: Any) -> str:
+    """Hash of the numbers of a geometry, or of a tree of arrays."""
+    digest = hashlib.sha256(type(tree).__name__.encode())
+    for leaf in jax.tree.leaves(tree):
         digest.update(np.ascontiguousarray(leaf, "<f8").tobytes())
     return digest.hexdigest()
