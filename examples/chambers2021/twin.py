@@ -1,6 +1,6 @@
 """The twin of the muscle: records and photographs of a muscle that is known, made once into a folder.
 
-The work's own records and photographs are not published. `famjax.chain.folder.write_twin` draws a
+The work's own records and photographs are not published. `famjax.chain_folder.write_twin` draws a
 muscle near the work's, tests it on the simulated rig, and photographs it with the simulated camera,
 noise, clocks and faults included. What a chapter measures of it is kept in the folder, so that the
 next chapter need not measure it again.
@@ -19,9 +19,8 @@ from specimen import elastic_braid, inelastic_braid
 import famjax
 import fitting
 import imaging
-from famjax import units
-from famjax.chain import Analysis, analyse, measure_pictures
-from famjax.chain.folder import SHEET, Sheet, TwinMuscle, read_sheet, write_twin
+from famjax import chain, units
+from famjax.chain import folder as chain_folder
 from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
 from fitting.records import read_machine_log, write_dataset
 from rig.journal import read_journal
@@ -48,15 +47,15 @@ class Twin:
         parser.add_argument("--folder", type=Path, default=Path("chambers2021-twin"))
         parser.add_argument("--size", choices=("small", "large"), default="small")
         given, _ = parser.parse_known_args()  # a notebook's kernel has arguments of its own
-        if not (given.folder / SHEET).exists():
+        if not (given.folder / chain_folder.SHEET).exists():
             print(f"making the {given.size} twin in {given.folder} ...", file=sys.stderr)
-            write_twin(given.folder, size=given.size)
+            chain_folder.write_twin(given.folder, size=given.size)
         return cls(given.folder)
 
     @functools.cached_property
-    def sheet(self) -> Sheet:
+    def sheet(self) -> "chain_folder.Sheet":
         """What is known of the muscle beforehand."""
-        return read_sheet(self.folder)
+        return chain_folder.read_sheet(self.folder)
 
     @functools.cached_property
     def truth(self) -> dict[str, Any]:
@@ -64,16 +63,16 @@ class Twin:
         return json.loads((self.folder / TRUTH).read_text(encoding="utf-8"))
 
     @property
-    def muscle(self) -> TwinMuscle:
+    def muscle(self) -> "chain_folder.TwinMuscle":
         """The true muscle."""
-        names = [field.name for field in dataclasses.fields(TwinMuscle)]
+        names = [field.name for field in dataclasses.fields(chain_folder.TwinMuscle)]
         known = {name: self.truth[name] for name in names}
-        return TwinMuscle(**{**known, "coefficients": tuple(known["coefficients"])})
+        return chain_folder.TwinMuscle(**{**known, "coefficients": tuple(known["coefficients"])})
 
     @functools.cached_property
-    def test(self) -> Analysis:
+    def test(self) -> "chain.Analysis":
         """Journal and machine's log on one clock, and the curves at each pressure."""
-        return analyse(
+        return chain.analyse(
             read_journal(self.folder / "test.fam"),
             read_machine_log(self.folder / "machine.csv"),
             rest_length=self.sheet.specimen.rest_length,
@@ -88,13 +87,13 @@ class Twin:
         return fitting.read_csv(path)
 
     @functools.cached_property
-    def pictures(self) -> imaging.Table:
+    def pictures(self) -> "imaging.Table":
         """The photographs measured, each with what the machine read when it was taken."""
         ruler = self.folder / "ruler.jpg"
         scale = imaging.calibrate_ruler(
             ruler, pitch=PITCH, distance=DISTANCE, placement_stderr=PLACEMENT
         )
-        return measure_pictures(
+        return chain.measure_pictures(
             [str(self.folder / "photographs")],
             recipe=imaging.Recipe(scale, distance=DISTANCE),
             provenance={"ruler": str(ruler)},
@@ -104,7 +103,7 @@ class Twin:
         ).table
 
     @functools.cached_property
-    def surface(self) -> fitting.shapes.ShapeSurface:
+    def surface(self) -> "fitting.shapes.ShapeSurface":
         """D(z; L) through the pictures."""
         _ = self.pictures
         return fitting.shape_surface(self.folder / "pictures" / "measurements.nc")
