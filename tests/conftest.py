@@ -21,9 +21,11 @@ os.environ["XLA_FLAGS"] = " ".join(
     ]
 )
 
+sys.path.insert(0, str(Path(__file__).parent))  # the headless browser, the checks of annotations
+
 import jax
 import pytest
-from jaxtyping import install_import_hook
+from annotation_checks import check_annotations
 
 jax.config.update("jax_enable_x64", True)
 
@@ -33,7 +35,7 @@ CACHE = Path(__file__).parents[1] / ".pytest_cache" / "jax"
 jax.config.update("jax_enable_compilation_cache", False)
 os.environ["FAMJAX_CACHE_DIR"] = str(CACHE)
 
-HOOK = install_import_hook(["famjax", "fitting"], "beartype.beartype")
+check_annotations(["famjax", "fitting"])
 
 # Tracing makes many objects that live long, and looking through all of them for garbage again and
 # again takes a tenth of the time.
@@ -44,9 +46,6 @@ def pytest_collection_finish() -> None:
     """Leave what has been imported out of every later look for garbage."""
     gc.collect()
     gc.freeze()
-
-
-sys.path.insert(0, str(Path(__file__).parent))  # the headless browser
 
 
 @pytest.fixture(scope="module")
