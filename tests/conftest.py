@@ -37,6 +37,11 @@ os.environ["FAMJAX_CACHE_DIR"] = str(CACHE)
 
 check_annotations(["famjax", "fitting"])
 
+# What Python compiles of tests and packages is kept, whatever the environment says: for the next run,
+# and for the commands that tests start as processes.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # Tracing makes many objects that live long, and looking through all of them for garbage again and
 # again takes a tenth of the time.
 gc.set_threshold(100_000, 20, 50)
