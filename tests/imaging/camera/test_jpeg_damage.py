@@ -18,9 +18,9 @@ from imaging.synthetic import (
     damaged,
     published_ruler,
     published_scene,
-    render,
     render_ruler,
 )
+from tests.imaging.photographs import photograph
 
 SIZE = (1060, 440)
 LAST = slice(-200, None)  # rows behind the spoilt bit; the muscle's end and a tape are in them
@@ -31,7 +31,7 @@ UNFELT = 1.0  # levels: one step of the coding
 @functools.cache
 def photo(subsampling="422"):
     scene = dataclasses.replace(published_scene(0.1, size=SIZE), jpeg=Jpeg(92, subsampling))
-    return render(scene, 7)
+    return photograph(scene, 7)
 
 
 @pytest.mark.parametrize("subsampling", ["444", "422", "420"])
@@ -83,7 +83,7 @@ SOUND = {
     "muscle": lambda: photo().rgb,
     "lying": lambda: np.ascontiguousarray(np.rot90(photo().rgb)),
     "noisy": lambda: (
-        render(
+        photograph(
             dataclasses.replace(published_scene(0.2, size=SIZE), sensor=Sensor(full_well=240)), 1
         ).rgb
     ),

@@ -11,14 +11,15 @@ from imaging import Recipe, Scale, measure
 from imaging.errors import AmbiguousHue
 from imaging.quality import QualityLimits
 from imaging.segment import counts_of, hue_of, otsu_split, segment
-from imaging.synthetic import INCH, Tape, published_scene, render
+from imaging.synthetic import INCH, Tape, published_scene
+from tests.imaging.photographs import photograph
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
 
 
 @pytest.fixture(scope="module")
 def photo():
-    return render(published_scene(0.2625, size=(1060, 440)), 3)
+    return photograph(published_scene(0.2625, size=(1060, 440)), 3)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -85,7 +86,7 @@ def test_a_tape_of_any_hue_on_cloth_of_any_colour(hue, background):
     """The seam of the hue's circle is at red: a recipe's 350, 0 or 10 deg all mean the same tape."""
     base = published_scene(0.12, size=(800, 332))
     muscle = dataclasses.replace(base.muscle, upper=Tape(hue=hue), lower=Tape(hue=hue))
-    shot = render(dataclasses.replace(base, muscle=muscle), 6)
+    shot = photograph(dataclasses.replace(base, muscle=muscle), 6)
     rgb = on_cloth(shot.rgb, BACKGROUNDS[background])
 
     def how(hue):

@@ -25,7 +25,8 @@ from imaging.errors import (
     WrongOrientation,
 )
 from imaging.quality import QualityLimits
-from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene, render
+from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene
+from tests.imaging.photographs import photograph
 
 SIZE = (1060, 440)
 
@@ -65,7 +66,7 @@ FAILURES = {
 @pytest.mark.parametrize("case", FAILURES)
 def test_a_picture_that_cannot_be_measured(case, tmp_path):
     made, error = FAILURES[case]
-    path = render(made(), 2).save(tmp_path / "picture.jpg")
+    path = photograph(made(), 2).save(tmp_path / "picture.jpg")
     with pytest.raises(error) as caught:
         measure(path, recipe())
     assert type(caught.value) is error
@@ -84,14 +85,14 @@ def test_no_muscle_at_all(level):
 
 
 def test_a_grey_picture_has_no_hue():
-    rgb = render(base(), 1).rgb
+    rgb = photograph(base(), 1).rgb
     grey = np.repeat(rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
     with pytest.raises(AmbiguousHue):
         measure(grey, recipe())
 
 
 def test_the_wrong_tape_hue_is_refused():
-    rgb = render(base(), 1).rgb
+    rgb = photograph(base(), 1).rgb
     with pytest.raises(AmbiguousHue, match="hue"):
         measure(rgb, recipe(tape_hue=120.0))
     measure(rgb, recipe(tape_hue=215.0))
@@ -101,7 +102,7 @@ def test_the_wrong_tape_hue_is_refused():
 def test_a_scale_that_contradicts_the_tapes(factor):
     tape = Tape(diameter=0.95 * INCH)
     made = muscle(upper=tape, lower=tape)
-    rgb = render(made, 1).rgb
+    rgb = photograph(made, 1).rgb
     wrong = Scale.manual(factor * base().camera.px_per_m)
     with pytest.raises(ScaleContradiction) as caught:
         measure(rgb, dataclasses.replace(recipe(tape_diameter=0.95 * INCH), scale=wrong))
@@ -109,7 +110,7 @@ def test_a_scale_that_contradicts_the_tapes(factor):
 
 
 def test_limits_are_the_users():
-    rgb = render(base(), 1).rgb
+    rgb = photograph(base(), 1).rgb
     with pytest.raises(Defocused, match="blur_px"):
         measure(rgb, recipe(limits=QualityLimits(blur_px=0.5)))
 
@@ -126,7 +127,7 @@ def test_missing_empty_and_foreign_files(tmp_path):
 
 def test_a_truncated_file(tmp_path):
     path = tmp_path / "cut.jpg"
-    path.write_bytes(damaged(render(base(), 1).jpeg(), "truncated"))
+    path.write_bytes(damaged(photograph(base(), 1).jpeg(), "truncated"))
     with pytest.raises(UnreadableImage, match="FF D9"):
         read_image(path)
 
@@ -134,7 +135,7 @@ def test_a_truncated_file(tmp_path):
 @pytest.mark.parametrize("kind", ["scrambled", "blanked"])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_damaged_file_gives_an_error_or_the_right_figures(tmp_path, kind, seed):
-    photo = render(dataclasses.replace(base(), jpeg=Jpeg(92)), 1)
+    photo = photograph(dataclasses.replace(base(), jpeg=Jpeg(92)), 1)
     path = tmp_path / "damaged.jpg"
     path.write_bytes(damaged(photo.jpeg(), kind, seed))
     outcome = measured_or_refused(path)
@@ -154,7 +155,7 @@ def measured_or_refused(path):
 
 
 def test_the_decoders_complaint_is_an_error_and_not_printed(tmp_path, capfd):
-    data = render(base(), 1).jpeg()
+    data = photograph(base(), 1).jpeg()
     path = tmp_path / "damaged.jpg"
     path.write_bytes(damaged(data, "scrambled", 1))
     with pytest.raises(DamagedImage, match="decoder"):
@@ -165,7 +166,7 @@ def test_the_decoders_complaint_is_an_error_and_not_printed(tmp_path, capfd):
 def test_what_others_write_meanwhile_is_kept(tmp_path, capfd, monkeypatch):
     import cv2
 
-    path = render(base(), 1).save(tmp_path / "good.jpg")
+    path = photograph(base(), 1).save(tmp_path / "good.jpg")
     decode = cv2.imdecode
 
     def noisy(*arguments):

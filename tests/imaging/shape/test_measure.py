@@ -11,7 +11,8 @@ import imaging
 from imaging import Recipe, Scale, measure
 from imaging.camera import Camera, Tone
 from imaging.shape import measure as measure_directly
-from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene, render
+from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene
+from tests.imaging.photographs import photograph
 
 HALF = (1325, 550)
 # At half the published resolution, in px of the picture; the full one is benchmarked. A thread is
@@ -33,7 +34,7 @@ def scene(contraction=0.2625, size=HALF, light="side", **muscle):
 
 @functools.cache
 def photo(made, seed=1):
-    return render(made, seed)
+    return photograph(made, seed)
 
 
 def recipe_of(made, **options):
@@ -91,7 +92,7 @@ def test_full_resolution_keeps_what_is_promised(contraction, light, seed):
         light=getattr(Light, light)(),
         muscle=dataclasses.replace(made.muscle, weave_seed=seed),
     )
-    shown = render(made, seed)
+    shown = photograph(made, seed)
     found = measure(shown.rgb, recipe_of(made))
     off = errors(found, shown.truth) / shown.truth.px_per_m / INCH
     assert abs(off.mean()) < (0.002 if light == "harsh" else 0.0008)
@@ -210,7 +211,7 @@ def test_the_errors_own_estimates_hold():
         light = ("side", "frontal", "harsh")[seed % 3]
         made = scene(float(random.choice([0.0, 0.175, 0.35])), light=light, weave_seed=300 + seed)
         lens = Lens(blur_px=random.uniform(0.6, 1.6), defocus_px=random.choice([0.0, 2.0]))
-        shown = render(dataclasses.replace(made, lens=lens), seed)
+        shown = photograph(dataclasses.replace(made, lens=lens), seed)
         found = measure(shown.rgb, recipe_of(made))
         off = errors(found, shown.truth) / shown.truth.px_per_m / found.diameter_stderr
         normalised.append(

@@ -16,7 +16,8 @@ from imaging.campaign import (
     write_check_pictures,
 )
 from imaging.shape import Trace, draw_overlay
-from imaging.synthetic import damaged, published_scene, render
+from imaging.synthetic import damaged, published_scene
+from tests.imaging.photographs import photograph
 
 RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)
 
@@ -87,7 +88,7 @@ def test_the_reason_of_a_failure_is_told_below_its_picture():
 
 def test_a_damaged_picture_is_shown_and_a_vanished_one_is_not(tmp_path):
     scene = published_scene(0.1, size=(400, 166))
-    shot = render(scene, 1)
+    shot = photograph(scene, 1)
     (tmp_path / "bad.jpg").write_bytes(damaged(shot.jpeg(), "scrambled", 3))
     good = shot.save(tmp_path / "good.jpg")
     (row,) = measured_rows([str(good)], Recipe(Scale.manual(scene.camera.px_per_m)))

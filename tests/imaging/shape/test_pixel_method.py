@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from imaging import Recipe, Scale, measure
-from imaging.synthetic import INCH, published_scene, render
+from imaging.synthetic import INCH, published_scene
+from tests.imaging.photographs import photograph
 
 # Clockwise from the east, as (du, dv), v downwards.
 AROUND = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
@@ -84,7 +85,7 @@ def scene():
 
 
 def test_it_measures_at_pixel_level(scene):
-    photo = render(scene, 1)
+    photo = photograph(scene, 1)
     found = measure(photo.rgb, Recipe(Scale.manual(scene.camera.px_per_m), method="pixel"))
     truth = photo.truth
     px = 1 / scene.camera.px_per_m
@@ -98,7 +99,7 @@ def test_it_measures_at_pixel_level(scene):
 
 
 def test_the_sub_pixel_method_is_better(scene):
-    photo = render(scene, 2)
+    photo = photograph(scene, 2)
     truth = photo.truth
     errors = {}
     for method in ("pixel", "limb"):

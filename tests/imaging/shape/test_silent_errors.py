@@ -15,9 +15,9 @@ from imaging.synthetic import (
     Sensor,
     published_ruler,
     published_scene,
-    render,
     render_ruler,
 )
+from tests.imaging.photographs import photograph
 
 SIZE = (1325, 550)
 STATED = {"tone": Tone.srgb(), "k1": 0.0}
@@ -39,7 +39,7 @@ def changed(scene, muscle=None, camera=None, **fields):
 
 
 def measured(scene, seed=1, scale=None, **stated):
-    shot = render(scene, seed)
+    shot = photograph(scene, seed)
     scale = scale or Scale.manual(scene.camera.px_per_m)
     options = {"distance": scene.camera.distance} | stated
     return measure(shot.rgb, Recipe(scale, centre=scene.camera.centre, **options)), shot.truth

@@ -11,8 +11,9 @@ from imaging import ImagingError, Recipe, Scale, measure
 from imaging.camera import Tone
 from imaging.errors import DamagedImage, MissingFitting, MotionBlurred
 from imaging.outline import axis_deviation, axis_kink
-from imaging.synthetic import INCH, Lens, Tape, published_scene, random_scene, render
+from imaging.synthetic import INCH, Lens, Tape, published_scene, random_scene
 from imaging.tape import behind, check_cover, tape_shows
+from tests.imaging.photographs import photograph
 
 SIZE = (1325, 550)
 SIGMAS = 3.0  # standard errors by which a length that is given may be off
@@ -22,7 +23,7 @@ BLUE, TAN = np.array([40.0, 90.0, 190.0]), np.array([200.0, 180.0, 130.0])
 
 @functools.cache
 def photo(contraction=0.2, seed=31):
-    return render(published_scene(contraction, size=SIZE), seed)
+    return photograph(published_scene(contraction, size=SIZE), seed)
 
 
 @functools.cache
@@ -87,7 +88,7 @@ def test_nothing_covers_a_tape_that_lies_open(seed):
     scene = random_scene(seed, px_per_in=(90.0, 130.0))
     camera = scene.camera
     how = Recipe(Scale.manual(camera.px_per_m), distance=camera.distance, centre=camera.centre)
-    found = measure(render(scene, seed).rgb, how)
+    found = measure(photograph(scene, seed).rgb, how)
     assert found.quality.axis_kink < 0.6 * how.limits.axis_kink
 
 
@@ -95,7 +96,7 @@ def test_a_grey_tape_on_a_white_braid_is_not_taken_for_covered():
     grey = Tape(saturation=0.1, value=0.5)
     base = published_scene(0.2, size=(1060, 440))
     muscle = dataclasses.replace(base.muscle, upper=grey, lower=grey, albedo=(0.75, 0.75, 0.72))
-    shot = render(dataclasses.replace(base, muscle=muscle), 4)
+    shot = photograph(dataclasses.replace(base, muscle=muscle), 4)
     found = measure(shot.rgb, Recipe(Scale.manual(shot.truth.px_per_m)))
     assert found.length == pytest.approx(shot.truth.length, abs=0.003 * INCH)
 
@@ -105,7 +106,7 @@ def test_motion_is_told_before_it_matters(blur, told):
     base = published_scene(0.15, size=(1060, 440))
 
     def moved(way):
-        return render(dataclasses.replace(base, lens=Lens(blur_px=blur, motion_px=way)), 8)
+        return photograph(dataclasses.replace(base, lens=Lens(blur_px=blur, motion_px=way)), 8)
 
     how = Recipe(Scale.manual(base.camera.px_per_m))
     still, slow = (measure(moved(way).rgb, how) for way in (0.0, 3.0))

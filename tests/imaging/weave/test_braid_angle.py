@@ -10,8 +10,9 @@ import pytest
 from imaging import Recipe, Scale, measure
 from imaging.campaign import Row, Table, measured_rows, plot_table
 from imaging.shape import draw_overlay
-from imaging.synthetic import INCH, Jpeg, Lens, Sensor, random_scene, render
+from imaging.synthetic import INCH, Jpeg, Lens, Sensor, random_scene
 from imaging.weave import BraidAngle, Unrolled, directions, triangle_angle
+from tests.imaging.photographs import photograph
 
 PX_PER_IN = (150.0, 170.0)
 WITHIN = math.radians(0.3)
@@ -36,7 +37,7 @@ def recipe_of(made, **options):
 
 @functools.cache
 def measured(made, **options):
-    photo = render(made, 3)
+    photo = photograph(made, 3)
     return photo, measure(photo.rgb, recipe_of(made, **options))
 
 
@@ -62,7 +63,7 @@ CASES = {
 def test_the_angle_is_that_of_the_strands(case):
     seed, changes = CASES[case]
     made = scene(seed, **changes)
-    photo = render(made, 3)
+    photo = photograph(made, 3)
     found = measure(photo.rgb, dataclasses.replace(recipe_of(made), orientation="auto"))
     if not made.lying:
         assert found.braid.yarns == made.muscle.strands
