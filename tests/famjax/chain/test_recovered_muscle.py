@@ -60,11 +60,8 @@ def test_a_fit_of_the_dataset_returns_the_muscle_that_was_simulated(tmp_path: Pa
         data = read_csv(folder / "dataset.csv")
         assert np.unique(data.pressures.level).size == 5
         again = load_fit(folder / "fit.json").muscle
-        apart = [
-            float(again.force(L, P) - muscle.force(L, P))
-            for L, P in zip(data.length, data.pressure, strict=True)
-        ]
-        assert np.sqrt(np.mean(np.square(apart))) < 1.6
+        apart = [one.force(data.length, data.pressure) for one in (again, muscle)]
+        assert np.sqrt(np.mean(np.square(np.subtract(*apart)))) < 1.6
 
 
 @pytest.mark.slow

@@ -11,6 +11,9 @@ from famjax.__main__ import main
 from famjax.terms import MaxwellSlip, SlipElements
 from fitting import load_fit
 
+# For the fit that all of these read, which then only one stage of CI makes.
+pytestmark = pytest.mark.slow
+
 REST, TOP, ZERO = 0.3, 6e5, 9e3
 LENGTHS = (0.3, 0.288, 0.276, 0.264)
 SLIP = MaxwellSlip(SlipElements([0.01], [6.0]), SlipElements([0.004], [12.0]), REST, 1e6)
@@ -61,7 +64,6 @@ def fitted(records: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
-@pytest.mark.slow
 def test_the_fit_holds_the_hysteresis(fitted: Path) -> None:
     document = json.loads((fitted / "fit.json").read_text())["hysteresis"]
     assert document["duality_gap"] < 1e-10

@@ -12,6 +12,9 @@ from famjax.__main__ import main
 from imaging import Table
 from tests.fitting.pictured import BRAID, INCH, PSI, REST, photographed, true_family
 
+# For the folder that all of these read, which then only one stage of CI makes.
+pytestmark = pytest.mark.slow
+
 HEADER = """# specimen: name = twin
 # specimen: rest_length_in = 9.28125
 # specimen: wall_thickness_in = 0.0625
@@ -69,7 +72,6 @@ def fit(folder: Path, capsys: pytest.CaptureFixture, *words: object) -> tuple[in
     return int(stop.value.code or 0), said.out, said.err
 
 
-@pytest.mark.slow
 def test_the_law_and_the_turns_come_back(folder: Path, capsys: pytest.CaptureFixture) -> None:
     code, out, _ = fit(folder, capsys, "--shape", folder / "measurements.nc")
     assert code == 0
@@ -80,7 +82,6 @@ def test_the_law_and_the_turns_come_back(folder: Path, capsys: pytest.CaptureFix
         assert abs(found[name]["value"] - true) < 4 * found[name]["stderr"]
 
 
-@pytest.mark.slow
 def test_turns_that_were_counted_are_held(folder: Path, capsys: pytest.CaptureFixture) -> None:
     code, out, _ = fit(
         folder, capsys, "--shape", folder / "measurements.nc", "--bounds", "turns=1.09", "--json"
@@ -89,7 +90,6 @@ def test_turns_that_were_counted_are_held(folder: Path, capsys: pytest.CaptureFi
     assert json.loads(out)
 
 
-@pytest.mark.slow
 def test_lengths_that_no_picture_shows_are_refused(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
@@ -117,7 +117,6 @@ def test_a_file_that_is_no_table_is_refused(
     assert words in err
 
 
-@pytest.mark.slow
 def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(
     folder: Path, capsys: pytest.CaptureFixture
 ) -> None:

@@ -55,14 +55,10 @@ def test_matlab(folder: Path) -> None:
     assert "pressure =" in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "needs"),
-    [
-        (0, "pandas"),
-        (1, "mujoco"),
-        pytest.param(2, "mujoco.mjx", marks=pytest.mark.slow),
-        (3, "flatbuffers"),
-    ],
+    [(0, "pandas"), (1, "mujoco"), (2, "mujoco.mjx"), (3, "flatbuffers")],
 )
 def test_python(number: int, needs: str, folder: Path) -> None:
     assert len(fences("python")) == 4

@@ -62,6 +62,7 @@ def test_a_law_of_rubber_is_found_again() -> None:
     assert np.sqrt(np.mean(error[truth.loaded] ** 2)) < 1.0
 
 
+@pytest.mark.slow
 def test_predictions_are_the_mean_of_the_members(chosen: Choice, tmp_path: Path) -> None:
     at = np.array([0.29, 0.26]), np.array([3e5, 3e5])
     mean = np.mean([one.predict(*at) for one in chosen.members], axis=0)
@@ -75,6 +76,7 @@ def test_predictions_are_the_mean_of_the_members(chosen: Choice, tmp_path: Path)
     assert all(row["low_95_N"] < row["force_N"] < row["high_95_N"] for row in rows)
 
 
+@pytest.mark.slow
 def test_what_was_tried_is_told(chosen: Choice) -> None:
     document = json.loads(json.dumps(choice_as_dict(chosen)))
     assert document["chosen"] == chosen.names[0]

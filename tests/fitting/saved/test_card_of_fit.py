@@ -11,6 +11,9 @@ from famjax.boundary.errors import InputError
 from famjax.cards import read_card
 from fitting.saved import card_of, load_fit, predict
 
+# For the fit that all of these read, which then only one stage of CI makes.
+pytestmark = pytest.mark.slow
+
 
 def run(*arguments: str) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -26,7 +29,6 @@ def fit_json(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "fit.json"
 
 
-@pytest.mark.slow
 def test_the_command_writes_what_predict_says(
     fit_json: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
@@ -47,7 +49,6 @@ def test_the_command_writes_what_predict_says(
     assert " && famjax" in card.provenance.command
 
 
-@pytest.mark.slow
 def test_the_covariance_is_that_of_the_fit(fit_json: Path) -> None:
     fit = load_fit(fit_json)
     known = card_of(fit, count=0).covariance
