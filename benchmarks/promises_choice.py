@@ -4,7 +4,10 @@ Each figure is nested: the choice is made anew without the readings that it is j
 """
 
 import dataclasses
+import json
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,11 +15,13 @@ from promise import Case, Cost, Promise, shown
 from promises_fits import A1, A2, LOADED
 
 import fitting
-from fitting import Choice
+from fitting import Choice, ForceData, load_fit, predict
 from fitting.choice import NestedValidation, identify_series, validate_choice
+from fitting.saved import fit_as_dict
 
 BAND = 1.96  # standard deviations of a series on either side
 _SERIES = "a series"
+_PAIR = "two specimens"
 
 
 def chosen(case: Case) -> Choice:
@@ -95,6 +100,40 @@ def pooled(case: Case) -> LeftOut:
     )  # fmt: skip
 
 
+def from_the_other(case: Case) -> LeftOut:
+    """Each of two specimens of different lengths predicted from the fit of the other.
+
+    A prediction without a band covers nothing, and its width is not a number.
+    """
+
+    def predicted(seen: ForceData, other: ForceData) -> list[tuple[float, bool, float]]:
+        choice = fitting.choose(seen)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "fit.json"
+            path.write_text(json.dumps(fit_as_dict(choice.chosen, choice=choice)), encoding="utf-8")
+            fit = load_fit(path)
+        found = []
+        for length in np.unique(other.length[other.loaded]):
+            at = other.loaded & (other.length == length)
+            rows = predict(
+                fit, np.array([length]), other.pressure[at],
+                rest_length=other.specimen.rest_length,
+            )  # fmt: skip
+            for row, force in zip(rows, other.force[at], strict=True):
+                band = [np.nan if (end := row[f"{side}_95_N"]) is None else end
+                        for side in ("low", "high")]  # fmt: skip
+                inside = band[0] <= force <= band[1]
+                found.append((row["force_N"] - force, inside, band[1] - band[0]))
+        return found
+
+    def compute() -> LeftOut:
+        one, other = case.series
+        found = [*predicted(one, other), *predicted(other, one)]
+        return LeftOut(*(np.array(column) for column in zip(*found, strict=True)))
+
+    return case.once("from the other", compute)
+
+
 def _row(name: str, measure: Callable[[Case], float], data: str, statistic: str, limit: float,
          direction: str = "at most", cost: Cost = "minutes", *, of_its_data: bool = False,
          command: str = "famjax fit MAP.csv --validate", part: str = LOADED) -> Promise:  # fmt: skip
@@ -124,6 +163,7 @@ def _muscles() -> list[Promise]:
 _BOTH = "both bundled maps"
 _ONE_OUT = "loaded readings of every length, while it was left out"
 _OUT = "loaded readings of every specimen, while it was left out"
+_OF_PAIR = "famjax fit MAP.csv, and predict --rest-length of the other"
 _OF_SERIES = "famjax series MAPS, and predict --rest-length of the one that is not among them"
 
 CHOICE: tuple[Promise, ...] = (
@@ -139,6 +179,12 @@ CHOICE: tuple[Promise, ...] = (
     *(_row("no option, raw ramps", lambda case: chosen(case).rmse, data, "RMSE [N]", 2.3,
            of_its_data=True, command="famjax ramps ... && famjax fit famjax-ramps/map.csv")
       for data in ("bpa10 10cm", "bpa10 30cm")),
+    _row("one specimen from another", lambda case: from_the_other(case).rmse, _PAIR, "RMSE [N]",
+         12.0, command=_OF_PAIR, part="loaded readings of either, predicted from the other"),
+    _row("one specimen from another, 95 % band",
+         lambda case: float(from_the_other(case).inside.mean()), _PAIR,
+         "part of the readings inside", 0.88, "at least", command=_OF_PAIR,
+         part="loaded readings of either, predicted from the other"),
     _row("a series with no option", lambda case: pooled(case).rmse, _SERIES, "RMSE [N]", 20.0,
          part=_OUT, command=_OF_SERIES),
     _row("a series, 95 % band", lambda case: float(pooled(case).inside.mean()), _SERIES,
@@ -154,4 +200,5 @@ CHOICE: tuple[Promise, ...] = (
             "RMS error of the half-difference / its measured RMS", 0.6)
       for out in ("record", "length")),
 )  # fmt: skip
-"""Issue 14: choice and bands. The series is given by `--data 'a series=FOLDER'`."""
+"""Issue 14: choice and bands. The series is given by `--data 'a series=FOLDER'`,
+the two specimens by `--data 'two specimens=FOLDER'`."""
