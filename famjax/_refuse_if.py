@@ -25,7 +25,7 @@ def refuse_if(x: Float[Array, "..."], bad: Bool[Array, "..."], message: str) -> 
     return _PRIMITIVE.bind(jnp.asarray(x), jnp.any(bad), message=message)
 
 
-def _checked(x: Array, bad: Array, *, message: str) -> Array:
+def _checked(x: Any, bad: Any, *, message: str) -> Any:
     return eqx.error_if(x, bad, message)
 
 

@@ -288,7 +288,13 @@ def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray
             v[slot] = argument
         with np.errstate(all="ignore"):
             for operation, read, written, gone in work:
-                found = operation(*[v[slot] for slot in read])
+                # Nearly all operations have one operand or two; a list of them takes as long again.
+                if len(read) == 2:
+                    found = operation(v[read[0]], v[read[1]])
+                elif len(read) == 1:
+                    found = operation(v[read[0]])
+                else:
+                    found = operation(*[v[slot] for slot in read])
                 if isinstance(found, tuple):
                     for slot, value in zip(written, found, strict=True):
                         v[slot] = value
