@@ -17,10 +17,10 @@ from typing import Any
 from specimen import elastic_braid, inelastic_braid
 
 import famjax
+import famjax.chain.folder as chain_folder
 import fitting
 import imaging
 from famjax import chain, units
-from famjax.chain import folder as chain_folder
 from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
 from fitting.records import read_machine_log, write_dataset
 from rig.journal import read_journal
