@@ -47,6 +47,16 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 gc.set_threshold(100_000, 20, 50)
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """What is given more than the usual time is begun first: no worker is to wait for it at the end."""
+    usual = float(config.getini("timeout"))
+    given = [item.get_closest_marker("timeout") for item in items]
+    longest = [
+        item for item, mark in zip(items, given, strict=True) if mark and mark.args[0] > usual
+    ]
+    items.sort(key=lambda item: item not in longest)
+
+
 def pytest_collection_finish() -> None:
     """Leave what has been imported out of every later look for garbage."""
     gc.collect()
