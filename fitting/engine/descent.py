@@ -24,7 +24,7 @@ _VANISHED = 1e-8  # parts of the first residual below which a residual is roundi
 _SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
 _EPS = float(np.finfo(float).eps)
 _TINY = float(np.finfo(float).tiny)
-_TOGETHER = 64  # descents in step: more, and their arrays leave the cache
+_TOGETHER = 128  # descents in step: more, and their arrays leave the cache
 
 
 @dataclasses.dataclass(frozen=True)
