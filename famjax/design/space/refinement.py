@@ -92,7 +92,8 @@ def refine(space: Mapping[str, Any], front: Columns, pairs: int) -> list[Refinem
         mine = np.flatnonzero(of_goal == k)
         first = mine[len(_BACK) - 1]  # where the first of them starts: the best of the front
         score, primary = costs @ weights[k], costs @ primaries[k]
-        allowed = kept[mine] & (primary[mine] <= primary[first])
+        # A cost that is equal after rounding may be of a figure that is worse by its last digit.
+        allowed = kept[mine] & ((primary[mine] < primary[first]) | (mine == first))
         best = mine[np.argmin(np.where(allowed, score[mine], np.inf))]
         start, end = (
             {name: values[at].item() for name, values in columns.items()} for at in (first, best)
