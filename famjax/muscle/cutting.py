@@ -24,7 +24,7 @@ def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
     Raises:
         ValueError: the shape was measured or assumed over the length, and cannot be cut.
 
-    >>> from famjax import Bladder, Braid, PolynomialMaterial
+    >>> from famjax import Bladder, Braid, EstimatedGeometry, PolynomialMaterial
     >>> braid = Braid.from_rest(diameter=0.01, braid_angle=1.1, length=0.3)
     >>> long = Muscle(EstimatedGeometry(braid, Bladder(0.3, 0.009, 0.001)), PolynomialMaterial([1e6]))
     >>> short = cut_to_length(long, 0.1)

@@ -14,7 +14,7 @@ from fitting import read_csv
 from fitting.records import read_machine_log
 from rig import Journal, Rig, RigFault, audit, read_journal
 from rig.control import Control, Isobaric, PlanFile
-from rig.link import VirtualLink
+from rig.link import VirtualLink, mean_counts
 from rig.protocol import Hello, Sample, Splitter, parse
 from rig.simulation import (
     ByteChannel,
@@ -342,5 +342,5 @@ def test_a_load_cell_that_ends_too_low_shows_its_end() -> None:
     with rig_under_control(sim, "air") as rig:
         rig.set_pressure(60 * PSI)
         rig.wait(5.0)
-        counts = rig.average(0.5)[1]
+        _, counts = mean_counts(rig.link, 0.5, rig.wait)
     assert counts == 5 * 1023
