@@ -37,9 +37,8 @@ def _sparing(*, typechecker: Any, check: Callable[..., Any]) -> Callable[[Any], 
     return decorate
 
 
-_calls: dict[
-    int, int
-] = {}  # by code: a function that is made anew in each call of another shares it
+_calls: dict[int, int] = {}
+"""By code, which a function that is made anew in each call of another shares; its owner keeps it alive."""
 
 
 def _checked_at_first(function: Any, check: Callable[[Any], Any]) -> Any:

@@ -1,4 +1,4 @@
-"""A law, a geometry and force terms of a user's own, named by module:Class on the command line."""
+"""A geometry and force terms of a user's own, named by module:Class on the command line."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,6 +22,9 @@ def own_parts(
         data: the map.
         geometry: module:Class of a geometry around the estimated one, or None.
         terms: module:Class of each force term.
+
+    Returns:
+        (options, declarations by name).
 
     Raises:
         InputError: a class that is not found or is something else, or a term that needs a number
