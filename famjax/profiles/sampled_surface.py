@@ -92,7 +92,9 @@ class SampledSurface(AbstractMeasuredFamily):
         Returns:
             D [m], broadcast shape.
         """
-        x, length, pressure = jnp.broadcast_arrays(as_real(x), as_real(length), as_real(pressure))
+        # Not made of one shape: the weights of a length serve all positions, and what is at a position
+        # serves all lengths.
+        x, length, pressure = as_real(x), as_real(length), as_real(pressure)
         cells = self.diameters.shape[-1] - 1
         cell = jnp.clip(jnp.floor(x * cells).astype(int), 0, cells - 1)
         t = (x * cells - cell)[..., None]
@@ -112,7 +114,7 @@ class SampledSurface(AbstractMeasuredFamily):
             for D, slope in zip(values, slopes, strict=True)
         ]
         if len(along) == 1:
-            return along[0]
+            return jnp.broadcast_to(along[0], jnp.broadcast_shapes(along[0].shape, pressure.shape))
         low, high = self.pressures
         return along[0] + (pressure - low) / (high - low) * (along[1] - along[0])
 

@@ -1,5 +1,7 @@
 """The interpolating cubic spline with continuous second derivative, not-a-knot at its ends."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -44,28 +46,60 @@ def slope_matrix(knots: Float[Array, " knots"]) -> Float[Array, "knots knots"]:
     secant = (unit[1:] - unit[:-1]) / step[:, None]
     if n == 2:
         return jnp.concatenate([secant, secant])
-    left, right = step[:-1, None], step[1:, None]
-    # Continuity of the second derivative at the inner knots.
-    inner = right * unit[:-2] + 2 * (left + right) * unit[1:-1] + left * unit[2:]
-    inner_values = 3 * (right * secant[:-1] + left * secant[1:])
-    first, first_value = _end_condition(unit[:3], step[:2], secant[:2])
-    last, last_value = _end_condition(unit[:-4:-1], step[:-3:-1], secant[:-3:-1])
-    system = jnp.concatenate([first[None], inner, last[None]])
-    values = jnp.concatenate([first_value[None], inner_values, last_value[None]])
-    return jnp.linalg.solve(system, values)
+    left, right = step[:-1], step[1:]
+    first, second, first_value = _end_condition(step[:2], secant[:2])
+    last, before, last_value = _end_condition(step[:-3:-1], secant[:-3:-1])
+    # Between the ends the second derivative is continuous at the knots.
+    inner = 3 * (right[:, None] * secant[:-1] + left[:, None] * secant[1:])
+    return _solve_tridiagonal(
+        jnp.concatenate([jnp.zeros_like(first), right, before]),
+        jnp.concatenate([first, 2 * (left + right), last]),
+        jnp.concatenate([second, left, jnp.zeros_like(last)]),
+        jnp.concatenate([first_value, inner, last_value]),
+    )
 
 
 def _end_condition(
-    unit: Float[Array, "3 knots"], step: Float[Array, " 2"], secant: Float[Array, "2 knots"]
-) -> tuple[Float[Array, " knots"], Float[Array, " knots"]]:
-    """The spline's condition at one end, seen from it: a row on the slopes, and its value.
+    step: Float[Array, " 2"], secant: Float[Array, "2 knots"]
+) -> tuple[Float[Array, " 1"], Float[Array, " 1"], Float[Array, "1 knots"]]:
+    """The spline's condition at one end, seen from it: on the first slope, on the second, its value.
 
     Not-a-knot: the third derivative is continuous at the second knot. Of three knots there is only
     one such condition; there the end cubic is a parabola instead.
     """
-    near, next_ = step
-    if unit.shape[-1] == 3:
-        return unit[0] + unit[1], 2 * secant[0]
+    near, next_ = step[:1], step[1:]
+    if secant.shape[-1] == 3:
+        return jnp.ones_like(near), jnp.ones_like(near), 2 * secant[:1]
     both = near + next_
     value = ((near + 2 * both) * next_ * secant[0] + near**2 * secant[1]) / both
-    return next_ * unit[0] + both * unit[1], value
+    return next_, both, value[None]
+
+
+def _solve_tridiagonal(
+    below: Float[Array, " n"],
+    diagonal: Float[Array, " n"],
+    above: Float[Array, " n"],
+    values: Float[Array, "n columns"],
+) -> Float[Array, "n columns"]:
+    """The solution of a system whose pivots are above zero in their order, as a spline's are.
+
+    By plain operations, which a fit of a measured shape does in NumPy: with a factorisation of
+    LAPACK's among them it would have to be compiled.
+    """
+
+    def eliminate(done: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[Any, Any]:
+        share, value = done
+        low, own, high, right = row
+        pivot = own - low * share
+        now = high / pivot, (right - low * value) / pivot
+        return now, now
+
+    def substitute(after: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        share, value = row
+        now = value - share * after
+        return now, now
+
+    nothing = jnp.zeros_like(values[0])
+    rows = below, diagonal, above, values
+    _, reduced = jax.lax.scan(eliminate, (jnp.zeros_like(diagonal[0]), nothing), rows)
+    return jax.lax.scan(substitute, nothing, reduced, reverse=True)[1]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
+import famjax
 from famjax._refuse_if import refuse_if
 from fitting import load_bundled
 from fitting.comparison import peer_families
@@ -117,6 +118,26 @@ def test_a_tape_computes_what_xla_computes(name):
     size = float(jnp.max(jnp.abs(expected)))
     members = np.broadcast_to(found, (*found.shape[:-1], 5))
     np.testing.assert_allclose(np.moveaxis(members, -1, 0), expected, rtol=0, atol=ROUNDING * size)
+
+
+def test_a_measured_shape_is_done_on_a_tape():
+    """With all that its splines take, and the derivative of a fit."""
+    lengths, braid = np.array([0.30, 0.27, 0.25, 0.21]), famjax.Braid(0.32, 1.5, 3e-4)
+    diameters = 0.02 + 0.2 * (0.30 - lengths[:, None]) * np.sin(np.pi * np.linspace(0, 1, 9))
+    x = np.linspace(0, 1, 5)
+
+    def function(length, step):
+        shape = famjax.profiles.SampledSurface(lengths, [1e5], diameters[None], braid)
+        return jax.jvp(lambda L: shape.diameter(x, L[:, None], 1e5), (length,), (step,))
+
+    at, steps = np.array([0.295, 0.26, 0.215]), np.ones(3)
+    for found, expected in zip(
+        record(function, at, steps).run(at[:, None], steps[:, None]),
+        jax.jit(function)(at, steps),
+        strict=True,
+    ):
+        size = float(jnp.max(jnp.abs(expected)))
+        np.testing.assert_allclose(found[..., 0], expected, rtol=0, atol=ROUNDING * size)
 
 
 def test_only_what_is_asked_for_is_computed():
