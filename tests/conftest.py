@@ -10,7 +10,8 @@ from pathlib import Path
 os.environ.setdefault("PJRT_NPROC", "16")  # see docs: batched LAPACK on few cores
 # Most of the time of these tests is XLA compiling, and its passes cost more than they save: see
 # famjax.compile_options. XLA ends a process at a flag that it does not know, so that all but those
-# of every release are for the one of constraints.txt.
+# of every release are for the one of constraints.txt. Examples, pages and commands that tests start
+# as processes have the same flags: what they print does not depend on them.
 os.environ["XLA_FLAGS"] = " ".join(
     [
         os.environ.get("XLA_FLAGS", ""),

@@ -89,7 +89,7 @@ def _shell(script: str, folder: Path, where: str) -> str:
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", famjax + run],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "XLA_FLAGS": ""},
+        env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"},
         capture_output=True,
         text=True,
         check=False,

@@ -4,7 +4,6 @@ import ast
 import dataclasses
 import importlib
 import itertools
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -26,7 +25,6 @@ def said(script: str, *arguments: str) -> str:
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "XLA_FLAGS": ""},
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
