@@ -30,13 +30,23 @@ from annotation_checks import check_annotations
 
 jax.config.update("jax_enable_x64", True)
 
-# Keeping what was compiled takes longer than what the other worker then need not compile. Commands
-# that tests start as processes share theirs, here and not in the user's cache.
-CACHE = Path(__file__).parents[1] / ".pytest_cache" / "jax"
-jax.config.update("jax_enable_compilation_cache", False)
-os.environ["FAMJAX_CACHE_DIR"] = str(CACHE)
-
 check_annotations(["famjax", "fitting"])
+
+os.environ["FAMJAX_CACHE_DIR"] = str(Path(__file__).parents[1] / ".pytest_cache" / "jax")
+
+
+def _keep_programs() -> None:
+    """Keep what is compiled, here and not in the user's cache.
+
+    For the other worker, for commands that tests start as processes, for what is compiled anew after
+    `_forget_programs`, and for the next run, which takes two thirds of the time.
+    """
+    from famjax.commands.compilation_cache import switch_on
+
+    switch_on()
+
+
+_keep_programs()
 
 # What Python compiles of tests and packages is kept, whatever the environment says: for the next run,
 # and for the commands that tests start as processes.
