@@ -17,6 +17,10 @@ from ..tape.ring import Ring
 _INCH = 0.0254  # [m]
 _SURE = 4.0  # standard errors at which tapes say another distance than the stated one
 _SEEN = 4.0  # the same of a tilt
+_LEANS = 3.25  # the same of both tapes' leans together
+_MAY_LEAN = 2.5  # the same where they may lean, which is in the length's error
+_OF_RADIUS = 3.5  # of y / d: what a radius off by 1 does to the middle of an edge's arc
+_WOUND = 0.02  # rad, the lean of a tape wound by hand: 2 or 3 deg are seen
 _LEAST = 0.01  # lean below which a tape is square, as far as hands wind it
 _MOST = 0.12  # lean of both tapes against each other that no winding by hand explains, 7 deg
 _UPRIGHT = 0.0015  # rad, 0.1 deg: how well an axis is set upright in depth
@@ -52,11 +56,11 @@ class Axis:
 
     Attributes:
         distance: of the camera [m].
-        distance_stderr: its standard error, 0 where it was stated [m].
+        distance_stderr: its standard error, 0 where it was stated [m]; that of tapes wound by hand.
         tilt, tilt_stderr: see `Depth` [rad].
         bow: largest deviation of the mid-line from a straight one [m].
-        length_factor: of the length between the rings.
-        length_offset: to be added to that length [m].
+        ends: how far the middles of the upper and the lower ring lie beyond `Ring.y` [m].
+        length_factor: of the length between the rings' middles.
         length_stderr: what the axis adds to the length's standard error [m].
         cosine: of the axis' angle in the picture in every row, shape (n,).
         diameter_stderr: what the axis adds to the diameter's standard error, relative.
@@ -68,8 +72,8 @@ class Axis:
     tilt: float
     tilt_stderr: float
     bow: float
+    ends: tuple[float, float]
     length_factor: float
-    length_offset: float
     length_stderr: float
     cosine: Array
     diameter_stderr: float
@@ -98,8 +102,11 @@ def axis_of(
 
     A bow in the picture is undone: the length is that along the axis. A tilt that is seen is undone
     by half, with the other half as standard error, since two tapes that lean alike look the same; one
-    that is not seen adds to the error, by what it may be. Tapes that contradict the stated distance
-    are measured by the middles of their rings, which lie where the limb is, at any lean and distance.
+    that is not seen adds to the error, by what it may be. A tape whose edge leans in depth, for
+    whatever reason, lies where the middle of its ring does, which is as high as the limb, at any
+    lean and distance; its front lies p R lower. Where the tapes show no lean, by 3.25 standard errors
+    of both together, they are taken to be square: a front's place is found three times as well. From 2.5
+    on, what the middles say otherwise is in the error.
 
     Args:
         camera: the camera.
@@ -115,15 +122,25 @@ def axis_of(
     depth, (up, low) = depth_of_axis(body, upper, lower)
     length, d = lower.y - upper.y, camera.distance
     warnings = []
-    offset, parts, wide = 0.0, [], 0.0
+    parts, wide = [], 0.0
+    nearer_stderr = math.hypot(depth.nearer_stderr, math.sqrt(2) * _WOUND / length)
     radius = float(np.mean(body.radius))
+    ends = (0.0, 0.0)
+    shown = math.hypot(up.slope / up.stderr, low.slope / low.stderr)
+    if stated and _MAY_LEAN < shown <= _LEANS:
+        parts.append(low.middle - up.middle)
+    if shown > _LEANS:
+        for ring, lean in ((upper, up), (lower, low)):
+            wider = float(body.radius_at(ring.y + lean.middle) - body.radius_at(ring.y))
+            parts.append(_OF_RADIUS * ring.y / d * wider)
+        if stated:
+            ends = up.middle, low.middle
+            parts += [up.middle_stderr, low.middle_stderr]
     if not stated:
         front = 0.5 * float(body.radius_at(upper.y) + body.radius_at(lower.y)) * _front(upper)
         parts.append(front * math.hypot(up.stderr, low.stderr, low.slope - up.slope))
-        wide = (body.x0**2 + radius**2) / d * depth.nearer_stderr
+        wide = (body.x0**2 + radius**2) / d * nearer_stderr
     elif abs(depth.nearer) > _SURE * depth.nearer_stderr and abs(depth.against) > _LEAST:
-        offset = low.middle - up.middle
-        parts.append(math.hypot(low.middle_stderr, up.middle_stderr))
         parts.append(depth.against**2 * length / 4)  # of a bow in depth that leans the tapes so
         wide = abs(depth.against) * length / math.pi * _WAVE / d
         warnings.append(_contradiction(depth, d))
@@ -146,12 +163,12 @@ def axis_of(
     parts.append(length * longer * _ASIDE)
     return Axis(
         distance=d,
-        distance_stderr=0.0 if stated else d**2 * depth.nearer_stderr,
+        distance_stderr=0.0 if stated else d**2 * nearer_stderr,
         tilt=tilt,
         tilt_stderr=depth.tilt_stderr,
         bow=deviation,
+        ends=ends,
         length_factor=factor * (1 + longer),
-        length_offset=offset,
         length_stderr=math.hypot(*parts),
         cosine=1 / np.hypot(1, slope),
         diameter_stderr=math.hypot(wide, _ASIDE * deviation * _WAVE / d),
@@ -205,7 +222,7 @@ def _contradiction(depth: Depth, d: float) -> str:
     return (
         f"the tapes' edges are arcs of a camera at {seen}, and {d / _INCH:.0f} in are stated: correct "
         "--distance; if it is right, the tapes are not square to the axis, or the muscle is bowed in "
-        "depth, and the errors are wider for it"
+        "depth, and the errors are wider for it: wind the tapes square, and hang the muscle straight"
     )
 
 

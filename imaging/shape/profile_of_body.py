@@ -39,10 +39,10 @@ def measurement_of_body(
     """The measurement; `Errors` describes how the standard errors are composed."""
     px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
     px = 1 / px_per_m
-    apart = lower.y - upper.y
-    length = (apart + axis.length_offset) * axis.length_factor
+    first, last = (ring.y + beyond for ring, beyond in zip((upper, lower), axis.ends, strict=True))
+    length = (last - first) * axis.length_factor
     part = np.linspace(0, 1, max(16, round(length * px_per_m) + 1))
-    y = upper.y + apart * part
+    y = first + (last - first) * part
     random, density = _random_part(outline)
     at = np.linspace(body.y[0], body.y[-1], random.size)
     edge, both_rings = _systematic_part(quality, stated=recipe.tone is not None)

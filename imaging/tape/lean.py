@@ -6,9 +6,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..outline.smoother import correlated_points
-from .ring import Ring
-
-_ROOMS = 3  # unknowns of a ring: its place, its slope across, its lean
+from .ring import Ring, plane_model
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,13 +37,11 @@ def ring_lean(ring: Ring, radius: float) -> Lean:
         ring: from `find_ring`.
         radius: R of the ring [m].
     """
-    x = ring.lateral
-    front = radius * np.sqrt(np.maximum(1 - x**2, 0))
-    model = np.column_stack([np.ones_like(x), radius * x, front])
+    model = plane_model(radius * ring.lateral, radius)
     inverse = np.linalg.pinv(model)
     found = inverse @ ring.shift
     off = ring.shift - model @ found
-    variance = float(off @ off) / max(x.size - _ROOMS, 1)
+    variance = float(off @ off) / max(off.size - model.shape[1], 1)
     # Groups in the width of one thread are moved together.
     stderr: Array = np.sqrt(np.diag(inverse @ inverse.T) * variance * correlated_points(off))
     return Lean(float(found[2]), float(stderr[2]), float(found[0]), float(stderr[0]))

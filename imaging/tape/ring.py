@@ -1,6 +1,7 @@
 """Where a tape's inner edge lies along the muscle's axis: the edge of a ring, seen as an arc."""
 
 import dataclasses
+import math
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ _BLURS = (0.4, 30.0)
 _PASSES = 4
 _PIECES = 64
 _STRAIGHT = 1.5  # px between the ends of an edge, of which groups of 16 make nothing
+_LEVEL_FRONT = 0.3  # px by which the front of an edge that does not lean may lie beside its middle
 _RAGGED = 0.6  # px, the scatter from which an edge's blur is that of its pieces
 _LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside them
 _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
@@ -68,9 +70,10 @@ def find_ring(
     """The inner edge of a tape, from the picture unrolled around it.
 
     The picture is sampled at the points (x0 + X, y + h, d - sqrt(R^2 - X^2)) of the cylinder, so
-    that a ring becomes a straight line, also where the tape was put on slanting, in the linear light
-    that the braid has and the tape and its dark rim have not. Groups of neighbouring X are averaged
-    and each gives the position of a blurred step; the mean is the ring's, their scatter its error.
+    that a ring becomes a straight line, also where the tape was put on slanting or leaning towards
+    the camera, in the linear light that the braid has and the tape and its dark rim have not. Groups
+    of neighbouring X are averaged and each gives the position of a blurred step; the mean is the
+    ring's, their scatter its error.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -91,13 +94,13 @@ def find_ring(
     n = max(4 * _GROUPS, int(2 * _WIDTH * float(body.radius_at(y)) / px))
     amounts = _amounts(rgb, tone, camera, colours, body, y, 2 * len(_window(blur)))
 
-    slant, t, s = 0.0, _window(blur), blur
+    plane, left = (0.0, 0.0), 2 * _PASSES
 
     def around(y: float, t: Array) -> tuple[Array, Array, Array]:
         radius = float(body.radius_at(y))
         lateral = np.linspace(-_WIDTH, _WIDTH, n) * radius
         at = y + inward * t * px
-        return lateral, *_seen(camera, body, at, lateral, radius, slant=slant)
+        return lateral, *_seen(camera, body, at, lateral, radius, plane)
 
     def uncovered(y: float, s: float) -> Flags:
         return tape_shows(rgb, tone, colours, *around(y, behind(s))[1:])
@@ -113,9 +116,10 @@ def find_ring(
         use = shown if seen >= LEAST_SEEN else lit
         return grid[use], lateral[use], seen
 
-    shows = uncovered(y, s)
-    grid, lateral, seen = unrolled(y, t, shows)
-    for _ in range(_PASSES):
+    while True:
+        t, s = _window(blur), blur
+        shows = uncovered(y, s)
+        grid, lateral, seen = unrolled(y, t, shows)
         for _ in range(_PASSES):
             shift, s = _blurred_step(grid.mean(axis=0), t, s)
             if abs(shift) < _SETTLED:
@@ -125,49 +129,84 @@ def find_ring(
             if not shows.all():  # else the tape shows everywhere, here as some pixels beside
                 shows = uncovered(y, s)
             grid, lateral, seen = unrolled(y, t, shows)
-        more = _slope(grid, lateral / px, t, s)
-        if abs(more) * np.ptp(lateral) < _STRAIGHT * px:
+        more, straight = _plane(grid, lateral / px, t, s, float(body.radius_at(y)) / px)
+        left -= 1
+        if straight or not left:
             break
-        slant += inward * more
-        t, s = _window(blur), blur
-        shows = uncovered(y, s)
-        grid, lateral, seen = unrolled(y, t, shows)
+        plane = plane[0] + inward * more[0], plane[1] + inward * more[1]
     check_cover(seen)
-    delta, keep, where = _along(grid, lateral, t, s)
-    offset, left_over = _line(where[keep] / px, delta[keep])
-    spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
+    delta, where = _along(grid, lateral, t, s)
+    offset, left_over = _line(where / px, delta)
+    spread = _scatter(left_over)
     if spread > _RAGGED:
         t = _window(_DEEPEST / 3)
         grid, lateral, _ = unrolled(y, t, uncovered(y, _DEEPEST / 2), teeth=_DEEPEST)
-        s, delta, keep, where = _pieces(grid, lateral, t, s)
-        offset, left_over = _line(where[keep] / px, delta[keep])
-        spread = float(np.sqrt(np.sum(left_over**2) / max(keep.sum() - 2, 1)))
-    y += inward * offset * px
+        s, delta, where = _pieces(grid, lateral, t, s)
+        offset, left_over = _line(where / px, delta)
+        spread = _scatter(left_over)
     radius = float(body.radius_at(y))
-    u, v = _seen(camera, body, np.array([y]), lateral, radius, slant=slant)
+    u, v = _seen(camera, body, np.array([y + inward * offset * px]), lateral, radius, plane)
+    beyond = inward * delta * px + _on_plane(plane, where, radius)
+    place, _ = _line(where, beyond)
     return Ring(
-        y=y,
+        y=y + place,
         # Groups in the width of one thread are moved together.
-        stderr=spread * np.sqrt(correlated_points(left_over) / keep.sum()) * px,
+        stderr=spread * np.sqrt(correlated_points(left_over) / left_over.size) * px,
         spread=spread,
         blur=s,
         arc=np.stack([u[:, 0], v[:, 0]]),
-        lateral=where[keep] / radius,
-        shift=inward * (delta[keep] - offset) * px + slant * where[keep],
+        lateral=where / radius,
+        shift=beyond - place,
     )
 
 
-def _along(grid: Array, lateral: Array, t: Array, s: float) -> tuple[Array, Flags, Array]:
-    """Shifts of groups of neighbours along the edge [px], which to believe, and where they lie [m]."""
+def _along(grid: Array, lateral: Array, t: Array, s: float) -> tuple[Array, Array]:
+    """Shifts of those groups of neighbours along the edge [px] that agree, and where they lie."""
     groups = np.stack([part.mean(axis=0) for part in np.array_split(grid, _GROUPS)])
     where = np.array([part.mean() for part in np.array_split(lateral, _GROUPS)])
-    return *_group_shifts(groups, t, s), where
+    delta, keep = _group_shifts(groups, t, s)
+    return delta[keep], where[keep]
 
 
-def _slope(grid: Array, lateral: Array, t: Array, s: float) -> float:
-    """Slope of the edge across the axis, as it is unrolled so far [-]."""
-    delta, keep, where = _along(grid, lateral, t, s)
-    return float(np.polyfit(where[keep], delta[keep], 1)[0])
+def _plane(
+    grid: Array, lateral: Array, t: Array, s: float, radius: float
+) -> tuple[tuple[float, float], bool]:
+    """Slope and lean of the edge as it is unrolled so far [-], and whether it is straight.
+
+    Lengths are in px. A lean that the groups show by three standard errors takes the edge to where the
+    muscle is wider or narrower, which makes it another lean.
+    """
+    delta, where = _along(grid, lateral, t, s)
+    model = plane_model(where, radius)
+    inverse = np.linalg.pinv(model)
+    _, slope, lean = (inverse @ delta).tolist()
+    off = delta - model @ inverse @ delta
+    error = math.sqrt(float(off @ off) * correlated_points(off) / max(off.size - 3, 1))
+    shown = max(3 * error * float(np.linalg.norm(inverse[2])), _LEVEL_FRONT / radius)
+    straight = float(np.ptp(_on_plane((slope, lean), where, radius))) < _STRAIGHT
+    return (slope, lean), straight and abs(lean) < shown
+
+
+def plane_model(lateral: Array, radius: float) -> Array:
+    """What the edge in a plane through a cylinder is made of: place, slope across, lean; shape (n, 3).
+
+    Args:
+        lateral: positions across the axis, shape (n,).
+        radius: of the cylinder, in the same unit.
+    """
+    front = np.sqrt(np.maximum(radius**2 - lateral**2, 0.0))
+    return np.column_stack([np.ones_like(lateral), lateral, front])
+
+
+def _on_plane(plane: tuple[float, float], lateral: Array, radius: float) -> Array:
+    """How much further down a plane through a cylinder lies there than in its middle, in their unit.
+
+    Args:
+        plane: its slope across the axis, and its lean: slope towards the camera.
+        lateral: positions across the axis.
+        radius: of the cylinder.
+    """
+    return np.asarray(plane_model(lateral, radius)[:, 1:] @ plane)
 
 
 def _line(x: Array, y: Array) -> tuple[float, Array]:
@@ -176,7 +215,12 @@ def _line(x: Array, y: Array) -> tuple[float, Array]:
     return float(offset), y - slope * x - offset
 
 
-def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Array, Flags, Array]:
+def _scatter(left_over: Array) -> float:
+    """Standard deviation about a line."""
+    return math.sqrt(float(left_over @ left_over) / max(left_over.size - 2, 1))
+
+
+def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Array, Array]:
     """Blur of a ragged edge [px], and shifts of small pieces as `_along` gives them of groups.
 
     The blur is that of the level pieces, each put in its place: a lens smears the flanks of teeth
@@ -197,7 +241,7 @@ def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Arr
         if abs(own / s - 1) < _SAME:
             break
         s = own
-    return own, delta, keep, where
+    return own, delta[keep], where[keep]
 
 
 def _near_most(delta: Array) -> Flags:
@@ -217,15 +261,14 @@ def _seen(
     y: Array,
     lateral: Array,
     radius: float,
-    *,
-    slant: float = 0.0,
+    plane: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array]:
     """Picture positions of a cylinder about the body's axis, at each lateral position and y.
 
-    With a slant, y is that of the middle, and grows by so much per lateral length.
+    In a plane that is not square to the axis, y is that of its middle.
     """
     rim = np.maximum(radius**2 - lateral**2, 0.0)  # the rim itself rounds below
-    down = y[None, :] + slant * lateral[:, None]
+    down = y[None, :] + _on_plane(plane, lateral, radius)[:, None]
     X, Y = turned((body.x0 + lateral)[:, None] + np.zeros_like(down), down, body.roll)
     return camera.pixels(X, Y, camera.distance - np.sqrt(rim)[:, None])
 

@@ -103,6 +103,39 @@ def test_a_tilt_is_seen_half_undone_and_warned_of(base, degrees):
     assert "set the axis upright" in found.warnings[0]
 
 
+TOWARDS = np.pi / 2
+
+
+def leaning(scene, upper, lower):
+    """A scene whose tapes' edges lean towards the camera by so many degrees."""
+    ends = {
+        name: dataclasses.replace(
+            getattr(scene.muscle, name), slant=np.radians(degrees), slant_towards=TOWARDS
+        )
+        for name, degrees in (("upper", upper), ("lower", lower))
+    }
+    return changed(scene, muscle=ends)
+
+
+@pytest.mark.parametrize(
+    ("upper", "lower"), [(1.5, -1.0), (-2.0, 0.5), (0.0, 2.5), (-3.0, 3.0), (2.0, 2.5)]
+)
+def test_tapes_that_lean_in_depth_are_measured_by_their_middles(base, upper, lower):
+    found, truth = measured(leaning(base, upper, lower), **STATED)
+    assert sigmas(found, truth) < 3
+    assert abs(found.length - truth.length) < 0.004 * INCH
+    assert abs(found.mean_diameter - truth.mean_diameter) < 0.0015 * INCH
+
+
+def test_a_distance_by_tapes_is_as_uncertain_as_hands_wind_them(base):
+    away = changed(base, muscle={"x0": 2.5 * INCH}, camera={"centre": (4.0, 662.0)})
+    found, truth = measured(leaning(away, -2.0, 2.0), **STATED, distance=None)
+    nearer = 1 / found.distance - 1 / base.camera.distance
+    assert abs(nearer) > 0.2 / base.camera.distance
+    assert abs(nearer) < 3 * found.distance_stderr / found.distance**2
+    assert sigmas(found, truth) < 3
+
+
 @pytest.mark.parametrize("distance", [20.0, 35.0, 90.0])
 def test_a_distance_that_nobody_stated_is_that_of_the_tapes_arcs(base, distance):
     found, truth = measured(
