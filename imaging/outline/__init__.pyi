@@ -1,4 +1,5 @@
 from .both_sides import Outline as Outline, Side as Side, find_outline as find_outline
+from .dents import without_dents as without_dents
 from .edge_fit import best_shift as best_shift
 from .edge_model import (
     LARGEST_DISK as LARGEST_DISK,

@@ -37,6 +37,7 @@ class Side:
         residual: root mean square of the single fits about the curve [px].
         outliers: part of the rows that were thrown out.
         kappa: strength of the limb's root against its step [px^-0.5].
+        hidden: part of the edge that black threads hide.
     """
 
     column: Array
@@ -44,6 +45,7 @@ class Side:
     residual: float
     outliers: float
     kappa: float
+    hidden: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,4 +261,5 @@ def _refined(
         residual=float(np.sqrt(np.mean(off[keep] ** 2))),
         outliers=1 - float(keep.mean()),
         kappa=kappa,
+        hidden=1 - float(side.weight.mean()),
     )

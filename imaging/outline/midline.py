@@ -47,7 +47,7 @@ def axis_kink(left: Array, right: Array) -> float:
     return float(np.abs(off).max() / np.mean((right - left) / 2))
 
 
-def off_smooth_midline(left: Array, right: Array) -> Array:
+def off_smooth_midline(left: Array, right: Array, n: int = _CUBIC) -> Array:
     """Deviation of the mid-line from a smooth one [px], shape (n,).
 
     An axis bends as a cubic at most, and pairs of one row lie askew on a rolled muscle, which
@@ -56,8 +56,9 @@ def off_smooth_midline(left: Array, right: Array) -> Array:
     Args:
         left: column of the left edge in each row [px], shape (n,).
         right: of the right one.
+        n: coefficients of the axis, more than those of a cubic where it may be bowed by much.
     """
-    _, smooth, fit = _smooth_midline(left, right, _CUBIC)
+    _, smooth, fit = _smooth_midline(left, right, n)
     return (left + right) / 2 - smooth @ fit
 
 

@@ -106,7 +106,7 @@ def axis_of(
     whatever reason, lies where the middle of its ring does, which is as high as the limb, at any
     lean and distance; its front lies p R lower. Where the tapes show no lean, by 3.25 standard errors
     of both together, they are taken to be square: a front's place is found three times as well. From 2.5
-    on, what the middles say otherwise is in the error.
+    on, what the middles say otherwise is in the error, up to what hands wind.
 
     Args:
         camera: the camera.
@@ -128,7 +128,8 @@ def axis_of(
     ends = (0.0, 0.0)
     shown = math.hypot(up.slope / up.stderr, low.slope / low.stderr)
     if stated and _MAY_LEAN < shown <= _LEANS:
-        parts.append(low.middle - up.middle)
+        wound = _LEAST * math.hypot(*(float(body.radius_at(ring.y)) for ring in (upper, lower)))
+        parts.append(min(abs(low.middle - up.middle), wound))
     if shown > _LEANS:
         for ring, lean in ((upper, up), (lower, low)):
             wider = float(body.radius_at(ring.y + lean.middle) - body.radius_at(ring.y))

@@ -19,6 +19,7 @@ from ..errors import (
     WrongOrientation,
 )
 from ..outline.both_sides import Outline, find_outline
+from ..outline.dents import without_dents
 from ..outline.midline import axis_deviation, axis_kink
 from ..quality import Quality
 from ..recipe import Recipe
@@ -113,6 +114,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         method=recipe.method,
         blur=recipe.blur_px,
     )
+    seen, outline = outline, without_dents(outline)
     body, upper, lower = _placed(photo, coarse, outline, recipe)
     for again in range(_PASSES if recipe.distance is None else 0):
         distance = distance_by_tapes(body, upper, lower, photo.camera.distance, found=again > 0)
@@ -123,7 +125,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
             camera = dataclasses.replace(camera, k1=recipe.k1)
         photo = dataclasses.replace(photo, camera=camera)
         body, upper, lower = _placed(photo, coarse, outline, recipe)
-    quality = _quality(coarse, outline, upper, lower, recipe)
+    quality = _quality(coarse, seen, upper, lower, recipe)
     _check(quality, recipe)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo.rgb, coarse, body, photo.camera, recipe, recipe.tape_diameter)

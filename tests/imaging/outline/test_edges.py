@@ -1,12 +1,17 @@
 """Edges against closed forms, manufactured limbs and rendered muscles."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from imaging import Recipe, Scale
 from imaging.camera import Camera, Silhouette, Tone, amount_of_luma
 from imaging.outline import (
     LARGEST_DISK,
+    Outline,
+    Side,
     best_shift,
     defocused_step,
     density_left_over,
@@ -16,7 +21,11 @@ from imaging.outline import (
     smooth_robustly,
     step,
     variance_of_smooth,
+    without_dents,
 )
+from imaging.segment.edge_light import edge_light
+from imaging.segment.segmentation import segment
+from imaging.synthetic import random_scene, render
 from imaging.tape.ring import _seen
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
@@ -228,3 +237,54 @@ def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to() -> None:
         u, v = _seen(camera, body, np.zeros(1), np.array([-radius, radius]), float(radius))
         assert np.all(np.isfinite(u))
         assert np.all(np.isfinite(v))
+
+
+def dented(hidden, *, depth=-1.5, bow=0.0):
+    """An outline of a swelling, bowed muscle with a dent on its left and its rows' true left side."""
+    rows = np.arange(1200)
+    x = rows / rows[-1]
+    random = np.random.default_rng(1)
+    middle, half = bow * np.sin(np.pi * x), 80 + 40 * np.sin(np.pi * x)
+    noise = [smooth(random.normal(0, 0.2, rows.size), 60.0) for _ in range(2)]
+    dent = depth * np.exp(-(((rows - 700) / 20) ** 2) / 2)
+    error = np.full(rows.size, 0.1)
+    left = Side(middle - half + noise[0] - dent, error, 0.1, 0.0, 0.1, hidden)
+    right = Side(middle + half + noise[1], error, 0.1, 0.0, 0.1, 0.0)
+    outline = Outline(rows, left, right, 1.0, 0.0, 0.0, 0.0, 0.0, 60.0)
+    return outline, middle - half
+
+
+@pytest.mark.parametrize("bow", [0.0, 25.0])
+@pytest.mark.parametrize("depth", [-2.0, 1.5])
+def test_a_dent_of_one_side_is_as_the_other_side_is_there(depth, bow):
+    outline, left = dented(0.02, depth=depth, bow=bow)
+    found = without_dents(outline)
+    near = slice(650, 750)
+    assert np.abs((outline.left.column - left)[near]).max() > 0.9 * abs(depth)
+    assert np.abs((found.left.column - left)[near]).max() < 0.3 * abs(depth)
+    assert np.abs((found.right.column - outline.right.column)[near]).max() == 0
+
+
+def test_an_outline_without_hidden_threads_stays():
+    outline, _ = dented(0.0)
+    assert without_dents(outline) is outline
+
+
+def test_black_threads_in_the_outline_are_seen_as_hidden():
+    hidden = []
+    for flecks in (0.0, 0.05):
+        made = random_scene(3, px_per_in=(120.0, 150.0))
+        assert made.muscle is not None
+        made = dataclasses.replace(made, muscle=dataclasses.replace(made.muscle, flecks=flecks))
+        photo = render(made, 1)
+        recipe = Recipe(
+            Scale.manual(made.camera.px_per_m), made.camera.distance, centre=made.camera.centre
+        )
+        coarse = segment(photo.rgb)
+        image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
+        outline = find_outline(
+            image, amount, coarse.rows, coarse.left, coarse.right, resolution=recipe.smoothing_px
+        )
+        hidden.append(outline.left.hidden + outline.right.hidden)
+    assert hidden[0] == 0
+    assert 0 < hidden[1] < 0.2

@@ -1,0 +1,40 @@
+"""The outline without the dents that black threads make in one of its sides."""
+
+import dataclasses
+
+import numpy as np
+
+from .both_sides import Outline
+from .midline import off_smooth_midline
+from .smoother import smooth
+
+_ANY_BOW = 8  # coefficients of a mid-line that may be bowed
+_LONGER = 3.0  # times the outline's resolution: waves that no thread makes
+_SEEN = 2.0  # robust standard deviations of the mid-line that make a dent
+
+
+def without_dents(outline: Outline) -> Outline:
+    """The outline, its dented parts as the other side is there.
+
+    A black thread at the limb is as dark as the cloth: the edge is found where it ends, or where the
+    thread beside it begins. That happens to one side at a time, and a body of revolution has a smooth
+    mid-line. Where that leaves a smooth one by more than two standard deviations, the side that leaves
+    its own smoother curve further is replaced by the other one's mirror image, between the rows in
+    which the mid-line crosses the smooth one. An outline of which no thread is hidden has no dents.
+    """
+    sides = outline.left, outline.right
+    if not any(side.hidden for side in sides):
+        return outline
+    beside = [side.column - smooth(side.column, _LONGER * outline.resolution) for side in sides]
+    off = off_smooth_midline(outline.left.column, outline.right.column, _ANY_BOW)
+    run = np.cumsum(np.append(0, np.diff(np.sign(off)) != 0)).astype(np.intp)
+    furthest = np.zeros(run[-1] + 1)
+    np.maximum.at(furthest, run, np.abs(off))
+    dented = furthest > _SEEN * 1.4826 * float(np.median(np.abs(off)))
+    far = [np.bincount(run, np.abs(one)) for one in beside]
+    wrong = dented & (far[0] > far[1]), dented & (far[0] <= far[1])
+    left, right = (
+        dataclasses.replace(side, column=side.column - 2 * off * own[run])
+        for side, own in zip(sides, wrong, strict=True)
+    )
+    return dataclasses.replace(outline, left=left, right=right)
