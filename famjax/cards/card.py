@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
+from msgspec import UNSET
 
 from .._types import Real, RealArray, as_real
 from ..boundary.errors import InputError
@@ -164,8 +165,7 @@ class MuscleCard:
             raise InputError(f"the rest length must be > 0, got {rest_length} m")
         try:
             members = tuple(
-                MountedMuscle(cut_to_length(one.muscle, rest_length), one.compliance)
-                for one in self.members
+                one.with_muscle(cut_to_length(one.muscle, rest_length)) for one in self.members
             )
         except (ValueError, eqx.EquinoxRuntimeError) as error:
             raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
@@ -204,7 +204,8 @@ def card_as_document(card: MuscleCard) -> CardDocument:
                 "card format"
             )
         of = muscle_as_dict(one.muscle)
-        members.append(Member(of, float(one.compliance), float(weight)))
+        exponent = UNSET if one.exponent is None else float(one.exponent)
+        members.append(Member(of, float(one.compliance), float(weight), exponent))
     loops = card.hysteresis
     return CardDocument(
         schema=SCHEMA,
@@ -231,7 +232,11 @@ def card_from_document(document: CardDocument) -> MuscleCard:
         InputError: a muscle in it is none, or the sample is of other numbers.
     """
     members = tuple(
-        MountedMuscle(muscle_from_dict(one.muscle), as_real(one.series_compliance_m_per_N))
+        MountedMuscle(
+            muscle_from_dict(one.muscle),
+            one.series_compliance_m_per_N,
+            None if one.series_exponent is UNSET else one.series_exponent,
+        )
         for one in document.members
     )
     sample, loops = document.sample, document.hysteresis

@@ -32,6 +32,12 @@ class Member(_Entry):
     ]
     series_compliance_m_per_N: float
     weight: float
+    series_exponent: Annotated[
+        float | UnsetType,
+        Meta(
+            description="n of a rig that gives way by compliance 100 N (F/100 N)^n; 1 without one"
+        ),
+    ] = UNSET
 
 
 class Ranges(_Entry):

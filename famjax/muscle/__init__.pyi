@@ -3,7 +3,11 @@ from .balance import Muscle as Muscle
 from .continued import ContinuedMuscle as ContinuedMuscle
 from .cutting import cut_to_length as cut_to_length
 from .mean import MeanMuscle as MeanMuscle
-from .mounted import MountedMuscle as MountedMuscle
+from .mounted import (
+    SEATING_FORCE as SEATING_FORCE,
+    MountedMuscle as MountedMuscle,
+    give_way as give_way,
+)
 from .numbers import flatten as flatten, number_names as number_names
 from .region import (
     Region as Region,

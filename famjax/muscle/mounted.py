@@ -15,24 +15,61 @@ from .equilibrium import bisected
 
 _FOUND = 1e-4  # of the rigid force: what is left where a bracket held no root at all
 _ROUNDED = 64  # times the precision
-_HIGHEST_COMPLIANCE = 2e-5  # m/N
+_HIGHEST_COMPLIANCE = 5e-5  # m/N
+
+SEATING_FORCE = 100.0
+"""Force [N] at which a rig gives way by the same, whatever its exponent."""
+_LINEAR = 1e-3  # of it: below, every rig gives way in proportion to the force
+
+
+def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> RealArray:
+    """How far [m] mountings and rig give way under a force [N], broadcast shape.
+
+    delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2: in proportion to the force for n = 1, and
+    else c 100 N (F/100 N)^n, as contacts that grow under load do (Hertz 1882: 2/3 between spheres, 1/2
+    between a cone and a plane). Below a tenth of a newton it is in proportion to the force for every
+    n, as it must be for the stiffness to stay finite; odd in the force, smooth everywhere.
+
+    Args:
+        force: [N].
+        compliance: c [m/N], that of the secant at 100 N, >= 0.
+        exponent: n > 0; None stands for 1.
+    """
+    force, compliance = as_real(force), as_real(compliance)
+    if exponent is None:
+        return compliance * force
+    squared = (force / SEATING_FORCE) ** 2 + _LINEAR**2
+    return compliance * force * squared ** ((as_real(exponent) - 1) / 2)
 
 
 class MountedMuscle(AbstractMuscle):
     """A muscle in series with the compliance of its mountings and of the rig.
 
-    F = F_muscle(x - c F, P), with x the length that the rig measures: under load the mountings
-    give way by c F and the muscle is that much shorter.
+    F = F_muscle(x - delta(F), P), with x the length that the rig measures: under load the mountings
+    give way by delta = c F, or by a power of the force, see `give_way`, and the muscle is that much
+    shorter.
 
     Attributes:
         muscle: the muscle itself.
-        compliance: c [m/N], >= 0.
+        compliance: c [m/N], >= 0; where there is an exponent, that of the secant at 100 N.
+        exponent: n of the power, in (0, 1]; None for a rig that gives way in proportion.
     """
 
     muscle: AbstractMuscle
     compliance: Float[Given, "..."] = parameter(
         "m/N", name="series_compliance", low=0.0, high=_HIGHEST_COMPLIANCE
     )
+    exponent: Float[Given, "..."] | None = parameter(
+        name="series_exponent", low=0.3, high=1.0, default=None
+    )
+
+    def gives_way(self, force: Real) -> RealArray:
+        """How far [m] the mountings give way under a force [N], broadcast shape."""
+        return give_way(force, self.compliance, self.exponent)
+
+    def with_muscle(self, muscle: AbstractMuscle) -> "MountedMuscle":
+        """Another muscle in the same rig."""
+        return MountedMuscle(muscle, self.compliance, self.exponent)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at measured length x [m] and gauge pressure P [Pa], broadcast shape.
@@ -53,7 +90,7 @@ class MountedMuscle(AbstractMuscle):
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
         """Volume V [m3] of the fluid, at the length that the mountings leave the muscle."""
-        own = as_real(length) - self.compliance * self.force(length, pressure)
+        own = as_real(length) - self.gives_way(self.force(length, pressure))
         return self.muscle.volume(own, pressure)
 
     def declared(self) -> dict[str, Declared]:
@@ -77,7 +114,7 @@ def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> R
         scale = jnp.where(jnp.isfinite(rigid) & (rigid != 0), rigid, 1.0)
 
         def residual(share: RealArray) -> RealArray:
-            shortened = length - mounted.compliance * share * scale
+            shortened = length - mounted.gives_way(share * scale)
             return share - mounted.muscle.force(shortened, pressure) / scale
 
         fine = jnp.finfo(scale.dtype)

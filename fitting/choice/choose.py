@@ -25,10 +25,9 @@ from ..search.posing import Posed, pose_one
 from ..search.result import Identification
 from ..search.robust import check_objective
 from ..trace import run_fits
-from .ladder import MODEL_ERROR, Candidate, ladder
+from .ladder import FEWEST_LENGTHS, MODEL_ERROR, Candidate, ladder
 from .ranking import ALIKE, Tried, hopeless, members, ranked, score
 
-_FEWEST_LENGTHS = 4  # without one of three, two are left, which no family is determined by
 _STEPS, _TOLERANCE = 60, 1e-6
 _COMPARED = 4  # starts of each family
 
@@ -240,6 +239,13 @@ def descended(problem: Problem, starts: int, seed: int) -> End:
     return best_of(ends)
 
 
+def without_a_rig(problem: Problem, end: End) -> bool:
+    """Whether the rig that gives way by a power of the force is of the bounds and not of the readings."""
+    at = {problem.names[place]: u for place, u in zip(problem.free, end.u, strict=True)}
+    exponent, compliance = at.get("series_exponent", 1.0), at.get("series_compliance", 1.0)
+    return "series_exponent" in at and (exponent == 0 or compliance in (0.0, 1.0))
+
+
 def rmse_of(problem: Problem, end: End) -> float:
     """Root mean square error [N] of a fit over its readings."""
     return float(np.sqrt(np.mean(force_error(problem, end) ** 2)))
@@ -272,6 +278,8 @@ def _fitted(
         end = descended(problem, starts, seed)
     except InputError:
         return None
+    if without_a_rig(problem, end):
+        return "the rig of its best fit is rigid, or gives way as much as the bounds allow"
     error = force_error(problem, end)
     groups = {
         kind: one
@@ -285,7 +293,7 @@ def _fitted(
 def _kinds(problem: Problem) -> list[tuple[str, int | None]]:
     """What is left out, and in how many groups: a length only if three others are left."""
     lengths = np.unique(problem.levels("length")).size
-    kinds = ("pressure", "length") if lengths >= _FEWEST_LENGTHS else ("pressure",)
+    kinds = ("pressure", "length") if lengths >= FEWEST_LENGTHS else ("pressure",)
     return [(kind, groups_of(problem, kind)) for kind in kinds]
 
 

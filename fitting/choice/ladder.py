@@ -32,7 +32,8 @@ _WORDS = {
     "end_factor": "rounded ends",
     "braid_compliance": "compliant braid",
     "rest_length": "free rest length",
-    "series_compliance": "compliant rig",  # of a series
+    "series_compliance": "compliant rig",
+    "series_exponent": "as a power of the force",
 }
 _FAMILIES: tuple[tuple[tuple[str, ...], bool], ...] = (
     ((), False),
@@ -41,11 +42,15 @@ _FAMILIES: tuple[tuple[tuple[str, ...], bool], ...] = (
     (("braid_compliance",), True),
     (("end_factor", "braid_compliance"), True),
     (("end_factor", "rest_length"), True),
+    (("series_compliance", "series_exponent"), False),
 )
 """What takes part besides braid diameter and angle, and whether the deadband is identified. A rig that
-gives way is not among them: in maps of one muscle it is hardly told from a braid that does, predicts
-lengths left out no better, and takes three times as long (`--free series_compliance`)."""
+gives way by a power of the force takes the place of the deadband: either makes the muscle pull late, and
+with both a map of one muscle tells neither. A rig that gives way in proportion is hardly told from a
+braid that does, and predicts lengths left out no better (`--free series_compliance`)."""
 _GEOMETRY = 2  # braid diameter and angle
+FEWEST_LENGTHS = 4
+"""From which on lengths are left out: without one of three, two are left, which determine no family."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,6 +127,8 @@ def ladder(
         for extras, deadband in _FAMILIES:
             if said.names & {*extras, *(() if deadband else ("deadband_pressure",))}:
                 continue
+            if "series_exponent" in extras and lengths < FEWEST_LENGTHS:
+                continue  # in readings at the same lengths it is not told from a soft bladder
             one = _candidate(data, law, extras, said, deadband=deadband)
             if one.unknowns <= told:
                 found.append(one)
@@ -145,11 +152,13 @@ def _candidate(
 ) -> Candidate:
     """One family. Whatever may be freed is in the table, held where it is not: one program serves all."""
     rest, rounding = data.specimen.rest_length, rest_length_rounding(data.specimen.rest_length)
-    parameters = {
-        "end_factor": _held(1.0),
-        "braid_compliance": _held(0.0, "1/N"),
-        "rest_length": _held(rest, "m"),
-    }
+    parameters = {}
+    if "series_compliance" not in free:
+        parameters = {
+            "end_factor": _held(1.0),
+            "braid_compliance": _held(0.0, "1/N"),
+            "rest_length": _held(rest, "m"),
+        }
     for name in free:
         parameters[name] = Parameter()
     if "rest_length" in free:
@@ -159,7 +168,7 @@ def _candidate(
     if not deadband:
         parameters["deadband_pressure"] = _held(0.0, "Pa")
     if "end_length" in said.names:
-        del parameters["end_factor"]
+        parameters.pop("end_factor", None)
     given = {name: one for name, one in parameters.items() if name not in said.bounds}
     unknowns = numbers_of(law) + deadband + len(free)
     # Every muscle has a deadband: of families that predict alike, one without is believed last.

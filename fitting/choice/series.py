@@ -88,9 +88,8 @@ class Series:
 
     def muscle(self, rest_length: float) -> famjax.MountedMuscle:
         """A muscle of the series with the rest length L0 [m], in the rig of the others."""
-        one = self.specimens[0]
-        muscle = famjax.cut_to_length(one.muscle, rest_length)
-        return famjax.MountedMuscle(muscle, one.series_compliance)
+        one = self.specimens[0].mounted
+        return one.with_muscle(famjax.cut_to_length(one.muscle, rest_length))
 
     def predict(
         self,
@@ -116,7 +115,7 @@ class Series:
         """
         found = [
             pull(
-                famjax.MountedMuscle(one.muscle, one.series_compliance),
+                one.mounted,
                 muscle_spread(one) if k == 0 else None,
                 length, pressure, rest_length=rest_length, length_std=length_std,
             )

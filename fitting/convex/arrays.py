@@ -83,18 +83,6 @@ def member(tree: Any, k: int) -> Any:
     return _each(lambda value: np.array(value[k]), tree)
 
 
-def replaced(tree: Any, new: Any, rows: np.ndarray) -> Any:
-    """Results on the host with those of some members in place of what they were."""
-
-    def put(old: Any, new: Any) -> Any:
-        old = old.copy()
-        for row, value in zip(rows, new, strict=True):
-            old[row] = value
-        return old
-
-    return _each(put, tree, new)
-
-
 def _each(function: Callable[..., Any], *trees: Any) -> Any:
     """The function of all arrays, and of lists with an array for each member."""
     first = trees[0]

@@ -32,7 +32,7 @@ class _Part(eqx.Module):
     weight: Float[Array | np.ndarray, " points"]
     at: Int[np.ndarray, " q"]
     coefficients: Int[np.ndarray, " n"]
-    compliance: int | None = eqx.field(static=True)
+    rig: tuple[int, ...] = eqx.field(static=True)
 
 
 class BatchedFit(eqx.Module):
@@ -92,7 +92,7 @@ class Batched(eqx.Module):
         priors = problem.priors
         return cls(
             parts=tuple(
-                _Part(p.family, p.inputs, p.weight, p.at, p.coefficients, p.compliance)
+                _Part(p.family, p.inputs, p.weight, p.at, p.coefficients, p.rig)
                 for p in problem.parts
             ),
             low=problem.low,
@@ -182,7 +182,7 @@ class Batched(eqx.Module):
     ) -> tuple[Optimum, Float[Array, " n"], Float[Array, " points"]]:
         """The convex fit at given parameters, and the coefficients and forces it is linear about."""
         x0, reached = jnp.zeros(self.limits[0].shape[1]), force
-        if all(part.compliance is None for part in self.parts):
+        if not any(part.rig for part in self.parts):
             return self._convex(*self.programme(p, x0, force, factor, force)), x0, force
         fixed = jax.lax.stop_gradient(p)
 
@@ -225,9 +225,8 @@ class Batched(eqx.Module):
                 part.family, self.constraint, part.inputs, p[part.at], own, reached[here]
             )
             offset, columns = found.force - found.columns @ own, found.columns
-            if part.compliance is not None:
-                c = jax.lax.stop_gradient(p[part.compliance])
-                gain = 1 / (1 + c * jax.lax.stop_gradient(aside.stiffness))
+            if part.rig:
+                gain = jax.lax.stop_gradient(aside.gain)
                 offset = reached[here] + gain * (offset - reached[here])
                 columns = gain[:, None] * columns
             weight = part.weight * factor[here]
@@ -263,7 +262,7 @@ class Batched(eqx.Module):
             here = slice(first, first + part.weight.shape[0])
             first = here.stop
             at = part.inputs
-            if part.compliance is not None:
+            if part.rig:
                 at = eqx.tree_at(lambda m: m.force, at, reached[here])
             model, constraint = force_and_constraint(
                 part.family, self.constraint, at, p[part.at], x[part.coefficients], _EXACT

@@ -18,7 +18,7 @@ from ..convex.arrays import member
 from ..convex.host_qp import solve_host_qps
 from .point import Point
 from .problem import Problem
-from .stack import Stack
+from .stack import Near, Stack
 
 _VANISHED = 1e-8  # parts of the first residual below which a residual is rounding
 _SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
@@ -150,7 +150,7 @@ class _InStep:
         self._predicted, self._scale, self._damping = np.zeros(0), np.zeros(0), np.zeros(0)
         self._growth, self._residual = np.zeros(0), np.zeros(0)
         self._steps = np.zeros(0, int)
-        self._at: list[tuple[Point, int] | None] = []
+        self._at: list[Near | None] = []
         self._faces: list[np.ndarray | None] = []  # bounds of the box that the last steps met
         self._next = 0
 
@@ -197,8 +197,8 @@ class _InStep:
     def _evaluate(self):
         """The fits at the trial points, which become the points where they are better."""
         members, stack = self._members[self._which], self._stack
-        guesses = [None if at is None else at[0].optimum.rows[at[1]] for at in self._at]
-        points = stack.solve(members, stack.parameters(members, self._trial), guesses)
+        trial = stack.parameters(members, self._trial)
+        points = stack.solve(members, trial, self._at, tolerance=self._tolerance**0.5)
         value, J = points.residual, stack.jacobian(members, points)
         first, old, new = self._steps == 0, _squares(self._r), _squares(points.residual)
         ratio = (old - new) / self._predicted

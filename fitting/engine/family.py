@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 Values = Mapping[str, Any]
 """Numbers [SI] by name."""
 
-RIG = ("series_compliance",)
-"""Parameters of the rig, which no model sees: the compliance c [m/N] in series with the muscle."""
+RIG = ("series_compliance", "series_exponent")
+"""Parameters of the rig, which no model sees: compliance and exponent of `famjax.muscle.give_way`."""
 
 
 class AbstractFamily(eqx.Module):

@@ -15,7 +15,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+import famjax
+
 from ..convex.arrays import member
+from .family import RIG
 from .point import Point
 from .program import Program
 from .response import Constraint, MapInputs
@@ -53,7 +56,8 @@ class Part:
         program: compiled for the family.
         side: 0 for a reading, 1 where it is censored and the force at most that, as of a slack
             muscle, -1 where it is at least that, as at the end of a load cell, shape (points,).
-        compliance: place of the rig's compliance in the problem's vector, or None for a rigid rig.
+        rig: places of the rig's compliance, and of its exponent where it has one, in the problem's
+            vector; none for a rigid rig.
     """
 
     name: str
@@ -66,7 +70,7 @@ class Part:
     levels: dict[str, Float[np.ndarray, " points"]]
     program: Program
     side: Int[np.ndarray, " points"]
-    compliance: int | None = None
+    rig: tuple[int, ...] = ()
 
     @classmethod
     def of(
@@ -83,17 +87,22 @@ class Part:
         side: np.ndarray | None = None,
     ) -> "Part":
         """A part with its program; without sides every reading is what it says."""
-        rig = [k for k, n in zip(at, family.nonlinear, strict=False) if n == "series_compliance"]
+        places = dict(zip(family.nonlinear, at, strict=False))
+        rig = tuple(int(places[name]) for name in RIG if name in places)
         return cls(
             name, family, inputs, force, weight, np.asarray(at, int), np.asarray(coefficients, int),
             levels, Program(family, constraint, inputs),
-            np.zeros(force.size, int) if side is None else side, rig[0] if rig else None,
+            np.zeros(force.size, int) if side is None else side, rig,
         )  # fmt: skip
 
     def with_stations(self, stations: Float[np.ndarray, "paths stations"]) -> "Part":
         """The same part, its constraint posed elsewhere; nothing is compiled."""
         inputs = dataclasses.replace(self.inputs, stations=stations)
         return dataclasses.replace(self, inputs=inputs, program=self.program.at(inputs))
+
+    def mounted(self, muscle: famjax.Muscle, parameters: np.ndarray) -> famjax.MountedMuscle:
+        """A muscle in the rig of the problem's parameters [SI]."""
+        return famjax.MountedMuscle(muscle, *(parameters[list(self.rig)] if self.rig else (0.0,)))
 
     def predict(
         self,
@@ -112,13 +121,12 @@ class Part:
         """
         p = np.zeros(self.at.size)
         p[: parameters.size] = parameters
-        reached = np.zeros(length.size)
-        if self.compliance is None:
-            return self.program.forces(p, x, length, pressure, reached)[0]
-        compliance = parameters[list(self.at).index(self.compliance)]
+        reached = self.program.forces(p, x, length, pressure, np.zeros(length.size))[0]
+        if not self.rig:
+            return reached
         for _ in range(REACHES):
-            muscle, stiffness = self.program.forces(p, x, length, pressure, reached)
-            move = (muscle - reached) / (1 + compliance * stiffness)
+            muscle, gain = self.program.forces(p, x, length, pressure, reached)
+            move = gain * (muscle - reached)
             reached = reached + move
             largest = np.nanmax(np.abs(reached), initial=0.0)
             if not np.nanmax(np.abs(move), initial=0.0) > REACHED * largest:

@@ -33,7 +33,7 @@ from .response import Aside, Constraint, MapInputs, Response, bucket, response
 _FIELDS = (*Response._fields, *Response._fields, *Aside._fields)
 _SLOPES = range(len(Response._fields), 2 * len(Response._fields))
 _VALUES = [k for k in range(len(_FIELDS)) if k not in _SLOPES]
-OF_DESCENTS = frozenset({"force", "columns", "values", "rows", "stiffness"})
+OF_DESCENTS = frozenset({"force", "columns", "values", "rows", "gain"})
 """What a descent needs of the results."""
 ALL = frozenset(_FIELDS)
 _MEMBERS = 16
@@ -118,26 +118,26 @@ class _Traced:
     def forces(
         self, arrays: list[np.ndarray], varying: tuple[np.ndarray, ...]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Force and stiffness alone, each of shape (members, points).
+        """Force and gain alone, each of shape (members, points).
 
         Args:
             arrays: of the family and the inputs, with members along a last axis, which may be one.
             varying: p, x0 and the forces reached, with members along the first axis.
         """
-        places = _FIELDS.index("force"), _FIELDS.index("stiffness")
+        places = _FIELDS.index("force"), _FIELDS.index("gain")
         members = len(varying[-1])
         if self._tape is not None:
             found = self._on_tape(arrays, varying, places)
             shape = (varying[-1].shape[1], members)
-            force, stiffness = (np.broadcast_to(value, shape).T for value in found)
-            return force, stiffness
+            force, gain = (np.broadcast_to(value, shape).T for value in found)
+            return force, gain
         singles = [
             self._compiled_leaves([a[..., min(k, a.shape[-1] - 1)] for a in arrays],
                                   (varying[0], varying[1], varying[2][k : k + 1]))
             for k in range(members)
         ]  # fmt: skip
-        force, stiffness = (np.concatenate([one[place] for one in singles]) for place in places)
-        return force, stiffness
+        force, gain = (np.concatenate([one[place] for one in singles]) for place in places)
+        return force, gain
 
     def _on_tape(
         self,
@@ -325,7 +325,7 @@ class Program:
         pressure: Float[np.ndarray, " k"],
         reached: Float[np.ndarray, " k"],
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Force [N] and stiffness [N/m] of the muscle at any number of readings, all at once.
+        """Force [N] of the muscle and the rig's gain, see `Aside`, at any number of readings at once.
 
         Args:
             p: parameters; offsets of lengths are zero.
@@ -345,10 +345,10 @@ class Program:
         # Those of `MapInputs` come last, and of them those of the readings first.
         first = len(arrays) - len(dataclasses.fields(MapInputs))
         arrays[first : first + len(own)] = own
-        force, stiffness = _traced(*self._key, (p.size, x0.size, size), self._family_key).forces(
+        force, gain = _traced(*self._key, (p.size, x0.size, size), self._family_key).forces(
             arrays, (p[None], x0[None], folded(reached))
         )
-        return force.ravel()[:count], stiffness.ravel()[:count]
+        return force.ravel()[:count], gain.ravel()[:count]
 
 
 def _padded(at: MapInputs, size: int | None = None) -> MapInputs:

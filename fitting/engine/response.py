@@ -1,7 +1,7 @@
 """What a fit asks of a model: force, columns and rows of constraints, with their derivatives."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -73,7 +73,8 @@ class Aside(NamedTuple):
     """What needs no derivative.
 
     Attributes:
-        stiffness: dF/dL [N/m] of the muscle at the readings, shape (points,).
+        gain: 1/(1 + delta' dF/dL) at the readings, how far a compliant rig lets the force move when
+            the muscle's own does; 1 in a rigid one, shape (points,).
         path_modulus: along the paths [Pa] at x0, shape (paths, stations); nan without a bladder.
         slope: tangent modulus [Pa] at the same shares of the largest strain, same shape.
         largest_strain: magnitude [-] along each path, shape (paths,).
@@ -81,7 +82,7 @@ class Aside(NamedTuple):
         path_end: where each path ends [m], shape (paths,).
     """
 
-    stiffness: Float[Array, " points"]
+    gain: Float[Array, " points"]
     path_modulus: Float[Array, "paths stations"]
     slope: Float[Array, "paths stations"]
     largest_strain: Float[Array, " paths"]
@@ -115,14 +116,14 @@ def response(
     """
     known = len(family.nonlinear)
     searched = dict(zip(family.nonlinear, p[:known], strict=True))
-    compliance = searched.get("series_compliance")
+    rig = rig_of(searched)
     length, pressure = jnp.asarray(at.length), jnp.asarray(at.pressure)
     if len(p) > known:
         length = length + jnp.stack(list(p[known:]))[at.length_index]
     rest, end = family.rest_length(searched), jnp.asarray(at.path_end)
-    if compliance is not None:
-        end = jnp.minimum(end, jnp.min(length - compliance * at.force))
-        length = length - compliance * reached
+    if rig is not None:
+        end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
+        length = length - famjax.muscle.give_way(reached, *rig)
     middle = family.build({**searched, **dict(zip(family.linear, x0, strict=True))})
     paths = _Paths.of(middle, rest, end, at)
 
@@ -139,13 +140,10 @@ def response(
         force, values, numbers = of_coefficients(x0)
         columns, rows, number_columns = (v[..., None][..., :0] for v in (force, values, numbers))
     derived = family.derived(searched)
-    stiffness = jnp.zeros_like(force)
-    if compliance is not None:
-        stiffness = jax.jvp(
-            lambda L: middle.force(L, pressure), (length,), (jnp.ones_like(length),)
-        )[1]
     aside = Aside(
-        stiffness=stiffness,
+        gain=jnp.ones_like(force)
+        if rig is None
+        else _gain(middle, length, pressure, reached, rig)[1],
         path_modulus=values if constraint == "drucker" else paths.modulus(middle),
         slope=values if constraint == "slope" else paths.slope(middle),
         largest_strain=paths.largest,
@@ -202,21 +200,42 @@ def force_and_constraint(
     if p.shape[0] > known:
         length = length + p[known:][at.length_index]
     rest, end = family.rest_length(searched), jnp.asarray(at.path_end)
-    compliance = searched.get("series_compliance")
-    if compliance is None:
+    rig = rig_of(searched)
+    if rig is None:
         force = model.force(length, pressure)
     else:
-        end = jnp.minimum(end, jnp.min(length - compliance * at.force))
+        end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
         force = jnp.asarray(at.force)
         for _ in range(compliant_steps):
-            muscle, stiffness = jax.jvp(
-                lambda L: model.force(L, pressure),
-                (length - compliance * force,),
-                (jnp.ones_like(length),),
-            )
-            force = force + (muscle - force) / (1 + compliance * stiffness)
+            shortened = length - famjax.muscle.give_way(force, *rig)
+            muscle, gain = _gain(model, shortened, pressure, force, rig)
+            force = force + gain * (muscle - force)
     paths = _Paths.of(model, rest, end, at)
     return force, paths.constraint(model, constraint).ravel()
+
+
+def rig_of(values: Mapping[str, Array]) -> tuple[Array, Array | None] | None:
+    """Compliance and exponent of the rig among named numbers, None for a rigid one."""
+    compliance = values.get("series_compliance")
+    return None if compliance is None else (compliance, values.get("series_exponent"))
+
+
+def _gain(
+    model: Any, length: Array, pressure: Array, reached: Array, rig: tuple[Array, Array | None]
+) -> tuple[Array, Array]:
+    """The muscle's own force [N], and how far the rig lets the force move when it does, see `Aside`.
+
+    Args:
+        model: of the muscle.
+        length: its own [m].
+        pressure: gauge [Pa].
+        reached: force [N] by which the rig gives way.
+        rig: see `rig_of`.
+    """
+    ones = jnp.ones_like(length)
+    force, stiffness = jax.jvp(lambda L: model.force(L, pressure), (length,), (ones,))
+    softness = jax.jvp(lambda F: famjax.muscle.give_way(F, *rig), (reached,), (ones,))[1]
+    return force, 1 / (1 + softness * stiffness)
 
 
 def flat(model: Any) -> Float[Array, " l"]:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..convex.arrays import replaced
 from ..convex.host_qp import solve_host_qps
 from ..convex.status import Status
 from .one_sided import one_sided
@@ -27,6 +26,9 @@ if TYPE_CHECKING:
 
 REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 REACHED = 1e-13  # relative change of the forces with which that ends
+
+Near = tuple[Point, int]
+"""One of several fits: all of them, and its place."""
 
 
 class Stack:
@@ -74,50 +76,74 @@ class Stack:
         self,
         members: Int[np.ndarray, " b"],
         parameters: Float[np.ndarray, "b q"],
-        guesses: Sequence[np.ndarray | None] | None = None,
+        near: Sequence[Near | None] | None = None,
         *,
         complete: bool = False,
+        tolerance: float = REACHED,
     ) -> Point:
         """The certified convex fits.
 
         Args:
             members: places of the problems, one of them several times or not at all.
             parameters: of each.
-            guesses: rows that may be active.
+            near: fits of the same problems at other parameters, from which each may start.
             complete: with what no descent needs.
+            tolerance: relative change of a compliant rig's forces, before one more linear model.
         """
-        parts, count = self.like.parts, len(members)
-        compliant = any(part.compliance is not None for part in parts)
-        x = np.zeros((count, len(self.like.linear)))
-        reached = [self.force[k][members] for k in range(len(parts))]
-        found = self._once(
-            members, parameters, x if compliant else x[:1], reached, guesses, complete
-        )
-        if not compliant:
-            return found
-        moving = np.arange(count)
-        for _ in range(REACHES - 1):
-            after = [
-                one.force + np.einsum("bkn,bn->bk", one.columns, found.x[:, part.coefficients])
-                for one, part in zip(found.linear, parts, strict=True)
-            ]
-            change = np.max(
-                [np.abs(a - b).max(axis=1) for a, b in zip(reached, after, strict=True)], 0
+        count, n = len(members), len(self.like.linear)
+        near = near or [None] * count
+        guesses = [None if one is None else one[0].optimum.rows[one[1]] for one in near]
+        if not any(part.rig for part in self.like.parts):
+            nothing = [force[members] for force in self.force]
+            return self._once(
+                members, parameters, np.zeros((1, n)), nothing, guesses, complete=complete
             )
-            size = np.max([np.abs(a).max(axis=1) for a in after], axis=0)
+        x, reached = self._reach(members, parameters, near, guesses, tolerance)
+        return self._once(members, parameters, x, reached, guesses, complete=complete)
+
+    def _reach(
+        self,
+        members: np.ndarray,
+        parameters: np.ndarray,
+        near: Sequence[Near | None],
+        guesses: list[np.ndarray | None],
+        tolerance: float,
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Coefficients and forces of the parts that a compliant rig settles at.
+
+        Each linear model is about those of the one before. `guesses` are replaced on the way.
+        """
+        parts = self.like.parts
+        x = np.zeros((len(members), len(self.like.linear)))
+        reached = [force[members] for force in self.force]
+        for k, one in enumerate(near):
+            if one is not None:
+                point, row = one
+                x[k] = point.x[row]
+                for force, linear in zip(reached, point.linear, strict=True):
+                    force[k] = linear.reached[row]
+        moving = np.arange(len(members))
+        for _ in range(REACHES - 1):
+            found = self._once(
+                members[moving], parameters[moving], x[moving],
+                [force[moving] for force in reached], [guesses[k] for k in moving], slopes=False,
+            )  # fmt: skip
             solved = found.optimum.status == Status.OPTIMAL
-            moving = moving[(solved & ~(change <= REACHED * size))[moving]]
+            change = size = np.zeros(moving.size)
+            for force, one, part in zip(reached, found.linear, parts, strict=True):
+                after = one.force + np.einsum(
+                    "bkn,bn->bk", one.columns, found.x[:, part.coefficients]
+                )
+                change = np.maximum(change, np.abs(after - force[moving]).max(axis=1))
+                size = np.maximum(size, np.abs(after).max(axis=1))
+                force[moving[solved]] = after[solved]
+            x[moving[solved]] = found.x[solved]
+            for k in np.flatnonzero(solved):
+                guesses[moving[k]] = found.optimum.rows[k]
+            moving = moving[solved & ~(change <= tolerance * size)]
             if not moving.size:
                 break
-            for old, new in zip(reached, after, strict=True):
-                old[moving] = new[moving]
-            again = self._once(
-                members[moving], parameters[moving], found.x[moving],
-                [force[moving] for force in reached],
-                [found.optimum.rows[k] for k in moving], complete,
-            )  # fmt: skip
-            found = replaced(found, again, moving)
-        return found
+        return x, reached
 
     def _once(
         self,
@@ -125,12 +151,14 @@ class Stack:
         parameters: np.ndarray,
         x: np.ndarray,
         reached: Sequence[np.ndarray],
-        guesses: Sequence[np.ndarray | None] | None,
-        complete: bool,
+        guesses: Sequence[np.ndarray | None],
+        *,
+        complete: bool = False,
+        slopes: bool = True,
     ) -> Point:
         """The fits by linear models about coefficients, and about forces reached by the rig."""
         linear = tuple(
-            self._linear(k, parameters, x[:, part.coefficients], reached[k], complete)
+            self._linear(k, parameters, x[:, part.coefficients], reached[k], complete, slopes)
             for k, part in enumerate(self.like.parts)
         )
         if self.like.side.any():
@@ -147,26 +175,24 @@ class Stack:
         x0: np.ndarray,
         reached: np.ndarray,
         complete: bool,
+        slopes: bool,
     ) -> Linear:
         """The linear models of a part about x0 and the forces that the rig is taken at."""
         part = self.like.parts[place]
         asked = (
             (ALL, range(part.at.size), None) if complete
-            else (OF_DESCENTS, self._moving[place], self._held[place])
+            else (OF_DESCENTS, self._moving[place] if slopes else (), self._held[place])
         )  # fmt: skip
-        rigid = part.compliance is None
         found: Any = part.program.of_members(
-            parameters[:, part.at], x0, reached[:1] if rigid else reached, *asked
+            parameters[:, part.at], x0, reached if part.rig else reached[:1], *asked
         )
         value, slope, aside = found
         count, points, n = len(parameters), part.force.size, x0.shape[1]
         paths = part.inputs.path_end.size
         force, columns = value.force[:, :points], value.columns[:, :points]
         d_force, d_columns = slope.force[:, :, :points], slope.columns[:, :, :points]
-        if part.compliance is not None:
-            # The rig lets the force move only 1/(1 + c dF/dL) as far as the muscle's own.
-            stiffness = aside.stiffness[:, :points]
-            gain = 1 / (1 + parameters[:, part.compliance, None] * stiffness)
+        if part.rig:
+            gain = aside.gain[:, :points]
             force = reached + gain * (force - reached)
             columns, d_force = gain[:, :, None] * columns, gain[:, None] * d_force
             d_columns = gain[:, None, :, None] * d_columns

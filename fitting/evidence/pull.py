@@ -95,7 +95,7 @@ def _pull(
         changed = unflat(flat)
         one = alone(changed)
         if gives_way:
-            return famjax.MountedMuscle(one, changed.compliance).force(length, pressure)
+            return changed.with_muscle(one).force(length, pressure)
         return one.force(length, pressure)
 
     def along(direction: Array, lengths: Array) -> tuple[Array, Array]:

@@ -162,13 +162,13 @@ def carry(result: Identification, moves: Moves) -> Carried:
 def _at(
     part: Part, parameters: np.ndarray, x: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Residual [N], not weighted, and the muscle's numbers, the rig's compliance last."""
+    """Residual [N], not weighted, and the muscle's numbers, the rig's last."""
     own, inputs = parameters[part.at], part.inputs
     searched = own[: len(part.family.nonlinear)]
     predicted = part.predict(searched, x[part.coefficients], inputs.length, inputs.pressure)
     numbers = part.program(own, x[part.coefficients], predicted, "numbers")[0].numbers
-    compliance = 0.0 if part.compliance is None else float(parameters[part.compliance])
-    return predicted - force, np.append(numbers, compliance)
+    rig = parameters[list(part.rig)] if part.rig else [0.0]
+    return predicted - force, np.append(numbers, rig)
 
 
 def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:

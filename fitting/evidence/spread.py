@@ -24,8 +24,8 @@ def muscle_spread(
         drawn: its bootstrap, whose covariance then takes the place of that of linear theory.
 
     Returns:
-        One row for each independent direction, of the arrays of `famjax.MountedMuscle(muscle,
-        compliance)` one after another; no rows where there are no standard errors.
+        One row for each independent direction, of the arrays of `result.mounted` one after another; no
+        rows where there are no standard errors.
     """
     slopes = numbers_by_parameters(result)
     covariance = result.covariance if drawn is None else _covariance(result, drawn)
@@ -33,19 +33,20 @@ def muscle_spread(
 
 
 def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers p"]:
-    """Derivatives of the mounted muscle's numbers, the compliance last, in parameters and coefficients."""
+    """Derivatives of the mounted muscle's numbers, the rig's last, in parameters and coefficients."""
     problem, point = result.problem, result.end.point
     part, q = problem.parts[result.place], len(problem.names)
-    own = point.x[part.coefficients]
     value, slope, _ = part.program(
-        point.parameters[part.at], own, point.linear[result.place].reached, "numbers",
-        "number_columns", slopes=True,
+        point.parameters[part.at], point.x[part.coefficients], point.linear[result.place].reached,
+        "numbers", "number_columns", slopes=True,
     )  # fmt: skip
-    slopes = np.zeros((value.numbers.size + 1, q + point.x.size))
-    np.add.at(slopes[:-1].T, part.at, slope.numbers)
-    slopes[:-1, q + part.coefficients] = value.number_columns
-    if part.compliance is not None:
-        slopes[-1, part.compliance] = 1.0
+    own = value.numbers.size
+    # A rigid rig has a compliance too, which does not vary.
+    slopes = np.zeros((own + max(len(part.rig), 1), q + point.x.size))
+    np.add.at(slopes[:own].T, part.at, slope.numbers)
+    slopes[:own, q + part.coefficients] = value.number_columns
+    for place, of_rig in enumerate(part.rig, own):
+        slopes[place, of_rig] = 1.0
     return slopes
 
 

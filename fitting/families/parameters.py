@@ -21,6 +21,7 @@ KINDS = {
     "end_length": "length",
     "braid_compliance": "strain compliance",
     "series_compliance": "compliance",
+    "series_exponent": "number",
     "length_offset": "length",
 }
 """Kind of unit of the parameters that do not belong to the law."""
@@ -35,6 +36,7 @@ _LOWEST = {
     "deadband_pressure": ">= 0 (gauge pressure)",
     "braid_compliance": ">= 0: nothing pushes back harder than it is pulled",
     "series_compliance": ">= 0: nothing pushes back harder than it is pulled",
+    "series_exponent": "> 0",
 }
 """What the lower bound of a parameter must be."""
 
@@ -128,7 +130,8 @@ def optional_table(specimen: Specimen) -> dict[str, Entry]:
         "end_factor": Entry(1.0, 1.4),
         "end_length": Entry(0.0, (1 - 1 / 1.4) * rest, "length"),
         "braid_compliance": Entry(0.0, 3e-5, KINDS["braid_compliance"]),
-        "series_compliance": Entry(0.0, 2e-5, KINDS["series_compliance"]),
+        "series_compliance": Entry(0.0, 5e-5, KINDS["series_compliance"]),
+        "series_exponent": Entry(0.3, 1.0),
         "length_offset": Entry(-math.inf, math.inf, "length"),
     }
 
@@ -261,6 +264,11 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
     if "end_factor" in table and "end_length" in table:
         raise InputError(
             "end_factor and end_length are the same thing said in two ways: name one of them"
+        )
+    if "series_exponent" in table and "series_compliance" not in table:
+        raise InputError(
+            "series_exponent is of the compliance of the rig, which takes no part: name "
+            "series_compliance as well"
         )
     exponent = table.get("ogden_exponent")
     if exponent is not None and exponent.min <= 0 <= exponent.max:

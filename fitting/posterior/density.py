@@ -181,7 +181,7 @@ class Density(eqx.Module):
     def _log_likelihood(self, residual: Array, p: Array, c: Array, sigma: Array) -> Array:
         """Of readings and priors, but for the determinant of the noise."""
         count = self.force.shape[0]
-        if any(part.compliance is not None for part in self.fit.parts):
+        if any(part.rig for part in self.fit.parts):
             x = jnp.asarray(self.coordinates.centre + self.coordinates.scale @ c)
             exact, _ = self.fit.exact(p, x, jnp.asarray(self.force), jnp.asarray(self.force))
             residual = jnp.concatenate([exact[:count] / sigma, residual[count:]])

@@ -65,7 +65,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
     others = np.linalg.svd(slope[:, p:], full_matrices=True)[2][len(slope) :]
     others = others if len(slope) else np.eye(count)
     censored = bool((problem.side != 0).any())
-    joint = censored or any(part.compliance is not None for part in problem.parts)
+    joint = censored or any(part.rig for part in problem.parts)
     covariance = np.linalg.inv(H + _HELD * slope[r:].T @ slope[r:])
     others = others if joint else others[:0]
     sampled = np.zeros((p + r + len(others), p + count))

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
 from famjax.cards import Covariance, Draws, MuscleCard, Provenance, draw
@@ -32,10 +31,7 @@ def card_of(
     document = fit.document
     if count < 0:
         raise InputError(f"the number of muscles in the sample must be >= 0, got {count}")
-    first = famjax.MountedMuscle(
-        fit.muscle, np.asarray(document.get("series_compliance_m_per_N") or 0.0)
-    )
-    members = (first, *fit.others)
+    members = (fit.mounted, *fit.others)
     readings = document["data"]["readings"]
     card = MuscleCard(
         name=name or document["data"]["specimen"].get("name") or "unnamed",

@@ -91,7 +91,7 @@ def summary_as_dict(
         "law": result.law.name,
         "order": result.order,
         "n_parameters": result.n_parameters,
-        "series_compliance_m_per_N": result.series_compliance,
+        **_rig(result),
         "length_offsets_m": result.length_offsets.tolist(),
         "constraint": result.constraint,
         "dependence": result.dependence,
@@ -180,12 +180,19 @@ def fit_as_dict(
     }
 
 
+def _rig(result: Identification) -> dict[str, Any]:
+    """What the rig is: its exponent is not there where it gives way in proportion to the force."""
+    compliance = {"series_compliance_m_per_N": result.series_compliance}
+    exponent = result.series_exponent
+    return compliance if exponent is None else {**compliance, "series_exponent": exponent}
+
+
 def _averaged(others: Sequence[Identification]) -> list[dict[str, Any]]:
     """Muscles, besides the fit's own, that predictions are the mean of."""
     return [
         {
             "law": one.law.name,
-            "series_compliance_m_per_N": one.series_compliance,
+            **_rig(one),
             "muscle": muscle_as_dict(one.muscle),
         }
         for one in others

@@ -37,9 +37,7 @@ def pressures_for(
         raise InputError(f"lengths must be > 0, got {length.min():.6g} m")
     if not (np.isfinite(force).all() and (force >= 0).all()):
         raise InputError(f"forces must be >= 0, as a muscle only pulls, got {force.min():.6g} N")
-    compliance = fit.document.get("series_compliance_m_per_N") or 0.0
-    members = (famjax.MountedMuscle(fit.muscle, np.asarray(compliance)), *fit.others)
-    muscle = famjax.muscle.MeanMuscle(members)
+    muscle = famjax.muscle.MeanMuscle((fit.mounted, *fit.others))
     reach = reach_of(fit, None)
     found = pressure_for_force(muscle, force, length[:, None], (0.0, reach.pressures[1]))
     rows = []

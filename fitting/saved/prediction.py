@@ -132,14 +132,13 @@ def _pull(
     Of a fit that is the mean of several families they are the means; the standard deviation is that
     of the first.
     """
-    compliance = fit.document.get("series_compliance_m_per_N") or 0.0
     spread = _spread(fit)
     directions = [
         *([] if _by_what_was_left_out(fit) else spread.get("directions", [])),
         *spread.get("shared_directions", []),
     ]
     first = pull(
-        famjax.MountedMuscle(fit.muscle, np.asarray(compliance)),
+        fit.mounted,
         np.array(directions) if directions else None,
         length, pressure, rest_length=rest_length, length_std=length_std,
     )  # fmt: skip

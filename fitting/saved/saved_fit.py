@@ -25,18 +25,25 @@ class SavedFit:
     """A fit read back from `fit.json`.
 
     Attributes:
-        muscle: the identified muscle, bit for bit.
+        mounted: the identified muscle, bit for bit, in the rig of the fit.
         document: the whole file as plain data, SI.
         hysteresis: about the muscle's force, or None where it was not identified.
         others: further muscles, in their rigs; a prediction is the mean of them and the muscle.
         error: of predictions, or None where nothing was left out.
     """
 
-    muscle: famjax.Muscle
+    mounted: famjax.MountedMuscle
     document: dict[str, Any]
     hysteresis: CentredSlip | None = None
     others: tuple[famjax.MountedMuscle, ...] = ()
     error: ModelError | None = None
+
+    @property
+    def muscle(self) -> famjax.Muscle:
+        """The identified muscle, bit for bit."""
+        muscle = self.mounted.muscle
+        assert isinstance(muscle, famjax.Muscle)
+        return muscle
 
     def __repr__(self) -> str:
         name = self.document.get("data", {}).get("specimen", {}).get("name", "unnamed")
@@ -66,11 +73,8 @@ def load_fit(path: str | Path) -> SavedFit:
     if schema != SCHEMA:
         raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}")
     try:
-        card = _entry(document, "muscle")
-        if not isinstance(card, dict):
-            raise InputError(f"'muscle' must be an object in braces, got {card!r}")
-        muscle = muscle_from_dict(card)
-        _check(document, muscle)
+        mounted = _mounted(document)
+        _check(document, mounted)
         loops = document.get("hysteresis")
         hysteresis = None if loops is None else slip_from_dict(loops)
         stored = document.get("model_error")
@@ -78,14 +82,21 @@ def load_fit(path: str | Path) -> SavedFit:
     except InputError as error:
         raise InputError(f"{path} is damaged: {error}") from None
     error = None if stored is None else ModelError.from_dict(stored)
-    return SavedFit(muscle, document, hysteresis, others, error)
+    return SavedFit(mounted, document, hysteresis, others, error)
 
 
 def _mounted(entry: Any) -> famjax.MountedMuscle:
     """A muscle in its rig, from its entry."""
+    card = _entry(entry, "muscle")
+    if not isinstance(card, dict):
+        raise InputError(f"'muscle' must be an object in braces, got {card!r}")
+    for name in ("series_compliance_m_per_N", "series_exponent"):
+        if entry.get(name) is not None:
+            _numbers(entry, name, ())
     return famjax.MountedMuscle(
-        muscle_from_dict(_entry(entry, "muscle")),
-        np.asarray(_entry(entry, "series_compliance_m_per_N") or 0.0),
+        muscle_from_dict(card),
+        _entry(entry, "series_compliance_m_per_N") or 0.0,
+        entry.get("series_exponent"),
     )
 
 
@@ -99,17 +110,14 @@ def _entry(document: Any, path: str) -> Any:
     return found
 
 
-def _check(document: dict[str, Any], muscle: famjax.Muscle) -> None:
+def _check(document: dict[str, Any], mounted: famjax.MountedMuscle) -> None:
     """Raise unless what predictions are made of is there, finite and of its shape."""
     _numbers(document, "data.readings.length_m", ("n",))
     _numbers(document, "data.readings.pressure_Pa", ("n",))
     _numbers(document, "data.readings.force_N", ("n",))
-    if document.get("series_compliance_m_per_N") is not None:
-        _numbers(document, "series_compliance_m_per_N", ())
     if document.get("spread") is not None:
-        # The rig's compliance is one number more than the muscle's own.
-        varied = jax.tree.leaves(eqx.filter(muscle, eqx.is_inexact_array))
-        count = 1 + sum(np.size(leaf) for leaf in varied)
+        varied = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
+        count = sum(np.size(leaf) for leaf in varied)
         _entry(document, "spread.directions")
         for name in ("directions", "shared_directions"):  # the second came later
             if document["spread"].get(name, []) != []:

@@ -83,7 +83,7 @@ def known_bounds(
 def check_source(source: AbstractGeometrySource, table: Mapping[str, Entry]) -> None:
     """A parameter of the geometry must be one that the geometry has."""
     cylinder = {"rest_length", "end_factor", "end_length", "braid_compliance", "series_compliance",
-                "length_offset"}  # fmt: skip
+                "series_exponent", "length_offset"}  # fmt: skip
     named = sorted(cylinder & set(table) - set(source.declared))
     if named and getattr(source, "known", None) is not None:
         raise InputError(

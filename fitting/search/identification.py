@@ -59,8 +59,9 @@ def identify(
             interval of one value holds the parameter there.
         parameters: the same with units, held values and priors. Naming one of these makes it take
             part: `rest_length`, `end_factor` (k of Tondu & Lopez) or `end_length` (dead length
-            L0 (1 - 1/k)), `braid_compliance` (of all threads), `series_compliance` (of the rig),
-            `length_offset` (one for each length, with a prior).
+            L0 (1 - 1/k)), `braid_compliance` (of all threads), `series_compliance` (of the rig), with
+            it `series_exponent` (of a rig that gives way by a power of the force, see
+            `famjax.muscle.give_way`), `length_offset` (one for each length, with a prior).
         noise: standard deviation of one reading [N], against which priors are weighed; needed
             with priors where the data have no `force_std`.
         objective: "sum_of_squares" or "huber", which counts residuals beyond 1.345 standard

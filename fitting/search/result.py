@@ -119,8 +119,7 @@ class Identification:
 
     Attributes:
         data: the force map.
-        muscle: the model; a differentiable function of length and pressure.
-        series_compliance: of the rig [m/N], 0 where it was taken as rigid.
+        mounted: the model in its rig, of compliance 0 where it was taken as rigid.
         length_offsets: errors [m] of the distinct loaded lengths, ascending; empty if none.
         estimates: geometry, then the coefficients where they do not depend on pressure.
         node_estimates: the coefficients at each node where they depend on pressure, else empty.
@@ -152,8 +151,7 @@ class Identification:
     """
 
     data: ForceData
-    muscle: famjax.Muscle
-    series_compliance: float
+    mounted: famjax.MountedMuscle
     length_offsets: Float[np.ndarray, " lengths"]
     estimates: tuple[Estimate, ...]
     node_estimates: tuple[tuple[Estimate, ...], ...]
@@ -190,6 +188,24 @@ class Identification:
             f"{self.errors.rmse:.4g} N over {self.errors.n_points} readings; "
             f"{'converged' if self.converged else 'NOT converged'}; in SI {numbers})"
         )
+
+    @property
+    def muscle(self) -> famjax.Muscle:
+        """The model; a differentiable function of length and pressure."""
+        muscle = self.mounted.muscle
+        assert isinstance(muscle, famjax.Muscle)
+        return muscle
+
+    @property
+    def series_compliance(self) -> float:
+        """Of the rig [m/N], at 100 N where it has an exponent; 0 where it was taken as rigid."""
+        return float(self.mounted.compliance)
+
+    @property
+    def series_exponent(self) -> float | None:
+        """Of the rig, see `famjax.muscle.give_way`; None where it gives way in proportion."""
+        exponent = self.mounted.exponent
+        return None if exponent is None else float(exponent)
 
     @property
     def order(self) -> int:

@@ -55,10 +55,7 @@ def summarise(
         pressures = getattr(muscle.material, "node_pressures", None)
         result = Identification(
             data=one,
-            muscle=muscle,
-            series_compliance=(
-                0.0 if part.compliance is None else float(point.parameters[part.compliance])
-            ),
+            mounted=part.mounted(muscle, point.parameters),
             length_offsets=point.parameters[part.at[len(part.family.nonlinear) :]],
             estimates=concerning(estimated, one, nodes, found),
             node_estimates=() if pressures is None else of_nodes(estimated, found),

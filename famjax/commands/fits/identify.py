@@ -93,7 +93,8 @@ def fit(
     free
         Parameters that take part besides braid diameter, angle and deadband, repeatable:
         end_factor or end_length (rounded ends), rest_length, braid_compliance (stretch of all
-        threads), series_compliance (of the rig). `--bounds` and `--prior` make them take part too.
+        threads), series_compliance (of the rig), with it series_exponent (the rig gives way by a
+        power of the force). `--bounds` and `--prior` make them take part too.
     prior
         What is known of a parameter, name_unit=mean+-std, repeatable: `--prior
         rest_length_mm=296+-0.5`; `--prior length_offset_mm=0+-0.25` for errors of every length.

@@ -42,7 +42,7 @@ def series(
         Laws to try, repeatable; linear, mooney-rivlin and ogden unless given.
     free
         Parameters that take part in all families besides braid diameter and angle, repeatable:
-        series_compliance, deadband_pressure, end_length, braid_compliance.
+        series_compliance, with it series_exponent, deadband_pressure, end_length, braid_compliance.
     bounds
         Replace bounds, name_unit=min:max, repeatable; one value holds the parameter:
         `--bounds series_compliance_mm/N=0` for a rigid rig.

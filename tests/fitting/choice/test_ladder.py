@@ -74,11 +74,28 @@ def test_the_prior_of_the_exponent_is_the_same_for_every_muscle(
 
 
 def test_families_of_one_law_have_the_same_parameters(dmsp20: ForceData) -> None:
-    """So one compiled program serves all of them."""
+    """So one compiled program serves all of them, but for those of a rig that gives way."""
     candidates, _ = ladder(dmsp20)
     for law in {one.law for one in candidates}:
-        named = [{*one.parameters, "deadband_pressure"} for one in candidates if one.law == law]
+        named = [
+            {*one.parameters, "deadband_pressure"}
+            for one in candidates
+            if one.law == law and "series_compliance" not in one.free
+        ]
         assert all(names == named[0] for names in named)
+
+
+def test_a_rig_that_gives_way_is_judged_by_lengths_left_out(dmsp20: ForceData) -> None:
+    """It takes the place of the deadband, in maps of four lengths or more."""
+    power = {"series_compliance", "series_exponent"}
+    rigs = [one for one in ladder(dmsp20)[0] if power & {*one.free}]
+    assert {one.law for one in rigs} == {"ogden", "mooney-rivlin", "linear", "saturating", "cubic"}
+    assert all({*one.free} == power and not one.deadband for one in rigs)
+    assert all(
+        one.name.endswith("compliant rig, as a power of the force, no deadband") for one in rigs
+    )
+    few, _ = ladder(of_lengths(dmsp20, 3))
+    assert not any(power & {*one.free} for one in few)
 
 
 @pytest.mark.parametrize(("rest_length", "half_a_unit"), [(0.296, 0.5e-3), (0.0832, 0.05e-3)])

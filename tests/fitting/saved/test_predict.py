@@ -28,7 +28,8 @@ def saved(one: famjax.Muscle, **more: object) -> SavedFit:
     readings = {
         "length_m": LENGTHS.tolist(), "pressure_Pa": pressures.tolist(), "force_N": [0.0] * LENGTHS.size
     }  # fmt: skip
-    return SavedFit(one, {"data": {"readings": readings}, **more})
+    mounted = famjax.MountedMuscle(one, 0.0)
+    return SavedFit(mounted, {"data": {"readings": readings}, **more})
 
 
 @pytest.mark.parametrize("deadband", [0.0, 40e3])
@@ -64,7 +65,7 @@ def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
     def force(changed: famjax.MountedMuscle, length: np.ndarray) -> np.ndarray:
         one = changed.muscle
         one = one if rest_length is None else famjax.cut_to_length(one, rest_length)
-        return np.asarray(famjax.MountedMuscle(one, changed.compliance).force(length, P))
+        return np.asarray(changed.with_muscle(one).force(length, P))
 
     alone = dataclasses.replace(mounted, compliance=0.0)
     np.testing.assert_allclose(found.force, force(mounted, L), rtol=1e-12)

@@ -1,0 +1,116 @@
+"""A rig that gives way by a power of the force is identified with the muscle, and told from others."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import famjax
+from fitting import (
+    ForceData,
+    Identification,
+    InputError,
+    Parameter,
+    choose,
+    identify,
+    load_fit,
+    predict,
+    write_fit,
+)
+from fitting.saved import card_of
+from tests.fitting.synthetic import muscle_map
+
+COMPLIANCE, EXPONENT = 1.5e-5, 0.5
+POWER = {
+    "series_compliance": Parameter(),
+    "series_exponent": Parameter(),
+    "deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa"),
+}
+LENGTHS = (1.0, 0.985, 0.96, 0.93, 0.9, 0.87)
+RECOVERED = 1e-5  # relative
+ROUNDED = 1e-9
+
+
+def readings(rig: tuple[float, float | None] | None, noise: float = 0.0) -> ForceData:
+    return muscle_map(noise=noise, seed=7, lengths=LENGTHS, deadband=0.0, rig=rig)
+
+
+@pytest.fixture(scope="module")
+def identified() -> Identification:
+    data = readings((COMPLIANCE, EXPONENT))
+    return identify(data, law="mooney-rivlin", parameters=POWER, starts=8)
+
+
+def test_it_is_recovered(identified: Identification) -> None:
+    assert identified.converged
+    assert identified.errors.rmse < 1e-5
+    truth = {
+        "braid_diameter": 0.0135, "braid_angle": math.radians(64), "C10": 0.4e6, "C01": 0.15e6,
+        "series_compliance": COMPLIANCE, "series_exponent": EXPONENT,
+    }  # fmt: skip
+    for name, value in truth.items():
+        assert identified.estimate(name).value == pytest.approx(value, rel=RECOVERED), name
+    assert identified.series_exponent == pytest.approx(EXPONENT, rel=RECOVERED)
+
+
+def test_predictions_are_of_the_muscle_in_its_rig(identified: Identification) -> None:
+    L, P = np.array([0.249, 0.24, 0.22]), np.array([2e5, 4e5, 6e5])
+    np.testing.assert_allclose(
+        identified.predict(L, P), identified.mounted.force(L, P), rtol=ROUNDED
+    )
+
+
+def test_noisy_estimates_lie_within_three_standard_errors() -> None:
+    noisy = identify(
+        readings((COMPLIANCE, EXPONENT), noise=0.5), law="mooney-rivlin", parameters=POWER, starts=8
+    )
+    for name, value in {"series_compliance": COMPLIANCE, "series_exponent": EXPONENT}.items():
+        estimate = noisy.estimate(name)
+        assert abs(estimate.value - value) < 3 * estimate.stderr, name
+        assert estimate.stderr < 0.2 * value
+
+
+def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path: Path) -> None:
+    write_fit(identified, tmp_path)
+    saved = load_fit(tmp_path / "fit.json")
+    assert saved.mounted.exponent == identified.series_exponent
+    L, P = np.array([0.24]), np.array([4e5])
+    (row,) = predict(saved, L, P)
+    assert row["force_N"] == pytest.approx(float(identified.predict(L, P)[0]), rel=ROUNDED)
+    # Of another rest length it is in the same rig.
+    (other,) = predict(saved, np.array([0.19]), P, rest_length=0.2)
+    shorter = identified.mounted.with_muscle(famjax.cut_to_length(identified.muscle, 0.2))
+    assert other["force_N"] == pytest.approx(float(shorter.force(0.19, 4e5)), rel=ROUNDED)
+    card = card_of(saved)
+    assert card.members[0].exponent == identified.series_exponent
+    assert float(card.muscle.force(0.24, 4e5)) == pytest.approx(row["force_N"], rel=ROUNDED)
+
+
+def test_a_rig_in_proportion_has_no_exponent_in_its_file(tmp_path: Path) -> None:
+    data = readings((COMPLIANCE, None))
+    linear = {name: one for name, one in POWER.items() if name != "series_exponent"}
+    plain = identify(data, law="mooney-rivlin", parameters=linear, starts=4)
+    assert plain.series_exponent is None
+    write_fit(plain, tmp_path)
+    assert "series_exponent" not in (tmp_path / "fit.json").read_text()
+    assert load_fit(tmp_path / "fit.json").mounted.exponent is None
+
+
+def test_an_exponent_needs_a_compliance() -> None:
+    with pytest.raises(InputError, match="name series_compliance as well"):
+        identify(readings(None), law="polynomial", parameters={"series_exponent": Parameter()})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rig", "power"),
+    [(None, False), ((COMPLIANCE, EXPONENT), True)],
+    ids=["rigid", "square root"],
+)
+def test_a_rig_is_chosen_where_there_is_one(
+    rig: tuple[float, float | None] | None, *, power: bool
+) -> None:
+    choice = choose(readings(rig, noise=0.5))
+    assert ("as a power of the force" in choice.names[0]) is power
+    assert choice.rmse < 0.8
