@@ -160,7 +160,7 @@ def test_picture_shows_points_isobars_and_the_unstable_part(fitted20: Identifica
     known = fitted20.muscle
     law = famjax.PolynomialMaterial([2e6, -4e6, 1e6])
     muscle = famjax.Muscle(known.geometry, law, known.deadband_pressure)
-    falling = dataclasses.replace(fitted20, muscle=muscle)
+    falling = dataclasses.replace(fitted20, mounted=fitted20.mounted.with_muscle(muscle))
     law = {axis.get_xlabel(): axis for axis in plot_fit(falling).axes}["engineering strain"]
     dashed = [line for line in law.lines if line.get_linestyle() == "--"]
     assert any(np.isfinite(np.asarray(line.get_ydata())).any() for line in dashed)
