@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> None:
         end_at_interrupts(sys.argv[1:])
         warnings.showwarning = _as_note
         # What imports and traces make stays to the end: it is searched for garbage less often.
-        gc.set_threshold(100_000, 20, 50)
+        gc.set_threshold(400_000, 20, 50)
     code = _run(sys.argv[1:] if arguments is None else arguments)
     if arguments is None:
         # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.

@@ -12,6 +12,8 @@ from .errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_COMPRESSION = 3  # of pictures, out of 9: a tenth larger than by the usual 6, in half of the time
+
 
 def csv_lines(path: str | Path) -> list[str]:
     """The lines of a UTF-8 text file, with or without a byte order mark.
@@ -66,7 +68,10 @@ def make_output(folder: Path) -> None:
 def as_png(figure: "Figure") -> bytes:
     """The picture as a PNG file, which says in words what its title does."""
     picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=150, metadata={"Title": figure.get_suptitle()})
+    figure.savefig(
+        picture, format="png", dpi=150, metadata={"Title": figure.get_suptitle()},
+        pil_kwargs={"compress_level": _COMPRESSION},
+    )  # fmt: skip
     return picture.getvalue()
 
 

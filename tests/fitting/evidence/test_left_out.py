@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.special import stdtrit
 
 from fitting import ForceData, Identification, identify, validate
 from fitting.choice.nested import without
@@ -75,6 +76,10 @@ def test_one_level_tells_nothing_but_distance() -> None:
 
 
 def test_students_interval() -> None:
+    for coverage in (0.05, 0.5, 0.6827, 0.9, 0.95, 0.99):
+        freedom = np.concatenate([[1, 1.2, 1.5, 2, 2.7, 4, 5.5], np.geomspace(7, 1e5, 12)])
+        found = [student(coverage, one) for one in freedom]
+        assert found == pytest.approx(stdtrit(freedom, (1 + coverage) / 2), rel=1e-9)
     assert student(0.95, 3.0) == pytest.approx(3.182446, rel=1e-6)
     assert student(0.95, 1e6) == pytest.approx(1.959966, rel=1e-5)
 
