@@ -88,6 +88,7 @@ class _Simplified:
         self._zeros: dict[Any, int] = {}
         self._ones: set[int] = set()
         self._is_zero: set[int] = set()
+        self._seen: dict[Any, tuple[int, ...]] = {}
         for slot, value in tape.constants.items():
             self._note(slot, value)
 
@@ -123,9 +124,15 @@ class _Simplified:
                 found = operation(*(self.constants[slot] for slot in inputs))
             several = found if isinstance(found, tuple) else (found,)
             return tuple(map(self._constant, several, shapes))
-        outputs = tuple(range(len(self.shapes), len(self.shapes) + len(shapes)))
-        self.shapes += shapes
-        self.steps.append(Step(step.name, inputs, outputs, step.params))
+        # With zeros left out the derivatives along several parameters have steps in common.
+        key = None if step.name in NESTED else (step.name, inputs, repr(step.params))
+        outputs = self._seen.get(key)
+        if outputs is None:
+            outputs = tuple(range(len(self.shapes), len(self.shapes) + len(shapes)))
+            self.shapes += shapes
+            self.steps.append(Step(step.name, inputs, outputs, step.params))
+            if key is not None:
+                self._seen[key] = outputs
         return outputs
 
     def _known(self, step: Step, inputs: tuple[int, ...]) -> int | None:

@@ -50,7 +50,7 @@ def _integer_pow(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
 
 
 def _divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    if np.issubdtype(x.dtype, np.inexact):
+    if x.dtype.kind in "fc":
         return x / y
     return (np.sign(x) * np.sign(y) * (np.abs(x) // np.abs(y))).astype(x.dtype)
 
@@ -61,24 +61,26 @@ def _select(which: np.ndarray, *cases: np.ndarray) -> np.ndarray:
     return np.choose(which, cases)
 
 
+def is_second(which: np.ndarray) -> bool:
+    """Whether a choice of two cases is the second one throughout: most are guards, and are so."""
+    return bool(which.all())
+
+
+def one_of_two(second: bool, which: np.ndarray, *cases: np.ndarray) -> np.ndarray:
+    """What `select_n` chooses from two cases, if it is known whether it is the second throughout."""
+    return cases[1] if second else _select(which, *cases)
+
+
 def _convert(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     dtype = np.dtype(params["new_dtype"])
     return lambda x: x.astype(dtype, copy=False)
 
 
-def _broadcast_in_dim(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
-    count, places = len(params["shape"]), params["broadcast_dimensions"]
-    if not shapes[0]:
-        ones = (1,) * count
-        return lambda x: x.reshape((*ones, x.shape[-1]))
-
-    def broadcast(x: np.ndarray) -> np.ndarray:
-        shape = [1] * count
-        for place, size in zip(places, x.shape[:-1], strict=True):
-            shape[place] = size
-        return x.reshape((*shape, x.shape[-1]))
-
-    return broadcast
+def _broadcast_in_dim(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
+    # The axes that are there keep their order.
+    there = params["broadcast_dimensions"]
+    view = tuple(slice(None) if k in there else None for k in range(len(params["shape"])))
+    return lambda x: x[view]
 
 
 def _reshape(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
@@ -148,10 +150,10 @@ def _split(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     return lambda x: tuple(np.split(full(x, shape), ends, axis=axis))
 
 
-def _reduce(function: Operation) -> Rule:
+def _reduce(function: np.ufunc) -> Rule:
     def rule(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
         axes, shape = tuple(params["axes"]), shapes[0]
-        return lambda x: function(full(x, shape), axis=axes)
+        return lambda x: function.reduce(full(x, shape), axis=axes)
 
     return rule
 
@@ -348,12 +350,12 @@ RULES: dict[str, Rule] = {
     "stack": _stack,
     "unstack": _unstack,
     "split": _split,
-    "reduce_sum": _reduce(np.sum),
-    "reduce_prod": _reduce(np.prod),
-    "reduce_max": _reduce(np.max),
-    "reduce_min": _reduce(np.min),
-    "reduce_and": _reduce(np.all),
-    "reduce_or": _reduce(np.any),
+    "reduce_sum": _reduce(np.add),
+    "reduce_prod": _reduce(np.multiply),
+    "reduce_max": _reduce(np.maximum),
+    "reduce_min": _reduce(np.minimum),
+    "reduce_and": _reduce(np.logical_and),
+    "reduce_or": _reduce(np.logical_or),
     "cumsum": _cumulative(np.cumsum),
     "cumprod": _cumulative(np.cumprod),
     "sort": _sort,

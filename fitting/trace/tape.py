@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .numpy_rules import RULES, Shape, full
+from .numpy_rules import RULES, Shape, full, is_second, one_of_two
 
 _INLINED = {
     "jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "core_call": "call_jaxpr",
@@ -245,6 +245,34 @@ def _asked_of_loop(step: Step, wanted: set[int]) -> Step:
     return Step(step.name, inputs, step.outputs, params)
 
 
+def _varying(
+    tape: Tape, steps: Sequence[Step], values: list[Any], fixed: set[int]
+) -> list[tuple[Callable[..., Any], tuple[int, ...], tuple[int, ...]]]:
+    """Operation, slots read and written of the steps on what varies; the others are done at once."""
+    varying = []
+    seconds: dict[int, int] = {}  # whether a choice is the second case, by the slot that it reads
+    for slot, value in tape.constants.items():
+        values[slot] = value
+    with np.errstate(all="ignore"):
+        for step in steps:
+            read = step.inputs
+            operation = RULES[step.name](step.params, [tape.shapes[slot] for slot in read])
+            if fixed.issuperset(read):
+                found = operation(*(values[slot] for slot in read))
+                for slot, value in zip(step.outputs, _several(found), strict=True):
+                    values[slot] = value
+                fixed.update(step.outputs)
+                continue
+            if step.name == "select_n" and len(read) == 3:
+                if read[0] not in seconds:
+                    seconds[read[0]] = len(values)
+                    values.append(None)
+                    varying.append((is_second, read[:1], (seconds[read[0]],)))
+                operation, read = one_of_two, (seconds[read[0]], *read)
+            varying.append((operation, read, step.outputs))
+    return varying
+
+
 def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
     """The tape as a function of its inputs, with nothing done that is not asked for."""
     wanted = {tape.outputs[place] for place in outputs}
@@ -256,20 +284,7 @@ def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray
             wanted.update(asked.inputs)
     values: list[Any] = [None] * len(tape.shapes)
     fixed = set(tape.constants)
-    for slot, value in tape.constants.items():
-        values[slot] = value
-    varying: list[tuple[Callable[..., Any], tuple[int, ...], tuple[int, ...]]] = []
-    with np.errstate(all="ignore"):
-        for step in reversed(needed):
-            shapes = [tape.shapes[slot] for slot in step.inputs]
-            operation = RULES[step.name](step.params, shapes)
-            if fixed.issuperset(step.inputs):
-                found = operation(*(values[slot] for slot in step.inputs))
-                for slot, value in zip(step.outputs, _several(found), strict=True):
-                    values[slot] = value
-                fixed.update(step.outputs)
-            else:
-                varying.append((operation, step.inputs, step.outputs))
+    varying = _varying(tape, needed[::-1], values, fixed)
     results = [tape.outputs[place] for place in outputs]
     # Slots are emptied after their last use, so that memory in the cache is used again.
     last: dict[int, int] = {}

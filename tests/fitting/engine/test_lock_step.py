@@ -140,6 +140,19 @@ def test_a_measured_shape_is_done_on_a_tape():
         np.testing.assert_allclose(found[..., 0], expected, rtol=0, atol=ROUNDING * size)
 
 
+@pytest.mark.parametrize("x", [[1.0, 2.0], [-1.0, 2.0], [-1.0, -2.0]])
+def test_a_guard_chooses_alike_whether_or_not_it_is_needed(x):
+    def guarded(x):
+        inside = x > 0
+        return jnp.where(inside, jnp.log(jnp.where(inside, x, 1.0)), jnp.array([3.0, 4.0]))
+
+    tape = record(guarded, np.ones(2))
+    for members in (np.array([x, x[::-1]]), np.array([x])):
+        (found,) = tape.run(members.T)
+        shown = np.broadcast_to(found, (2, len(members))).T
+        np.testing.assert_allclose(shown, jax.vmap(guarded)(members), rtol=ROUNDING)
+
+
 def test_only_what_is_asked_for_is_computed():
     tape = record(lambda x: (jnp.sin(x), jnp.full((), jnp.nan) * jnp.cos(x)), np.ones(3))
     (sine,) = tape.function([0])(np.ones((3, 1)))
@@ -158,6 +171,8 @@ def test_a_derivative_along_a_parameter_takes_what_that_has_an_effect_on():
     np.testing.assert_allclose(value, np.exp(arguments[0]) * arguments[2] + arguments[1] ** 3)
     np.testing.assert_allclose(along_x, np.exp(arguments[0]) * arguments[2])
     np.testing.assert_allclose(along_y, 3 * arguments[1] ** 2)
+    twice = with_held(tape, {}, [units[0], units[0]], [0], [1])
+    assert len(twice.steps) == len(with_held(tape, {}, units[:1], [0], [1]).steps)
     along = with_held(tape, {2: np.array(0.0)}, units[:1], [], [1])
     assert along.outputs[0] in along.constants
     assert not along.run(*arguments, None, None)[0].any()
