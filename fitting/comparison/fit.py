@@ -1,6 +1,7 @@
 """Fits of peers by the engine of every fit: many starts, and refits to parts of a map."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -108,6 +109,13 @@ def fit_peer(
             a reading.
         RuntimeError: float64 is off.
     """
+    family, problem = _checked(name, data, starts)
+    points = _starts(family, starts, seed)
+    return _best(name, family, problem, _fitted([problem] * len(points), points))
+
+
+def _checked(name: str | PeerFamily, data: ForceData, starts: int) -> tuple[PeerFamily, Problem]:
+    """The family of that name, and the problem of fitting it; what cannot be fitted is refused."""
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError(
             "fits need float64, and JAX computes in float32 by default. Put this line before any "
@@ -115,16 +123,23 @@ def fit_peer(
         )
     if starts < 1:
         raise InputError(f"at least one start is needed, got {starts}")
-    family = name if isinstance(name, PeerFamily) else _known(name, data)
+    known = {} if isinstance(name, PeerFamily) else peer_families(data)
+    if isinstance(name, str) and name not in known:
+        raise InputError(f"unknown peer {name!r}; known for this map: {', '.join(known)}")
+    family = known[name] if isinstance(name, str) else name
     points = int(data.loaded.sum())
     if points < len(family.parameters):
         raise InputError(
             f"{family.label} has {len(family.parameters)} parameters and the map {points} loaded "
             "readings: give more readings or choose a peer with fewer parameters"
         )
-    problem = _posed(family, data)
-    points = _starts(family, starts, seed)
-    ends = _fitted([problem] * len(points), points)
+    return family, _posed(family, data)
+
+
+def _best(
+    name: str | PeerFamily, family: PeerFamily, problem: Problem, ends: Sequence[_End]
+) -> PeerFit:
+    """The fit of the lowest cost."""
     costs = np.array([end.cost for end in ends])
     if not np.isfinite(costs).any():
         raise InputError(
@@ -144,13 +159,6 @@ def fit_peer(
         determined=best.determined,
         problem=problem,
     )
-
-
-def _known(name: str, data: ForceData) -> PeerFamily:
-    registry = peer_families(data)
-    if name not in registry:
-        raise InputError(f"unknown peer {name!r}; known for this map: {', '.join(registry)}")
-    return registry[name]
 
 
 def cross_validate_peer(
@@ -174,44 +182,84 @@ def cross_validate_peer(
     Raises:
         InputError: other groups, or fewer than two of them.
     """
-    return cross_validate_peer_by(fit, data, (groups,), seed=seed)[0]
+    held_out = _HeldOut.of(fit.problem, data, (groups,))
+    starts = np.vstack([_place(fit), _other_starts(fit.family, seed)])
+    return held_out.errors(_fitted(*held_out.fits(starts)))[0]
 
 
-def cross_validate_peer_by(
-    fit: PeerFit, data: ForceData, kinds: Sequence[str], *, seed: int = 0
-) -> list[CrossValidation]:
-    """`cross_validate_peer` for several kinds of groups, the refits of all in step.
+def fit_and_cross_validate_peer(
+    name: str | PeerFamily,
+    data: ForceData,
+    kinds: Sequence[str],
+    *,
+    starts: int = 32,
+    seed: int = 0,
+) -> tuple[PeerFit, list[CrossValidation]]:
+    """`fit_peer` and `cross_validate_peer` of it, with all but the refits that start there in step.
 
     Args:
-        fit: of the whole map.
-        data: the same map.
+        name, data, starts, seed: as in `fit_peer`.
         kinds: each "pressure" or "length".
-        seed: of the starts.
 
     Returns:
-        The errors of each kind.
+        The fit, and the errors of each kind.
 
     Raises:
-        InputError: other groups, or fewer than two of them.
+        InputError: as from these two.
+        RuntimeError: float64 is off.
     """
-    for groups in kinds:
-        if groups not in {"pressure", "length"}:
-            raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
-        check_groups(data, groups)
-    labels = [group_labels(data, groups)[data.loaded] for groups in kinds]
-    held = [label == level for label in labels for level in np.unique(label)]
-    starts = _fold_starts(fit, seed)
-    problems = [
-        problem
-        for out in held
-        for problem in [fit.problem.with_readings(factor=1.0 * ~out)]
-        for _ in starts
-    ]
-    refits = _fitted(problems, np.tile(starts, (len(held), 1)))
-    ends = iter([refits[k : k + len(starts)] for k in range(0, len(refits), len(starts))])
-    return [
-        _held_out(data, groups, label, ends) for groups, label in zip(kinds, labels, strict=True)
-    ]
+    family, problem = _checked(name, data, starts)
+    held_out = _HeldOut.of(problem, data, kinds)
+    points = _starts(family, starts, seed)
+    problems, others = held_out.fits(_other_starts(family, seed))
+    ends = _fitted([problem] * len(points) + problems, np.vstack([points, others]))
+    fit = _best(name, family, problem, ends[: len(points)])
+    near, away = _fitted(*held_out.fits(_place(fit)[None])), iter(ends[len(points) :])
+    each = len(others) // len(near)
+    refits = [end for one in near for end in (one, *itertools.islice(away, each))]
+    return fit, held_out.errors(refits)
+
+
+@dataclasses.dataclass(frozen=True)
+class _HeldOut:
+    """What is left out in turn.
+
+    Attributes:
+        data: the map.
+        kinds: of groups.
+        labels: of the loaded readings, one array for each kind.
+        problems: without each group of the first kind, of the second and so on.
+    """
+
+    data: ForceData
+    kinds: Sequence[str]
+    labels: list[Float[np.ndarray, " points"]]
+    problems: list[Problem]
+
+    @classmethod
+    def of(cls, problem: Problem, data: ForceData, kinds: Sequence[str]) -> "_HeldOut":
+        for groups in kinds:
+            if groups not in {"pressure", "length"}:
+                raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
+            check_groups(data, groups)
+        labels = [group_labels(data, groups)[data.loaded] for groups in kinds]
+        held = [label == level for label in labels for level in np.unique(label)]
+        problems = [problem.with_readings(factor=1.0 * ~out) for out in held]
+        return cls(data, kinds, labels, problems)
+
+    def fits(self, starts: np.ndarray) -> tuple[list[Problem], np.ndarray]:
+        """Every problem from every start."""
+        problems = [problem for problem in self.problems for _ in starts]
+        return problems, np.tile(starts, (len(self.problems), 1))
+
+    def errors(self, refits: Sequence[_End]) -> list[CrossValidation]:
+        """The errors of each kind, from the same number of refits to each problem."""
+        each = len(refits) // len(self.problems)
+        folds = (list(refits[k : k + each]) for k in range(0, len(refits), each))
+        return [
+            _held_out(self.data, groups, label, folds)
+            for groups, label in zip(self.kinds, self.labels, strict=True)
+        ]
 
 
 def _held_out(
@@ -233,14 +281,16 @@ def _held_out(
     return dataclasses.replace(errors, ambiguous=tuple(ambiguous))
 
 
-def _fold_starts(fit: PeerFit, seed: int) -> Float[np.ndarray, "starts p"]:
-    """The fit's own point of the unit box, then others."""
-    searched = fit.family.nonlinear
-    if not searched:
-        return np.zeros((1, 0))
-    place = [(fit.values[p.name] - p.low) / (p.high - p.low) for p in searched]
-    others = latin_hypercube(len(searched), _FOLD_STARTS - 1, seed)
-    return np.vstack([np.clip(place, 0, 1), others])  # rounding only can have left the box
+def _place(fit: PeerFit) -> Float[np.ndarray, " p"]:
+    """The fit's point of the unit box."""
+    place = [(fit.values[p.name] - p.low) / (p.high - p.low) for p in fit.family.nonlinear]
+    return np.clip(place, 0, 1)  # rounding only can have left the box
+
+
+def _other_starts(family: PeerFamily, seed: int) -> Float[np.ndarray, "starts p"]:
+    """Starts of the refits besides the fit to the whole map; none where nothing is searched."""
+    searched = len(family.nonlinear)
+    return latin_hypercube(searched, _FOLD_STARTS - 1, seed) if searched else np.zeros((0, 0))
 
 
 def _starts(family: PeerFamily, count: int, seed: int) -> Float[np.ndarray, "starts p"]:
@@ -277,22 +327,28 @@ def _posed(family: PeerFamily, data: ForceData) -> Problem:
     )
 
 
+def forces_of(family: PeerFamily, data: ForceData) -> Float[np.ndarray, " points"]:
+    """Force [N] at the loaded readings of a map, of a model in which nothing is free."""
+    (part,) = _posed(family, data).parts
+    return part.predict(np.zeros(0), np.zeros(0), part.inputs.length, part.inputs.pressure)
+
+
 def _fitted(problems: Sequence[Problem], starts: Float[np.ndarray, "fits p"]) -> list[_End]:
     """The fits, one from each start."""
     if not problems[0].names:
         return [_linear_fit(problem) for problem in problems]
+    ends = descend_many(problems, list(starts), max_steps=_MAX_STEPS)
+    determined = _determined(problems[0], [end.point for end in ends])
     return [
         _End(
             nonlinear=end.point.parameters,
             linear=end.point.x,
             cost=end.cost,
             converged=end.converged,
-            determined=_determined(problem, end.point),
+            determined=known,
             predicted=end.point.linear[0].force + end.point.linear[0].columns @ end.point.x,
         )
-        for problem, end in zip(
-            problems, descend_many(problems, list(starts), max_steps=_MAX_STEPS), strict=True
-        )
+        for end, known in zip(ends, determined, strict=True)
     ]
 
 
@@ -314,15 +370,21 @@ def _linear_fit(problem: Problem) -> _End:
     )
 
 
-def _determined(problem: Problem, point: Point) -> bool:
-    """Whether the readings tell the linear parameters apart; bounded ones count as determined."""
+def _determined(problem: Problem, points: Sequence[Point]) -> list[bool]:
+    """Whether the readings tell the linear parameters apart; bounded ones count as determined.
+
+    Args:
+        problem: one like those that were fitted.
+        points: the fits.
+    """
     limits = np.concatenate([problem.coefficient_min, problem.coefficient_max])
     if not problem.linear or np.isfinite(limits).any():
-        return True
-    A = point.programme[0]
-    size = np.linalg.norm(A, axis=0)
-    triangle = np.linalg.qr(A / np.where(size > 0, size, 1.0), mode="r")
-    return bool(np.abs(np.diagonal(triangle)).min() > _DEPENDENT)
+        return [True] * len(points)
+    A = np.stack([point.programme[0] for point in points])
+    size = np.linalg.norm(A, axis=1, keepdims=True)
+    triangles = np.linalg.qr(A / np.where(size > 0, size, 1.0), mode="r")
+    least = np.abs(np.diagonal(triangles, axis1=1, axis2=2)).min(axis=1)
+    return (least > _DEPENDENT).tolist()
 
 
 def _bounds_reached(family: PeerFamily, values: dict[str, float]) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 import math
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -13,6 +12,9 @@ from famjax import peers
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData
+from ..engine.family import AbstractFamily, Values
+from ..engine.program import Program
+from ..engine.response import MapInputs
 from ..families.geometry_source import EstimatedSource
 from .cross_validation import Predictor
 
@@ -66,11 +68,14 @@ def fit_hocking_wereley(train: ForceData) -> Predictor:
             f"{specimen.rest_length * 1e3:.5g} mm: there are none"
         )
     inset = specimen.wall_thickness if specimen.embedded else 0.0
-    geometry = EstimatedSource(specimen).geometry(
-        {"braid_diameter": specimen.nominal_diameter + inset, "braid_angle": ANGLE}
+    family = _PowerLaw(
+        source=EstimatedSource(specimen).as_arrays(),
+        braid_diameter=np.asarray(specimen.nominal_diameter + inset),
+        nonlinear=(),
+        linear=tuple(f"E_{n}" for n in range(1, ORDER + 1)),
     )
     loaded = train.part(train.loaded)
-    area, columns = _parts(geometry, loaded.length)
+    area, columns = _parts(family, loaded.length)
     coefficients = np.zeros((len(orders), ORDER))
     for row, (level, order) in enumerate(orders.items()):
         at = train.pressures.level[train.loaded] == level
@@ -78,33 +83,47 @@ def fit_hocking_wereley(train: ForceData) -> Predictor:
         coefficients[row, :order] = np.linalg.lstsq(columns[at, :order], bladder, rcond=None)[0]
 
     def force(length: np.ndarray, pressure: np.ndarray) -> Float[np.ndarray, " n"]:
-        area, columns = _parts(geometry, length)
+        area, columns = _parts(family, length)
         at = np.stack([np.interp(pressure, list(orders), E_n) for E_n in coefficients.T], axis=-1)
         return pressure * area + np.sum(columns * at, axis=-1)
 
     return force
 
 
+class _PowerLaw(AbstractFamily):
+    """A muscle of known geometry whose coefficients are those of one pressure.
+
+    Attributes:
+        source: of the geometry.
+        braid_diameter: [m] at rest.
+    """
+
+    source: EstimatedSource
+    braid_diameter: Float[np.ndarray, ""]
+    nonlinear: tuple[str, ...] = eqx.field(static=True)
+    linear: tuple[str, ...] = eqx.field(static=True)
+
+    def build(self, values: Values) -> famjax.Muscle:
+        """The muscle of these coefficients [Pa], at pressures up to 2 Pa."""
+        geometry = self.source.geometry(
+            {"braid_diameter": self.braid_diameter, "braid_angle": ANGLE}
+        )
+        law = jnp.stack([values[name] for name in self.linear])
+        return peers.hocking_wereley(geometry, np.array([0.0, 2.0]), jnp.stack([law, law]))
+
+    def rest_length(self, values: Values) -> Float[Array, ""]:
+        """Of no account: nothing is followed along a path."""
+        del values
+        return jnp.zeros(())
+
+
 def _parts(
-    geometry: famjax.geometries.AbstractGeometry, length: Float[np.ndarray, " n"]
+    family: _PowerLaw, length: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n order"]]:
     """Braid force per pressure [m2], and bladder force [N] of each E_n = 1 Pa."""
     lengths, where = np.unique(length, return_inverse=True)
-    parts = [_parts_at(geometry, jnp.asarray(L)) for L in lengths]
-    area, columns = (np.stack([part[k] for part in parts])[where] for k in (0, 1))
-    return area, columns
-
-
-@eqx.filter_jit
-def _parts_at(
-    geometry: famjax.geometries.AbstractGeometry, length: Float[Array, ""]
-) -> tuple[Float[Array, ""], Float[Array, " order"]]:
-    nodes = np.array([0.0, 1.0])
-
-    def bladder(unit: Float[Array, " order"]) -> Float[Array, ""]:
-        law = jnp.stack([unit, unit])
-        return peers.hocking_wereley(geometry, nodes, law).bladder_force(length, 0.0)
-
-    none = jnp.zeros((2, ORDER))
-    braid = peers.hocking_wereley(geometry, nodes, none).braid_force(length, 1.0)
-    return braid, jax.vmap(bladder)(jnp.eye(ORDER))
+    none, nothing = np.zeros(lengths.size), np.zeros(1)
+    at = MapInputs(lengths, none + 1, none, none.astype(int), nothing, nothing, np.zeros((1, 0)))
+    program = Program(family, "none", at)
+    found, _, _ = program(np.zeros(0), np.zeros(ORDER), none, "force", "columns")
+    return np.asarray(found.force)[where], np.asarray(found.columns)[where]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import jax.numpy as jnp
 import numpy as np
 
 import famjax
@@ -24,10 +23,10 @@ from .cross_validation import (
     cross_validate,
     held_out_errors,
 )
-from .fit import cross_validate_peer_by, fit_peer
+from .fit import fit_and_cross_validate_peer, forces_of
 from .hocking import ANGLE, fit_hocking_wereley, hocking_orders
 from .own_models import OWN, identified_row
-from .peer_family import Model, PeerFamily
+from .peer_family import Model, PeerContext, PeerFamily, Values
 from .published import peer_families
 from .row import ComparisonRow
 
@@ -166,27 +165,32 @@ def comparable_models(data: ForceData) -> tuple[str, ...]:
     return (*OWN, *peer_families(data), "hocking_wereley", *_published(data))
 
 
-def _published(data: ForceData) -> dict[str, tuple[str, Model]]:
-    """Models with published or nominal constants for a muscle of this size: label and model."""
+def _published(data: ForceData) -> dict[str, PeerFamily]:
+    """Models with published or nominal constants for a muscle of this size; nothing is free."""
     specimen = data.specimen
     bore, rest = specimen.nominal_diameter, specimen.rest_length
     if bore is None:
         return {}
-    nominal = famjax.Braid.from_rest(diameter=bore, braid_angle=ANGLE, length=rest)
-    found: dict[str, tuple[str, Model]] = {
-        "gaylord_nominal": ("Gaylord 1958, bore and 28.6 deg", peers.Gaylord(nominal))
-    }
+
+    def nominal(_: Values) -> Model:
+        return peers.Gaylord(famjax.Braid.from_rest(diameter=bore, braid_angle=ANGLE, length=rest))
+
+    found = {"gaylord_nominal": PeerFamily("Gaylord 1958, bore and 28.6 deg", (), nominal)}
     for muscle, size in {"10 mm": 10e-3, "20-200": 20e-3, "20-400": 20e-3}.items():
         if math.isclose(bore, size, rel_tol=1e-6):
-            model = peers.Sarosi.published(muscle, rest_length=rest)
-            found[f"sarosi_published_{muscle.replace(' ', '_')}"] = (
+            found[f"sarosi_published_{muscle.replace(' ', '_')}"] = PeerFamily(
                 f"Sarosi 2012, constants of {muscle}",
-                model,
+                (),
+                lambda _, muscle=muscle: peers.Sarosi.published(muscle, rest_length=rest),
             )
     if specimen.name in {"DMSP-10-250", "DMSP-20-300"}:
-        model = peers.Martens.published(specimen.name)
-        found["martens_published"] = ("Martens & Boblan 2017, their constants", model)
-    return found
+        found["martens_published"] = PeerFamily(
+            "Martens & Boblan 2017, their constants",
+            (),
+            lambda _: peers.Martens.published(specimen.name),
+        )
+    at = PeerContext.of(data)
+    return {name: dataclasses.replace(one, origin=(name, at)) for name, one in found.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -229,14 +233,13 @@ def _row(task: _Task) -> dict[str, Any]:
 
 
 def _known_row(name: str, data: ForceData, starts: int, seed: int) -> ComparisonRow:
-    families, published = peer_families(data), _published(data)
     if name in OWN:
         what, options = OWN[name]
         label = f"famjax, {what}, physical box"
         return identified_row(name, label, options, data, starts, seed)
+    families, published = peer_families(data), _published(data)
     if name in published:
-        label, model = published[name]
-        return _published_row(name, label, model, data)
+        return _published_row(name, published[name], data)
     if name in families:
         return _peer_row(name, families[name], data, starts, seed)
     count = sum(hocking_orders(data).values())
@@ -250,14 +253,15 @@ def _peer_row(
 ) -> ComparisonRow:
     row = ComparisonRow(name, family.label, len(family.parameters), note=family.note)
     try:
-        fit = fit_peer(family, data, starts=starts, seed=seed)
+        fit, held_out = fit_and_cross_validate_peer(
+            family, data, _LEFT_OUT, starts=starts, seed=seed
+        )
     except InputError as refused:
         return row.noted(str(refused))
     if not fit.converged:
         row = row.noted("the best descent did not converge")
     if not fit.determined:
         row = row.noted("the readings do not determine all its parameters")
-    held_out = cross_validate_peer_by(fit, data, _LEFT_OUT, seed=seed)
     for groups, found in zip(_LEFT_OUT, held_out, strict=True):
         if found.ambiguous:
             count = f"{len(found.ambiguous)} of {len(found.errors)}"
@@ -266,12 +270,11 @@ def _peer_row(
     return row.with_errors(fit.predicted - data.force[data.loaded], *held_out)
 
 
-def _published_row(name: str, label: str, model: Model, data: ForceData) -> ComparisonRow:
-    at = data.loaded
-    force = model.force(jnp.asarray(data.length[at]), jnp.asarray(data.pressure[at]))
-    predicted = np.asarray(force, float)
+def _published_row(name: str, family: PeerFamily, data: ForceData) -> ComparisonRow:
+    predicted = forces_of(family, data)
     held_out = [held_out_errors(data, groups, predicted) for groups in _LEFT_OUT]
-    return ComparisonRow(name, label, 0).with_errors(predicted - data.force[at], *held_out)
+    row = ComparisonRow(name, family.label, 0)
+    return row.with_errors(predicted - data.force[data.loaded], *held_out)
 
 
 def _own_row(row: ComparisonRow, fit_and_predict: FitAndPredict, data: ForceData) -> ComparisonRow:
