@@ -198,8 +198,11 @@ def fit_and_cross_validate_peer(
     """`fit_peer` and `cross_validate_peer` of it, with all but the refits that start there in step.
 
     Args:
-        name, data, starts, seed: as in `fit_peer`.
+        name: as in `fit_peer`.
+        data: the force map.
         kinds: each "pressure" or "length".
+        starts: number of starts of the fit.
+        seed: of the starts.
 
     Returns:
         The fit, and the errors of each kind.
@@ -371,12 +374,7 @@ def _linear_fit(problem: Problem) -> _End:
 
 
 def _determined(problem: Problem, points: Sequence[Point]) -> list[bool]:
-    """Whether the readings tell the linear parameters apart; bounded ones count as determined.
-
-    Args:
-        problem: one like those that were fitted.
-        points: the fits.
-    """
+    """Whether the readings tell the linear parameters apart; bounded ones count as determined."""
     limits = np.concatenate([problem.coefficient_min, problem.coefficient_max])
     if not problem.linear or np.isfinite(limits).any():
         return [True] * len(points)
