@@ -2,8 +2,8 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+import itertools
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -12,23 +12,18 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
 
 from ..data.force_data import ForceData
-from ..engine.descent import End, descend_many
-from ..engine.problem import Problem
-from ..evidence.left_out import LeftOut, grouped, groups_of, leave_out_each
+from ..evidence.left_out import LeftOut
 from ..evidence.model_error import ModelError, model_error
-from ..evidence.refit import force_error
 from ..families.parameters import Parameter
 from ..search.checks import check_starts
 from ..search.identification import solve
-from ..search.multi_start import best_of, latin_hypercube
-from ..search.posing import Posed, pose_one
 from ..search.result import Identification
 from ..search.robust import check_objective
 from ..trace import run_fits
-from .ladder import FEWEST_LENGTHS, MODEL_ERROR, Candidate, ladder
-from .ranking import ALIKE, Tried, hopeless, members, ranked, score
+from .ladder import MODEL_ERROR, ladder
+from .race import Fitted, fitted_in_step, left_out_of, posed_of
+from .ranking import Tried, hopeless, members, ranked
 
-_STEPS, _TOLERANCE = 60, 1e-6
 _COMPARED = 4  # starts of each family
 
 
@@ -145,24 +140,26 @@ def choose(
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths determine no family: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
-    _posed(weighed, candidates[0], constraint, box)  # what the plainest cannot be is no muscle
+    posed_of(weighed, candidates[0], constraint, box)  # what the plainest cannot be is no muscle
+
+    kinds = [tuple(of) for _, of in itertools.groupby(candidates, lambda one: one.kind)]
 
     def tell(done: int, total: int) -> None:
         if progress is not None and done < total:
-            progress(candidates[done].name, done, total)
+            before = sum(len(of) for of in kinds[:done])
+            progress(f"{kinds[done][0].kind} families", before, len(candidates))
 
-    fit = functools.partial(_fitted, weighed, constraint, box, min(starts, _COMPARED), seed)
-    fitted: list[_Fitted] = []
-    for candidate, one in zip(
-        candidates, run_fits(fit, candidates, executor=executor, progress=tell), strict=True
-    ):
+    fit = functools.partial(fitted_in_step, weighed, constraint, box, min(starts, _COMPARED), seed)
+    ends = run_fits(fit, kinds, executor=executor, progress=tell)
+    fitted: list[Fitted] = []
+    for candidate, one in zip(candidates, itertools.chain.from_iterable(ends), strict=True):
         if isinstance(one, str):
             dropped = (*dropped, f"{candidate.name} was left out: {one}")
         elif one is not None:
             fitted.append(one)
-    found, rest = _left_out_of(fitted, data.max_force, seed, executor, progress)
+    found, rest = left_out_of(fitted, data.max_force, seed, executor, progress)
     if not found:
-        solve(_posed(weighed, candidates[0], constraint, box), starts=starts, seed=seed)
+        solve(posed_of(weighed, candidates[0], constraint, box), starts=starts, seed=seed)
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
     tried, order = ranked([(one.candidate, one.rmse, out) for one, out in found], data.max_force)
     good = members(tried)
@@ -205,177 +202,3 @@ def weigh(data: ForceData, noise: float | None = None) -> ForceData:
     own = noise or (0.0 if data.force_std is None else data.force_std)
     std = np.hypot(own, MODEL_ERROR * data.max_force)
     return dataclasses.replace(data, force_std=np.broadcast_to(std, data.force.shape).copy())
-
-
-def _posed(data: ForceData, candidate: Candidate, constraint: str, box: str) -> Posed:
-    return pose_one(
-        data, constraint=constraint, box=box, bounds=candidate.bounds,
-        parameters=candidate.parameters, **candidate.options,
-    )  # fmt: skip
-
-
-def fit_candidate(
-    data: ForceData,
-    candidate: Candidate,
-    constraint: str = "drucker",
-    box: str = "physical",
-    *,
-    starts: int = 4,
-    seed: int = 0,
-) -> tuple[Problem, End]:
-    """A family fitted to a map as well as a comparison needs.
-
-    Raises:
-        InputError: the map cannot carry it, or no start ends at a force for every reading.
-    """
-    problem = _posed(data, candidate, constraint, box).problem
-    return problem, descended(problem, starts, seed)
-
-
-def descended(problem: Problem, starts: int, seed: int) -> End:
-    """The best end of a few descents, as near to an optimum as a comparison needs."""
-    cube = latin_hypercube(len(problem.free), starts, seed)
-    ends = descend_many([problem] * starts, list(cube), max_steps=_STEPS, tolerance=_TOLERANCE)
-    return best_of(ends)
-
-
-def without_a_rig(problem: Problem, end: End) -> bool:
-    """Whether the rig that gives way by a power of the force is of the bounds and not of the readings."""
-    at = {problem.names[place]: u for place, u in zip(problem.free, end.u, strict=True)}
-    exponent, compliance = at.get("series_exponent", 1.0), at.get("series_compliance", 1.0)
-    return "series_exponent" in at and (exponent == 0 or compliance in (0.0, 1.0))
-
-
-def rmse_of(problem: Problem, end: End) -> float:
-    """Root mean square error [N] of a fit over its readings."""
-    return float(np.sqrt(np.mean(force_error(problem, end) ** 2)))
-
-
-@dataclasses.dataclass(frozen=True)
-class _Fitted:
-    """A family fitted to all readings, at a point of its unit box, with its score on them."""
-
-    candidate: Candidate
-    posed: Posed
-    u: Float[np.ndarray, " p"]
-    rmse: float
-    score: float
-
-
-def _fitted(
-    data: ForceData, constraint: str, box: str, starts: int, seed: int, candidate: Candidate
-) -> _Fitted | str | None:
-    """The family fitted as well as a comparison needs.
-
-    In words why the map cannot carry it; None where no start has a force everywhere.
-    """
-    try:
-        posed = _posed(data, candidate, constraint, box)
-    except InputError as error:
-        return str(error)
-    problem = posed.problem
-    try:
-        end = descended(problem, starts, seed)
-    except InputError:
-        return None
-    if without_a_rig(problem, end):
-        return "the rig of its best fit is rigid, or gives way as much as the bounds allow"
-    error = force_error(problem, end)
-    groups = {
-        kind: one
-        for kind, count in _kinds(problem)
-        if (one := grouped(problem, kind, error, groups=count)) is not None
-    }
-    rmse = rmse_of(problem, end)
-    return _Fitted(candidate, posed, end.u, rmse, score(groups, rmse, data.max_force))
-
-
-def _kinds(problem: Problem) -> list[tuple[str, int | None]]:
-    """What is left out, and in how many groups: a length only if three others are left."""
-    lengths = np.unique(problem.levels("length")).size
-    kinds = ("pressure", "length") if lengths >= FEWEST_LENGTHS else ("pressure",)
-    return [(kind, groups_of(problem, kind)) for kind in kinds]
-
-
-def _left_out_of(
-    fitted: Sequence[_Fitted],
-    max_force: float,
-    seed: int,
-    executor: AnyExecutor,
-    progress: Callable[[str, int, int], None] | None,
-) -> tuple[list[tuple[_Fitted, dict[str, LeftOut]]], list[_Fitted]]:
-    """The families with their errors on what was left out, and those for which it is no use.
-
-    A family that errs more on what it has seen than another does on what it has not cannot be as good.
-    """
-    race = _Race(sorted(fitted, key=lambda one: one.score), max_force)
-
-    def tell(done: int, total: int) -> None:
-        if progress is not None and done < total:
-            progress(f"left out: {race.order[done].candidate.name}", done, total)
-
-    run_fits(
-        functools.partial(_left_out, seed), race, executor=executor, store=race.found, progress=tell
-    )
-    found, rest, best = [], [], np.inf
-    for k, one in enumerate(race.order):
-        if one.score > best + ALIKE:
-            rest.append(one)
-        elif (out := race.found.parts[k]) is not None:
-            found.append((one, out))
-            best = min(best, race.score(k))
-    return found, rest
-
-
-class _Race(Sequence[_Fitted | None]):
-    """Families by their scores on what they have seen, and None for one that can no longer be as good.
-
-    An earlier one that is no use makes the later ones no use, so what comes of those that were begun
-    before this was known does not matter: the outcome is that of one after the other.
-
-    Args:
-        order: the families, the best first.
-        max_force: largest force measured [N].
-    """
-
-    def __init__(self, order: Sequence[_Fitted], max_force: float) -> None:
-        self.order, self._max_force = order, max_force
-        self.found = _Found()
-
-    def __len__(self) -> int:
-        return len(self.order)
-
-    def __getitem__(self, index: Any) -> Any:
-        one = self.order[index]
-        best = min((self.score(k) for k in self.found.parts if k < index), default=np.inf)
-        return None if one.score > best + ALIKE else one
-
-    def score(self, index: int) -> float:
-        """Of a family on what was left out; infinite where there is no force at some of it."""
-        out = self.found.parts[index]
-        return np.inf if out is None else score(out, self.order[index].rmse, self._max_force)
-
-
-class _Found:
-    """Errors on what was left out by the place of the family, see `run_tasks`."""
-
-    def __init__(self) -> None:
-        self.parts: dict[int, dict[str, LeftOut] | None] = {}
-
-    def __contains__(self, index: int) -> bool:
-        return index in self.parts
-
-    def keep(self, index: int, part: dict[str, LeftOut] | None) -> None:
-        """One more result."""
-        self.parts[index] = part
-
-
-def _left_out(seed: int, one: _Fitted | None) -> dict[str, LeftOut] | None:
-    """Errors on what was left out; None where there is no force at some of it, or no use in it."""
-    if one is None:
-        return None
-    problem = one.posed.problem
-    # Without some pressures the optimum stays where it was; without a length it may not.
-    kinds = {kind: (groups, 1 if kind == "pressure" else 2) for kind, groups in _kinds(problem)}
-    found = leave_out_each(problem, one.u, kinds, seed=seed)
-    return found if all(np.isfinite(errors.error).all() for errors in found.values()) else None

@@ -78,6 +78,11 @@ class Candidate:
     rank: tuple[int, int, int]
 
     @property
+    def kind(self) -> str:
+        """The law, and the rig if it gives way: families of one kind differ in what they hold."""
+        return f"{self.law}, compliant rig" if "series_compliance" in self.free else self.law
+
+    @property
     def name(self) -> str:
         """What it is, in words."""
         words = [self.law, *(_WORDS[name] for name in self.free)]

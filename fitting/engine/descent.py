@@ -75,7 +75,7 @@ def descend(
 
 def descend_many(
     problems: Sequence[Problem],
-    starts: Sequence[Float[np.ndarray, " p"]],
+    starts: Sequence[Float[np.ndarray, " _"]],
     *,
     max_steps: int = 200,
     tolerance: float = 1e-10,
@@ -85,7 +85,7 @@ def descend_many(
 
     Args:
         problems: one for each descent; those that share their programs go in step.
-        starts: of each.
+        starts: of each, in the unit box of its own free parameters.
         max_steps: limit on the steps of each.
         tolerance: as in `descend`.
         progress: called with the place of each descent that has ended.
@@ -101,10 +101,13 @@ def descend_many(
         distinct = {id(problems[place]): problems[place] for place in places}
         number = {key: k for k, key in enumerate(distinct)}
         members = np.array([number[id(problems[place])] for place in places])
-        points = np.array([starts[place] for place in places], float)
-        in_step = _InStep(Stack(list(distinct.values())), members, points, max_steps, tolerance)
-        for which, end in in_step.ends():
-            ends[places[which]] = end
+        stack = Stack(list(distinct.values()))
+        points = np.full((len(places), stack.free.size), 0.5)
+        own = [np.isin(stack.free, problems[place].free) for place in places]
+        for point, mine, place in zip(points, own, places, strict=True):
+            point[mine] = starts[place]
+        for which, end in _InStep(stack, members, points, max_steps, tolerance).ends():
+            ends[places[which]] = dataclasses.replace(end, u=end.u[own[which]])
             if progress is not None:
                 progress(places[which])
     return [ends[place] for place in range(len(problems))]

@@ -22,7 +22,7 @@ from .family import RIG
 from .point import Point
 from .program import Program
 from .response import Constraint, MapInputs
-from .stack import REACHED, REACHES, Stack, partial
+from .stack import REACHED, REACHES, Asked, Stack, partial
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,11 +211,11 @@ class Problem:
 
     @property
     def structure(self) -> tuple:
-        """Equal for problems that differ in readings, weights and bounds alone."""
+        """Equal for problems that differ in readings, weights and bounds alone, held values among them."""
         limits = (np.isfinite(self.coefficient_min), np.isfinite(self.coefficient_max))
         return (
-            tuple(id(part.program) for part in self.parts), self.side.tobytes(), self.names, self.linear,
-            self.free.tobytes(), *(on.tobytes() for on in limits), self.priors,
+            *(part.program.contents for part in self.parts), self.side.tobytes(), self.names, self.linear,
+            *(on.tobytes() for on in limits), self.priors,
             self.coefficient_priors, self.noise, self.constraint, self.ridge,
         )  # fmt: skip
 
@@ -225,9 +225,9 @@ class Problem:
         found[self.free] += u * (self.high - self.low)[self.free]
         return found
 
-    def solve(self, parameters: Float[np.ndarray, " q"]) -> Point:
-        """The certified convex fit at these parameters, with everything known of it."""
-        found = Stack((self,)).solve(np.zeros(1, int), parameters[None], complete=True)
+    def solve(self, parameters: Float[np.ndarray, " q"], asked: Asked = "all") -> Point:
+        """The certified convex fit at these parameters, with all that is known unless less is asked."""
+        found = Stack((self,)).solve(np.zeros(1, int), parameters[None], asked=asked)
         return member(found, 0)
 
     def partial(self, point: Point) -> tuple[np.ndarray, np.ndarray]:

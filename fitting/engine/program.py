@@ -264,6 +264,11 @@ class Program:
         return other if other._key == self._key else None
 
     @property
+    def contents(self) -> tuple[Any, ...]:
+        """Equal of programs that give the same results."""
+        return (*self._key, *(array.tobytes() for array in self._arrays))
+
+    @property
     def size(self) -> int:
         """Number of readings that one call takes."""
         return self._size

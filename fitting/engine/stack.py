@@ -10,7 +10,7 @@ References:
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,17 +26,22 @@ if TYPE_CHECKING:
 
 REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 REACHED = 1e-13  # relative change of the forces with which that ends
+_ON_THE_WAY = 6  # of a descent: one that has not settled by then is far from its end
 
+Asked = Literal["values", "slopes", "all"]
 Near = tuple[Point, int]
 """One of several fits: all of them, and its place."""
 
 
 class Stack:
-    """Problems that share their programs, free parameters, priors and kinds of bounds."""
+    """Problems that share their programs, priors and kinds of bounds.
+
+    Free are the parameters that are so in one of them; one that holds a parameter has a box without
+    width there.
+    """
 
     def __init__(self, problems: Sequence["Problem"]) -> None:
         self.like = like = problems[0]
-        self.free = like.free
         self.force = [
             np.stack([p.parts[k].force for p in problems]) for k in range(len(like.parts))
         ]
@@ -47,9 +52,10 @@ class Stack:
             np.stack([getattr(p, name) for p in problems])
             for name in ("low", "high", "coefficient_min", "coefficient_max")
         )
+        self.free = np.flatnonzero((self._low < self._high).any(axis=0))
         same = (self._low == self._high).all(axis=0) & (self._low == self._low[0]).all(axis=0)
         self._moving = [
-            tuple(np.flatnonzero(np.isin(p.at, like.free)).tolist()) for p in like.parts
+            tuple(np.flatnonzero(np.isin(p.at, self.free)).tolist()) for p in like.parts
         ]
         self._held = [
             {k: float(self._low[0, place]) for k, place in enumerate(p.at) if same[place]}
@@ -78,7 +84,7 @@ class Stack:
         parameters: Float[np.ndarray, "b q"],
         near: Sequence[Near | None] | None = None,
         *,
-        complete: bool = False,
+        asked: Asked = "slopes",
         tolerance: float = REACHED,
     ) -> Point:
         """The certified convex fits.
@@ -87,7 +93,7 @@ class Stack:
             members: places of the problems, one of them several times or not at all.
             parameters: of each.
             near: fits of the same problems at other parameters, from which each may start.
-            complete: with what no descent needs.
+            asked: whether derivatives are wanted, and what no descent needs.
             tolerance: relative change of a compliant rig's forces, before one more linear model.
         """
         count, n = len(members), len(self.like.linear)
@@ -95,11 +101,9 @@ class Stack:
         guesses = [None if one is None else one[0].optimum.rows[one[1]] for one in near]
         if not any(part.rig for part in self.like.parts):
             nothing = [force[members] for force in self.force]
-            return self._once(
-                members, parameters, np.zeros((1, n)), nothing, guesses, complete=complete
-            )
+            return self._once(members, parameters, np.zeros((1, n)), nothing, guesses, asked)
         x, reached = self._reach(members, parameters, near, guesses, tolerance)
-        return self._once(members, parameters, x, reached, guesses, complete=complete)
+        return self._once(members, parameters, x, reached, guesses, asked)
 
     def _reach(
         self,
@@ -113,7 +117,7 @@ class Stack:
 
         Each linear model is about those of the one before. `guesses` are replaced on the way.
         """
-        parts = self.like.parts
+        parts, reaches = self.like.parts, REACHES if tolerance <= REACHED else _ON_THE_WAY
         x = np.zeros((len(members), len(self.like.linear)))
         reached = [force[members] for force in self.force]
         for k, one in enumerate(near):
@@ -123,10 +127,10 @@ class Stack:
                 for force, linear in zip(reached, point.linear, strict=True):
                     force[k] = linear.reached[row]
         moving = np.arange(len(members))
-        for _ in range(REACHES - 1):
+        for _ in range(reaches - 1):
             found = self._once(
                 members[moving], parameters[moving], x[moving],
-                [force[moving] for force in reached], [guesses[k] for k in moving], slopes=False,
+                [force[moving] for force in reached], [guesses[k] for k in moving], "values",
             )  # fmt: skip
             solved = found.optimum.status == Status.OPTIMAL
             change = size = np.zeros(moving.size)
@@ -152,13 +156,11 @@ class Stack:
         x: np.ndarray,
         reached: Sequence[np.ndarray],
         guesses: Sequence[np.ndarray | None],
-        *,
-        complete: bool = False,
-        slopes: bool = True,
+        asked: Asked,
     ) -> Point:
         """The fits by linear models about coefficients, and about forces reached by the rig."""
         linear = tuple(
-            self._linear(k, parameters, x[:, part.coefficients], reached[k], complete, slopes)
+            self._linear(k, parameters, x[:, part.coefficients], reached[k], asked)
             for k, part in enumerate(self.like.parts)
         )
         if self.like.side.any():
@@ -174,17 +176,18 @@ class Stack:
         parameters: np.ndarray,
         x0: np.ndarray,
         reached: np.ndarray,
-        complete: bool,
-        slopes: bool,
+        asked: Asked,
     ) -> Linear:
         """The linear models of a part about x0 and the forces that the rig is taken at."""
         part = self.like.parts[place]
-        asked = (
-            (ALL, range(part.at.size), None) if complete
-            else (OF_DESCENTS, self._moving[place] if slopes else (), self._held[place])
-        )  # fmt: skip
+        # Values are asked for by problems that hold different parameters: one program serves all.
+        which = {
+            "all": (ALL, range(part.at.size), None),
+            "slopes": (OF_DESCENTS, self._moving[place], self._held[place]),
+            "values": (OF_DESCENTS, (), None),
+        }[asked]
         found: Any = part.program.of_members(
-            parameters[:, part.at], x0, reached if part.rig else reached[:1], *asked
+            parameters[:, part.at], x0, reached if part.rig else reached[:1], *which
         )
         value, slope, aside = found
         count, points, n = len(parameters), part.force.size, x0.shape[1]

@@ -167,7 +167,7 @@ def _error(result: Identification) -> ModelError | None:
     if result.dependence != "fixed" or len(problem.parts) > 1:
         return None
     kinds = {kind: (groups_of(problem, kind), 1) for kind in ("length", "pressure")}
-    found = leave_out_each(problem, result.end.u, kinds)
+    found = leave_out_each([(problem, result.end.u)], kinds)[0]
     left_out = {kind: one for kind, one in found.items() if np.isfinite(one.error).all()}
     return model_error(result.data, result.residuals, left_out, result.n_parameters)
 

@@ -1,7 +1,7 @@
 """Errors on readings while they were left out: what a model is judged by, and its bands are made of."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,7 +13,7 @@ from .refit import refit
 GROUPS = 8
 """Of neighbouring levels that say much the same of one another: pressures, and many lengths."""
 _SINGLE = 10  # lengths at most are left out one by one
-_STEPS, _TOLERANCE = 30, 1e-5
+_QUICK = {"max_steps": 30, "tolerance": 1e-5}
 """A prediction need not wait for the last digit of the fit that it is made by."""
 
 
@@ -58,6 +58,7 @@ def leave_out(
     groups: int | None = None,
     starts: int = 1,
     seed: int = 0,
+    settled: bool = False,
 ) -> LeftOut | None:
     """The errors on each level of one kind while it was left out.
 
@@ -68,50 +69,60 @@ def leave_out(
         groups: neighbouring levels are left out together, in so many groups; each alone unless given.
         starts: descents of each refit, the one from the optimum among them.
         seed: of the others.
+        settled: whether each refit goes on to its last digit, as where families are all but alike.
 
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
     """
-    return leave_out_each(problem, u, {kind: (groups, starts)}, seed=seed).get(kind)
+    kinds = {kind: (groups, starts)}
+    return leave_out_each([(problem, u)], kinds, seed=seed, settled=settled)[0].get(kind)
 
 
 def leave_out_each(
-    problem: Problem,
-    u: Float[np.ndarray, " p"],
+    fits: Sequence[tuple[Problem, Float[np.ndarray, " _"]]],
     kinds: Mapping[str, tuple[int | None, int]],
     *,
     seed: int = 0,
-) -> dict[str, LeftOut]:
-    """`leave_out` for several kinds, the refits of all in step.
+    settled: bool = False,
+) -> list[dict[str, LeftOut]]:
+    """`leave_out` of several fits and for several kinds, the refits of all in step.
 
     Args:
-        problem: what was fitted.
-        u: its optimum in the unit box.
+        fits: what was fitted, and its optimum in the unit box.
         kinds: number of groups and of starts of each.
         seed: of the starts.
+        settled: as in `leave_out`.
 
     Returns:
-        The errors by kind, without those of which there are too few levels.
+        The errors of each fit by kind, without those of which there are too few levels.
     """
-    problems, starts, found = [], [], {}
-    at = np.flatnonzero(problem.side == 0)
-    for kind, (groups, count) in kinds.items():
-        group = _groups(problem, kind, groups)
-        if group is None:
-            continue
-        found[kind] = group[at], len(problems)
-        cube = latin_hypercube(len(problem.free), count, seed)
-        cube[0] = u
-        for k in range(int(group.max()) + 1):
-            problems.append(problem.with_readings(factor=1.0 * (group != k)))
-            starts.append(cube)
-    if not found:
-        return {}
-    residual = refit(problems, starts, max_steps=_STEPS, tolerance=_TOLERANCE).residual
-    return {
-        kind: LeftOut(kind, problem.levels(kind)[at], group, residual[first + group, at])
-        for kind, (group, first) in found.items()
-    }
+    problems, starts = [], []
+    found: list[dict[str, tuple[np.ndarray, int]]] = []
+    for problem, u in fits:
+        found.append({})
+        for kind, (groups, count) in kinds.items():
+            group = _groups(problem, kind, groups)
+            if group is None:
+                continue
+            found[-1][kind] = group, len(problems)
+            cube = latin_hypercube(len(problem.free), count, seed)
+            cube[0] = u
+            for k in range(int(group.max()) + 1):
+                problems.append(problem.with_readings(factor=1.0 * (group != k)))
+                starts.append(cube)
+    if not problems:
+        return [{} for _ in fits]
+    residual = refit(problems, starts, **({} if settled else _QUICK)).residual
+
+    def errors(problem: Problem, kind: str, group: np.ndarray, first: int) -> LeftOut:
+        at = np.flatnonzero(problem.side == 0)
+        of_each = residual[first + group[at], at]
+        return LeftOut(kind, problem.levels(kind)[at], group[at], of_each)
+
+    return [
+        {kind: errors(problem, kind, *place) for kind, place in of_one.items()}
+        for (problem, _), of_one in zip(fits, found, strict=True)
+    ]
 
 
 def groups_of(problem: Problem, kind: str) -> int | None:

@@ -33,7 +33,7 @@ class Refit:
 
 def refit(
     problems: Sequence[Problem],
-    starts: Sequence[Float[np.ndarray, "_ p"]],
+    starts: Sequence[Float[np.ndarray, "_ _"]],
     *,
     max_steps: int = 200,
     tolerance: float = 1e-10,

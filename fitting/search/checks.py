@@ -255,7 +255,7 @@ def check_affine(problem: Problem) -> None:
 
 def check_solvable(problem: Problem) -> None:
     """The convex fit must have a solution in the middle of the box."""
-    point = problem.solve(problem.low + (problem.high - problem.low) / 2)
+    point = problem.solve(problem.low + (problem.high - problem.low) / 2, "values")
     columns, target, rows, _ = point.programme
     count = problem.force.size
     known = np.isfinite(columns[:count]).all(axis=1) & np.isfinite(target[:count])

@@ -7,8 +7,9 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
-from ..choice.choose import fit_candidate, weigh
+from ..choice.choose import weigh
 from ..choice.ladder import Candidate, ladder
+from ..choice.race import fit_candidate
 from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.problem import Problem

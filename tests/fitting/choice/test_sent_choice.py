@@ -67,9 +67,16 @@ def test_a_choice_that_is_sent_is_the_same(here: Choice, sent: Any) -> None:
     told: list[tuple[str, int, int]] = []
     again = choose(SMALL, **FEW, executor=sent, progress=lambda *of: told.append(of))
     assert same(here, again)
-    count = len(ladder(SMALL, bounds=HELD)[0])
-    assert sent.count == 2 * count  # fits, then what was left out of them or need not be
-    assert [done for _, done, _ in told] == [*range(count), *range(count), count]
+    families = ladder(SMALL, bounds=HELD)[0]
+    tasks = [f"{kind} families" for kind in dict.fromkeys(one.kind for one in families)]
+    # Fits, then what was left out of those that have a force everywhere, or need not be.
+    judged = {f"left out: {one.candidate.kind} families" for one in again.tried}
+    assert sent.count == len(tasks) + len(judged)
+    words = [text for text, _, _ in told[:-1]]
+    assert words[: len(tasks)] == tasks
+    assert {*words[len(tasks) :]} == judged
+    done = [begun for _, begun, _ in told]
+    assert (done[0], done[len(tasks)], done[-1]) == (0, 0, len(families))
 
 
 def test_families_that_are_no_use_are_left_to_no_worker(here: Choice) -> None:
