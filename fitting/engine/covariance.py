@@ -37,11 +37,6 @@ class Covariance:
         """Standard errors of the sandwich; nan where the others are."""
         return np.sqrt(np.diag(self.sandwich))
 
-    @property
-    def correlation(self) -> Float[np.ndarray, "p p"]:
-        """Correlation matrix, nan where there is no standard error."""
-        return self.matrix / np.outer(self.stderr, self.stderr)
-
 
 def covariance(
     jacobian: Float[np.ndarray, "k p"],

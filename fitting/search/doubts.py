@@ -1,14 +1,16 @@
 """What a reader must know before using the numbers of an identification."""
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from famjax.boundary.sentence import Quantity, Sentence
 
-from ..engine.covariance import CONDITION_LIMIT, Covariance
+from ..engine.covariance import CONDITION_LIMIT
 from .multi_start import FEASIBLE
-from .result import Identification
+
+if TYPE_CHECKING:
+    from .result import Identification
 
 _RIDGE = 0.98
 _OUTLYING = 0.5  # of the full weight of a reading
@@ -16,15 +18,9 @@ _PULLED = 2.0  # standard deviations of a prior
 _UNEQUAL = 2.0  # between standard errors with and without the belief in equal noise
 
 
-def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -> tuple[str, ...]:
-    """Full sentences, the assumptions on the data first.
-
-    Args:
-        result: the identification, complete but for its warnings.
-        spread: covariance of all parameters.
-        names: of its nonlinear parameters, which come first in it.
-    """
-    data = result.data
+def doubts(result: "Identification") -> tuple[str, ...]:
+    """Full sentences, the assumptions on the data first."""
+    data, condition = result.data, result.certificate.condition
     found = [*data.notes, *(of.note for of in (data.pressures, data.lengths) if of.note)]
     if result.box == "open":
         found.append(
@@ -37,7 +33,7 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
             f"At a bound: {', '.join(stopped)}. The data alone would go further, so no standard "
             "error is given; the errors of the others hold with these kept where they are."
         )
-    if not np.isfinite(spread.condition) or spread.condition > CONDITION_LIMIT:
+    if not np.isfinite(condition) or condition > CONDITION_LIMIT:
         found.append(
             "The parameters cannot be told apart by these data, so no standard errors are given: "
             "fix one of them by --bounds, or add lengths and pressures."
@@ -58,7 +54,7 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
             f"The residuals are not equal noise: the sandwich's standard errors of "
             f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g}."
         )
-    found += _ridges(spread, names)
+    found += _ridges(result)
     if result.active_constraints:
         found.append(
             "A constraint or a bound on the coefficients is active: standard errors hold along it "
@@ -90,7 +86,7 @@ def warnings(result: Identification, spread: Covariance, names: Sequence[str]) -
     return tuple(found)
 
 
-def _pulled(result: Identification) -> list[str]:
+def _pulled(result: "Identification") -> list[str]:
     """Parameters that the data drag far from what was said to be known of them."""
     return [
         f"{e.name} lies {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations of its "
@@ -101,9 +97,10 @@ def _pulled(result: Identification) -> list[str]:
     ]
 
 
-def _ridges(spread: Covariance, names: Sequence[str]) -> list[str]:
+def _ridges(result: "Identification") -> list[str]:
     """Pairs of nonlinear parameters that the data determine only together."""
-    correlation = spread.correlation
+    names, stderr = result.problem.names, np.sqrt(np.diag(result.covariance))
+    correlation = result.covariance / np.outer(stderr, stderr)
     return [
         f"Ridge: {first} and {names[j]} are correlated by {correlation[i, j]:.4f}; only a "
         "combination of them is known well."

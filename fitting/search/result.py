@@ -1,6 +1,7 @@
 """What an identification returns: numbers with their units, errors, certificate and doubts."""
 
 import dataclasses
+import functools
 import hashlib
 import math
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from ..engine.descent import End
 from ..engine.problem import Part, Point, Problem
 from ..engine.response import Constraint, PressureDependence
 from ..families.laws import Law
+from .doubts import doubts
 
 if TYPE_CHECKING:
     import pandas
@@ -139,7 +141,6 @@ class Identification:
         weights: part of its own weight with which each loaded reading counts; 1
             but for the outliers of Huber's objective.
         converged: the best start is stationary, certified and feasible.
-        warnings: what a reader must know before using the numbers.
         degrees_of_freedom: readings and priors less the directions that stayed free, of all
             specimens together.
         covariance: of the nonlinear parameters of the search and then the coefficients [SI], by
@@ -173,7 +174,6 @@ class Identification:
     seed: int
     weights: Float[np.ndarray, " readings"]
     converged: bool
-    warnings: tuple[str, ...]
     degrees_of_freedom: int
     covariance: Float[np.ndarray, "k k"]
     problem: Problem
@@ -188,6 +188,11 @@ class Identification:
             f"{self.errors.rmse:.4g} N over {self.errors.n_points} readings; "
             f"{'converged' if self.converged else 'NOT converged'}; in SI {numbers})"
         )
+
+    @functools.cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know before using the numbers."""
+        return doubts(self)
 
     @property
     def muscle(self) -> famjax.Muscle:

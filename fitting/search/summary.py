@@ -1,6 +1,5 @@
 """From an optimum to what a reader needs: estimates with errors, certificate, warnings."""
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +15,6 @@ from ..engine.descent import End
 from ..engine.margin import Margin, constraint_margin
 from ..engine.problem import Problem
 from ..engine.response import unflat
-from .doubts import warnings
 from .estimates import coefficient_stderr, concerning, derived, estimates, of_nodes
 from .multi_start import FEASIBLE
 from .optimal import Optimal
@@ -53,39 +51,40 @@ def summarise(
         force = force_at_readings(one, part, point)
         errors = _errors(one, force)
         pressures = getattr(muscle.material, "node_pressures", None)
-        result = Identification(
-            data=one,
-            mounted=part.mounted(muscle, point.parameters),
-            length_offsets=point.parameters[part.at[len(part.family.nonlinear) :]],
-            estimates=concerning(estimated, one, nodes, found),
-            node_estimates=() if pressures is None else of_nodes(estimated, found),
-            derived=derived(found, k),
-            coefficients=found.coefficients[nodes],
-            coefficients_stderr=coefficient_stderr(found)[nodes],
-            node_pressures=None if pressures is None else np.asarray(pressures),
-            strain_range=float(np.max(point.linear[k].aside.largest_strain)),
-            residuals=force[one.loaded] - one.force[one.loaded],
-            errors=errors,
-            certificate=certificate,
-            active_constraints=_active_sentences(found),
-            starts=np.array([ends[i].cost for i in order]),
-            start_parameters=np.stack([ends[i].point.parameters for i in order]),
-            law=posed.law,
-            constraint=posed.constraint,
-            dependence=posed.dependence,
-            box=posed.box,
-            seed=seed,
-            weights=_own_weights(robust, problem, k),
-            converged=bool(certified and feasible and stationary and math.isfinite(errors.rmse)),
-            warnings=(),
-            degrees_of_freedom=found.spread.degrees_of_freedom,
-            covariance=found.spread.matrix,
-            problem=problem,
-            end=found.end,
-            place=k,
+        results.append(
+            Identification(
+                data=one,
+                mounted=part.mounted(muscle, point.parameters),
+                length_offsets=point.parameters[part.at[len(part.family.nonlinear) :]],
+                estimates=concerning(estimated, one, nodes, found),
+                node_estimates=() if pressures is None else of_nodes(estimated, found),
+                derived=derived(found, k),
+                coefficients=found.coefficients[nodes],
+                coefficients_stderr=coefficient_stderr(found)[nodes],
+                node_pressures=None if pressures is None else np.asarray(pressures),
+                strain_range=float(np.max(point.linear[k].aside.largest_strain)),
+                residuals=force[one.loaded] - one.force[one.loaded],
+                errors=errors,
+                certificate=certificate,
+                active_constraints=_active_sentences(found),
+                starts=np.array([ends[i].cost for i in order]),
+                start_parameters=np.stack([ends[i].point.parameters for i in order]),
+                law=posed.law,
+                constraint=posed.constraint,
+                dependence=posed.dependence,
+                box=posed.box,
+                seed=seed,
+                weights=_own_weights(robust, problem, k),
+                converged=bool(
+                    certified and feasible and stationary and math.isfinite(errors.rmse)
+                ),
+                degrees_of_freedom=found.spread.degrees_of_freedom,
+                covariance=found.spread.matrix,
+                problem=problem,
+                end=found.end,
+                place=k,
+            )
         )
-        notes = warnings(result, found.spread, problem.names)
-        results.append(dataclasses.replace(result, warnings=notes))
     return tuple(results)
 
 
