@@ -75,7 +75,7 @@ class _End:
         cost: half the weighted sum of squares.
         converged: whether the end is stationary.
         determined: whether the readings determine all linear parameters.
-        predicted: force [N] at the loaded readings, whatever their weights.
+        point: where.
     """
 
     nonlinear: Float[np.ndarray, " p"]
@@ -83,7 +83,13 @@ class _End:
     cost: float
     converged: bool
     determined: bool
-    predicted: Float[np.ndarray, " points"]
+    point: Point
+
+    @property
+    def predicted(self) -> Float[np.ndarray, " points"]:
+        """Force [N] at the loaded readings, whatever their weights."""
+        (model,) = self.point.linear
+        return model.force + model.columns @ self.linear
 
 
 def fit_peer(
@@ -338,39 +344,25 @@ def forces_of(family: PeerFamily, data: ForceData) -> Float[np.ndarray, " points
 
 def _fitted(problems: Sequence[Problem], starts: Float[np.ndarray, "fits p"]) -> list[_End]:
     """The fits, one from each start."""
-    if not problems[0].names:
-        return [_linear_fit(problem) for problem in problems]
     ends = descend_many(problems, list(starts), max_steps=_MAX_STEPS)
+    if not problems[0].names:
+        return [_linear_fit(end.point) for end in ends]
     determined = _determined(problems[0], [end.point for end in ends])
     return [
-        _End(
-            nonlinear=end.point.parameters,
-            linear=end.point.x,
-            cost=end.cost,
-            converged=end.converged,
-            determined=known,
-            predicted=end.point.linear[0].force + end.point.linear[0].columns @ end.point.x,
-        )
+        _End(end.point.parameters, end.point.x, end.cost, end.converged, known, end.point)
         for end, known in zip(ends, determined, strict=True)
     ]
 
 
-def _linear_fit(problem: Problem) -> _End:
+def _linear_fit(point: Point) -> _End:
     """The least-squares solution where nothing is searched; the smallest where there are many."""
-    point = problem.solve(np.zeros(0))
     A, b, _, _ = point.programme
     size = np.linalg.norm(A, axis=0)
     size[size == 0] = 1.0
     found, _, rank, _ = np.linalg.lstsq(A / size, b)
-    residual, linear = A @ (found / size) - b, point.linear[0]
-    return _End(
-        nonlinear=np.zeros(0),
-        linear=found / size,
-        cost=float(residual @ residual) / 2,
-        converged=True,
-        determined=bool(rank == A.shape[1]),
-        predicted=linear.force + linear.columns @ (found / size),
-    )
+    residual = A @ (found / size) - b
+    cost = float(residual @ residual) / 2
+    return _End(point.parameters, found / size, cost, True, bool(rank == A.shape[1]), point)
 
 
 def _determined(problem: Problem, points: Sequence[Point]) -> list[bool]:

@@ -4,6 +4,7 @@ Such code takes arrays with a leading axis of members. One of length one is shar
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -86,15 +87,25 @@ def member(tree: Any, k: int) -> Any:
 def _each(function: Callable[..., Any], *trees: Any) -> Any:
     """The function of all arrays, and of lists with an array for each member."""
     first = trees[0]
+    if isinstance(first, np.ndarray):
+        return function(*trees)
     if first is None:
         return None
+    names = _fields(type(first))
+    if names:
+        parts = [_each(function, *(getattr(tree, name) for tree in trees)) for name in names]
+        return type(first)(*parts)
     if isinstance(first, tuple):
-        parts = [_each(function, *leaves) for leaves in zip(*trees, strict=True)]
-        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-    if dataclasses.is_dataclass(first):
-        names = [field.name for field in dataclasses.fields(first)]
-        return type(first)(*(_each(function, *(getattr(t, n) for t in trees)) for n in names))
+        return tuple(_each(function, *leaves) for leaves in zip(*trees, strict=True))
     return function(*trees)
+
+
+@functools.cache
+def _fields(kind: type) -> tuple[str, ...]:
+    """Names of the fields of a dataclass or a named tuple; none of others."""
+    if dataclasses.is_dataclass(kind):
+        return tuple(field.name for field in dataclasses.fields(kind))
+    return getattr(kind, "_fields", ())
 
 
 def where(on: Bool[AnyArray, " members"], new: State, old: State) -> State:
