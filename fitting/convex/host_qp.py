@@ -134,10 +134,15 @@ def solve_host_qps(
         The optima.
     """
     count, k, n = A.shape
-    scale = np.sqrt(np.einsum("bkn,bkn->bn", A, A))
+    squares = np.einsum("bkn,bkn->bn", A, A)
+    scale = np.sqrt(squares)
     scale[~(scale > 0)] = 1.0
-    finite = np.atleast_1d(np.isfinite(b).all(axis=1))
-    finite &= np.isfinite(A).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
+    # A sum that is finite has finite parts; which of them are not is asked where it is not.
+    whole = bool(np.isfinite(squares.sum() + b.sum() + G.sum()))
+    finite = np.full(count, whole)
+    if not whole:
+        finite = np.isfinite(b).all(axis=1)
+        finite &= np.isfinite(A).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
     status = np.where(finite, Status.OPTIMAL, Status.STALLED)
     if n == 0:
         return Optima(
@@ -145,13 +150,15 @@ def solve_host_qps(
             np.zeros((count, 0, 0)), scale, np.ones(count), status,
         )  # fmt: skip
     unit = np.eye(n)
-    scaled = np.where(finite[:, None, None], A / scale[:, None], np.eye(k, n))
+    scaled = A / scale[:, None]
+    if not whole:
+        scaled[~finite] = np.eye(k, n)
     Q, R = np.linalg.qr(scaled)
-    norm = np.linalg.norm(R, axis=(1, 2))
+    norm = np.sqrt((R * R).sum(axis=(1, 2)))
     diagonal = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1)
     regular = diagonal > _EPS * norm
     inverse = np.linalg.inv(np.where(regular[:, None, None], R, unit))
-    condition = np.where(regular, norm * np.linalg.norm(inverse, axis=(1, 2)), np.inf)
+    condition = np.where(regular, norm * np.sqrt((inverse * inverse).sum(axis=(1, 2))), np.inf)
     condition[~finite] = np.nan
     poor = finite & ~(condition * 10 * max(k, n) * _EPS < 1)
     status[poor] = Status.RANK_DEFICIENT
