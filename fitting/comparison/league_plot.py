@@ -13,6 +13,7 @@ _SERIES = (
     ("lolo_interior_rmse", "each inner length left out", "s", "C1"),
     ("lolo_rmse", "each length left out", "|", "0.5"),
 )
+_WIDTH = 9.0  # inch
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
@@ -25,7 +26,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
         A figure, not shown; save it with `savefig`.
     """
     rows = [row for row in comparison.rows if math.isfinite(row.rmse)]
-    figure = Figure(figsize=(9, 1.6 + 0.27 * len(rows)), layout="constrained")
+    width, height = _WIDTH, 1.6 + 0.27 * len(rows)
+    figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     data, places = comparison.data, range(len(rows))
@@ -47,10 +49,16 @@ def plot_comparison(comparison: Comparison) -> Figure:
         [f"{row.label} [{row.n_parameters}]{' *' if row.at_bound else ''}" for row in rows],
         fontsize=8,
     )
-    figure.legend(frameon=False, fontsize=8, ncols=len(_SERIES), loc="outside lower center")
+    figure.legend(frameon=False, fontsize=8, ncols=len(_SERIES), loc="lower center")
     axes.set_title(
         f"{data.specimen.name}: {int(data.loaded.sum())} loaded readings, up to "
         f"{data.max_force:.4g} N\n[parameters], * at a bound",
         fontsize=10,
     )
+    # A layout that fits the margins to the text draws the picture twice; one margin depends on it.
+    names = max((one.get_window_extent().width for one in axes.get_yticklabels()), default=0.0)
+    figure.subplots_adjust(
+        left=(names / figure.dpi + 0.15) / width, right=1 - 0.1 / width,
+        bottom=0.75 / height, top=1 - 0.5 / height,
+    )  # fmt: skip
     return figure
