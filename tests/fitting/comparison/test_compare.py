@@ -13,7 +13,7 @@ import pytest
 from scipy import optimize
 
 from famjax import peers
-from fitting import ForceData, InputError, Specimen
+from fitting import ForceData, InputError, Specimen, identify, validate
 from fitting.comparison import (
     PeerFit,
     comparable_models,
@@ -26,6 +26,7 @@ from fitting.comparison import (
     plot_comparison,
 )
 from fitting.comparison.hocking import hocking_orders
+from fitting.comparison.own_models import identified_row
 
 pytestmark = pytest.mark.slow
 
@@ -180,6 +181,24 @@ def test_hocking_and_wereley_fit_each_pressure_by_itself(dmsp20: ForceData) -> N
                 dmsp20, specimen=dataclasses.replace(dmsp20.specimen, nominal_diameter=None)
             )
         )
+
+
+def test_a_muscle_of_ones_own_has_the_errors_of_its_validations(dmsp20: ForceData) -> None:
+    options = {"law": "neo-hookean"}
+    row = identified_row("own", "own", options, dmsp20, 4, 0)
+    result = identify(dmsp20, starts=4, **options)
+    pressure, length = (validate(result, kind) for kind in ("pressure", "length"))
+    assert row.lopo_rmse == pytest.approx(pressure.rmse, rel=1e-9)
+    assert row.lolo_rmse == pytest.approx(length.rmse, rel=1e-9)
+    assert row.lolo_interior_rmse == pytest.approx(length.interior_rmse, rel=1e-9)
+
+
+def test_a_law_of_each_pressure_predicts_no_other(dmsp20: ForceData) -> None:
+    high = dmsp20.part(dmsp20.pressures.level > 3e5)
+    row = identified_row("free", "free", {"order": 1, "dependence": "free"}, high, 2, 0)
+    assert math.isnan(row.lopo_rmse)
+    assert math.isfinite(row.lolo_rmse)
+    assert row.note.startswith("without a pressure: coefficients free in pressure say nothing")
 
 
 @pytest.fixture(scope="module")
