@@ -6,8 +6,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Literal
 
+from rich.cells import cell_len
 from rich.console import Console
-from rich.measure import Measurement
 from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID
 from rich.table import Table
 from rich.text import Text
@@ -105,15 +105,21 @@ def print_table(
     numbers: Literal["left", "right"] = "right",
 ) -> None:
     """A table of text; all columns but the first are aligned as numbers are."""
+    columns = [[name, *(row[k] for row in rows)] for k, name in enumerate(header)]
+    widths = [
+        max(cell_len(line) for one in column for line in one.split("\n")) for column in columns
+    ]
+    total = sum(widths) + 2 * (len(widths) - 1)
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for k, name in enumerate(header):
-        table.add_column(name, justify=numbers if k else "left", overflow="fold")
+    for k, (name, width) in enumerate(zip(header, widths, strict=True)):
+        # Widths that are given are not measured, twice, cell by cell.
+        known = width if total <= _WIDEST else None
+        table.add_column(name, justify=numbers if k else "left", overflow="fold", width=known)
     for row in rows:
         table.add_row(*row)
     console = Console(highlight=False)
     # Folded cells are harder to read than long lines.
-    wide = console.options.update(max_width=_WIDEST)
-    console.width = max(console.width, Measurement.get(console, wide, table).maximum)
+    console.width = max(console.width, min(total, _WIDEST))
     console.print()
     console.print(table if rows else f"{title}: none", markup=False)
 

@@ -15,6 +15,7 @@ from .result import Sweep, SweepRow
 _COLOURS = {"none": "C0", "positive": "C3", "slope": "C1", "drucker": "C2"}
 _SHADES = mpl.colormaps["viridis"]
 _LENGTHS = 120
+_ABOVE = 1.0  # of panels: where titles come to lie; not to seek a place for them saves a tenth
 
 
 def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
@@ -47,9 +48,10 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
             _draw_by_order(one, [r for r in rows if r.dependence == form], name, scale)
         line[0].set(ylabel=label, ylim=(0, None))
     for one, form in zip(axes[0], forms, strict=True):
-        one.set_title(f"{form} in pressure", fontsize=10)
+        one.set_title(f"{form} in pressure", fontsize=10, y=_ABOVE)
     for one in axes[-1]:
         one.set(xlabel="order of the law")
+    axes[0, 0].set_xticks(sorted({row.order for row in rows}))  # of all panels, which share them
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=4, frameon=False)
     return figure
@@ -92,7 +94,8 @@ def plot_curves(
             F = braid[k] + bladder[k, :, : E.size] @ E
             one.plot(contraction[k], F / force, color=shade, lw=1, label=label)
         name = f"{row.dependence}, order {row.order}, {row.constraint}"
-        one.set_title(f"{name}\nRMSE {row.rmse / force:.3g} {units['force']}", fontsize=9)
+        error = f"RMSE {row.rmse / force:.3g} {units['force']}"
+        one.set_title(f"{name}\n{error}", fontsize=9, y=_ABOVE)
         one.set(xlabel="contraction", ylim=(0, None))
     axes[0].set(ylabel=f"force, {units['force']}")
     axes[0].legend(frameon=False, fontsize=7, ncols=2)
@@ -135,7 +138,6 @@ def _draw_by_order(axes: Axes, rows: list[SweepRow], name: str, scale: float) ->
             color=_COLOURS[constraint],
             label=constraint,
         )
-    axes.set_xticks(sorted({row.order for row in rows}))
     axes.spines[["top", "right"]].set_visible(False)
 
 
