@@ -12,7 +12,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COMPRESSION = 3  # of pictures, out of 9: two thirds of the time of the usual 6, and files a tenth larger
+_COMPRESSION = 3  # of 9: two thirds of the time of the usual 6, for files a tenth larger
 
 
 def csv_lines(path: str | Path) -> list[str]:
