@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from ..arrays import Array, Image, Indices, Single
 from .edge_fit import best_shift, parabola_peak
-from .edge_profile import BROAD, EdgeProfile, edge_profile, limb, near_edge
+from .edge_profile import DEEPEST, EdgeProfile, edge_profile, limb, limb_strength, near_edge
 from .edge_windows import Samples, aligned_windows, first_curve
 from .smoother import density_left_over, smooth_robustly, variance_of_smooth
 
@@ -23,6 +23,7 @@ _EVERY = 4  # rows of which one is looked at first
 _ALIGNED = 2  # rows of which one is enough to align windows to
 _PASSES = 4
 _SETTLED = (0.15, 0.05)  # px, of which the next pass would leave a fifth; part of the blur
+_BROAD = 45.0  # px inside the edge over which the light is read that falls towards the limb
 _LARGEST_PART = 0.35  # of the radius up to which the windows may reach
 _MARGIN = 64  # px beside the coarse outline: its own error, and five times the widest blur
 
@@ -116,7 +117,7 @@ def find_outline(
     first, curves = _first_look(light, curves, radius, blur)
     improved = functools.partial(
         _improved, light, rows, radius=radius, resolution=resolution, method=method,
-        first_kappas=first.kappas, estimate=blur is None,
+        kappas=first.kappas, estimate=blur is None,
     )  # fmt: skip
     outline = improved(curves, first.blur, first.disk, spacing=_ALIGNED)
     curves = [_in_every_row(side.column, rows.size) for side in (outline.left, outline.right)]
@@ -136,15 +137,30 @@ def find_outline(
 def _first_look(
     light: Single, curves: list[Array], radius: float, blur: float | None
 ) -> tuple[EdgeProfile, list[Array]]:
-    """Blur and light to within a tenth or so, and the curves less their mean error."""
+    """Blur to within a tenth or so, kappas for good, and the curves less their mean error.
+
+    A kappa read anew in each pass would feed on itself: one that is too large puts the edge too far
+    out, and there the next one is larger still. Over a third of the radius threads average out.
+    """
     start = _WIDEST_START if blur is None else blur
-    t = _window(start, radius)
-    profiles = [
-        aligned_windows(light[::_EVERY], curve[::_EVERY], inward, t, radius, _EVERY).profile
+    t = _window(start, radius, _BROAD)
+    sides = [
+        aligned_windows(light[::_EVERY], curve[::_EVERY], inward, t, radius, _EVERY)
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
-    fit = edge_profile(profiles, t, start, radius, estimate=blur is None)
+
+    def kappas(shifts: tuple[float, float], s: float) -> tuple[float, float]:
+        left, right = (
+            limb_strength(side.light, t - shift, s, radius)
+            for side, shift in zip(sides, shifts, strict=True)
+        )
+        return left, right
+
+    about = kappas((0.0, 0.0), start)
+    profiles = [side.profile for side in sides]
+    fit = edge_profile(profiles, t, start, radius, about, estimate=blur is None)
     left, right = fit.shifts
+    fit = dataclasses.replace(fit, kappas=kappas(fit.shifts, fit.blur))
     return fit, [curves[0] + left, curves[1] - right]
 
 
@@ -158,7 +174,7 @@ def _improved(
     radius: float,
     resolution: float,
     method: Method,
-    first_kappas: tuple[float, float],
+    kappas: tuple[float, float],
     estimate: bool,
     spacing: int = 1,
 ) -> Outline:
@@ -166,16 +182,15 @@ def _improved(
 
     Rows `spacing` px apart are enough to align the windows of the next pass to.
     """
-    t = _window(blur, radius)
+    t = _window(blur, radius, DEEPEST * max(1.0, blur))
     light, rows, curves = light[::spacing], rows[::spacing], [curve[::spacing] for curve in curves]
     windows = [
         aligned_windows(light, curve, inward, t, radius, spacing)
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
     fit = edge_profile(
-        [side.profile for side in windows], t, blur, radius,
-        disk=disk, estimate=estimate, first_kappas=first_kappas,
-    )  # fmt: skip
+        [side.profile for side in windows], t, blur, radius, kappas, disk=disk, estimate=estimate
+    )
     left, right = (
         _refined(
             side,
@@ -184,7 +199,7 @@ def _improved(
             shift if method == "limb" else None,
             kappa,
         )
-        for side, kappa, shift in zip(windows, fit.kappas, fit.shifts, strict=True)
+        for side, kappa, shift in zip(windows, kappas, fit.shifts, strict=True)
     )
     return Outline(
         rows, left, right, fit.blur, fit.disk, fit.misfit, fit.flank, fit.rim, resolution
@@ -197,9 +212,9 @@ def _in_every_row(column: Array, n: int) -> Array:
     return np.interp(np.arange(n), _ALIGNED * np.arange(longer.size), longer)
 
 
-def _window(blur: float, radius: float) -> Array:
+def _window(blur: float, radius: float, deepest: float) -> Array:
     outside = round(max(8.0, 5 * blur))
-    inside = round(min(BROAD[1] * max(1.0, blur), _LARGEST_PART * radius))
+    inside = round(min(deepest, _LARGEST_PART * radius))
     return np.arange(-outside, inside + 1.0)
 
 

@@ -8,16 +8,16 @@ from ..arrays import Array, Flags
 from .edge_fit import height_and_rest, least_squares
 from .edge_model import LARGEST_DISK, defocused_step, ramp, step
 
-BROAD = (3.0, 15.0)  # px per px of blur: samples that say how the light falls towards the limb
+_BROAD = 3.0  # px per px of blur, from where on samples say how the light falls towards the limb
+DEEPEST = 8.0  # the same, up to where an edge is looked at
 _NEAR = (-7.0, 1.75)  # the same: samples that say where the edge is
 _BLURS = (0.4, 8.0)  # px
 _FLANK = (2.0, 5.0)  # blurs inside the edge
-_RIM = ((1.5, 3.5), (4.0, 8.0))  # the same
+_RIM = ((1.5, 3.5), (4.0, DEEPEST))  # the same
 _FIRST_DISK = 0.6  # from a large one the fit finds a small one, and not the reverse
 _FARTHEST = 4.0  # px that one pass may move an edge
 _KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
 _LEAST_ANGLE = 0.2  # at 0, which is a Gaussian, all directions lead to larger disks alike
-_GROWTH, _SLIGHT = 1.75, 0.1  # of kappa from the first pass to a later one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,30 +50,26 @@ def edge_profile(
     t: Array,
     blur: float,
     radius: float,
+    kappas: tuple[float, float],
     *,
     disk: float | None = None,
     estimate: bool,
-    first_kappas: tuple[float, float] | None = None,
 ) -> EdgeProfile:
-    """Blur, light and place of the edges, from the mean profiles of both sides.
+    """Blur and place of the edges, from the mean profiles of both sides.
 
-    How the light falls towards the limb is read where threads average out, 3 to 15 blurs inside;
-    where the edge is, from the outer flank alone, so that the first thread's own shade, which may
-    be anything, moves it little.
+    Where the edge is, is read from the outer flank alone, so that the first thread's own shade, which
+    may be anything, moves it little.
 
     Args:
         profiles: mean brightness of the left and the right side along the normal, shape (n,) each.
         t: distance inward of the samples [px], shape (n,).
         blur: s, about [px].
         radius: of the body [px].
+        kappas: of both sides, from `limb_strength`.
         disk: of the pass before; None in the first.
         estimate: find the blur; else it is taken as it is, and Gaussian.
-        first_kappas: of the first pass, which later ones exceed by three quarters at most. A kappa that is
-            too large puts the edge too far out, and there the next one is larger still.
     """
-    kappas = np.array([_limb_strength(profile, t, blur, radius) for profile in profiles])
-    if first_kappas is not None:
-        kappas = np.minimum(kappas, _GROWTH * np.maximum(first_kappas, 0.0) + _SLIGHT)
+    strengths = np.array(kappas)
     near = near_edge(t, blur)
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 
@@ -86,7 +82,7 @@ def edge_profile(
     def left_over(unknown: Array) -> Array:
         s, part = blur_and_disk(unknown)
         at = t[near] - unknown[..., :2, None]
-        model = limb(at, s[..., None], kappas[:, None], radius, part[..., None])
+        model = limb(at, s[..., None], strengths[:, None], radius, part[..., None])
         return height_and_rest(parts, model)[1].reshape(*unknown.shape[:-1], -1)
 
     angle = np.arcsin(np.sqrt((_FIRST_DISK if disk is None else disk) / LARGEST_DISK))
@@ -94,18 +90,15 @@ def edge_profile(
     best = least_squares(left_over, np.array(first), 1e-3)
     misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
     left, right = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
-    kappa_left, kappa_right = kappas.tolist()
     s, part = (float(value[0]) for value in blur_and_disk(best))
     flank = max(
         _flank(profile, t - shift, s, kappa, radius)
-        for profile, shift, kappa in zip(
-            profiles, (left, right), (kappa_left, kappa_right), strict=True
-        )
+        for profile, shift, kappa in zip(profiles, (left, right), kappas, strict=True)
     )
     rim = float(
         np.mean([_rim(p, t - shift, s) for p, shift in zip(profiles, (left, right), strict=True)])
     )
-    return EdgeProfile(s, part, (kappa_left, kappa_right), (left, right), misfit, flank, rim)
+    return EdgeProfile(s, part, kappas, (left, right), misfit, flank, rim)
 
 
 def limb(
@@ -148,13 +141,24 @@ def near_edge(t: Array, s: float) -> Flags:
     return (t >= _NEAR[0] * size) & (t <= _NEAR[1] * size)
 
 
-def _limb_strength(profile: Array, t: Array, s: float, radius: float) -> float:
-    """The kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur."""
-    inside = t >= BROAD[0] * max(1.0, s)
+def limb_strength(light: Array, t: Array, s: float, radius: float) -> float:
+    """The kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur.
+
+    The root is the law of a smooth body, and of a woven one in the mean over its threads: it is read
+    from 3 blurs inside the edge on, as far as there are samples.
+
+    Args:
+        light: mean brightness along the normal, shape (n,), of windows as bright as they are: means of
+            windows over their own limb's brightness rise inward, as those over any random number do.
+        t: distance of the samples inward from the edge [px], shape (n,).
+        s: blur [px].
+        radius: of the body [px].
+    """
+    inside = t >= _BROAD * max(1.0, s)
     x = t[inside]
     root = np.sqrt(x * (1 - x / (2 * radius)))
-    slope = float(height_and_rest(profile[inside], root)[0][0])
-    at_limb = float(profile[inside].mean() - slope * root.mean())
+    slope = float(height_and_rest(light[inside], root)[0][0])
+    at_limb = float(light[inside].mean() - slope * root.mean())
     if at_limb <= 0:
         return _KAPPAS[1] if slope > 0 else _KAPPAS[0]
     return float(np.clip(slope / at_limb, *_KAPPAS))

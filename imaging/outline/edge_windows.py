@@ -32,7 +32,8 @@ class Samples:
         stretch: columns per pixel along the normal, shape (n,).
         mean: windows averaged along the edge, shape (n, k).
         weight: part of the averaged rows in which the edge shows, shape (n,).
-        profile: mean of all, shape (k,).
+        profile: mean of all, each of one brightness, shape (k,).
+        light: mean of all as bright as they are, shape (k,).
     """
 
     inward: int
@@ -41,6 +42,7 @@ class Samples:
     mean: Single
     weight: Single
     profile: Array
+    light: Array
 
 
 def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radius: float) -> Array:
@@ -95,11 +97,13 @@ def aligned_windows(
     windows = _along_edge(windows, averaged)
     windows /= np.maximum(weight, 1e-3)[:, None]
     weight[weight < _LEAST_SEEN] = 0
+    total = max(float(weight.sum()), 1.0)
+    mean = (weight @ windows / total).astype(np.float64)
     # Faint threads at the limb count as much as bright ones, or the mean edge would be the bright's.
     height = windows[:, (t > 1) & (t < 5)].mean(axis=1)
     windows /= np.maximum(height, 0.3 * np.median(height))[:, None]
-    profile = weight @ windows / max(float(weight.sum()), 1.0)
-    return Samples(inward, curve, stretch, windows, weight, profile.astype(np.float64))
+    profile = (weight @ windows / total).astype(np.float64)
+    return Samples(inward, curve, stretch, windows, weight, profile, mean)
 
 
 def _along_edge(windows: Single, rows: int) -> Single:

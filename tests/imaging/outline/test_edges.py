@@ -12,10 +12,12 @@ from imaging.outline import (
     LARGEST_DISK,
     Outline,
     Side,
+    aligned_windows,
     best_shift,
     defocused_step,
     density_left_over,
     find_outline,
+    limb_strength,
     ramp,
     smooth,
     smooth_robustly,
@@ -288,3 +290,28 @@ def test_black_threads_in_the_outline_are_seen_as_hidden():
         hidden.append(outline.left.hidden + outline.right.hidden)
     assert hidden[0] == 0
     assert 0 < hidden[1] < 0.2
+
+
+@pytest.mark.parametrize("kappa", [-0.1, 0.0, 0.07, 2.0])
+@pytest.mark.parametrize("radius", [60.0, 300.0])
+def test_the_strength_of_a_limb_is_that_of_its_root(kappa, radius):
+    t = np.arange(-15, 22.0)
+    inward = np.maximum(t, 0)
+    light = np.where(t > 0, 1 + kappa * np.sqrt(inward * (1 - inward / (2 * radius))), 0.0)
+    assert limb_strength(0.6 * light, t, 1.0, radius) == pytest.approx(kappa, abs=1e-9)
+
+
+def test_threads_of_another_brightness_leave_the_strength_of_a_limb():
+    random = np.random.default_rng(2)
+    threads = 1 + 0.4 * random.standard_normal((900, 12)).clip(-1.5, 1.5)
+    surface = np.repeat(np.repeat(threads, 24, axis=0), 4, axis=1).astype(np.float32)
+    light = np.pad(surface, ((0, 0), (20, 0)))
+    t = np.arange(-12, 40.0)
+    windows = aligned_windows(light, np.full(light.shape[0], 19.5), 1, t, 150.0)
+    limb, inside = (t > 1) & (t < 5), t > 8
+    rise = [
+        mean[inside].mean() / mean[limb].mean() - 1 for mean in (windows.light, windows.profile)
+    ]
+    assert abs(rise[0]) < 0.01
+    assert rise[1] > 0.05
+    assert abs(limb_strength(windows.light, t, 1.0, 150.0)) < 0.005
