@@ -26,7 +26,7 @@ def without_dents(outline: Outline) -> Outline:
     if not any(side.hidden for side in sides):
         return outline
     beside = [side.column - smooth(side.column, _LONGER * outline.resolution) for side in sides]
-    off = off_smooth_midline(outline.left.column, outline.right.column, _ANY_BOW)
+    off = off_smooth_midline(outline.left.column, outline.right.column, _ANY_BOW, robust=True)
     run = np.cumsum(np.append(0, np.diff(np.sign(off)) != 0)).astype(np.intp)
     furthest = np.zeros(run[-1] + 1)
     np.maximum.at(furthest, run, np.abs(off))

@@ -6,6 +6,7 @@ from ..arrays import Array
 
 _QUARTIC = 5  # coefficients of a bow, which half a sine wave has to a hundredth
 _CUBIC = 4  # coefficients of the axis: a muscle may be bowed, or hang in an S
+_REFITS, _STRAY = 6, 2.0  # fits without what strays, by so many robust standard deviations
 
 
 def axis_deviation(left: Array, right: Array) -> float:
@@ -47,7 +48,9 @@ def axis_kink(left: Array, right: Array) -> float:
     return float(np.abs(off).max() / np.mean((right - left) / 2))
 
 
-def off_smooth_midline(left: Array, right: Array, n: int = _CUBIC) -> Array:
+def off_smooth_midline(
+    left: Array, right: Array, n: int = _CUBIC, *, robust: bool = False
+) -> Array:
     """Deviation of the mid-line from a smooth one [px], shape (n,).
 
     An axis bends as a cubic at most, and pairs of one row lie askew on a rolled muscle, which
@@ -57,9 +60,15 @@ def off_smooth_midline(left: Array, right: Array, n: int = _CUBIC) -> Array:
         left: column of the left edge in each row [px], shape (n,).
         right: of the right one.
         n: coefficients of the axis, more than those of a cubic where it may be bowed by much.
+        robust: rows that stray do not pull the smooth mid-line towards them.
     """
     _, smooth, fit = _smooth_midline(left, right, n)
-    return (left + right) / 2 - smooth @ fit
+    middle = (left + right) / 2
+    off = middle - smooth @ fit
+    for _ in range(_REFITS if robust else 0):
+        keep = np.abs(off) <= _STRAY * 1.4826 * np.median(np.abs(off))
+        off = middle - smooth @ np.linalg.lstsq(smooth[keep], middle[keep], rcond=None)[0]
+    return off
 
 
 def _smooth_midline(left: Array, right: Array, n: int) -> tuple[Array, Array, Array]:

@@ -241,14 +241,14 @@ def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to() -> None:
         assert np.all(np.isfinite(v))
 
 
-def dented(hidden, *, depth=-1.5, bow=0.0):
-    """An outline of a swelling, bowed muscle with a dent on its left and its rows' true left side."""
+def dented(hidden, *, depth=-1.5, bow=0.0, at=(700,)):
+    """An outline of a swelling, bowed muscle with dents on its left and its rows' true left side."""
     rows = np.arange(1200)
     x = rows / rows[-1]
     random = np.random.default_rng(1)
     middle, half = bow * np.sin(np.pi * x), 80 + 40 * np.sin(np.pi * x)
     noise = [smooth(random.normal(0, 0.2, rows.size), 60.0) for _ in range(2)]
-    dent = depth * np.exp(-(((rows - 700) / 20) ** 2) / 2)
+    dent = depth * np.exp(-(((rows - np.array(at)[:, None]) / 20) ** 2) / 2).sum(axis=0)
     error = np.full(rows.size, 0.1)
     left = Side(middle - half + noise[0] - dent, error, 0.1, 0.0, 0.1, hidden)
     right = Side(middle + half + noise[1], error, 0.1, 0.0, 0.1, 0.0)
@@ -265,6 +265,16 @@ def test_a_dent_of_one_side_is_as_the_other_side_is_there(depth, bow):
     assert np.abs((outline.left.column - left)[near]).max() > 0.9 * abs(depth)
     assert np.abs((found.left.column - left)[near]).max() < 0.3 * abs(depth)
     assert np.abs((found.right.column - outline.right.column)[near]).max() == 0
+
+
+def test_dents_do_not_pull_the_mid_line_towards_them():
+    at = 150, 330, 400, 640, 700, 1000
+    outline, left = dented(0.02, depth=3.0, at=at)
+    found = without_dents(outline)
+    error = found.left.column - left
+    assert abs(np.mean(outline.left.column - left)) > 0.7
+    assert abs(np.mean(error)) < 0.1
+    assert np.abs(error).max() < 1.0
 
 
 def test_an_outline_without_hidden_threads_stays():
