@@ -24,6 +24,8 @@ _ALIGNED = 2  # rows of which one is enough to align windows to
 _PASSES = 4
 _SETTLED = (0.15, 0.05)  # px, of which the next pass would leave a fifth; part of the blur
 _BROAD = 45.0  # px inside the edge over which the light is read that falls towards the limb
+_INWARD = np.array([1, -1])  # of the left side, of the right one
+_LEAST_STEP = 0.3  # of a step that overshoots
 _LARGEST_PART = 0.35  # of the radius up to which the windows may reach
 _MARGIN = 64  # px beside the coarse outline: its own error, and five times the widest blur
 
@@ -114,33 +116,41 @@ def find_outline(
         for coarse, inward in ((left, 1), (right, -1))
     ]
     light = np.asarray(cv2.LUT(luma, amount), np.float32)
-    first, curves = _first_look(light, curves, radius, blur)
+    first, curves, kappas = _first_look(light, curves, radius, blur)
     improved = functools.partial(
         _improved, light, rows, radius=radius, resolution=resolution, method=method,
-        kappas=first.kappas, estimate=blur is None,
+        estimate=blur is None,
     )  # fmt: skip
-    outline = improved(curves, first.blur, first.disk, spacing=_ALIGNED)
-    curves = [_in_every_row(side.column, rows.size) for side in (outline.left, outline.right)]
+    outline = improved(curves, first.blur, first.disk, kappas=first.kappas, spacing=_ALIGNED)
+    found = [_in_every_row(side.column, rows.size) for side in (outline.left, outline.right)]
+    steps = _mean_steps(curves, found)
+    inside = np.array(first.shifts)
     for _ in range(_PASSES):
-        before = outline.blur
-        outline = improved(curves, before, outline.disk)
+        curves, before = found, outline.blur
+        inside = inside + _INWARD * steps
+        outline = improved(curves, before, outline.disk, kappas=kappas(inside, before))
+        outline, steps = _without_overshoot(outline, curves, steps)
         found = [outline.left.column, outline.right.column]
         moved = max(np.abs(new - old).max() for new, old in zip(found, curves, strict=True))
         if moved < _SETTLED[0] and abs(outline.blur / before - 1) < _SETTLED[1]:
             break
-        curves = found
     sides = (outline.left, outline.right)
     left_side, right_side = (dataclasses.replace(side, column=side.column + u0) for side in sides)
     return dataclasses.replace(outline, left=left_side, right=right_side)
 
 
+_Strengths = Callable[[Array, float], tuple[float, float]]
+"""Kappas of both sides, from how far inside of the first curves they lie [px] and from the blur."""
+
+
 def _first_look(
     light: Single, curves: list[Array], radius: float, blur: float | None
-) -> tuple[EdgeProfile, list[Array]]:
-    """Blur to within a tenth or so, kappas for good, and the curves less their mean error.
+) -> tuple[EdgeProfile, list[Array], _Strengths]:
+    """Blur to within a tenth or so, the curves less their mean error, and how to read kappas.
 
-    A kappa read anew in each pass would feed on itself: one that is too large puts the edge too far
-    out, and there the next one is larger still. Over a third of the radius threads average out.
+    Over a third of the radius threads average out. The windows stay where they are: a kappa of
+    windows about the last pass's curve would feed on itself, as one that is too large puts the edge
+    too far out, and there the next one is larger still.
     """
     start = _WIDEST_START if blur is None else blur
     t = _window(start, radius, _BROAD)
@@ -149,19 +159,47 @@ def _first_look(
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
 
-    def kappas(shifts: tuple[float, float], s: float) -> tuple[float, float]:
+    def kappas(inside: Array, s: float) -> tuple[float, float]:
         left, right = (
             limb_strength(side.light, t - shift, s, radius)
-            for side, shift in zip(sides, shifts, strict=True)
+            for side, shift in zip(sides, inside, strict=True)
         )
         return left, right
 
-    about = kappas((0.0, 0.0), start)
+    about = kappas(np.zeros(2), start)
     profiles = [side.profile for side in sides]
     fit = edge_profile(profiles, t, start, radius, about, estimate=blur is None)
     left, right = fit.shifts
-    fit = dataclasses.replace(fit, kappas=kappas(fit.shifts, fit.blur))
-    return fit, [curves[0] + left, curves[1] - right]
+    fit = dataclasses.replace(fit, kappas=kappas(np.array(fit.shifts), fit.blur))
+    return fit, [curves[0] + left, curves[1] - right], kappas
+
+
+def _mean_steps(before: list[Array], now: list[Array]) -> Array:
+    """How far both sides have moved to the right in the mean [px], shape (2,)."""
+    return np.array([float(np.mean(new - old)) for new, old in zip(now, before, strict=True)])
+
+
+def _without_overshoot(outline: Outline, curves: list[Array], last: Array) -> tuple[Outline, Array]:
+    """The outline less the part of its step by which it would have to come back, and its mean step.
+
+    An edge's place, height and blur are found together, from a flank that ends where the curve puts
+    it: beside the edge a step may be twice too long, and passes go to and fro about their middle. Two
+    steps of opposite sign say by how much, by the secant through them.
+
+    Args:
+        outline: of windows aligned to the curves.
+        curves: columns of the left and the right side, shape (n,) each.
+        last: mean step that led to the curves [px], shape (2,).
+    """
+    sides = [outline.left, outline.right]
+    steps = _mean_steps(curves, [side.column for side in sides])
+    back = last * steps < 0
+    part = np.where(back, last / np.where(back, last - steps, 1.0), 1.0).clip(_LEAST_STEP, 1.0)
+    left, right = (
+        dataclasses.replace(side, column=side.column - less)
+        for side, less in zip(sides, (1 - part) * steps, strict=True)
+    )
+    return dataclasses.replace(outline, left=left, right=right), part * steps
 
 
 def _improved(

@@ -25,6 +25,7 @@ from imaging.outline import (
     variance_of_smooth,
     without_dents,
 )
+from imaging.outline.both_sides import _without_overshoot
 from imaging.segment.edge_light import edge_light
 from imaging.segment.segmentation import segment
 from imaging.synthetic import random_scene, render
@@ -325,3 +326,24 @@ def test_threads_of_another_brightness_leave_the_strength_of_a_limb():
     assert abs(rise[0]) < 0.01
     assert rise[1] > 0.05
     assert abs(limb_strength(windows.light, t, 1.0, 150.0)) < 0.005
+
+
+@pytest.mark.parametrize(("gain", "after"), [(2.0, 0.0), (1.2, 0.0), (0.9, 0.01)])
+def test_passes_that_overshoot_settle_on_the_edge(gain, after):
+    """Steps are `gain` times what is missing, on the left, and just that on the right."""
+    outline, _ = dented(0.0)
+    gains, missing = np.array([gain, 1.0]), np.array([0.1, -0.2])
+    curves = [outline.left.column - missing[0], outline.right.column - missing[1]]
+    steps = np.zeros(2)
+    for _ in range(2):
+        step = gains * missing
+        sides = [
+            dataclasses.replace(side, column=curve + way)
+            for side, curve, way in zip((outline.left, outline.right), curves, step, strict=True)
+        ]
+        stepped = dataclasses.replace(outline, left=sides[0], right=sides[1])
+        stepped, steps = _without_overshoot(stepped, curves, steps)
+        curves, missing = [stepped.left.column, stepped.right.column], missing - steps
+    assert np.abs(missing[0]) == pytest.approx(after * 0.1, abs=1e-12)
+    assert missing[1] == pytest.approx(0, abs=1e-12)
+    assert np.mean(curves[0] - outline.left.column) == pytest.approx(-missing[0], abs=1e-12)
