@@ -32,8 +32,8 @@ class Samples:
         stretch: columns per pixel along the normal, shape (n,).
         mean: windows averaged along the edge, shape (n, k).
         weight: part of the averaged rows in which the edge shows, shape (n,).
-        profile: mean of all, each of one brightness, shape (k,).
-        light: mean of all as bright as they are, shape (k,).
+        height: brightness of each just inside the edge, by which `mean` is divided, shape (n,).
+        profile: mean of all, shape (k,).
     """
 
     inward: int
@@ -41,8 +41,14 @@ class Samples:
     stretch: Array
     mean: Single
     weight: Single
+    height: Single
     profile: Array
-    light: Array
+
+    @property
+    def light(self) -> Array:
+        """Mean of all as bright as they are, shape (k,)."""
+        total = max(float(self.weight.sum()), 1.0)
+        return (self.weight * self.height @ self.mean / total).astype(np.float64)
 
 
 def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radius: float) -> Array:
@@ -97,13 +103,12 @@ def aligned_windows(
     windows = _along_edge(windows, averaged)
     windows /= np.maximum(weight, 1e-3)[:, None]
     weight[weight < _LEAST_SEEN] = 0
-    total = max(float(weight.sum()), 1.0)
-    mean = (weight @ windows / total).astype(np.float64)
     # Faint threads at the limb count as much as bright ones, or the mean edge would be the bright's.
     height = windows[:, (t > 1) & (t < 5)].mean(axis=1)
-    windows /= np.maximum(height, 0.3 * np.median(height))[:, None]
-    profile = (weight @ windows / total).astype(np.float64)
-    return Samples(inward, curve, stretch, windows, weight, profile, mean)
+    height = np.maximum(height, 0.3 * np.median(height))
+    windows /= height[:, None]
+    profile = (weight @ windows / max(float(weight.sum()), 1.0)).astype(np.float64)
+    return Samples(inward, curve, stretch, windows, weight, height, profile)
 
 
 def _along_edge(windows: Single, rows: int) -> Single:
