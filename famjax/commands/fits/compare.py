@@ -29,7 +29,7 @@ def compare(
     """Fit every published static force model, and famjax's own, to one force map.
 
     Each is fitted to all loaded readings, and again without each pressure and each length, which it
-    then predicts; minutes for all of them. Writes `compare.json` and `compare.png`. Finished rows
+    then predicts; half a minute for all of them. Writes `compare.json` and `compare.png`. Finished rows
     are kept in the folder `rows`, from which a stopped comparison goes on.
 
     Parameters
