@@ -159,7 +159,8 @@ def choose(
             fitted.append(one)
     found, rest = left_out_of(fitted, data.max_force, seed, executor, progress)
     if not found:
-        solve(posed_of(weighed, candidates[0], constraint, box), starts=starts, seed=seed)
+        plainest = posed_of(weighed, candidates[0], constraint, box)
+        solve(plainest, plainest.starts(starts, seed), seed=seed)
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
     tried, order = ranked([(one.candidate, one.rmse, out) for one, out in found], data.max_force)
     good = members(tried)
@@ -169,8 +170,8 @@ def choose(
         if progress is not None:
             progress(f"identifying: {chosen.candidate.name}", len(candidates), len(candidates))
         # The chosen family is certified by all starts; those averaged with it are near it.
-        count = min(starts, _COMPARED) if fits else starts
-        (result,) = solve(chosen.posed, objective=objective, starts=count, seed=seed)
+        points = chosen.ends if fits else chosen.posed.starts(starts, seed)
+        (result,) = solve(chosen.posed, points, objective=objective, seed=seed)
         if fits and not result.converged:
             continue
         fits.append(dataclasses.replace(result, data=data))

@@ -23,7 +23,7 @@ from ..trace import run_fits
 from .ladder import FEWEST_LENGTHS, Candidate
 from .ranking import ALIKE, score
 
-_STEPS, _TOLERANCE = 60, 1e-6
+_STEPS, _TOLERANCE, _PROMISE = 60, 1e-6, 1e-7
 
 
 def posed_of(data: ForceData, candidate: Candidate, constraint: str, box: str) -> Posed:
@@ -73,7 +73,7 @@ def _descended(problems: Sequence[Problem], starts: int, seed: int) -> list[list
         descend_many(
             [problem for problem in problems for _ in range(starts)],
             [start for cube in cubes for start in cube],
-            max_steps=_STEPS, tolerance=_TOLERANCE,
+            max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE,
         )
     )  # fmt: skip
     return [list(itertools.islice(ends, starts)) for _ in problems]
@@ -93,11 +93,11 @@ def rmse_of(problem: Problem, end: End) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Fitted:
-    """A family fitted to all readings, at a point of its unit box, with its score on them."""
+    """A family fitted to all readings: ends of its descents in its unit box, the best first; its score."""
 
     candidate: Candidate
     posed: Posed
-    u: Float[np.ndarray, " p"]
+    ends: Float[np.ndarray, "starts p"]
     rmse: float
     score: float
 
@@ -145,7 +145,9 @@ def _judged(
         if (one := grouped(problem, kind, error, groups=count)) is not None
     }
     rmse = rmse_of(problem, end)
-    return Fitted(candidate, posed, end.u, rmse, score(groups, rmse, max_force))
+    order = np.argsort([one.cost for one in ends])
+    points = np.stack([ends[k].u for k in order])
+    return Fitted(candidate, posed, points, rmse, score(groups, rmse, max_force))
 
 
 def _kinds(problem: Problem) -> list[tuple[str, int | None]]:
@@ -250,7 +252,7 @@ def _left_out(seed: int, fitted: Mapping[int, Fitted]) -> dict[int, dict[str, Le
     """Errors on what was left out of each family; None where there is no force at some of it."""
     if not fitted:
         return {}
-    fits = [(one.posed.problem, one.u) for one in fitted.values()]
+    fits = [(one.posed.problem, one.ends[0]) for one in fitted.values()]
     # Without some pressures the optimum stays where it was; without a length it may not.
     kinds = {kind: (groups, 1 if kind == "pressure" else 2) for kind, groups in _kinds(fits[0][0])}
     found = leave_out_each(fits, kinds, seed=seed)

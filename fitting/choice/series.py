@@ -225,10 +225,8 @@ def identify_series(
     chosen = first_on_ladder(tried)
     if progress is not None:
         progress(f"identifying: {tried[chosen].candidate.name}", len(rigs), len(rigs))
-    fits = [
-        solve(_posed(alike, constraint, box, one.candidate), starts=starts, seed=seed)
-        for one in found[order[chosen]]
-    ]
+    posed = [_posed(alike, constraint, box, one.candidate) for one in found[order[chosen]]]
+    fits = [solve(one, one.starts(starts, seed), seed=seed) for one in posed]
     return Series(
         name=tried[chosen].candidate.name, law=tried[chosen].candidate.law, specimens=fits[0],
         others=tuple(fits[1:]), tried=tried, left_out=tried[chosen].left_out["specimen"],

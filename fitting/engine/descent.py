@@ -25,6 +25,8 @@ _SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
 _EPS = float(np.finfo(float).eps)
 _TINY = float(np.finfo(float).tiny)
 _TOGETHER = 128  # descents in step: more, and their arrays leave the cache
+ROUNDED = 4 * _EPS
+"""Part of the cost: a step that promises less cannot be seen to descend."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +81,7 @@ def descend_many(
     *,
     max_steps: int = 200,
     tolerance: float = 1e-10,
+    promise: float = ROUNDED,
     progress: Callable[[int], None] | None = None,
 ) -> list[End]:
     """Local minimisers, each over the box of a problem and from a start of its own.
@@ -88,6 +91,8 @@ def descend_many(
         starts: of each, in the unit box of its own free parameters.
         max_steps: limit on the steps of each.
         tolerance: as in `descend`.
+        promise: part of the cost; where the last step was accepted and the next promises less,
+            a descent ends.
         progress: called with the place of each descent that has ended.
 
     Returns:
@@ -106,7 +111,7 @@ def descend_many(
         own = [np.isin(stack.free, problems[place].free) for place in places]
         for point, mine, place in zip(points, own, places, strict=True):
             point[mine] = starts[place]
-        for which, end in _InStep(stack, members, points, max_steps, tolerance).ends():
+        for which, end in _InStep(stack, members, points, max_steps, tolerance, promise).ends():
             ends[places[which]] = dataclasses.replace(end, u=end.u[own[which]])
             if progress is not None:
                 progress(places[which])
@@ -142,9 +147,10 @@ class _InStep:
         starts: np.ndarray,
         max_steps: int,
         tolerance: float,
+        promise: float,
     ) -> None:
         self._stack, self._members, self._starts = stack, members, starts
-        self._max_steps, self._tolerance = max_steps, tolerance
+        self._max_steps, self._tolerance, self._promise = max_steps, tolerance, promise
         k, p = len(stack.like.force) + len(stack.like.priors), starts.shape[1]
         k += len(stack.like.coefficient_priors)
         self._which = np.zeros(0, int)  # descents
@@ -245,6 +251,7 @@ class _InStep:
         self._trial = np.where(trial < _SNAP, 0.0, np.where(trial > 1 - _SNAP, 1.0, trial))
         cost = _squares(self._r)
         self._predicted = cost - _squares(self._r + (self._J @ move[:, :, None])[:, :, 0])
-        # A move below the rounding of the cost cannot show a descent: the end is reached there.
-        done = (self._predicted <= 4 * _EPS * cost) | (np.abs(move).max(axis=1) <= self._tolerance)
+        # A step that is damped after refusals promises little, however far the end is.
+        promise = np.where(self._growth == 2.0, self._promise, ROUNDED)
+        done = (self._predicted <= promise * cost) | (np.abs(move).max(axis=1) <= self._tolerance)
         yield from self._leave(done, done)

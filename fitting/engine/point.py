@@ -17,9 +17,11 @@ class Linear:
         force: [N] at no coefficients, shape (points,).
         columns: shape (points, n) of the part's coefficients.
         rows, values: of the constraint, g = rows x + values >= 0, (r, n) and (r,).
-        d_force, d_columns, d_rows, d_values: derivatives in the part's parameters.
+        d_force, d_columns, d_rows, d_values: derivatives in the part's parameters; those of the
+            constraint are None on the way of a descent.
         derived, d_derived: what follows from the parameters; None on the way of a descent.
         aside: what has no derivative; on the way of a descent only what it needs.
+        about: coefficients about which the model is linear, shape (n,).
         reached: force [N] at which a compliant rig was taken.
     """
 
@@ -29,11 +31,12 @@ class Linear:
     values: np.ndarray
     d_force: np.ndarray
     d_columns: np.ndarray
-    d_rows: np.ndarray
-    d_values: np.ndarray
+    d_rows: np.ndarray | None
+    d_values: np.ndarray | None
     derived: np.ndarray | None
     d_derived: np.ndarray | None
     aside: Aside
+    about: np.ndarray
     reached: np.ndarray
 
 

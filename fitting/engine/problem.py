@@ -22,7 +22,7 @@ from .family import RIG
 from .point import Point
 from .program import Program
 from .response import Constraint, MapInputs
-from .stack import REACHED, REACHES, Asked, Stack, partial
+from .stack import REACHED, REACHES, Asked, Stack, residual_slopes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -236,4 +236,12 @@ class Problem:
         Returns:
             (of the weighted residual, priors included, shape (k, q); of G x - h, shape (m, q)).
         """
-        return partial(self, [part.weight for part in self.parts], point)
+        q, m = len(self.names), point.programme[3].size
+        d_slack, row = np.zeros((m, q)), 0
+        for part, one in zip(self.parts, point.linear, strict=True):
+            there = slice(row, row + len(one.rows))
+            row = there.stop
+            if there.start < row:
+                moved = (one.d_rows @ point.x[part.coefficients]) + one.d_values
+                d_slack[there, part.at] += moved.T
+        return residual_slopes(self, [part.weight for part in self.parts], point), d_slack

@@ -33,7 +33,8 @@ from .response import Aside, Constraint, MapInputs, Response, bucket, response
 _FIELDS = (*Response._fields, *Response._fields, *Aside._fields)
 _SLOPES = range(len(Response._fields), 2 * len(Response._fields))
 _VALUES = [k for k in range(len(_FIELDS)) if k not in _SLOPES]
-OF_DESCENTS = frozenset({"force", "columns", "values", "rows", "gain"})
+OF_READINGS, OF_PATHS = frozenset({"force", "columns"}), frozenset({"values", "rows"})
+OF_DESCENTS = OF_READINGS | OF_PATHS | {"gain"}
 """What a descent needs of the results."""
 ALL = frozenset(_FIELDS)
 _MEMBERS = 16
@@ -89,6 +90,7 @@ class _Traced:
         fields: frozenset[str],
         moving: Sequence[int],
         held: Mapping[int, float],
+        slopes: frozenset[str],
     ) -> tuple[Response, Response, Aside]:
         """Members along the first axis, of arguments and of results; see `Program.of_members`."""
         if self._tape is None:
@@ -96,7 +98,7 @@ class _Traced:
         else:
             found, members = [None] * len(_FIELDS), max(len(v) for v in varying)
             once = tuple(k for k in _VALUES if _FIELDS[k] in fields)
-            each = tuple(k for k in _SLOPES if _FIELDS[k] in fields)
+            each = tuple(k for k in _SLOPES if _FIELDS[k] in slopes)
             results = iter(
                 self._on_tape([a[..., None] for a in arrays], varying, once, each, moving, held)
             )
@@ -264,6 +266,11 @@ class Program:
         return other if other._key == self._key else None
 
     @property
+    def structure(self) -> tuple[Any, ...]:
+        """Equal of programs that differ in numbers only."""
+        return self._key
+
+    @property
     def contents(self) -> tuple[Any, ...]:
         """Equal of programs that give the same results."""
         return (*self._key, *(array.tobytes() for array in self._arrays))
@@ -303,6 +310,7 @@ class Program:
         fields: frozenset[str],
         moving: Sequence[int],
         held: Mapping[int, float] | None = None,
+        slopes: frozenset[str] | None = None,
     ) -> tuple[Response, Response, Aside]:
         """The same for several members at once, along a first axis.
 
@@ -314,12 +322,18 @@ class Program:
             moving: places of the parameters in which to differentiate; other derivatives are zero,
                 or right.
             held: values of parameters that are the same in many calls, by their places.
+            slopes: fields that are differentiated; others may have no derivative. All unless given.
         """
         force = np.zeros((len(reached), self._size))
         force[:, : self._points] = reached
         sizes = p.shape[1], x0.shape[1], self._size
         return _traced(*self._key, sizes, self._family_key)(
-            self._arrays, (p, x0, force), fields, moving, held or {}
+            self._arrays,
+            (p, x0, force),
+            fields,
+            moving,
+            held or {},
+            fields if slopes is None else slopes,
         )
 
     def forces(

@@ -19,10 +19,10 @@ from ..convex.host_qp import solve_host_qps
 from ..convex.status import Status
 from .one_sided import one_sided
 from .point import Linear, Point
-from .program import ALL, OF_DESCENTS
+from .program import ALL, OF_DESCENTS, OF_PATHS, OF_READINGS
 
 if TYPE_CHECKING:
-    from .problem import Problem
+    from .problem import Part, Problem
 
 REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 REACHED = 1e-13  # relative change of the forces with which that ends
@@ -181,17 +181,17 @@ class Stack:
         """The linear models of a part about x0 and the forces that the rig is taken at."""
         part = self.like.parts[place]
         # Values are asked for by problems that hold different parameters: one program serves all.
+        # Those of the constraint have no part in most steps; `jacobian` sees where they have.
         which = {
             "all": (ALL, range(part.at.size), None),
-            "slopes": (OF_DESCENTS, self._moving[place], self._held[place]),
+            "slopes": (OF_DESCENTS, self._moving[place], self._held[place], OF_READINGS),
             "values": (OF_DESCENTS, (), None),
         }[asked]
         found: Any = part.program.of_members(
             parameters[:, part.at], x0, reached if part.rig else reached[:1], *which
         )
         value, slope, aside = found
-        count, points, n = len(parameters), part.force.size, x0.shape[1]
-        paths = part.inputs.path_end.size
+        points = part.force.size
         force, columns = value.force[:, :points], value.columns[:, :points]
         d_force, d_columns = slope.force[:, :, :points], slope.columns[:, :, :points]
         if part.rig:
@@ -199,21 +199,19 @@ class Stack:
             force = reached + gain * (force - reached)
             columns, d_force = gain[:, :, None] * columns, gain[:, None] * d_force
             d_columns = gain[:, None, :, None] * d_columns
-        q, many = part.at.size, paths * value.rows.shape[2]
-        rows = value.rows[:, :paths].reshape(count, many, n)
-        d_rows = slope.rows[:, :, :paths].reshape(count, q, many, n)
-        values = value.values[:, :paths].reshape(count, many)
-        d_values = slope.values[:, :, :paths].reshape(count, q, many)
         if x0.any():
             own = x0[:, :, None]
             force = force - (columns @ own)[:, :, 0]
-            values = values - (rows @ own)[:, :, 0]
             d_force = d_force - (d_columns @ own[:, None])[..., 0]
-            d_values = d_values - (d_rows @ own[:, None])[..., 0]
+        rows, values = _at_stations(part, value, x0)
+        d_rows, d_values = None, None
+        if slope.rows is not None:
+            d_rows, d_values = _at_stations(part, slope, x0)
         return Linear(
             force=force, columns=columns, rows=rows, values=values, d_force=d_force,
             d_columns=d_columns, d_rows=d_rows, d_values=d_values, derived=value.derived,
-            d_derived=slope.derived, aside=aside, reached=reached,
+            d_derived=slope.derived, aside=aside,
+            about=np.broadcast_to(x0, (len(parameters), x0.shape[1])), reached=reached,
         )  # fmt: skip
 
     def programme(
@@ -263,66 +261,99 @@ class Stack:
         """Derivative of the members' residuals in the unit box, through the convex fit."""
         like, free = self.like, self.free
         weights = [weight[members] for weight in self.weight]
-        d_residual, d_slack = (leaf[:, :, free] for leaf in partial(like, weights, points))
+        d_residual = residual_slopes(like, weights, points)[:, :, free]
         A, b, G, _ = points.programme
         optima, n = points.optimum, points.x.shape[1]
         if n:
             readings = sum(part.force.size for part in like.parts)
             r = (A @ points.x[:, :, None])[:, :, 0] - b
-            push = np.zeros(G.shape[:2])
-            for k, (rows, multipliers) in enumerate(
-                zip(optima.rows, optima.multipliers, strict=True)
-            ):
-                push[k, rows] = multipliers
-            dA_r = np.zeros((len(members), len(like.names), n))
-            dG_l, row, reading = np.zeros_like(dA_r), 0, 0
+            dA_r, reading = np.zeros((len(members), len(like.names), n)), 0
             for part, one, weight in zip(like.parts, points.linear, weights, strict=True):
                 here = slice(reading, reading + part.force.size)
                 reading = here.stop
                 at = (slice(None), *np.ix_(part.at, part.coefficients))
                 dA_r[at] += ((weight * r[:, here])[:, None, None] @ one.d_columns)[:, :, 0]
-                there = slice(row, row + one.rows.shape[1])
-                row = there.stop
-                if push[:, there].any():
-                    dG_l[at] += (push[:, None, None, there] @ one.d_rows)[:, :, 0]
             dr_A = d_residual[:, :readings].transpose(0, 2, 1) @ A[:, :readings]
-            dx = optima.sensitivity(G, dA_r[:, free] + dr_A, d_slack, dG_l[:, free])
+            d_slack, dG_l = self._pushed(points)
+            dx = optima.sensitivity(G, dA_r[:, free] + dr_A, d_slack[:, :, free], dG_l[:, free])
             rows = b.shape[1] - (n if like.ridge else 0)
             d_residual[:, :rows] += A[:, :rows] @ dx.transpose(0, 2, 1)
         return d_residual * (self._high - self._low)[members][:, None, free]
 
+    def _pushed(
+        self, points: Point
+    ) -> tuple[Float[np.ndarray, "b m q"], Float[np.ndarray, "b q n"]]:
+        """Derivatives of G x - h at constant x, and of G^T l, of the members at which a row of G is active.
 
-def partial(
+        Those of the others are left at zero.
+        """
+        (count, n), q = points.x.shape, len(self.like.names)
+        d_slack, dG_l = np.zeros((count, points.programme[3].shape[1], q)), np.zeros((count, q, n))
+        first = 0
+        for k, (part, one) in enumerate(zip(self.like.parts, points.linear, strict=True)):
+            last = first + one.rows.shape[1]
+            push = np.zeros((count, last - first))
+            here = []
+            for place, (rows, multipliers) in enumerate(
+                zip(points.optimum.rows, points.optimum.multipliers, strict=True)
+            ):
+                own = (first <= rows) & (rows < last)
+                if own.any():
+                    here.append(place)
+                    push[place, rows[own] - first] = multipliers[own]
+            if here:
+                about, reached = (
+                    leaf[here] if part.rig else leaf[:1] for leaf in (one.about, one.reached)
+                )
+                _, slope, _ = part.program.of_members(
+                    points.parameters[here][:, part.at], about, reached, OF_PATHS,
+                    self._moving[k], self._held[k],
+                )  # fmt: skip
+                d_rows, d_values = _at_stations(part, slope, about)
+                x = points.x[here][:, None, part.coefficients, None]
+                moved = (d_rows @ x)[..., 0] + d_values
+                at = np.array(here)[:, None, None]
+                d_slack[at, np.arange(first, last)[:, None], part.at] = moved.swapaxes(1, 2)
+                pushing = (push[here][:, None, None] @ d_rows)[:, :, 0]
+                dG_l[at, part.at[:, None], part.coefficients] += pushing
+            first = last
+        return d_slack, dG_l
+
+
+def residual_slopes(
     like: "Problem", weights: Sequence[np.ndarray], points: Point
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives at constant coefficients, in all nonlinear parameters.
+) -> Float[np.ndarray, "*b k q"]:
+    """Derivative of the weighted residual, priors included, at constant coefficients.
 
     Args:
         like: the problem, or one like all members.
         weights: of the readings of each part.
         points: one fit or several.
-
-    Returns:
-        (of the weighted residual, priors included, shape (..., k, q); of G x - h, (..., m, q)).
     """
-    q, x, leading = len(like.names), points.x, points.x.shape[:-1]
-    k, m = points.residual.shape[-1], points.programme[3].shape[-1]
-    d_residual, d_slack = np.zeros((*leading, k, q)), np.zeros((*leading, m, q))
-    row = reading = 0
+    d_residual = np.zeros((*points.residual.shape, len(like.names)))
+    reading = 0
     for part, one, weight in zip(like.parts, points.linear, weights, strict=True):
-        own = x[..., None, part.coefficients, None]
+        own = points.x[..., None, part.coefficients, None]
         here = slice(reading, reading + part.force.size)
         reading = here.stop
         moved = one.d_force + (one.d_columns @ own)[..., 0]
         d_residual[..., here, :][..., part.at] += np.swapaxes(weight[..., None, :] * moved, -1, -2)
-        there = slice(row, row + one.rows.shape[-2])
-        row = there.stop
-        if there.start < row:
-            moved = (one.d_rows @ own)[..., 0] + one.d_values
-            d_slack[..., there, :][..., part.at] += np.swapaxes(moved, -1, -2)
     for place, prior in enumerate(reversed(like.priors), 1):
         d_residual[..., -place, prior.place] = like.noise / prior.std
-    return d_residual, d_slack
+    return d_residual
+
+
+def _at_stations(
+    part: "Part", found: Any, about: Float[np.ndarray, "#b n"]
+) -> tuple[Float[np.ndarray, "b *q r n"], Float[np.ndarray, "b *q r"]]:
+    """Rows and values of a part's constraint at no coefficients, those of all paths one after another."""
+    paths, (*leading, _, _, n) = part.inputs.path_end.size, found.rows.shape
+    rows = found.rows[..., :paths, :, :].reshape(*leading, -1, n)
+    values = found.values[..., :paths, :].reshape(*leading, -1)
+    if about.any():
+        own = about[:, None, :, None] if len(leading) > 1 else about[:, :, None]
+        values = values - (rows @ own)[..., 0]
+    return rows, values
 
 
 def _wider(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from .refit import refit
 GROUPS = 8
 """Of neighbouring levels that say much the same of one another: pressures, and many lengths."""
 _SINGLE = 10  # lengths at most are left out one by one
-_QUICK = {"max_steps": 30, "tolerance": 1e-5}
+_QUICK = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
 """A prediction need not wait for the last digit of the fit that it is made by."""
 
 

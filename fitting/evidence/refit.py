@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..engine.descent import End, descend_many
+from ..engine.descent import ROUNDED, End, descend_many
 from ..engine.problem import Problem
 
 
@@ -37,6 +37,7 @@ def refit(
     *,
     max_steps: int = 200,
     tolerance: float = 1e-10,
+    promise: float = ROUNDED,
 ) -> Refit:
     """The best ends of descents, one for each problem.
 
@@ -46,6 +47,7 @@ def refit(
         max_steps: of each descent, see `descend_many`; what is only compared need not be an optimum
             to the last digit.
         tolerance: likewise.
+        promise: likewise.
 
     Returns:
         The refits.
@@ -53,7 +55,7 @@ def refit(
     which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
     tried = descend_many(
         [problems[k] for k in which.tolist()], [start for points in starts for start in points],
-        max_steps=max_steps, tolerance=tolerance,
+        max_steps=max_steps, tolerance=tolerance, promise=promise,
     )  # fmt: skip
     costs = np.array([end.cost for end in tried])
     costs[~np.isfinite(costs)] = np.inf

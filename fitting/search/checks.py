@@ -227,15 +227,19 @@ def _check_strained_everywhere(data: ForceData, order: int, levels: np.ndarray) 
 
 
 _AFFINE = 1e-7  # of the largest column: rounding of a force that is affine
+_SEEN_TO_BE_AFFINE: set[tuple] = set()
 
 
 def check_affine(problem: Problem) -> None:
     """The force must be affine in the coefficients that are declared linear.
 
-    It is evaluated: the derivatives at no coefficients and at others must be the same.
+    It is evaluated: the derivatives at no coefficients and at others must be the same. What has been
+    seen to be affine is so with other numbers.
     """
     middle = problem.low + (problem.high - problem.low) / 2
     for part in problem.parts:
+        if part.program.structure in _SEEN_TO_BE_AFFINE:
+            continue
         p, n = middle[part.at], part.coefficients.size
         none = part.program(p, np.zeros(n), part.force, "columns")[0].columns
         size = np.nanmax(np.abs(none), axis=0, initial=0.0)
@@ -251,6 +255,7 @@ def check_affine(problem: Problem) -> None:
                 "in it. Declare it without linear=True and with a finite range, low and high, and "
                 "it is searched"
             )
+        _SEEN_TO_BE_AFFINE.add(part.program.structure)
 
 
 def check_solvable(problem: Problem) -> None:

@@ -2,6 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+from jaxtyping import Float
+
 import famjax
 
 from ..data.force_data import ForceData
@@ -9,7 +12,7 @@ from ..families.laws import LawGiven
 from ..families.parameters import Parameter
 from .build import EXCHANGES
 from .checks import check_starts
-from .multi_start import best_of, descend_all, latin_hypercube, refine
+from .multi_start import best_of, descend_all, refine
 from .optimal import optimal
 from .posing import Geometry, Posed, pose_one, pose_together
 from .result import Identification
@@ -97,7 +100,10 @@ def identify(
         bounds=bounds, parameters=parameters, noise=noise, geometry=geometry, terms=terms,
         censored=censored,
     )  # fmt: skip
-    return solve(posed, objective=objective, starts=starts, seed=seed, progress=progress)[0]
+    (found,) = solve(
+        posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress
+    )
+    return found
 
 
 def identify_together(
@@ -153,29 +159,37 @@ def identify_together(
         data, own=own, own_law=own_law, law=law, order=order, constraint=constraint, box=box,
         parameters=parameters, noise=noise, geometry=geometry, terms=terms, censored=censored,
     )  # fmt: skip
-    return solve(posed, objective=objective, starts=starts, seed=seed, progress=progress)
+    return solve(
+        posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress
+    )
 
 
 def solve(
     posed: Posed,
+    starts: Float[np.ndarray, "k p"],
     *,
     objective: str = "sum_of_squares",
-    starts: int,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Identification, ...]:
     """The identifications, one for each force map, of a problem that is posed.
 
+    Args:
+        posed: the problem.
+        starts: points of the unit box of the free parameters.
+        objective: as in `identify`.
+        seed: of the starts, which the identification knows.
+        progress: called with (starts done, starts).
+
     Raises:
         InputError: no start ends at a force for every reading.
     """
-    problem = posed.problem
-    cube, robust = latin_hypercube(len(problem.free), starts, seed), None
+    problem, robust = posed.problem, None
     if objective == "huber":
-        best, ends, robust = descend_huber(problem, cube, progress)
+        best, ends, robust = descend_huber(problem, starts, progress)
         problem = problem.with_readings(factor=robust.weight)
     else:
-        ends = descend_all(problem, cube, progress)
+        ends = descend_all(problem, starts, progress)
         best = best_of(ends)
     best, problem = refine(problem, best, EXCHANGES)
     found = optimal(problem, best, posed.law.order, robust)

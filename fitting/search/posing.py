@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
@@ -32,6 +33,7 @@ from .checks import (
     check_source,
     known_bounds,
 )
+from .multi_start import latin_hypercube
 
 Geometry = (
     AbstractGeometrySource
@@ -60,6 +62,10 @@ class Posed:
     constraint: Constraint
     dependence: PressureDependence
     box: str
+
+    def starts(self, count: int, seed: int) -> Float[np.ndarray, "k p"]:
+        """Points of the unit box of the free parameters, from which to descend."""
+        return latin_hypercube(len(self.problem.free), count, seed)
 
 
 def pose_one(
