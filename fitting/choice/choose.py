@@ -21,6 +21,7 @@ from ..search.result import Identification
 from ..search.robust import check_objective
 from ..trace import run_fits
 from .ladder import MODEL_ERROR, ladder
+from .other_lengths import OtherLengths, accounts, other_lengths
 from .race import Fitted, fitted_in_step, left_out_of, posed_of
 from .ranking import Tried, hopeless, members, ranked
 
@@ -39,6 +40,8 @@ class Choice:
         names: of the members.
         left_out: errors of the mean of the members, by "pressure" and by "length".
         error: of predictions, as the readings left out show it.
+        other_lengths: what predictions of muscles of other lengths are made of, None where the map or
+            what a user says leaves but one account of it.
     """
 
     data: ForceData
@@ -48,6 +51,7 @@ class Choice:
     names: tuple[str, ...]
     left_out: Mapping[str, LeftOut]
     error: ModelError
+    other_lengths: OtherLengths | None = None
 
     @property
     def chosen(self) -> Identification:
@@ -142,21 +146,29 @@ def choose(
         )
     posed_of(weighed, candidates[0], constraint, box)  # what the plainest cannot be is no muscle
 
-    kinds = [tuple(of) for _, of in itertools.groupby(candidates, lambda one: one.kind)]
+    of_others = {one.name: one for one in accounts(data, parameters, bounds)}
+    judged = {one.name: one for one in candidates}
+    every = {**judged, **of_others}.values()
+    kinds = [tuple(of) for _, of in itertools.groupby(every, lambda one: one.kind)]
 
     def tell(done: int, total: int) -> None:
         if progress is not None and done < total:
             before = sum(len(of) for of in kinds[:done])
-            progress(f"{kinds[done][0].kind} families", before, len(candidates))
+            progress(f"{kinds[done][0].kind} families", before, len(every))
 
     fit = functools.partial(fitted_in_step, weighed, constraint, box, min(starts, _COMPARED), seed)
     ends = run_fits(fit, kinds, executor=executor, progress=tell)
     fitted: list[Fitted] = []
-    for candidate, one in zip(candidates, itertools.chain.from_iterable(ends), strict=True):
-        if isinstance(one, str):
+    elsewhere: list[Fitted] = []
+    for candidate, one in zip(every, itertools.chain.from_iterable(ends), strict=True):
+        if isinstance(one, str) and candidate.name in judged:
             dropped = (*dropped, f"{candidate.name} was left out: {one}")
-        elif one is not None:
+        if not isinstance(one, Fitted):
+            continue
+        if candidate.name in judged:
             fitted.append(one)
+        if candidate.name in of_others:
+            elsewhere.append(one)
     found, rest = left_out_of(fitted, data.max_force, seed, executor, progress)
     if not found:
         plainest = posed_of(weighed, candidates[0], constraint, box)
@@ -190,6 +202,7 @@ def choose(
     return Choice(
         data=data, tried=tried, dropped=dropped, members=tuple(fits), names=tuple(names),
         left_out=mean, error=model_error(data, residual, mean, unknowns),
+        other_lengths=other_lengths(elsewhere, data.max_force),
     )  # fmt: skip
 
 

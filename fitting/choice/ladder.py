@@ -93,6 +93,8 @@ def ladder(
     data: ForceData,
     parameters: Mapping[str, Parameter] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    rig_from: int = FEWEST_LENGTHS,
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """The families that a force map can carry.
 
@@ -105,6 +107,7 @@ def ladder(
         parameters: what a user says; none of these is varied by the ladder, and a law that has not
             one of them is left out.
         bounds: likewise.
+        rig_from: lengths from which on a rig that gives way by a power is told from a soft bladder.
 
     Returns:
         (the candidates, in the order of the ladder; one sentence for each kind of family left out).
@@ -132,8 +135,8 @@ def ladder(
         for extras, deadband in _FAMILIES:
             if said.names & {*extras, *(() if deadband else ("deadband_pressure",))}:
                 continue
-            if "series_exponent" in extras and lengths < FEWEST_LENGTHS:
-                continue  # in readings at the same lengths it is not told from a soft bladder
+            if "series_exponent" in extras and lengths < rig_from:
+                continue
             one = _candidate(data, law, extras, said, deadband=deadband)
             if one.unknowns <= told:
                 found.append(one)

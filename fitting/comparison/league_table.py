@@ -156,7 +156,8 @@ def compare(
             store.keep(index, _row(task))
     run_tasks(_row, tasks, executor=executor, store=store, progress=tell, names=names)
     rows = [ComparisonRow.from_dict(part) for part in store]
-    rows.sort(key=lambda row: (math.isnan(row.rmse), row.rmse))
+    # Where a further parameter makes no difference, the model without it comes first.
+    rows.sort(key=lambda row: (math.isnan(row.rmse), float(f"{row.rmse:.6g}"), row.n_parameters))
     return Comparison(data, tuple(rows))
 
 

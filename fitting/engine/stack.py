@@ -347,9 +347,9 @@ def _at_stations(
     part: "Part", found: Any, about: Float[np.ndarray, "#b n"]
 ) -> tuple[Float[np.ndarray, "b *q r n"], Float[np.ndarray, "b *q r"]]:
     """Rows and values of a part's constraint at no coefficients, those of all paths one after another."""
-    paths, (*leading, _, _, n) = part.inputs.path_end.size, found.rows.shape
-    rows = found.rows[..., :paths, :, :].reshape(*leading, -1, n)
-    values = found.values[..., :paths, :].reshape(*leading, -1)
+    paths, (*leading, _, stations, n) = part.inputs.path_end.size, found.rows.shape
+    rows = found.rows[..., :paths, :, :].reshape(*leading, paths * stations, n)
+    values = found.values[..., :paths, :].reshape(*leading, paths * stations)
     if about.any():
         own = about[:, None, :, None] if len(leading) > 1 else about[:, :, None]
         values = values - (rows @ own)[..., 0]

@@ -15,6 +15,7 @@ from famjax.boundary.units import from_si, si_unit, unit_system
 from famjax.cards import muscle_as_dict
 
 from ..choice.choose import Choice
+from ..choice.other_lengths import OtherLengths
 from ..choice.report import choice_as_dict
 from ..choice.series import Series
 from ..data.force_csv import specimen_as_dict
@@ -91,7 +92,7 @@ def summary_as_dict(
         "law": result.law.name,
         "order": result.order,
         "n_parameters": result.n_parameters,
-        **_rig(result),
+        **_rig(result.mounted),
         "length_offsets_m": result.length_offsets.tolist(),
         "constraint": result.constraint,
         "dependence": result.dependence,
@@ -165,6 +166,7 @@ def fit_as_dict(
         "spread": _spread(result, evidence),
         **summary_as_dict(result, evidence=evidence, choice=choice, judgement=judgement),
         "averaged_with": _averaged(() if choice is None else choice.members[1:]),
+        "other_lengths": None if choice is None else _other_lengths(choice.other_lengths),
         "correlations": {
             "parameters": list(names),
             "matrix": [[finite_or_none(value) for value in row] for row in matrix],
@@ -180,11 +182,11 @@ def fit_as_dict(
     }
 
 
-def _rig(result: Identification) -> dict[str, Any]:
+def _rig(mounted: famjax.MountedMuscle) -> dict[str, Any]:
     """What the rig is: its exponent is not there where it gives way in proportion to the force."""
-    compliance = {"series_compliance_m_per_N": result.series_compliance}
-    exponent = result.series_exponent
-    return compliance if exponent is None else {**compliance, "series_exponent": exponent}
+    compliance = {"series_compliance_m_per_N": float(mounted.compliance)}
+    exponent = mounted.exponent
+    return compliance if exponent is None else {**compliance, "series_exponent": float(exponent)}
 
 
 def _averaged(others: Sequence[Identification]) -> list[dict[str, Any]]:
@@ -192,11 +194,22 @@ def _averaged(others: Sequence[Identification]) -> list[dict[str, Any]]:
     return [
         {
             "law": one.law.name,
-            **_rig(one),
+            **_rig(one.mounted),
             "muscle": muscle_as_dict(one.muscle),
         }
         for one in others
     ]
+
+
+def _other_lengths(known: OtherLengths | None) -> dict[str, Any] | None:
+    """What predictions of muscles of other lengths are made of."""
+    if known is None:
+        return None
+    members = []
+    for name, one in zip(known.names, known.members, strict=True):
+        assert isinstance(one.muscle, famjax.Muscle)
+        members.append({"family": name, **_rig(one), "muscle": muscle_as_dict(one.muscle)})
+    return {"between_N": known.between, "members": members}
 
 
 def _spread(result: Identification, evidence: Evidence | None) -> dict[str, Any]:

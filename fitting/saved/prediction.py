@@ -46,10 +46,12 @@ def predict(
         the fitted data, and outside why they do not, null where they do. `force_std_N` is the
         standard deviation of a reading about the force, and `low_95_N` to `high_95_N` holds 95 % of
         such readings, null where nothing is known of it: that is so of another rest length, unless
-        the fit is of a series. `band` says what they are made of: "left
+        the fit is of a series, or of a model that was chosen with nothing said of deadband and rig. Of
+        such a model another muscle has the mean force of all accounts that the map cannot refute,
+        see `fitting.choice.OtherLengths`. `band` says what they are made of: "left
         out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
-        theory of the parameters alone in fits without it, "specimens" of a series, and "shared errors"
-        where they were stated. Where the rig
+        theory of the parameters alone in fits without it, "specimens" of a series, "one specimen" of
+        another length, and "shared errors" where they were stated. Where the rig
         gives way, `muscle_force_N` is the force of the muscle alone, were it of that length itself.
         With `onset` rows `length_m, onset_pressure_Pa, slack_up_to_Pa, pulls_from_Pa, inside, outside`
         follow; null where there is none. At a length that was measured the onset lies between the
@@ -130,8 +132,20 @@ def _pull(
     """Forces in the rig and of the muscle alone, with the standard deviation by linear theory.
 
     Of a fit that is the mean of several families they are the means; the standard deviation is that
-    of the first.
+    of the first. Of a muscle of another length than the one that was chosen it is their own.
     """
+    if rest_length is not None and fit.other_lengths:
+        of_each = [
+            pull(one, None, length, pressure, rest_length=rest_length, length_std=length_std)
+            for one in fit.other_lengths
+        ]
+        force = np.stack([one.force for one in of_each])
+        reading = np.nan_to_num(of_each[0].std)  # by the error of the lengths alone
+        return Pull(
+            force=force.mean(axis=0),
+            muscle_force=np.mean([one.muscle_force for one in of_each], axis=0),
+            std=np.hypot(force.std(axis=0), reading),
+        )
     spread = _spread(fit)
     directions = [
         *([] if _by_what_was_left_out(fit) else spread.get("directions", [])),
@@ -201,7 +215,9 @@ def _band(
         band = f"{theory}, specimens"
     elif rest_length is not None:
         # One specimen does not tell how specimens differ, nor its braid from its rig.
-        return std, factor, band
+        if not fit.other_lengths:
+            return std, factor, band
+        std, band = np.hypot(found.std, fit.document["other_lengths"]["between_N"]), "one specimen"
     elif fit.error is not None:
         model = fit.error.std(length, pressure)
         factor = fit.document["model_error"]["factor_95"]

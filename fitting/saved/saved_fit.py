@@ -30,6 +30,8 @@ class SavedFit:
         hysteresis: about the muscle's force, or None where it was not identified.
         others: further muscles, in their rigs; a prediction is the mean of them and the muscle.
         error: of predictions, or None where nothing was left out.
+        other_lengths: muscles, in their rigs, of whose forces the mean is that of a muscle of another
+            length; none where the fit cannot tell.
     """
 
     mounted: famjax.MountedMuscle
@@ -37,6 +39,7 @@ class SavedFit:
     hysteresis: CentredSlip | None = None
     others: tuple[famjax.MountedMuscle, ...] = ()
     error: ModelError | None = None
+    other_lengths: tuple[famjax.MountedMuscle, ...] = ()
 
     @property
     def muscle(self) -> famjax.Muscle:
@@ -79,10 +82,13 @@ def load_fit(path: str | Path) -> SavedFit:
         hysteresis = None if loops is None else slip_from_dict(loops)
         stored = document.get("model_error")
         others = tuple(_mounted(one) for one in document.get("averaged_with") or ())
+        elsewhere = tuple(
+            _mounted(one) for one in (document.get("other_lengths") or {}).get("members", ())
+        )
     except InputError as error:
         raise InputError(f"{path} is damaged: {error}") from None
     error = None if stored is None else ModelError.from_dict(stored)
-    return SavedFit(mounted, document, hysteresis, others, error)
+    return SavedFit(mounted, document, hysteresis, others, error, elsewhere)
 
 
 def _mounted(entry: Any) -> famjax.MountedMuscle:
@@ -129,6 +135,9 @@ def _check(document: dict[str, Any], mounted: famjax.MountedMuscle) -> None:
             _numbers(document, f"model_error.{name}.levels_{unit}", ("n",))
             _numbers(document, f"model_error.{name}.scale_N", ())
             _numbers(document, f"model_error.{name}.freedom", ())
+    if document.get("other_lengths") is not None:
+        _numbers(document, "other_lengths.between_N", ())
+        _entry(document, "other_lengths.members")
     if document.get("series") is not None:
         _numbers(document, "series.between_N", ())
         _numbers(document, "series.rest_lengths_m", ("n",))

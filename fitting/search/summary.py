@@ -13,6 +13,7 @@ from ..convex.status import Status
 from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.margin import Margin, constraint_margin
+from ..engine.point import Point
 from ..engine.problem import Problem
 from ..engine.response import unflat
 from .estimates import coefficient_stderr, concerning, derived, estimates, of_nodes
@@ -47,7 +48,7 @@ def summarise(
     estimated = estimates(found, posed.table)
     results = []
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
-        nodes, muscle = _nodes_of(found, k), _muscle(found, k)
+        nodes, muscle = _nodes_of(found, k), muscle_at(problem, point, k)
         force = force_at_readings(one, part, point)
         errors = _errors(one, force)
         pressures = getattr(muscle.material, "node_pressures", None)
@@ -88,9 +89,9 @@ def summarise(
     return tuple(results)
 
 
-def _muscle(found: Optimal, place: int) -> famjax.Muscle:
-    """The muscle of a part at the optimum; nothing is compiled for it."""
-    part, point = found.problem.parts[place], found.point
+def muscle_at(problem: Problem, point: Point, place: int) -> famjax.Muscle:
+    """The muscle of a part at a fit; nothing is compiled for it."""
+    part = problem.parts[place]
     value = part.program(
         point.parameters[part.at],
         point.x[part.coefficients],

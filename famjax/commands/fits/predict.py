@@ -46,7 +46,8 @@ def predict(
     rest_length
         Of another muscle of the same series, its braid, bladder and end-fittings the same:
         `--rest-length 200mm`. From a fit of `famjax series` with an error band that knows how
-        specimens differ.
+        specimens differ; from a model that famjax fit chose, the mean of all accounts that its map
+        cannot refute, with a wide one.
     length_std
         Standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
     history
@@ -130,7 +131,13 @@ def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
     if saved.document.get("series_compliance_m_per_N"):
         print("note: force is what the rig of the fit measures, which gives way; muscle force "
               "that of the muscle alone")  # fmt: skip
-    if other and "series" not in saved.document:
+    if other and saved.other_lengths:
+        names = [one["family"] for one in saved.document["other_lengths"]["members"]]
+        print("note: another rest length is predicted from one specimen, by the mean of all families "
+              f"that its map cannot refute ({'; '.join(names)}); the 95 % band holds what they "
+              "disagree by, and 6 % of the largest force between specimens (famjax series knows "
+              "more)")  # fmt: skip
+    elif other and "series" not in saved.document:
         print("note: another rest length is predicted from one specimen, so there is no error band: "
               "it does not tell how specimens differ, nor a rig that gives way from a braid that "
               "does (famjax series does)")  # fmt: skip
