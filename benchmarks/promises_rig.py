@@ -111,9 +111,27 @@ def _faults() -> Iterable[Promise]:
                       "simulated rig", "all", statistic, limit, direction, cost="long")  # fmt: skip
 
 
+def _datasets() -> Iterable[Promise]:
+    words = ("rig_datasets.py",)
+    rows = [
+        (
+            "largest distance of E_1, E_2, deadband, thread length",
+            "largest_of_all",
+            "standard errors",
+            3.0,
+        ),
+        ("force against the truth", "largest_rms_N", "largest RMS of a seed [N]", 1.6),
+    ]
+    for name, key, statistic, limit in rows:
+        yield Promise(15, f"dataset of a simulated rig, {name}", rig(words, key),
+                      f"python benchmarks/{words[0]}", "seeds 0 to 19", "all", statistic, limit,
+                      cost="long")  # fmt: skip
+
+
 RIG: tuple[Promise, ...] = (
     *_rigs(),
     *_faults(),
+    *_datasets(),
     shown(6, "tests of the rig without real time", "pytest tests/rig", "time [s]", 60.0),
 )
 """Issues 6 and 15."""
