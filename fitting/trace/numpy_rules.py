@@ -26,7 +26,10 @@ def full(x: np.ndarray, shape: Shape) -> np.ndarray:
 def _together(arrays: Sequence[np.ndarray], shapes: Sequence[Shape]) -> list[np.ndarray]:
     """The arrays in full, each for all members."""
     members = max(x.shape[-1] for x in arrays)
-    return [np.broadcast_to(x, (*s, members)) for x, s in zip(arrays, shapes, strict=True)]
+    return [
+        x if x.shape == (*s, members) else np.broadcast_to(x, (*s, members))
+        for x, s in zip(arrays, shapes, strict=True)
+    ]
 
 
 def _plain(function: Operation) -> Rule:
@@ -35,6 +38,8 @@ def _plain(function: Operation) -> Rule:
 
 def _integer_pow(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     exponent = params["y"]
+    if exponent in (2, -1):  # most are, and need no loop
+        return (lambda x: x * x) if exponent == 2 else (lambda x: 1 / x)
 
     def power(x: np.ndarray) -> np.ndarray:
         result, square, left = None, x, abs(exponent)
@@ -63,7 +68,7 @@ def _select(which: np.ndarray, *cases: np.ndarray) -> np.ndarray:
 
 def is_second(which: np.ndarray) -> bool:
     """Whether a choice of two cases is the second one throughout: most are guards, and are so."""
-    return bool(which.all())
+    return b"\0" not in which.tobytes()  # a third of the time of `all`
 
 
 def one_of_two(second: bool, which: np.ndarray, *cases: np.ndarray) -> np.ndarray:
@@ -85,7 +90,15 @@ def _broadcast_in_dim(params: Mapping[str, Any], _: Sequence[Shape]) -> Operatio
 
 def _reshape(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     new, old = params["new_sizes"], shapes[0]
-    return lambda x: full(x, old).reshape((*new, x.shape[-1]))
+    ones = (1,) * len(new)
+
+    def reshape(x: np.ndarray) -> np.ndarray:
+        members = x.shape[-1]
+        if x.size == members:  # constant along all axes
+            return x.reshape((*ones, members))
+        return full(x, old).reshape((*new, members))
+
+    return reshape
 
 
 def _squeeze(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
@@ -102,11 +115,14 @@ def _slice(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
     strides = params["strides"] or (1,) * len(shapes[0])
     cuts = [slice(*ends) for ends in
             zip(params["start_indices"], params["limit_indices"], strides, strict=True)]  # fmt: skip
+    whole, every = tuple(cuts), shapes[0]
     if not all(cut.stop > cut.start for cut in cuts):
-        return lambda x: full(x, shapes[0])[tuple(cuts)]
+        return lambda x: full(x, every)[whole]
     # A constant axis stays one.
     return lambda x: x[
-        tuple(c if n > 1 else slice(None) for c, n in zip(cuts, x.shape[:-1], strict=True))
+        whole
+        if x.shape[:-1] == every
+        else tuple(c if n > 1 else slice(None) for c, n in zip(cuts, x.shape[:-1], strict=True))
     ]
 
 
@@ -137,7 +153,17 @@ def _pad(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
 
 
 def _stack(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
-    return lambda *x: np.stack(_together(x, shapes), axis=params["axis"])
+    axis, shape = params["axis"], shapes[0]
+    size = *shape[:axis], len(shapes), *shape[axis:]
+    places = [(*(slice(None),) * axis, k) for k in range(len(shapes))]
+
+    def stack(*x: np.ndarray) -> np.ndarray:
+        found = np.empty((*size, max(one.shape[-1] for one in x)), x[0].dtype)
+        for place, one in zip(places, x, strict=True):
+            found[place] = one  # a constant axis is as long as it stands for
+        return found
+
+    return stack
 
 
 def _unstack(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
@@ -153,6 +179,9 @@ def _split(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
 def _reduce(function: np.ufunc) -> Rule:
     def rule(params: Mapping[str, Any], shapes: Sequence[Shape]) -> Operation:
         axes, shape = tuple(params["axes"]), shapes[0]
+        if all(shape[axis] == 1 for axis in axes):  # nothing to reduce
+            view = tuple(0 if axis in axes else slice(None) for axis in range(len(shape)))
+            return lambda x: x[view]
         return lambda x: function.reduce(full(x, shape), axis=axes)
 
     return rule
@@ -312,10 +341,6 @@ def _refuse_if(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     return checked
 
 
-def _same(x: np.ndarray) -> np.ndarray:
-    return x
-
-
 RULES: dict[str, Rule] = {
     **{name: _plain(getattr(np, function)) for name, function in {
         "add": "add", "add_any": "add", "sub": "subtract", "mul": "multiply", "neg": "negative",
@@ -335,9 +360,7 @@ RULES: dict[str, Rule] = {
     "integer_pow": _integer_pow,
     "select_n": _plain(_select),
     "clamp": _plain(_clamp),
-    "copy": _plain(_same),
-    "copy_p": _plain(_same),
-    "stop_gradient": _plain(_same),
+    **dict.fromkeys(("copy", "copy_p", "stop_gradient"), _plain(lambda x: x)),
     "convert_element_type": _convert,
     "broadcast_in_dim": _broadcast_in_dim,
     "reshape": _reshape,
@@ -368,3 +391,6 @@ RULES: dict[str, Rule] = {
     "scan": _scan,
 }  # fmt: skip
 """By the name of the primitive."""
+
+SEVERAL = frozenset({"cond", "scan", "sort", "split", "unstack", "while"})
+"""Primitives whose operations return a tuple."""

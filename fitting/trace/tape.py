@@ -8,12 +8,12 @@ before it could have begun. Only what is asked for is computed.
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
 
-from .numpy_rules import RULES, Shape, full, is_second, one_of_two
+from .numpy_rules import RULES, SEVERAL, Shape, full, is_second, one_of_two
 
 _INLINED = {
     "jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "core_call": "call_jaxpr",
@@ -36,6 +36,13 @@ NESTED = {
     "while": {"cond": "cond_jaxpr", "body": "body_jaxpr"}, "scan": {"body": "jaxpr"}, "cond": {},
 }  # fmt: skip
 """Primitives with tapes of their own, and where JAX keeps what these are made of."""
+
+
+_Work: TypeAlias = tuple[Callable[..., Any], tuple[int, ...], tuple[int, ...], bool]
+"""Operation, slots read and written, and whether it returns a tuple."""
+
+_ALONE, _MANY, _SEVERAL = -1, -2, -3
+"""In the place of a second operand: there is none, there are more, results are several."""
 
 
 class UnknownPrimitiveError(Exception):
@@ -245,11 +252,9 @@ def _asked_of_loop(step: Step, wanted: set[int]) -> Step:
     return Step(step.name, inputs, step.outputs, params)
 
 
-def _varying(
-    tape: Tape, steps: Sequence[Step], values: list[Any], fixed: set[int]
-) -> list[tuple[Callable[..., Any], tuple[int, ...], tuple[int, ...]]]:
-    """Operation, slots read and written of the steps on what varies; the others are done at once."""
-    varying = []
+def _varying(tape: Tape, steps: Sequence[Step], values: list[Any], fixed: set[int]) -> list[_Work]:
+    """The steps on what varies; the others are done at once."""
+    varying: list[_Work] = []
     seconds: dict[int, int] = {}  # whether a choice is the second case, by the slot that it reads
     for slot, value in tape.constants.items():
         values[slot] = value
@@ -267,10 +272,39 @@ def _varying(
                 if read[0] not in seconds:
                     seconds[read[0]] = len(values)
                     values.append(None)
-                    varying.append((is_second, read[:1], (seconds[read[0]],)))
+                    varying.append((is_second, read[:1], (seconds[read[0]],), False))
                 operation, read = one_of_two, (seconds[read[0]], *read)
-            varying.append((operation, read, step.outputs))
+            varying.append((operation, read, step.outputs, step.name in SEVERAL))
     return varying
+
+
+def _placed(
+    varying: Sequence[_Work], kept: set[int]
+) -> list[tuple[Callable[..., Any], Any, int, Any]]:
+    """Operations with their operands and the slots that they write; see `_runner`.
+
+    A slot is used again after its last use, so that memory in the cache is used again.
+    """
+    last = {slot: place for place, (_, read, _, _) in enumerate(varying) for slot in read}
+    now: dict[int, int] = {}
+    free: list[int] = []
+    work: list[tuple[Callable[..., Any], Any, int, Any]] = []
+    for place, (operation, read, written, several) in enumerate(varying):
+        slots = tuple(now.get(slot, slot) for slot in read)
+        free += {now.get(slot, slot) for slot in read if last[slot] == place and slot not in kept}
+        for slot in written:
+            if free and slot not in kept:
+                now[slot] = free.pop()
+        into = tuple(now.get(slot, slot) for slot in written)
+        if several:
+            work.append((operation, slots, _SEVERAL, into))
+        elif len(slots) == 1:
+            work.append((operation, slots[0], _ALONE, into[0]))
+        elif len(slots) == 2:
+            work.append((operation, *slots, into[0]))
+        else:
+            work.append((operation, slots, _MANY, into[0]))
+    return work
 
 
 def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
@@ -286,15 +320,7 @@ def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray
     fixed = set(tape.constants)
     varying = _varying(tape, needed[::-1], values, fixed)
     results = [tape.outputs[place] for place in outputs]
-    # Slots are emptied after their last use, so that memory in the cache is used again.
-    last: dict[int, int] = {}
-    for place, (_, read, _) in enumerate(varying):
-        last |= {slot: place for slot in read if slot not in fixed}
-    spent: list[list[int]] = [[] for _ in varying]
-    for slot, place in last.items():
-        if slot not in results:
-            spent[place].append(slot)
-    work = [(*one, tuple(gone)) for one, gone in zip(varying, spent, strict=True)]
+    work = _placed(varying, fixed.union(results))
     shapes = [tape.shapes[slot] for slot in results]
 
     def run(*arguments: np.ndarray | None) -> list[np.ndarray]:
@@ -302,21 +328,18 @@ def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray
         for slot, argument in zip(tape.inputs, arguments, strict=True):
             v[slot] = argument
         with np.errstate(all="ignore"):
-            for operation, read, written, gone in work:
-                # Nearly all operations have one operand or two; a list of them takes as long again.
-                if len(read) == 2:
-                    found = operation(v[read[0]], v[read[1]])
-                elif len(read) == 1:
-                    found = operation(v[read[0]])
+            # Most operations take a microsecond, so that it counts what is done beside them.
+            for operation, first, second, written in work:
+                if second >= 0:
+                    v[written] = operation(v[first], v[second])
+                elif second == _ALONE:
+                    v[written] = operation(v[first])
+                elif second == _MANY:
+                    v[written] = operation(*[v[slot] for slot in first])
                 else:
-                    found = operation(*[v[slot] for slot in read])
-                if isinstance(found, tuple):
+                    found = operation(*[v[slot] for slot in first])
                     for slot, value in zip(written, found, strict=True):
                         v[slot] = value
-                else:
-                    v[written[0]] = found
-                for slot in gone:
-                    v[slot] = None
         return [full(v[slot], shape) for slot, shape in zip(results, shapes, strict=True)]
 
     return run
