@@ -112,7 +112,7 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
         return data, at
     (i0, i1), (j0, j1) = (
         _inner(low, high, count - 1)
-        for (low, high), count in zip(_largest(good), good.shape, strict=True)
+        for (low, high), count in zip(largest_block(good), good.shape, strict=True)
     )
     L = np.linspace(float(data.length[0]), float(data.length[1]), LENGTHS)
     P = np.linspace(float(data.pressure[0]), float(data.pressure[1]), PRESSURES)
@@ -133,7 +133,7 @@ def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
     """Share [-] of a grid's cells in the largest rectangle in which all is good."""
     if good.all():
         return 1.0
-    (i0, i1), (j0, j1) = _largest(good)
+    (i0, i1), (j0, j1) = largest_block(good)
     return (i1 - i0) * (j1 - j0) / float(np.prod(np.subtract(good.shape, 1)))
 
 
@@ -142,7 +142,7 @@ def _inner(low: int, high: int, last: int) -> tuple[int, int]:
     return low + (low > 0), high - (high < last)
 
 
-def _largest(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+def largest_block(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     """First and last lines of the largest rectangle of a grid in which all is good."""
     bad = np.pad(np.cumsum(np.cumsum(~good, 0), 1), ((1, 0), (1, 0)))
     best, found = -1, ((0, 0), (0, 0))

@@ -139,7 +139,7 @@ def _checked(name: str | PeerFamily, data: ForceData, starts: int) -> tuple[Peer
             f"{family.label} has {len(family.parameters)} parameters and the map {points} loaded "
             "readings: give more readings or choose a peer with fewer parameters"
         )
-    return family, _posed(family, data)
+    return family, posed_peer(family, data)
 
 
 def _best(
@@ -308,7 +308,7 @@ def _starts(family: PeerFamily, count: int, seed: int) -> Float[np.ndarray, "sta
     return latin_hypercube(searched, count if searched else 1, seed)
 
 
-def _posed(family: PeerFamily, data: ForceData) -> Problem:
+def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
     """The problem of fitting a peer to the loaded readings of a map."""
     at = data.loaded
     nothing = np.zeros(1)
@@ -338,7 +338,7 @@ def _posed(family: PeerFamily, data: ForceData) -> Problem:
 
 def forces_of(family: PeerFamily, data: ForceData) -> Float[np.ndarray, " points"]:
     """Force [N] at the loaded readings of a map, of a model in which nothing is free."""
-    (part,) = _posed(family, data).parts
+    (part,) = posed_peer(family, data).parts
     return part.predict(np.zeros(0), np.zeros(0), part.inputs.length, part.inputs.pressure)
 
 

@@ -101,7 +101,7 @@ def solve_qp(
     # Comparisons with nan are all false: a constraint that has no number would bind nowhere.
     known = jnp.isfinite(jnp.sum(G) + jnp.sum(h))
     status = jnp.where(known, status, int(Status.STALLED))
-    certificate = _certificate(
+    certificate = certificate_of(
         *(jax.lax.stop_gradient(v) for v in (A, b, G, h, x, multipliers / size, J, scale, size))
     )
     return Optimum(
@@ -114,7 +114,7 @@ def solve_qp(
     )
 
 
-def _certificate(
+def certificate_of(
     A: Float[Array, "k n"],
     b: Float[Array, " k"],
     G: Float[Array, "m n"],

@@ -101,7 +101,7 @@ def _readings(
 ) -> np.ndarray:
     """Pressure, length, force and scatter of the pressure at the common lengths, shape (n, 4).
 
-    Each is the mean of the isobar's own values within half a step of the common lengths, about a
+    Each is of a line through the isobar's own values within half a step of the common lengths, about a
     polynomial through all of them, so that readings of short strokes are as precise as those of long
     ones and a bend does not shift them.
     """
@@ -115,12 +115,20 @@ def _readings(
     reach = max(float(common[0] - common[1]) / 2, 1.01 * float(own[0] - own[1]))
     at = common[(common <= own[0] + 1e-9) & (common >= own[-1] - 1e-9)]
     at = at if at.size > 1 else own[[0, -1]]
-    near = np.abs(own - at[:, None]) <= reach
+    away = own - at[:, None]
+    near = np.abs(away) <= reach
+    # Near a turn there are values on one side only: a mean of what the polynomial leaves would be off.
+    line = np.where(near, away, 0.0)
+    count, first, second = near.sum(axis=1), line.sum(axis=1), (line**2).sum(axis=1)
+    spread = count * second - first**2
+    straight = spread > 0
     columns = []
     for curve in (pressure[use], force[use]):
         bend = bend_of(own, curve)
         left = curve - bend(own)
-        columns.append(bend(at) + (near @ left) / near.sum(axis=1))
+        mean, slope = near @ left, line @ left
+        here = np.divide(second * mean - first * slope, spread, where=straight, out=mean / count)
+        columns.append(bend(at) + here)
     scatter = np.sqrt((near @ bar.bin_pressure_std[use] ** 2) / near.sum(axis=1))
     return np.stack([columns[0], at, columns[1], scatter], axis=1)
 

@@ -91,16 +91,16 @@ def _column(name: str, value: Any, arrow: Any) -> tuple[Any, dict[str, Any]]:
         lists = arrow.LargeListArray.from_arrays([0, array.size], inner)
         return lists, {"shape": list(array.shape), "dtype": array.dtype.str}
     if isinstance(value, bool | int | float | str):
-        return _of_one(value, arrow), {}
+        return column_of_one(value, arrow), {}
     try:
-        return _of_one(json.dumps(value, allow_nan=False), arrow), {"json": True}
+        return column_of_one(json.dumps(value, allow_nan=False), arrow), {"json": True}
     except (TypeError, ValueError) as error:
         raise InputError(
             f"{name} must be an array of numbers or texts, or a plain value, to be kept: {error}"
         ) from None
 
 
-def _of_one(value: Any, arrow: Any) -> Any:
+def column_of_one(value: Any, arrow: Any) -> Any:
     """What `arrow.array([value])` is, without the 0.3 s in which that imports pandas."""
     if isinstance(value, str):
         text = value.encode()

@@ -242,12 +242,12 @@ def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
 
 
 def test_the_largest_rectangle_is_found() -> None:
-    from famjax.muscle.region import _largest
+    from famjax.muscle.region import largest_block
 
     rng = np.random.default_rng(3)
     for _ in range(20):
         good = rng.random((6, 7)) < 0.8
-        (i0, i1), (j0, j1) = _largest(good)
+        (i0, i1), (j0, j1) = largest_block(good)
         best = max(
             (b - a) * (d - c)
             for a in range(6) for b in range(a, 6) for c in range(7) for d in range(c, 7)

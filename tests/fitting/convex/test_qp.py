@@ -55,13 +55,13 @@ def test_positive_coefficients_agree_with_nnls(seed: int) -> None:
 
 def test_certificate_exposes_a_wrong_point() -> None:
     """The certificate must not be a formality: spoil the problem after solving and it shows."""
-    from fitting.convex.qp import _certificate
+    from fitting.convex.qp import certificate_of
 
     A, b, G, h = (jnp.asarray(v) for v in polynomial_problem(np.random.default_rng(1), 3))
     best = solve(A, b, G, h)
     scale = jnp.linalg.norm(A, axis=0)
     J = jnp.linalg.inv(jnp.linalg.qr(A / scale)[1])
-    spoilt = _certificate(A, b, G, h, best.x * 1.01, best.multipliers, J, scale, jnp.ones(33))
+    spoilt = certificate_of(A, b, G, h, best.x * 1.01, best.multipliers, J, scale, jnp.ones(33))
     assert float(spoilt["kkt_residual"]) > 1e-4
     assert float(spoilt["duality_gap"]) > 1e-6
 

@@ -13,7 +13,7 @@ import famjax
 from famjax._refuse_if import refuse_if
 from fitting import load_bundled
 from fitting.comparison import peer_families
-from fitting.comparison.fit import _posed
+from fitting.comparison.fit import posed_peer
 from fitting.convex.arrays import member
 from fitting.convex.host_qp import solve_host_qps
 from fitting.convex.status import Status
@@ -32,7 +32,7 @@ WELL_CONDITIONED = 1e-12  # of the box: parameters that the readings determine
 @pytest.fixture(scope="module")
 def problem():
     data = load_bundled("DMSP-20-300")
-    return _posed(peer_families(data)["klute_hannaford"], data)
+    return posed_peer(peer_families(data)["klute_hannaford"], data)
 
 
 @pytest.mark.slow
@@ -249,7 +249,7 @@ def test_a_function_of_ones_own_has_no_identity(folder):
 def test_families_of_the_registry_have_identities_of_their_own(folder):
     data = load_bundled("DMSP-20-300")
     keys = [
-        tape_store.identity(_posed(family, data).parts[0].family.identity)
+        tape_store.identity(posed_peer(family, data).parts[0].family.identity)
         for family in peer_families(data).values()
     ]
     assert None not in keys

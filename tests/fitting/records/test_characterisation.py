@@ -1,5 +1,6 @@
 """Characterisation of loops whose ends, areas and differences are known in closed form."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -313,3 +314,25 @@ def test_a_log_that_is_too_slow_for_the_grid_is_refused() -> None:
     )
     with pytest.raises(InputError, match="log faster, or take a coarser grid"):
         characterise(IsobaricRecord(*columns, rest_length=L0))
+
+
+def test_a_reading_beside_a_turn_is_not_drawn_to_the_readings_on_its_one_side(
+    tmp_path: Path,
+) -> None:
+    """There the force bends as no polynomial does, and a mean over one side is another reading's."""
+
+    def steep(length: np.ndarray) -> np.ndarray:
+        return 1e3 * (1 - (L0 - length) / 0.05) + 300 * np.exp(-(L0 - length) / 0.004)
+
+    found = characterise(record())
+    bars = [
+        dataclasses.replace(
+            bar, shortening=steep(bar.length), lengthening=steep(bar.length),
+            shortening_pressure=np.full(bar.length.size, bar.set_pressure),
+            lengthening_pressure=np.full(bar.length.size, bar.set_pressure),
+        )
+        for bar in found.isobars
+    ]  # fmt: skip
+    steady = dataclasses.replace(found, isobars=tuple(bars))
+    data = read_csv(write_dataset(steady, tmp_path / "set.csv"))
+    assert np.abs(data.force - steep(data.length)).max() < 0.5

@@ -341,7 +341,7 @@ def test_pictures_and_table(swept: Sweep) -> None:
 def test_the_command_writes_files_and_goes_on(
     monkeypatch: pytest.MonkeyPatch, swept: Sweep, tmp_path: Path
 ) -> None:
-    from fitting.sweeps import sweep_files as _sweep_command
+    from fitting.sweeps import sweep_files
 
     calls = []
 
@@ -349,8 +349,8 @@ def test_the_command_writes_files_and_goes_on(
         calls.append((given, options))
         return swept
 
-    monkeypatch.setattr(_sweep_command, "sweep", recorded)
-    document, paths = _sweep_command.sweep_command(
+    monkeypatch.setattr(sweep_files, "sweep", recorded)
+    document, paths = sweep_files.sweep_command(
         [DATA], geometry(), deadband=1e4, output=tmp_path / "new"
     )
     assert [path.name for path in paths] == ["sweep.json", "errors-1.png", "curves-1.png"]
@@ -361,7 +361,7 @@ def test_the_command_writes_files_and_goes_on(
     rows = json.loads(paths[0].read_text())["rows"]
     assert rows[0]["coefficients"] == swept.rows[0].coefficients.tolist()
     assert rows[-1]["cross_validated_rmse"] is None
-    _sweep_command.sweep_command([DATA], geometry(), bootstrap=3, output=tmp_path / "new")
+    sweep_files.sweep_command([DATA], geometry(), bootstrap=3, output=tmp_path / "new")
     assert calls[1][1]["resume"] == tmp_path / "new" / "replicates"
     assert options["deadband"] == 1e4
     assert given[0] == [DATA]

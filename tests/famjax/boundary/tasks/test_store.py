@@ -10,7 +10,7 @@ import pytest
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import Store, keepable
-from famjax.boundary.tasks.part_file import _of_one
+from famjax.boundary.tasks.part_file import column_of_one
 
 PART = {
     "table": np.array([[1.0, np.nan], [np.inf, -0.0]]),
@@ -46,10 +46,10 @@ def test_a_part_comes_back_to_the_last_bit_with_its_shapes_and_types(tmp_path: P
 def test_a_plain_value_is_the_column_that_arrow_makes_of_it() -> None:
     arrow = pytest.importorskip("pyarrow")
     for value in (True, False, 7, -(2**40), 2.5, float("inf"), "", "Länge", '["a", 1]'):
-        made = _of_one(value, arrow)
+        made = column_of_one(value, arrow)
         made.validate(full=True)
         assert made.equals(arrow.array([value])), value
-    assert np.isnan(_of_one(float("nan"), arrow)[0].as_py())
+    assert np.isnan(column_of_one(float("nan"), arrow)[0].as_py())
 
 
 def test_others_read_a_part_as_a_table(tmp_path: Path) -> None:
