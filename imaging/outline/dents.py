@@ -8,8 +8,9 @@ from .both_sides import Outline
 from .midline import off_smooth_midline
 from .smoother import smooth
 
-_ANY_BOW = 8  # coefficients of a mid-line that may be bowed
+_ANY_BOW = 5  # coefficients of a mid-line that may be bowed: half a sine wave to a thousandth
 _LONGER = 3.0  # times the outline's resolution: waves that no thread makes
+_DEEPEST = 2.0  # px of the mid-line, beyond which no thread is what covers an end
 _SEEN = 2.0  # robust standard deviations of the mid-line that make a dent
 
 
@@ -20,7 +21,9 @@ def without_dents(outline: Outline) -> Outline:
     thread beside it begins. That happens to one side at a time, and a body of revolution has a smooth
     mid-line. Where that leaves a smooth one by more than two standard deviations, the side that leaves
     its own smoother curve further is replaced by the other one's mirror image, between the rows in
-    which the mid-line crosses the smooth one. An outline of which no thread is hidden has no dents.
+    which the mid-line crosses the smooth one. At an end, where that curve is free to follow a dent, it
+    is the side that lies further in, as far as threads reach. An outline of which no thread is hidden
+    has no dents.
     """
     sides = outline.left, outline.right
     if not any(side.hidden for side in sides):
@@ -32,7 +35,11 @@ def without_dents(outline: Outline) -> Outline:
     np.maximum.at(furthest, run, np.abs(off))
     dented = furthest > _SEEN * 1.4826 * float(np.median(np.abs(off)))
     far = [np.bincount(run, np.abs(one)) for one in beside]
-    wrong = dented & (far[0] > far[1]), dented & (far[0] <= far[1])
+    on_left = far[0] > far[1]
+    for end in (0, -1):
+        if furthest[end] < _DEEPEST:
+            on_left[end] = off[end] > 0
+    wrong = dented & on_left, dented & ~on_left
     left, right = (
         dataclasses.replace(side, column=side.column - 2 * off * own[run])
         for side, own in zip(sides, wrong, strict=True)
