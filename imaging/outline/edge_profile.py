@@ -17,7 +17,8 @@ _FLANK = (2.0, 5.0)  # blurs inside the edge
 _RIM = ((1.5, 3.5), (4.0, DEEPEST))  # the same
 _OF_WAVE = 0.45  # of the blur, per relative excess of the first thread's light
 _WAVE_SEEN, _WAVE_LOST = 1.2, 2.0  # px of blur
-_MATTE, _TO_GLOSS = 1.0, 0.03  # of a rim's brightness
+_MATTE, _TO_GLOSS = 0.98, 0.05  # of a rim's brightness
+_FALLS, _TO_SHINE = -0.04, 0.04  # of a flank; one plain matte braid in seventy falls so
 _FIRST_DISK = 0.6  # from a large one the fit finds a small one, and not the reverse
 _FARTHEST = 4.0  # px that one pass may move an edge
 _KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
@@ -103,8 +104,9 @@ def edge_profile(
         _rim(limb(t - shift, s, kappa, radius, part), t - shift, s) for _, shift, kappa in sides
     ]
     rim = float(np.mean(rims))
+    matte = 1 - shine_of(rim, flank)
     left, right = (
-        shift - _first_thread(own, law, s, rim)
+        shift - matte * _first_thread(own, law, s)
         for (_, shift, _), own, law in zip(sides, rims, laws, strict=True)
     )
     return EdgeProfile(s, part, kappas, (left, right), misfit, flank, rim)
@@ -144,7 +146,7 @@ def _rim(profile: Array, t: Array, s: float) -> float:
     return float(at.mean() / max(beside.mean(), 1e-9)) if at.size and beside.size else 0.0
 
 
-def _first_thread(own: float, law: float, s: float, rim: float) -> float:
+def _first_thread(own: float, law: float, s: float) -> float:
     """How much further out the edge is than the fit has it, by the light of the first thread [px].
 
     Threads make the light wave as the azimuth does, in the same phase all along a straight edge, with
@@ -152,23 +154,26 @@ def _first_thread(own: float, law: float, s: float, rim: float) -> float:
     smooth limb says, it is darker at the edge: the fit takes the thread's own flank for the edge's. In
     the mean over all phases of a wave that fades at grazing sight the edge lies 0.2 to 0.6 px further
     out per part of excess, at blurs of 0.8 to 1.3 px; rendered braids have 0.45 px per px of blur. A
-    blur that spans the wave has another phase, and the excess of a rim that is gloss says nothing.
+    blur that spans the wave has another phase. Of a rim that is gloss the excess says nothing.
 
     Args:
         own: brightness there over that further in, on this side.
         law: the same by the law; 0, as on this side, where there is no further in.
         s: blur [px].
-        rim: the mean of both sides' own.
     """
     if min(own, law) <= 0:
         return 0.0
-    alike = np.clip((_WAVE_LOST - s) / (_WAVE_LOST - _WAVE_SEEN), 0, 1) * (1 - shine_of(rim))
+    alike = np.clip((_WAVE_LOST - s) / (_WAVE_LOST - _WAVE_SEEN), 0, 1)
     return float(alike * _OF_WAVE * max(1.0, s) * np.log(own / law))
 
 
-def shine_of(rim: float) -> float:
-    """How surely a rim of this brightness is gloss, 0 to 1: a matte one's is 1 at most."""
-    return min(max((rim - _MATTE) / _TO_GLOSS, 0.0), 1.0)
+def shine_of(rim: float, flank: float) -> float:
+    """How surely a limb shines, 0 to 1, by its rim and its flank, see `EdgeProfile`.
+
+    The rim of a matte limb is 1 at most, and its flank goes on as the model says: light that falls off
+    inside of a narrow bright rim is gloss.
+    """
+    return min(max((rim - _MATTE) / _TO_GLOSS, (_FALLS - flank) / _TO_SHINE, 0.0), 1.0)
 
 
 def near_edge(t: Array, s: float) -> Flags:

@@ -43,7 +43,7 @@ class Errors:
     squares of the larger of the first two and of the third, with blur s, kappa and misfit m as in
     `Quality`, each coefficient read off rendered pictures of known truth:
 
-    - 0.02 s, s no less than 1: the shade of the outermost threads, within whose width the edge is fitted,
+    - 0.018 s, s no less than 1: the shade of the outermost threads, within whose width the edge is fitted,
       beyond what the light of the first one says of it (see `EdgeProfile.shifts`);
     - 0.6 kappa times the edge's scatter: where light falls off towards the limb, threads shade it
       more than the model knows;
@@ -54,8 +54,8 @@ class Errors:
     Where black threads hide some of the edge, 0.03 px for each edge are added: dents that both sides have
     in the same rows, and what stands out beside hidden ones.
 
-    A rim brighter than what lies inside of it adds up to 0.13 s, from 1.03 on: gloss there, or
-    a lamp behind the muscle, looks like more of the muscle.
+    A rim brighter than what lies inside of it adds up to 0.13 s, from 0.98 to 1.03, and so does a flank
+    that falls, from -0.04 to -0.08: gloss there, or a lamp behind the muscle, looks like more of it.
 
     The length has the scatter of both edges along their tapes, and for each tape 0.04 px, the shade
     of the threads there, and 16 m s of all the misfit.

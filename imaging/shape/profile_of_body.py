@@ -17,7 +17,7 @@ from .axis import Axis
 from .measurement import Errors, Measurement, Trace
 from .photograph import Photograph
 
-_SHADE = 0.02  # of the blur, per edge
+_SHADE = 0.018  # of the blur, per edge
 _OF_TONE = 0.09  # of the blur, per edge and per tape
 _OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1
 _OF_MISFIT = 16.0  # px per edge and px of blur
@@ -117,7 +117,7 @@ def _systematic_part(quality: Quality, *, stated: bool) -> tuple[float, float]:
     )
     shade = _SHADE * max(1.0, quality.blur_px)
     tone = 0.0 if stated else _OF_TONE * quality.blur_px
-    gloss = _OF_GLOSS * shine_of(quality.rim) * max(1.0, quality.blur_px)
+    gloss = _OF_GLOSS * shine_of(quality.rim, quality.flank) * max(1.0, quality.blur_px)
     edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
     # Both tapes' edges move towards them, or from them, by the same tone curve.
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, ring) / math.sqrt(2), tone)
