@@ -57,8 +57,8 @@ class Errors:
     A rim brighter than what lies inside of it adds up to 0.13 s, from 0.98 to 1.03, and so does a flank
     that falls, from -0.04 to -0.08: gloss there, or a lamp behind the muscle, looks like more of it.
 
-    The length has the scatter of both edges along their tapes, and for each tape 0.04 px, the shade
-    of the threads there, and 16 m s of all the misfit.
+    The length has the scatter of both edges along their tapes, and for each tape 0.035 px, the shade
+    of the threads there, and the same 16 m s.
 
     A tone curve that was not stated adds 0.09 s to each edge of muscle and tapes, all alike: a third of
     what a gamma of 0.75 or 1.25 does to a step, and an S-curve of 0.8. Axis, distance and bow add

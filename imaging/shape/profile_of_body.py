@@ -24,7 +24,7 @@ _OF_MISFIT = 16.0  # px per edge and px of blur
 _OF_THREADS = 0.001  # misfit that threads leave, per px^2 of blur
 _WIDEST = 1.5  # px of blur, up to which it grows
 _HIDDEN = 0.03  # px per edge, where black threads hide some of it
-_RING_BIAS = 0.04  # px
+_RING_BIAS = 0.035  # px
 _OF_GLOSS = 0.13  # of the blur, per edge
 
 
@@ -111,16 +111,14 @@ def _systematic_part(quality: Quality, *, stated: bool) -> tuple[float, float]:
     """Systematic error of the width and of the length [px]."""
     light = _OF_LIGHT * max(quality.kappa, 0.0) * quality.residual_rms
     threads = _OF_THREADS * min(quality.blur_px, _WIDEST) ** 2
-    ring, lens = (
-        _OF_MISFIT * quality.blur_px * math.sqrt(max(quality.misfit**2 - own**2, 0.0))
-        for own in (0.0, threads)
-    )
+    misfit = math.sqrt(max(quality.misfit**2 - threads**2, 0.0))
+    lens = _OF_MISFIT * misfit * quality.blur_px
     shade = _SHADE * max(1.0, quality.blur_px)
     tone = 0.0 if stated else _OF_TONE * quality.blur_px
     gloss = _OF_GLOSS * shine_of(quality.rim, quality.flank) * max(1.0, quality.blur_px)
     edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
     # Both tapes' edges move towards them, or from them, by the same tone curve.
-    return edge, 2 * math.hypot(math.hypot(_RING_BIAS, ring) / math.sqrt(2), tone)
+    return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
 
 
 def _of_recipe(recipe: Recipe, length: float) -> tuple[str, ...]:
