@@ -23,11 +23,11 @@ class QualityLimits:
     Attributes:
         eta_value: least separability of muscle and cloth.
         eta_hue: least separability of tape and braid.
-        blur_px: largest blur of the outline [px].
+        blur_px: largest blur of the outline, and of the tapes' edges [px].
         blur_ratio: largest blur of the tapes' edges along the axis over that of the outline across
             it, or the reverse; a way of 4 px during the exposure reaches it with a lens of 1 px.
-        flank: largest excess of the mean edge over the model's, see `EdgeProfile`; a way of 13 px
-            during the exposure reaches it, and so does a lens as far out of focus.
+        flank: largest excess of the mean edge over the model's, see `EdgeProfile`; a way of 25 px
+            during the exposure reaches it.
         outlier_fraction: largest part of stray rows.
         residual_rms: largest scatter of the edge about its smooth curve [px].
         kappa: largest strength of the limb's root [px^-0.5]; the limb of a larger one is lost in
@@ -112,7 +112,9 @@ class Quality:
             self.tape_blur_px / max(self.blur_px, 1.0), self.blur_px / max(self.tape_blur_px, 1.0)
         )
         values = vars(self) | {"blur_ratio": ratio}
-        allowed = vars(limits) | {"tape_hue_error_deg": limits.tape_hue_deg}
+        allowed = vars(limits) | {
+            "tape_hue_error_deg": limits.tape_hue_deg, "tape_blur_px": limits.blur_px,
+        }  # fmt: skip
         for name, error, text in _CHECKS:
             value, limit = float(values[name]), float(allowed[name])
             if value < limit if name in _LEAST else value > limit:
@@ -132,10 +134,13 @@ _CHECKS: tuple[tuple[str, type[ImagingError], str], ...] = (
      "tape and braid must differ in colour: use another tape, or give its hue"),
     ("tape_hue_error_deg", AmbiguousHue,
      "the tapes found have another hue than the recipe's tape"),
-    ("blur_px", Defocused, "focus on the muscle's limb, and take the picture again"),
     ("blur_ratio", MotionBlurred,
      "edges must be as sharp along the axis as across it; these are smeared in one direction: expose "
      "shorter, or hold the muscle still, and take the picture again"),
+    ("blur_px", Defocused, "focus on the muscle's limb, and take the picture again"),
+    ("tape_blur_px", MotionBlurred,
+     "the tapes' edges must be sharp as well; these are smeared: expose shorter, or hold the muscle "
+     "still, check the focus, and take the picture again"),
     ("flank", MotionBlurred,
      "the muscle's edges must rise within the blur of a lens; these go on to rise: expose shorter, or "
      "hold the muscle still, check the focus, and take the picture again"),

@@ -10,10 +10,15 @@ from .edge_model import LARGEST_DISK, defocused_step, ramp, step
 
 _BROAD = 3.0  # px per px of blur, from where on samples say how the light falls towards the limb
 DEEPEST = 8.0  # the same, up to where an edge is looked at
-_NEAR = (-7.0, 1.75)  # the same: samples that say where the edge is
+_NEAR = (-7.0, 1.75, 2.5)  # the same: samples that say where the edge is; the last of wide blurs
+_WIDE = (1.5, 2.0)  # px: of blurs that no sharp lens has, which end as far inside as a box's do
 _BLURS = (0.4, 8.0)  # px
 _FLANK = (2.0, 5.0)  # blurs inside the edge
 _RIM = ((1.5, 3.5), (4.0, DEEPEST))  # the same
+_OF_WAVE = 0.45  # of the blur, per relative excess of the first thread's light
+_WAVE_SEEN, _WAVE_LOST = 1.2, 2.0  # px of blur
+_MATTE, _TO_GLOSS = 0.98, 0.05  # of a rim's brightness
+_FALLS, _TO_SHINE = -0.04, 0.04  # of a flank; one plain matte braid in seventy falls so
 _FIRST_DISK = 0.6  # from a large one the fit finds a small one, and not the reverse
 _FARTHEST = 4.0  # px that one pass may move an edge
 _KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
@@ -28,7 +33,8 @@ class EdgeProfile:
         blur: s, standard deviation of the spread of light across the edge, common to both [px].
         disk: part of its variance that a defocused lens' disk makes, the rest being Gaussian.
         kappas: strength of the limb's root against its step, left and right [px^-0.5].
-        shifts: of the edge against where the windows were aligned, inward [px].
+        shifts: of the edge against where the windows were aligned, inward [px], by the fit and by what the
+            light of the first thread says of its error.
         misfit: root mean square between profiles and model, over the step.
         flank: how much brighter than the model the profiles are 2 to 5 blurs inside, over the step; the
             larger of both sides.
@@ -91,12 +97,17 @@ def edge_profile(
     misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
     left, right = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
     s, part = (float(value[0]) for value in blur_and_disk(best))
-    flank = max(
-        _flank(profile, t - shift, s, kappa, radius)
-        for profile, shift, kappa in zip(profiles, (left, right), kappas, strict=True)
-    )
-    rim = float(
-        np.mean([_rim(p, t - shift, s) for p, shift in zip(profiles, (left, right), strict=True)])
+    sides = list(zip(profiles, (left, right), kappas, strict=True))
+    flank = max(_flank(profile, t - shift, s, kappa, radius) for profile, shift, kappa in sides)
+    rims = [_rim(profile, t - shift, s) for profile, shift, _ in sides]
+    laws = [
+        _rim(limb(t - shift, s, kappa, radius, part), t - shift, s) for _, shift, kappa in sides
+    ]
+    rim = float(np.mean(rims))
+    matte = 1 - shine_of(rim, flank)
+    left, right = (
+        shift - matte * _first_thread(own, law, s)
+        for (_, shift, _), own, law in zip(sides, rims, laws, strict=True)
     )
     return EdgeProfile(s, part, kappas, (left, right), misfit, flank, rim)
 
@@ -135,10 +146,41 @@ def _rim(profile: Array, t: Array, s: float) -> float:
     return float(at.mean() / max(beside.mean(), 1e-9)) if at.size and beside.size else 0.0
 
 
+def _first_thread(own: float, law: float, s: float) -> float:
+    """How much further out the edge is than the fit has it, by the light of the first thread [px].
+
+    Threads make the light wave as the azimuth does, in the same phase all along a straight edge, with
+    about one wave in the first 8 blurs. Where it is brighter 1.5 to 3.5 blurs inside than the law of a
+    smooth limb says, it is darker at the edge: the fit takes the thread's own flank for the edge's. In
+    the mean over all phases of a wave that fades at grazing sight the edge lies 0.2 to 0.6 px further
+    out per part of excess, at blurs of 0.8 to 1.3 px; rendered braids have 0.45 px per px of blur. A
+    blur that spans the wave has another phase. Of a rim that is gloss the excess says nothing.
+
+    Args:
+        own: brightness there over that further in, on this side.
+        law: the same by the law; 0, as on this side, where there is no further in.
+        s: blur [px].
+    """
+    if min(own, law) <= 0:
+        return 0.0
+    alike = np.clip((_WAVE_LOST - s) / (_WAVE_LOST - _WAVE_SEEN), 0, 1)
+    return float(alike * _OF_WAVE * max(1.0, s) * np.log(own / law))
+
+
+def shine_of(rim: float, flank: float) -> float:
+    """How surely a limb shines, 0 to 1, by its rim and its flank, see `EdgeProfile`.
+
+    The rim of a matte limb is 1 at most, and its flank goes on as the model says: light that falls off
+    inside of a narrow bright rim is gloss.
+    """
+    return min(max((rim - _MATTE) / _TO_GLOSS, (_FALLS - flank) / _TO_SHINE, 0.0), 1.0)
+
+
 def near_edge(t: Array, s: float) -> Flags:
     """The samples of the edge's outer flank and of little more."""
     size = max(1.0, s)
-    return (t >= _NEAR[0] * size) & (t <= _NEAR[1] * size)
+    reach = np.interp(s, _WIDE, _NEAR[1:])
+    return (t >= _NEAR[0] * size) & (t <= reach * size)
 
 
 def limb_strength(light: Array, t: Array, s: float, radius: float) -> float:

@@ -43,20 +43,21 @@ class Errors:
     squares of the larger of the first two and of the third, with blur s, kappa and misfit m as in
     `Quality`, each coefficient read off rendered pictures of known truth:
 
-    - 0.025 px sqrt(s), s no less than 1: the shade of the outermost threads, within whose width the
-      edge is fitted;
+    - 0.018 s, s no less than 1: the shade of the outermost threads, within whose width the edge is fitted,
+      beyond what the light of the first one says of it (see `EdgeProfile.shifts`);
     - 0.6 kappa times the edge's scatter: where light falls off towards the limb, threads shade it
       more than the model knows;
-    - 16 m s: a lens or a camera program that spreads light otherwise than the model, as halo and
-      sharpening do.
+    - 16 m s, of the misfit m beyond the 0.001 s^2, s up to 1.5, that threads leave within the part of the
+      edge that is fitted: a lens or a camera program that spreads light otherwise than the model, as
+      halo and sharpening do.
 
-    Of the mean diameter no less than 0.035 px sqrt(s) for each edge is stated, however quiet the picture:
-    pictures that look the same differ by as much.
+    Where black threads hide some of the edge, 0.03 px for each edge are added: dents that both sides have
+    in the same rows, and what stands out beside hidden ones.
 
-    A rim brighter than what lies inside of it adds up to 0.13 s, from 1.03 on: gloss there, or
-    a lamp behind the muscle, looks like more of the muscle.
+    A rim brighter than what lies inside of it adds up to 0.13 s, from 0.98 to 1.03, and so does a flank
+    that falls, from -0.04 to -0.08: gloss there, or a lamp behind the muscle, looks like more of it.
 
-    The length has the scatter of both edges along their tapes, and for each tape 0.04 px, the shade
+    The length has the scatter of both edges along their tapes, and for each tape 0.035 px, the shade
     of the threads there, and the same 16 m s.
 
     A tone curve that was not stated adds 0.09 s to each edge of muscle and tapes, all alike: a third of

@@ -7,6 +7,7 @@ import numpy as np
 from ..arrays import Array
 from ..camera.silhouette import Silhouette
 from ..outline.both_sides import Outline
+from ..outline.edge_profile import shine_of
 from ..outline.midline import off_smooth_midline
 from ..outline.smoother import correlated_points, smooth
 from ..quality import Quality
@@ -16,13 +17,14 @@ from .axis import Axis
 from .measurement import Errors, Measurement, Trace
 from .photograph import Photograph
 
-_SHADE = 0.025  # px per edge and px^0.5 of blur
+_SHADE = 0.018  # of the blur, per edge
 _OF_TONE = 0.09  # of the blur, per edge and per tape
-_LEAST = 0.035  # px per edge and px^0.5 of blur, of the mean diameter
 _OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1
 _OF_MISFIT = 16.0  # px per edge and px of blur
-_RING_BIAS = 0.04  # px
-_MATTE, _TO_GLOSS = 1.0, 0.03  # of a rim's brightness
+_OF_THREADS = 0.001  # misfit that threads leave, per px^2 of blur
+_WIDEST = 1.5  # px of blur, up to which it grows
+_HIDDEN = 0.03  # px per edge, where black threads hide some of it
+_RING_BIAS = 0.035  # px
 _OF_GLOSS = 0.13  # of the blur, per edge
 
 
@@ -46,8 +48,8 @@ def measurement_of_body(
     random, density = _random_part(outline)
     at = np.linspace(body.y[0], body.y[-1], random.size)
     edge, both_rings = _systematic_part(quality, stated=recipe.tone is not None)
-    least = 4 * _LEAST**2 * max(1.0, quality.blur_px) - density / (length * px_per_m)
-    edge = math.sqrt(max(edge**2, least))
+    hidden = outline.left.hidden + outline.right.hidden > 0
+    edge = math.hypot(edge, 2 * _HIDDEN * hidden)
     rows = np.linspace(body.y[0], body.y[-1], axis.cosine.size)
     cosine = np.interp(y, rows, axis.cosine)
     diameter = 2 * body.radius_at(y) * cosine
@@ -108,11 +110,12 @@ def _random_part(outline: Outline) -> tuple[Array, float]:
 def _systematic_part(quality: Quality, *, stated: bool) -> tuple[float, float]:
     """Systematic error of the width and of the length [px]."""
     light = _OF_LIGHT * max(quality.kappa, 0.0) * quality.residual_rms
-    lens = _OF_MISFIT * quality.misfit * quality.blur_px
-    shade = _SHADE * math.sqrt(max(1.0, quality.blur_px))
+    threads = _OF_THREADS * min(quality.blur_px, _WIDEST) ** 2
+    misfit = math.sqrt(max(quality.misfit**2 - threads**2, 0.0))
+    lens = _OF_MISFIT * misfit * quality.blur_px
+    shade = _SHADE * max(1.0, quality.blur_px)
     tone = 0.0 if stated else _OF_TONE * quality.blur_px
-    shine = min(max((quality.rim - _MATTE) / _TO_GLOSS, 0.0), 1.0)
-    gloss = _OF_GLOSS * shine * max(1.0, quality.blur_px)
+    gloss = _OF_GLOSS * shine_of(quality.rim, quality.flank) * max(1.0, quality.blur_px)
     edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
     # Both tapes' edges move towards them, or from them, by the same tone curve.
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)

@@ -26,6 +26,7 @@ from imaging.outline import (
     without_dents,
 )
 from imaging.outline.both_sides import _without_overshoot
+from imaging.outline.edge_profile import edge_profile
 from imaging.segment.edge_light import edge_light
 from imaging.segment.segmentation import segment
 from imaging.synthetic import random_scene, render
@@ -278,6 +279,15 @@ def test_dents_do_not_pull_the_mid_line_towards_them():
     assert np.abs(error).max() < 1.0
 
 
+@pytest.mark.parametrize("row", [0, 1199])
+def test_a_dent_at_an_end_is_not_carried_over_to_the_other_side(row):
+    outline, left = dented(0.02, depth=-1.5, at=(row,))
+    found = without_dents(outline)
+    assert abs(outline.left.column - left)[row] > 1.2
+    assert abs(found.left.column - left)[row] < 0.5
+    assert abs(found.right.column - outline.right.column)[row] == 0
+
+
 def test_an_outline_without_hidden_threads_stays():
     outline, _ = dented(0.0)
     assert without_dents(outline) is outline
@@ -326,6 +336,34 @@ def test_threads_of_another_brightness_leave_the_strength_of_a_limb():
     assert abs(rise[0]) < 0.01
     assert rise[1] > 0.05
     assert abs(limb_strength(windows.light, t, 1.0, 150.0)) < 0.005
+
+
+def woven_limb(t, blur, phase, *, depth=0.95, amplitude=0.05, radius=158.0):
+    """A limb whose light waves as the azimuth does, first at `depth` px, and less at grazing sight."""
+    fine = np.arange(0.01, t[-1] + 20, 0.02)
+    fades = np.sqrt(fine / 5).clip(0, 3)
+    light = 1 + amplitude * fades * np.cos(np.pi * np.sqrt(fine / depth) + phase)
+    spread = normal((t[:, None] - fine) / blur) / blur
+    profile = np.trapezoid(spread * light, fine, axis=1)
+    kappa = limb_strength(profile, t, blur, radius)
+    return edge_profile([profile] * 2, t, blur, radius, (kappa, kappa), disk=0.2, estimate=True)
+
+
+@pytest.mark.parametrize("blur", [1.0, 1.2])
+def test_the_light_of_the_first_thread_says_how_far_the_edge_is_off(blur, monkeypatch):
+    t = np.arange(-10.0, 61.0)
+    phases = np.arange(0, 2 * np.pi, np.pi / 6)
+    told = np.std([woven_limb(t, blur, phase).shifts[0] for phase in phases])
+    monkeypatch.setattr("imaging.outline.edge_profile._first_thread", lambda *_: 0.0)
+    by_fit = np.std([woven_limb(t, blur, phase).shifts[0] for phase in phases])
+    assert told < 0.7 * by_fit
+
+
+def test_a_smooth_limb_has_no_first_thread(monkeypatch):
+    t = np.arange(-10.0, 61.0)
+    told = woven_limb(t, 1.0, 0.0, amplitude=0.0).shifts[0]
+    monkeypatch.setattr("imaging.outline.edge_profile._first_thread", lambda *_: 0.0)
+    assert told == pytest.approx(woven_limb(t, 1.0, 0.0, amplitude=0.0).shifts[0], abs=SHIFT_PX)
 
 
 @pytest.mark.parametrize(("gain", "after"), [(2.0, 0.0), (1.2, 0.0), (0.9, 0.01)])

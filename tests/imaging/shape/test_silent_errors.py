@@ -64,6 +64,17 @@ def test_motion_is_refused_in_any_direction(base, way, angle):
         measured(changed(base, lens=lens), **STATED)
 
 
+@pytest.mark.parametrize(("way", "angle"), [(8, 45), (11, 50), (13, 55), (14, 45)])
+def test_motion_askew_is_measured_as_wide_as_it_is_or_refused(base, way, angle):
+    try:
+        found, truth = measured(changed(base, lens=Lens(motion_px=way, motion_deg=angle)), **STATED)
+    except MotionBlurred:
+        return
+    across = way * np.sin(np.radians(angle)) / np.sqrt(12)
+    assert found.quality.blur_px == pytest.approx(np.hypot(across, 0.95), rel=0.1)
+    assert sigmas(found, truth) < 2
+
+
 @pytest.mark.parametrize(
     "sensor",
     [Sensor(s_curve=0.55), Sensor(s_curve=0.8), Sensor(gamma=0.75), Sensor(gamma=1.25),
