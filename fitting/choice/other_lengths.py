@@ -19,8 +19,8 @@ from .series import DEFAULT_LAWS
 
 FROM_ONE = 0.06
 """Standard deviation, in parts of the largest force, of readings of a muscle about what one specimen of
-another length says of it, the disagreement of the accounts apart. With it the bands of 18 pairs of five
-muscles of 12 to 28 cm, each predicted from another, hold 96 % of the readings."""
+another length says of it, the disagreement of the accounts apart. Set so that the bands of 18 pairs of five
+muscles of 12 to 28 cm, each predicted from another, hold 95 % of the readings (96 %)."""
 
 
 @dataclasses.dataclass(frozen=True)
