@@ -114,12 +114,7 @@ def _faults() -> Iterable[Promise]:
 def _datasets() -> Iterable[Promise]:
     words = ("rig_datasets.py",)
     rows = [
-        (
-            "largest distance of E_1, E_2, deadband, thread length",
-            "largest_of_all",
-            "standard errors",
-            3.0,
-        ),
+        ("E_1, E_2, deadband, thread length", "largest_of_all", "largest standard errors", 3.0),
         ("force against the truth", "largest_rms_N", "largest RMS of a seed [N]", 1.6),
     ]
     for name, key, statistic, limit in rows:

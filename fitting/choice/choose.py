@@ -180,7 +180,7 @@ def choose(
     for one in good:
         chosen, left_out = found[order[one]]
         if progress is not None:
-            progress(f"identifying: {chosen.candidate.name}", len(candidates), len(candidates))
+            progress(f"identifying: {chosen.candidate.name}", len(every), len(every))
         # The chosen family is certified by all starts; those averaged with it are near it.
         points = chosen.ends if fits else chosen.posed.starts(starts, seed)
         (result,) = solve(chosen.posed, points, objective=objective, seed=seed)

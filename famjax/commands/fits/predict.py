@@ -135,8 +135,7 @@ def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
         names = [one["family"] for one in saved.document["other_lengths"]["members"]]
         print("note: another rest length is predicted from one specimen, by the mean of all families "
               f"that its map cannot refute ({'; '.join(names)}); the 95 % band holds what they "
-              "disagree by, and 6 % of the largest force between specimens (famjax series knows "
-              "more)")  # fmt: skip
+              "disagree by, and how specimens differ (famjax series knows more)")  # fmt: skip
     elif other and "series" not in saved.document:
         print("note: another rest length is predicted from one specimen, so there is no error band: "
               "it does not tell how specimens differ, nor a rig that gives way from a braid that "
