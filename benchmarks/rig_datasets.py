@@ -21,10 +21,9 @@ from typing import Any
 import jax
 import numpy as np
 
-import famjax
 import fitting
-from famjax import units
 from famjax.__main__ import main
+from famjax.chain import reference_muscle
 
 PLAN = """[plan]
 pressures_psi = [40, 70, 100]
@@ -39,15 +38,6 @@ pressure_limit_psi = 110
 proportional_counts_per_psi = 4
 integral_counts_per_psi_s = 2
 """
-LATEX = np.array([257.8, -57.9, 32.7]) * units.PSI
-THREAD = 9.89 * units.INCH
-
-
-def truth() -> famjax.Muscle:
-    """The muscle that `famjax rig simulate` has unless it is given one."""
-    braid = famjax.Braid(THREAD, 1.09, 0.011 * units.INCH)
-    bladder = famjax.Bladder(9.28125 * units.INCH, 0.875 * units.INCH, 0.0625 * units.INCH)
-    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), famjax.PolynomialMaterial(LATEX))
 
 
 def fitted(seed: int) -> dict[str, Any]:
@@ -64,9 +54,11 @@ def fitted(seed: int) -> dict[str, Any]:
                     raise RuntimeError(f"famjax {' '.join(words)} ended with {end.code}") from None
         data = fitting.read_csv(output / "dataset.csv")
     found = fitting.identify(data)
-    muscle, L, P = truth(), data.length[data.loaded], data.pressure[data.loaded]
+    muscle, L, P = reference_muscle(), data.length[data.loaded], data.pressure[data.loaded]
     error = found.predict(L, P) - np.asarray(muscle.force(L, P))
-    known = {"E_1": LATEX[0], "E_2": LATEX[1], "deadband_pressure": 0.0, "thread_length": THREAD}
+    E_1, E_2, _ = muscle.material.coefficients
+    thread = muscle.geometry.braid.rest_thread_length
+    known = {"E_1": E_1, "E_2": E_2, "deadband_pressure": 0.0, "thread_length": thread}
     distances = {}
     for name, value in known.items():
         one = {e.name: e for e in (*found.all_estimates, *found.derived)}[name]

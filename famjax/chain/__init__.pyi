@@ -10,6 +10,7 @@ from .photographs import (
 from .simulation import (
     SimulatedTest as SimulatedTest,
     Watcher as Watcher,
+    reference_muscle as reference_muscle,
     simulate as simulate,
     simulated_muscle as simulated_muscle,
 )

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import famjax
-from famjax.units import PSI
+from famjax.units import INCH, PSI
 from fitting.records import read_machine_log, write_dataset
 from rig.calibration import Calibration
 from rig.control import JOURNAL, Attendant, PlanFile, Request, Situation, record_test
@@ -29,6 +29,8 @@ from rig.simulation import (
 )
 
 from .isobaric_analysis import Analysis, analyse
+
+_LENGTHS = 801  # of a table: with 201 its straight lines lie 0.16 N above a 7/8 in muscle's force
 
 LOG, DATASET = "machine.csv", "dataset.csv"
 """Names of the files of a test beside its journal."""
@@ -68,6 +70,18 @@ class Watcher(Attendant):
         return ""
 
 
+def reference_muscle() -> famjax.Muscle:
+    """The 7/8 in muscle that a simulated rig has unless it is given one.
+
+    References:
+        Chambers 2021, chapter 6: its latex.
+    """
+    braid = famjax.Braid(9.89 * INCH, 1.09, 0.011 * INCH)
+    bladder = famjax.Bladder(9.28125 * INCH, 0.875 * INCH, 0.0625 * INCH)
+    latex = famjax.PolynomialMaterial(jnp.array([257.8, -57.9, 32.7]) * PSI)
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), latex)
+
+
 def simulated_muscle(
     members: Sequence[famjax.Muscle], *, shortest: float, friction: float = 0.02
 ) -> SimulatedMuscle:
@@ -80,7 +94,7 @@ def simulated_muscle(
     """
     first = members[0]
     rest = min(float(one.geometry.rest_length) for one in members)
-    lengths, pressures = np.linspace(shortest, rest, 201), np.linspace(0.0, 125.0 * PSI, 26)
+    lengths, pressures = np.linspace(shortest, rest, _LENGTHS), np.linspace(0.0, 125.0 * PSI, 26)
 
     def state(length: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array]:
         force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))

@@ -67,17 +67,10 @@ def rig_simulate(
 
 def _simulated_muscle(fit_json: Path | None):
     """A famjax muscle, tabulated for the rig, and its entries in a dataset."""
-    import jax.numpy as jnp
+    from famjax.chain import reference_muscle, simulated_muscle
 
-    from famjax.chain import simulated_muscle
-
-    from ... import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial, units
-
-    if fit_json is None:  # the reference work's 7/8 in muscle with the latex of its chapter 6
-        braid = Braid(9.89 * units.INCH, 1.09, 0.011 * units.INCH)
-        bladder = Bladder(9.28125 * units.INCH, 0.875 * units.INCH, 0.0625 * units.INCH)
-        latex = PolynomialMaterial(jnp.array([257.8, -57.9, 32.7]) * units.PSI)
-        muscle, others = Muscle(EstimatedGeometry(braid, bladder), latex), ()
+    if fit_json is None:
+        muscle, others = reference_muscle(), ()
         known = {"name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
                  "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875}  # fmt: skip
     else:
