@@ -150,6 +150,11 @@ class Device:
         """`SAFE`, `RUN`, `MANUAL` or `TRIP`."""
         return self._control.state
 
+    @property
+    def fault(self) -> int:
+        """What made it leave `RUN` or `MANUAL`, a place in `rig.protocol.FAULTS`; 0 for nothing."""
+        return self._control.fault
+
     def feed(self, data: bytes) -> None:
         """Bytes that have arrived; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
         room = RECEIVE_LIMIT - len(self._received)

@@ -144,9 +144,9 @@ def test_a_table_holds_the_angle(tmp_path):
     assert "triangle_angle_deg" in table.csv_text().splitlines()[0]
     assert np.isnan(table.braid_angle[0, [0, -1]]).all()
     assert Row(**dataclasses.asdict(rows[0])) == rows[0]
-    data, _, _ = table._variables()
-    assert data["braid_angle_profile_deg"][2]["units"] == "degree"
-    assert data["braid_angle_deg_stderr"][2]["units"] == "degree"
+    data = table.to_xarray()
+    assert data["braid_angle_profile_deg"].attrs["units"] == "degree"
+    assert data["braid_angle_deg_stderr"].attrs["units"] == "degree"
     assert not any("braid" in note for note in table.notes)
     rows = measured_rows([str(path)], recipe_of(scene(1), n_threads=60))
     note = "1 of 1 pictures show no braid angle, first one.jpg: about 72 threads are seen, not 60."

@@ -1,5 +1,7 @@
 """A transducer that lies: the device trips, or refuses to start, before the pressure has gone far."""
 
+import dataclasses
+import itertools
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -8,7 +10,7 @@ from native import NativeDevice
 
 from rig.device import Device
 from rig.protocol import RUN, SAFE, TRIP, DeviceSettings, DeviceStatus, Hello, frame
-from rig.simulation import HydraulicCircuit, PneumaticCircuit, SimulatedRig
+from rig.simulation import HydraulicCircuit, PneumaticCircuit, SimulatedRig, pressure_transducer
 
 PSI = 6894.757293168361
 RANGE, FROZEN, NO_RESPONSE = 6, 7, 8
@@ -170,10 +172,10 @@ class Loop:
 
     def __init__(self, device: Device, fluid: str, *, noise: bool = True) -> None:
         circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit(relief=None)
-        self.sim = SimulatedRig(circuit, device=device, seed=11)
+        sensor = pressure_transducer()
         if not noise:
-            self.sim.pressure_sensor = SimulatedRig().pressure_sensor
-            self.sim._pressure_noise = iter(lambda: 0.0, None)
+            sensor = dataclasses.replace(sensor, noise=0.0)
+        self.sim = SimulatedRig(circuit, device=device, pressure_sensor=sensor, seed=11)
         self.device = device
         self.peak = 0.0
 
@@ -308,7 +310,7 @@ def test_a_blocked_line_with_noise_trips_at_the_start(
     """The reading varies, as amplifiers do, but not with the pressure."""
     device = make()
     tick, noise = device.tick, [100, 103, 101, 104, 102, 100, 99, 102]
-    reading = iter(lambda: noise[loop.sim._ticks // 3 % len(noise)], None)
+    reading = (noise[tick // 3 % len(noise)] for tick in itertools.count(1))
     device.tick = lambda _, force: tick(next(reading), force)
     loop = Loop(device, fluid)
     loop.start(set_psi, 110.0, {"air": (4.0, 2.0), "water": (0.5, 5.0)}[fluid])
