@@ -3,6 +3,8 @@
 import gc
 import os
 import sys
+import time
+import zlib
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -58,14 +60,42 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 gc.set_threshold(100_000, 20, 50)
 
 
+BEGUN = time.monotonic()
+LONG_TAKES = 60.0  # [s] that must be left for a test which is given more than the usual time
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """How continuous integration does as many of the slow tests as its time allows."""
+    group = parser.getgroup("famjax")
+    group.addoption(
+        "--begin-within", type=float, metavar="SECONDS", help="skip what is not begun by then"
+    )
+    group.addoption("--shuffle", metavar="WORD", help="files in an order that goes with the word")
+
+
+def _given_more(item: pytest.Item) -> bool:
+    mark = item.get_closest_marker("timeout")
+    return mark is not None and mark.args[0] > float(item.config.getini("timeout"))
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """What is given more than the usual time is begun first: no worker is to wait for it at the end."""
-    usual = float(config.getini("timeout"))
-    given = [item.get_closest_marker("timeout") for item in items]
-    longest = [
-        item for item, mark in zip(items, given, strict=True) if mark and mark.args[0] > usual
-    ]
-    items.sort(key=lambda item: item not in longest)
+    """What is given more than the usual time is begun first: no worker is to wait for it at the end.
+
+    But for files in another order than their own, of which not all may be done.
+    """
+    if word := config.getoption("shuffle"):
+        items.sort(key=lambda item: zlib.crc32(f"{word} {item.path.name}".encode()))
+    else:
+        items.sort(key=lambda item: not _given_more(item))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what would be begun too late."""
+    within = item.config.getoption("begin_within")
+    if within is not None:
+        left = within - (time.monotonic() - BEGUN)
+        if left < (LONG_TAKES if _given_more(item) else 0.0):
+            pytest.skip(f"not begun within {within:g} s")
 
 
 def pytest_collection_finish() -> None:
