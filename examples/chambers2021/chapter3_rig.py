@@ -114,8 +114,8 @@ def fluids(tests: dict[str, Characterisation]) -> list[Row]:
 # %%
 def clocks(twin: Twin) -> list[Row]:
     """The alignment found, beside the truth."""
-    found, true = twin.test.alignment, twin.truth["clock"]
-    at = (found.reference - true["offset"]) / (1 + true["rate"])
+    found, true = twin.test.alignment, twin.truth.rig
+    at = (found.reference - true.clock_ahead) / (1 + true.clock_drift)
     error = float(found.journal_time(found.reference)) - at
     return [
         Row("3, clocks", "TWIN, error of the alignment of journal and log", error, "s"),

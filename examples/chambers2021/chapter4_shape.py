@@ -256,7 +256,7 @@ def photographed_lengths(twin: Twin) -> list[Row]:
     """Largest error of the length, against the machine as in the work, and against the truth."""
     table, rest = twin.pictures, twin.sheet.specimen.rest_length
     errors = {"the machine": table["length"] - (rest + table["displacement"])}
-    true = np.array([twin.truth["lengths_m"][Path(path).name] for path in table.path])
+    true = np.array([twin.lengths[Path(path).name] for path in table.path])
     errors["the truth"] = table["length"] - true
     published = {"the machine": printed()["photogrammetry"]["max_length_error_in"]}
     return [

@@ -7,12 +7,11 @@ next chapter need not measure it again.
 """
 
 import argparse
+import csv
 import dataclasses
 import functools
-import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from specimen import elastic_braid, inelastic_braid
 
@@ -25,7 +24,6 @@ from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
 from fitting.records import read_machine_log, write_dataset
 from rig.journal import read_journal
 
-TRUTH = "truth.json"
 DISTANCE, PITCH, PLACEMENT = 60 * units.INCH, units.INCH / 8, 0.01 * units.INCH
 """Camera to muscle, from mark to mark of the ruler, and how far that may be off the axis [m]."""
 
@@ -35,7 +33,7 @@ class Twin:
     """A twin in its folder, and what is measured of it, in SI.
 
     Attributes:
-        folder: with journal, log, photographs, ruler, sheet and `truth.json`.
+        folder: with journal, log, photographs, ruler, sheet and the truth.
     """
 
     folder: Path
@@ -58,16 +56,21 @@ class Twin:
         return chain_folder.read_sheet(self.folder)
 
     @functools.cached_property
-    def truth(self) -> dict[str, Any]:
+    def truth(self) -> "chain_folder.Truth":
         """What the twin was made from; used to judge, and where the work counted the braid's turns."""
-        return json.loads((self.folder / TRUTH).read_text(encoding="utf-8"))
+        drawn = chain_folder.drawn_truth(0, "small", flawed=True)  # which the file replaces whole
+        return chain_folder.read_truth(self.folder / chain_folder.TRUTH, drawn)
+
+    @functools.cached_property
+    def lengths(self) -> dict[str, float]:
+        """The true length [m] in each photograph."""
+        with (self.folder / chain_folder.TRUE_LENGTHS).open(encoding="utf-8") as file:
+            return {row["picture"]: float(row["length_m"]) for row in csv.DictReader(file)}
 
     @property
     def muscle(self) -> "chain_folder.TwinMuscle":
         """The true muscle."""
-        names = [field.name for field in dataclasses.fields(chain_folder.TwinMuscle)]
-        known = {name: self.truth[name] for name in names}
-        return chain_folder.TwinMuscle(**{**known, "coefficients": tuple(known["coefficients"])})
+        return self.truth.muscle
 
     @functools.cached_property
     def test(self) -> "chain.Analysis":
@@ -110,7 +113,7 @@ class Twin:
 
     def geometries(self) -> dict[str, AbstractGeometry]:
         """The work's four, with its thread length and the twin's turns, which one counts."""
-        known, turns = self.sheet.specimen, self.truth["turns"]
+        known, turns = self.sheet.specimen, self.muscle.turns
         given = inelastic_braid(units.INCH), elastic_braid(inch=units.INCH, psi=units.PSI)
         rigid, stretching = (dataclasses.replace(one, turns=turns) for one in given)
         measured = self.surface.geometry(known, braid=rigid)

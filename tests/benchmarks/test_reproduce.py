@@ -417,7 +417,6 @@ def test_reconstruction_is_seeded_marked_and_readable(
 
 
 @pytest.mark.slow
-@pytest.mark.long
 def test_fits_of_the_reconstruction_leave_errors_as_printed(
     loaded: ModuleType, found: list, tmp_path: Path
 ) -> None:

@@ -1,5 +1,6 @@
 """A characterisation folder from its skeleton to its report, and what is said where it cannot be."""
 
+import importlib
 import json
 import re
 import shutil
@@ -135,6 +136,16 @@ def test_a_twin_comes_back(twin: Path) -> None:
     }
     assert found["rmse_N"] < min(others.values())
     assert found["rmse_N"] < 1e-3 * found["largest_force_N"]
+
+
+@pytest.mark.slow
+def test_the_example_judges_by_its_truth(twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "examples" / "chambers2021")
+    known = importlib.import_module("twin").Twin(twin)
+    truth = tomllib.loads((twin / TRUTH).read_text())
+    assert list(known.muscle.coefficients) == truth["muscle"]["coefficients_Pa"]
+    assert known.truth.rig.clock_ahead == truth["rig"]["clock_ahead_s"]
+    assert known.lengths.keys() == {file.name for file in (twin / "photographs").iterdir()}
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from fitting.choice import Series
 from fitting.evidence.spread import muscle_spread
 from fitting.saved import series_as_dict
 
-pytestmark = [pytest.mark.slow, pytest.mark.long]
+pytestmark = pytest.mark.slow
 
 DIAMETER, ANGLE, COMPLIANCE, C10, C01 = 0.012, math.radians(64), 1.1e-5, 0.5e6, 0.2e6
 NOISE = 1.0  # N

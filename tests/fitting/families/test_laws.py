@@ -10,7 +10,7 @@ from fitting import ForceData, Specimen, bootstrap, identify
 from fitting.families import known_laws
 from fitting.saved import summary_as_dict
 
-pytestmark = [pytest.mark.slow, pytest.mark.long]
+pytestmark = pytest.mark.slow
 
 RECOVERED = 1e-6  # relative: noise-free readings, as the project promises
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
