@@ -76,10 +76,12 @@ class Body:
         self.y0, self.step = y[0], y[1] - y[0]
         x, dx, z, dz = axis.at(y)
         square = R**2
-        self.columns = [square, np.gradient(square, y), x, dx, z, dz]
+        columns = square, np.gradient(square, y), x, dx, z, dz
+        self.columns = [
+            (column, None if np.ptp(column) == 0 else np.diff(column)) for column in columns
+        ]
         self.depth_of_axis = float(z.mean())
-        self.constant = [float(np.ptp(column)) == 0 for column in self.columns]
-        self.steps = 1 if all(self.constant) else _STEPS
+        self.steps = 1 if all(rise is None for _, rise in self.columns) else _STEPS
         self.offset = None if offset is None else 2 * R * offset
         self.largest = float(R.max())
         self.cut: tuple[int, Callable[[Array], Array]] | None = None
@@ -92,7 +94,7 @@ class Body:
 
     def _place(self, y: Array) -> tuple[NDArray[np.intp], Array]:
         """Entry of the table below y and the part of the way to the next."""
-        place = np.clip((y - self.y0) / self.step, 0, self.columns[0].size - 1 - 1e-6)
+        place = np.clip((y - self.y0) / self.step, 0, self.columns[0][0].size - 1 - 1e-6)
         i = place.astype(np.intp)
         return i, place - i
 
@@ -100,8 +102,8 @@ class Body:
         """R^2, its slope, xc, its slope, zc, its slope at y; a scalar where it is the same all over."""
         i, part = self._place(y)
         return [
-            column[0] if constant else column[i] + part * (column[i + 1] - column[i])
-            for column, constant in zip(self.columns, self.constant, strict=True)
+            column[0] if rise is None else column.take(i) + part * rise.take(i)
+            for column, rise in self.columns
         ]
 
     def _relief(self, offset: Array, right: Flags, y: Array) -> Array:
@@ -154,6 +156,8 @@ class Shoulder:
 
     def __init__(self, axis: Axis, y: float, inner: float, outer: float) -> None:
         self.y, self.inner, self.outer = y, inner, outer
+        self.first = self.last = y
+        self.largest = outer
         x, _, z, _ = axis.at(np.array([y]))
         self.x, self.z = float(x[0]), float(z[0])
 

@@ -1,6 +1,7 @@
 """What stands before the camera: a muscle of known shape with its tapes, and the braid's weave."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -277,7 +278,7 @@ class Crossings:
     across: Array
     along: Array
 
-    @property
+    @functools.cached_property
     def height(self) -> Array:
         """Height of the surface between valley (0) and crest (1)."""
         return np.cos(np.pi * self.across) * (0.6 + 0.4 * np.sin(np.pi * self.along))
@@ -340,11 +341,10 @@ class Weave:
         cot = np.interp(y, self.y, self.cotangent)
         sine = 1 / np.hypot(1, cot)
         cosine = np.where(at.on_top, 1, -1) * cot * sine
-        around = np.stack([-np.sin(azimuth), np.zeros_like(azimuth), -np.cos(azimuth)], axis=1)
-        axial = np.array([0.0, 1.0, 0.0])
-        lean = sine[:, None] * around + cosine[:, None] * axial
-        fibre = -cosine[:, None] * around + sine[:, None] * axial
-        return _YARN_TILT * np.sin(np.pi * at.across)[:, None] * lean, fibre
+        x, z = -np.sin(azimuth), -np.cos(azimuth)  # around the axis
+        steep = _YARN_TILT * np.sin(np.pi * at.across)
+        lean = np.stack([steep * (sine * x), steep * cosine, steep * (sine * z)], axis=1)
+        return lean, np.stack([-cosine * x, sine, -cosine * z], axis=1)
 
     def outline_offset(self, azimuth: Array, R: Array) -> Array:
         """How far the crests and valleys at the limb move the outline outwards [m], mean zero.

@@ -181,7 +181,7 @@ class World:
         which = np.full(u.shape, -1, np.int8)
         low, high = b.min() * self.axis.depth, b.max() * self.axis.depth
         for number, (_, body, _) in enumerate(self.bodies):
-            if isinstance(body, Body) and not self._in_sight(body, low, high):
+            if not self._in_sight(body, low, high):
                 continue
             depth = body.depth(a, b)
             closer = depth < nearest
@@ -201,7 +201,7 @@ class World:
                 hits, sight, albedo, *_GLOSS[kind])  # fmt: skip
         return which, light
 
-    def _in_sight(self, body: Body, low: float, high: float) -> bool:
+    def _in_sight(self, body: Body | Shoulder, low: float, high: float) -> bool:
         margin = 0.1 * max(abs(low), abs(high)) + body.largest
         return body.last > low - margin and body.first < high + margin
 
