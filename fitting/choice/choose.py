@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -20,10 +20,10 @@ from ..search.identification import solve
 from ..search.result import Identification
 from ..search.robust import check_objective
 from ..trace import run_fits
-from .ladder import MODEL_ERROR, ladder
+from .ladder import MODEL_ERROR, Candidate, ladder
 from .other_lengths import OtherLengths, accounts, other_lengths
 from .race import Fitted, fitted_in_step, left_out_of, posed_of
-from .ranking import Tried, hopeless, members, ranked
+from .ranking import Tried, first_settled, hopeless, members, ranked
 
 _COMPARED = 4  # starts of each family
 
@@ -111,7 +111,7 @@ def choose(
     neighbouring pressures. Families within one standard error of the best, or a tenth, are as good as
     it: the first of them on the ladder is chosen, and predictions are the mean of the best few of its
     law. Nothing is left out of a family that errs more on what it has seen than another on what it
-    has not.
+    has not. A family whose optimum cannot be certified is passed over where another errs little more.
 
     Args:
         data: the map.
@@ -169,41 +169,91 @@ def choose(
             fitted.append(one)
         if candidate.name in of_others:
             elsewhere.append(one)
-    found, rest = left_out_of(fitted, data.max_force, seed, executor, progress)
-    if not found:
+
+    def identified(one: Fitted, points: Float[np.ndarray, "k p"]) -> Identification | None:
+        if progress is not None:
+            progress(f"identifying: {one.candidate.name}", len(every), len(every))
+        try:
+            (result,) = solve(one.posed, points, objective=objective, seed=seed)
+        except InputError:
+            return None
+        return dataclasses.replace(result, data=data)
+
+    # The chosen family is certified by all starts; those averaged with it are near it.
+    found, rest, first, unsettled = _settled(
+        fitted,
+        data.max_force,
+        lambda left: left_out_of(left, data.max_force, seed, executor, progress),
+        lambda one: identified(one, one.posed.starts(starts, seed)),
+    )
+    if first is None:
         plainest = posed_of(weighed, candidates[0], constraint, box)
         solve(plainest, plainest.starts(starts, seed), seed=seed)
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
-    tried, order = ranked([(one.candidate, one.rmse, out) for one, out in found], data.max_force)
+    dropped = (*dropped, *(f"{name} was left out: its fit did not converge." for name in unsettled))
+    tried, order = ranked(_outcomes(found), data.max_force)
     good = members(tried)
-    fits, names, errors = [], [], []
-    for one in good:
-        chosen, left_out = found[order[one]]
-        if progress is not None:
-            progress(f"identifying: {chosen.candidate.name}", len(every), len(every))
-        # The chosen family is certified by all starts; those averaged with it are near it.
-        points = chosen.ends if fits else chosen.posed.starts(starts, seed)
-        (result,) = solve(chosen.posed, points, objective=objective, seed=seed)
-        if fits and not result.converged:
-            continue
-        fits.append(dataclasses.replace(result, data=data))
-        names.append(chosen.candidate.name)
-        errors.append(left_out)
-    mean = {
+    chosen, left_out = found[order[good[0]]]
+    averaged = [(chosen, first, left_out)]
+    for other, left_out in (found[order[one]] for one in good[1:]):
+        result = identified(other, other.ends)
+        if result is not None and result.converged:
+            averaged.append((other, result, left_out))
+    mean = _mean_of([one for *_, one in averaged])
+    residual = np.mean([one.residuals for _, one, _ in averaged], axis=0)
+    unknowns, best = tried[good[0]].candidate.unknowns, tried[0].score
+    return Choice(
+        data=data,
+        tried=(*tried, *(hopeless(one.candidate, one.rmse, one.score, best) for one in rest)),
+        dropped=dropped,
+        members=tuple(one for _, one, _ in averaged),
+        names=tuple(one.candidate.name for one, *_ in averaged),
+        left_out=mean,
+        error=model_error(data, residual, mean, unknowns),
+        other_lengths=other_lengths(elsewhere, data.max_force),
+    )
+
+
+_Judged = list[tuple[Fitted, dict[str, LeftOut]]]
+
+
+def _outcomes(found: _Judged) -> list[tuple[Candidate, float, dict[str, LeftOut]]]:
+    return [(one.candidate, one.rmse, out) for one, out in found]
+
+
+def _mean_of(errors: Sequence[Mapping[str, LeftOut]]) -> dict[str, LeftOut]:
+    """Errors of the mean of several families on what was left out, by kind."""
+    return {
         kind: dataclasses.replace(one, error=np.mean([of[kind].error for of in errors], axis=0))
         for kind, one in errors[0].items()
     }
-    residual = np.mean([one.residuals for one in fits], axis=0)
-    unknowns = tried[good[0]].candidate.unknowns
-    tried = (
-        *tried,
-        *(hopeless(one.candidate, one.rmse, one.score, tried[0].score) for one in rest),
-    )
-    return Choice(
-        data=data, tried=tried, dropped=dropped, members=tuple(fits), names=tuple(names),
-        left_out=mean, error=model_error(data, residual, mean, unknowns),
-        other_lengths=other_lengths(elsewhere, data.max_force),
-    )  # fmt: skip
+
+
+def _settled(
+    fitted: Sequence[Fitted],
+    max_force: float,
+    race: Callable[[Sequence[Fitted]], tuple[_Judged, list[Fitted]]],
+    certified: Callable[[Fitted], Identification | None],
+) -> tuple[_Judged, list[Fitted], Identification | None, list[str]]:
+    """The race of the families without those that are believed before the first that converges.
+
+    Returns:
+        (its outcome, as `left_out_of` has it; the fit of the first, None where nothing was found; the
+        names of those without an optimum).
+    """
+    unsettled: list[str] = []
+    while True:
+        found, rest = race(fitted)
+        if not found:
+            return found, rest, None, unsettled
+        first, lost = first_settled(
+            _outcomes(found), max_force, lambda place, found=found: certified(found[place][0])
+        )
+        if not lost:
+            return found, rest, first, unsettled
+        names = [found[place][0].candidate.name for place in lost]
+        unsettled += names
+        fitted = [one for one in fitted if one.candidate.name not in names]
 
 
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:

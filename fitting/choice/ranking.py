@@ -1,7 +1,8 @@
 """Which families predict best what was left out, and of which the predictions are the mean."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -13,6 +14,10 @@ _PLAINLY = 2.0  # standard errors behind the best in one kind of groups alone
 ALIKE = 0.1
 """Errors that differ by less than a tenth are not told apart."""
 
+_LITTLE_MORE = 0.4
+"""Logarithm of the error: half as much again is little for a fit that is an optimum."""
+_UNSETTLED = 6
+"""Families in a row without an optimum: from there on it is the readings, and not the family."""
 _NOISE = 1e-3  # of the largest force: smaller errors are not told apart
 
 
@@ -103,6 +108,53 @@ def first_on_ladder(tried: Sequence[Tried]) -> int:
     """Place of the family that is believed first, of those that are as good as the best."""
     good = [k for k, one in enumerate(tried) if one.as_good]
     return min(good, key=lambda k: tried[k].candidate.rank)
+
+
+@runtime_checkable
+class Settles(Protocol):
+    """What may be an optimum or not, such as an identification."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether it is one."""
+        ...
+
+
+Fit = TypeVar("Fit", bound=Settles)
+
+
+def first_settled(
+    found: Sequence[tuple[Candidate, float, Mapping[str, LeftOut]]],
+    max_force: float,
+    identified: Callable[[int], Fit | None],
+) -> tuple[Fit | None, list[int]]:
+    """The fit of the family that is believed first, of those whose optimum is certified.
+
+    Args:
+        found: each family, see `ranked`.
+        max_force: largest force measured [N].
+        identified: the fit of a family, called with its place in `found`; None where it has none.
+
+    Returns:
+        The fit, and the places of the families before it that have none to be certified. Where all that
+        err little more have none, either, the fit of the first that has any.
+    """
+    left, lost = list(range(len(found))), []
+    first: Fit | None = None
+    before, best = 0, np.inf
+    while left and len(lost) < _UNSETTLED:
+        tried, order = ranked([found[place] for place in left], max_force)
+        best = min(best, tried[0].score)
+        if tried[0].score > best + _LITTLE_MORE:
+            break
+        place = left.pop(order[first_on_ladder(tried)])
+        fit = identified(place)
+        if fit is not None and fit.converged:
+            return fit, lost
+        if fit is not None and first is None:
+            first, before = fit, len(lost)
+        lost.append(place)
+    return first, lost[:before]
 
 
 def members(tried: Sequence[Tried]) -> list[int]:

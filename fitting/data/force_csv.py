@@ -28,6 +28,8 @@ from .header import columns_of, quoted
 DEFAULT_WALL_THICKNESS = 1.8e-3
 """Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""
 
+_WALL_OF_BORE = 0.18  # at most: that of the DMSP-10, the smallest muscle that is known to have it
+
 _SPECIMEN_LENGTHS = (
     "rest_length",
     "wall_thickness",
@@ -309,11 +311,12 @@ def _complete(
             )
         )
     if "wall_thickness" not in fields:
-        fields["wall_thickness"] = DEFAULT_WALL_THICKNESS
+        across = fields.get("nominal_diameter") or fields.get("bladder_diameter") or math.inf
+        fields["wall_thickness"] = min(DEFAULT_WALL_THICKNESS, _WALL_OF_BORE * across)
         notes.append(
             Sentence(
                 "The bladder's wall was not given: ",
-                Quantity(DEFAULT_WALL_THICKNESS, "length"),
+                Quantity(fields["wall_thickness"], "length"),
                 " is assumed (--specimen wall_thickness_mm=...). E_n scales nearly inversely with it; "
                 "the force does not change.",
             )

@@ -238,12 +238,14 @@ class ForceData:
     @functools.cached_property
     def pressures(self) -> Levels:
         """The pressure level [Pa] of every reading: what "at one pressure" means for this map."""
-        return levels_of(self.pressure, "pressure", self.pressure_tolerance)
+        lengths = levels_of(self.length, "length", self.length_tolerance)
+        return levels_of(self.pressure, "pressure", self.pressure_tolerance, lengths.level)
 
     @functools.cached_property
     def lengths(self) -> Levels:
         """The length level [m] of every reading: what "at one length" means for this map."""
-        return levels_of(self.length, "length", self.length_tolerance)
+        pressures = levels_of(self.pressure, "pressure", self.pressure_tolerance)
+        return levels_of(self.length, "length", self.length_tolerance, pressures.level)
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:

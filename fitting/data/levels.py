@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
@@ -32,18 +32,27 @@ class Levels:
     note: str
 
 
-def levels_of(values: Float[np.ndarray, " n"], what: str, tolerance: float | None = None) -> Levels:
+def levels_of(
+    values: Float[np.ndarray, " n"],
+    what: str,
+    tolerance: float | None = None,
+    beside: Float[np.ndarray, " n"] | None = None,
+) -> Levels:
     """The levels of measured values: neighbours nearer than a tolerance are on one level.
 
     Without a tolerance, one is found where the gaps between the sorted values fall clearly into
     narrow ones, within 2 % of the range, and ones 8 times as wide that leave 1.5 readings to a
     level: the geometric mean of the two beside the divide. Values that repeat exactly, twice on
-    average, are nominal: equal ones are on one level, and no others.
+    average, are nominal, or rounded by the gauge: equal ones are on one level, and others only where
+    the gaps show it and no two of them were read at one level of the other quantity, as values that
+    someone set one after the other would have been.
 
     Args:
         values: in SI.
         what: they are, "pressure" or "length".
         tolerance: in SI, >= 0; None to find one.
+        beside: level of the other quantity of each reading; None where it is not known, and values that
+            repeat are nominal.
 
     Returns:
         The levels.
@@ -61,7 +70,10 @@ def levels_of(values: Float[np.ndarray, " n"], what: str, tolerance: float | Non
     distinct, place = np.unique(values, return_inverse=True)
     if tolerance is None:
         tolerance = _found(distinct, values.size)
-    group = np.cumsum(np.concatenate([[0], np.diff(distinct) > tolerance]))
+        if tolerance > 0 and values.size >= _NOMINAL * distinct.size:
+            merged = _groups(distinct, tolerance)[place]
+            tolerance = tolerance if _rounded(values, merged, beside) else 0.0
+    group = _groups(distinct, tolerance)
     numbers = np.arange(group[-1] + 1)
     first, last = (np.searchsorted(group, numbers, side) for side in ("left", "right"))
     low, high = distinct[first], distinct[last - 1]
@@ -92,9 +104,30 @@ def levels_of(values: Float[np.ndarray, " n"], what: str, tolerance: float | Non
     return Levels(mean[label], float(tolerance), note)
 
 
+def _groups(distinct: Float[np.ndarray, " k"], tolerance: float) -> Int[np.ndarray, " k"]:
+    """Number of the level of each value."""
+    return np.cumsum(np.concatenate([[0], np.diff(distinct) > tolerance]))
+
+
+def _rounded(
+    values: Float[np.ndarray, " n"],
+    group: Int[np.ndarray, " n"],
+    beside: Float[np.ndarray, " n"] | None,
+) -> bool:
+    """Whether values of one group are a single one that was read here so, there so.
+
+    What was set on purpose at two neighbouring values was set at both of them somewhere.
+    """
+    if beside is None:
+        return False
+    pairs = np.unique(np.stack([group, beside], axis=1), axis=0)
+    with_values = np.unique(np.stack([group, beside, values], axis=1), axis=0)
+    return len(with_values) == len(pairs)
+
+
 def _found(distinct: Float[np.ndarray, " k"], readings: int) -> float:
     """The tolerance that the gaps show, or 0."""
-    if distinct.size < 3 or readings >= _NOMINAL * distinct.size:
+    if distinct.size < 3:
         return 0.0
     span = distinct[-1] - distinct[0]
     gaps = np.sort(np.maximum(np.diff(distinct), _FINEST * span))

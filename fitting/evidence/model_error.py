@@ -153,15 +153,20 @@ def model_error(
 
 
 def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: float) -> Along:
-    """The scale at which the spline's variance gives the errors of the groups left out."""
-    ratios = []
+    """The scale at which the spline's variance gives the errors of the groups left out.
+
+    A level beside another tells next to nothing of it: of what is left of its error without the noise,
+    chance is more than its share where the prior would have it below the noise, and it counts as one
+    where the two are equal.
+    """
+    ratios, least = [], max(_NEAR, (noise / prior) ** 2)
     if left_out is None:
         return Along(levels, prior, PRIOR_FREEDOM)
     for group in np.unique(left_out.group):
         mine = left_out.group == group
         own = np.unique(left_out.level[mine])
         others = levels[~np.isin(levels, own)]
-        expected = max(float(np.mean(spline_variance(others, own))), _NEAR)
+        expected = max(float(np.mean(spline_variance(others, own))), least)
         excess = max(float(np.mean(left_out.error[mine] ** 2)) - noise**2, 0.0)
         ratios.append(excess / expected)
     freedom = PRIOR_FREEDOM + len(ratios)

@@ -270,7 +270,9 @@ def check_solvable(problem: Problem) -> None:
         raise InputError(
             f"the geometry has no dimensions at the loaded reading {lost[0] + 1} (length "
             f"{lengths[lost[0]] * 1e3:.5g} mm): the bladder does not fit in the braid there, or "
-            "the length is outside what was measured or can be reached"
+            "the length is outside what was measured or can be reached. Check wall_thickness, "
+            "nominal_diameter and bladder_diameter of the specimen (diameters, not radii), its rest "
+            "length, and their units"
         )
     if not np.isfinite(rows).all():
         raise InputError(

@@ -68,7 +68,10 @@ def judge(
     grave = [one.sentence for one in suspicions if one.grave]
     doubts = [one.sentence for one in suspicions if not one.grave]
     if not result.converged:
-        grave.append("The fit did not converge: its numbers are not an optimum.")
+        grave.append(
+            "The fit did not converge: its numbers are not an optimum. Try more starts (--starts) or a "
+            "law of fewer coefficients (--law)."
+        )
     kept = counted(result)
     if not kept.all():
         _judge_outliers(kept, grave, doubts)

@@ -11,14 +11,16 @@ from famjax.boundary.sentence import Quantity, Sentence
 from ..choice.ladder import Candidate
 from ..data.force_data import ForceData
 from .suspicion import FAR_BETTER, GOOD, Suspicion, named
-from .trial import Trial, attempt, misfit, richest
+from .trial import Trial, attempt, misfit, plainest, richest
 
 ATMOSPHERE = 101.3e3
 """Pressure of the air [Pa]."""
 
+THICK = 0.3
+"""Part of the bore: a wall above it leaves no room for a bladder that strains."""
+
 _ABSOLUTE = 0.85  # of an atmosphere: no reading is below it where pressures are absolute
 _AS_GOOD, _FINE = 1.2, 0.01  # a deadband takes up most of an atmosphere, a compliance the rest
-_THICK = 0.3  # of the bore: a wall that leaves no room for a bladder that strains
 _RISE = 0.05  # of the force at a length, between pressures as far apart as this:
 _APART = 1.3
 _STEEP = 40.0  # loss of force per contraction, in parts of the force: 3 to 10 for a muscle
@@ -39,7 +41,7 @@ def wall_share(data: ForceData) -> float:
 
 def thick_wall(data: ForceData) -> Iterator[Suspicion]:
     """A wall that is a third of the bore; the force hardly depends on it, so no misfit shows it."""
-    if wall_share(data) > _THICK:
+    if wall_share(data) > THICK:
         bore = data.specimen.nominal_diameter
         what, key = (
             ("the bore", "nominal_diameter") if bore else ("the bladder", "bladder_diameter")
@@ -149,6 +151,18 @@ def signs(data: ForceData, least: float, candidate: Candidate | None) -> Iterato
         )
 
 
+def pulls_late(data: ForceData) -> bool:
+    """Whether the pressures may be absolute: none is below an atmosphere, and all lengths pull late.
+
+    A braid or a rig that gives way takes the place of a deadband in part, so that a fit with one of
+    them need not be at a bound. With neither, the deadband alone makes a muscle pull late.
+    """
+    if data.pressure.min() < _ABSOLUTE * ATMOSPHERE:
+        return False
+    here = attempt(data, plainest(data), starts=2)
+    return here is not None and here.side("deadband_pressure") > 0
+
+
 def absolute(
     data: ForceData, here: Trial | None, least: float, candidate: Candidate | None, *, stopped: bool
 ) -> Iterator[Suspicion]:
@@ -163,16 +177,30 @@ def absolute(
     """
     if data.pressure.min() < _ABSOLUTE * ATMOSPHERE:
         return
-    if not stopped and (here is None or here.side("deadband_pressure") < 1):
-        return
-    gauge = np.maximum(data.pressure - ATMOSPHERE, 0.0)
-    for family in (candidate, richest(data, _RICH_LAW)):
-        then = attempt(dataclasses.replace(data, pressure=gauge), family)
+    stopped = stopped or here is None or here.side("deadband_pressure") > 0
+    gauge = dataclasses.replace(data, pressure=np.maximum(data.pressure - ATMOSPHERE, 0.0))
+    for family in (candidate, richest(data, _RICH_LAW)) if stopped else ():
+        then = attempt(gauge, family)
         if then is None or then.side("deadband_pressure") > 0:
             continue
         if then.misfit < _TOLERATED and then.misfit < max(_AS_GOOD * least, _FINE):
             yield named("the pressures are absolute, not gauge", least, then.misfit)
             return
+    plain = plainest(data)
+    as_it_stands, then = attempt(data, plain), attempt(gauge, plain)
+    if as_it_stands is None or then is None or plain is None:
+        return
+    if as_it_stands.side("deadband_pressure") <= 0 or then.side("deadband_pressure") > 0:
+        return
+    if then.misfit < _TOLERATED and then.misfit * _AS_GOOD < as_it_stands.misfit:
+        yield Suspicion(
+            "the pressures are absolute, not gauge",
+            "The data look wrong. It seems that the pressures are absolute, not gauge: none is below an "
+            "atmosphere, and unless braid or rig give way the muscle pulls later than any deadband has "
+            f"it. With them rigid, the misfit is {100 * then.misfit:.2g} % of the largest force if an "
+            f"atmosphere is taken off, and {100 * as_it_stands.misfit:.2g} % as the file stands.",
+            then.misfit,
+        )
 
 
 def wrong_rest_length(data: ForceData, least: float) -> Iterator[Suspicion]:

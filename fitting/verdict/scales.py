@@ -12,8 +12,9 @@ from famjax.boundary.units import UNITS
 from ..choice.ladder import Candidate
 from ..data.force_data import ForceData
 from .faulty_readings import thinned
+from .plain_faults import THICK, wall_share
 from .suspicion import FAR_BETTER, GOOD, Suspicion, named
-from .trial import Trial, attempt
+from .trial import attempt
 
 _USUAL = 5e5  # Pa, the highest pressure of most tests of pneumatic muscles
 _ALIKE = 0.5  # decades of pressure or of misfit: taken as equal
@@ -98,10 +99,11 @@ def _scales(data: ForceData) -> list[_Scale]:
 
 def wrong_scales(
     data: ForceData,
-    here: Trial | None,
     least: float,
     candidate: Candidate | None,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    cornered: bool,
 ) -> list[Suspicion]:
     """Units and sizes of which another would explain the readings far better, the likeliest first.
 
@@ -110,14 +112,14 @@ def wrong_scales(
 
     Args:
         data: the map.
-        here: its fit.
         least: the least misfit of the map as it is.
         candidate: the family.
         progress: called with (changes tried, changes).
+        cornered: a fit of the map as it is has both braid diameter and angle at bounds of more, or
+            of less, force.
     """
     if highest_is_zero(data):
         return []
-    cornered = here is None or here.corner != 0
     if least <= GOOD and not cornered:
         return []
     tried: list[tuple[float, Suspicion]] = []
@@ -126,6 +128,8 @@ def wrong_scales(
         if progress is not None:
             progress(done, len(scales))
         try:
+            if wall_share(scale.applied(few)) > max(THICK, wall_share(data)):
+                continue  # one fault is not explained by another
             then = attempt(scale.applied(few), candidate, starts=2)
             if then is not None and then.misfit < _PROMISING:
                 then = attempt(scale.applied(data), candidate)

@@ -16,6 +16,7 @@ from .faulty_readings import Explanation, one_length_off, outliers
 from .plain_faults import (
     absolute,
     no_rise,
+    pulls_late,
     signs,
     small_contraction,
     steepness,
@@ -73,6 +74,7 @@ def doubtful(result: Identification) -> bool:
         or next(thick_wall(data), None) is not None
         or float(data.force.min()) < -_DOUBTFUL * data.max_force
         or steepness(data) > _STEEP
+        or pulls_late(data)
     )
 
 
@@ -108,8 +110,9 @@ def suspect(
         found += wrong_rest_length(data, least)
     if not found:
         found += swapped(data, least, candidate)
-    if not found and (least > GOOD or here is None or here.corner or cornered(result)):
-        found += wrong_scales(data, here, least, candidate, progress)
+    in_corner = here is None or here.corner != 0 or (cornered(result) and least > _DOUBTFUL)
+    if not found and (least > GOOD or in_corner):
+        found += wrong_scales(data, least, candidate, progress, cornered=in_corner)
     if not found and not plain and least > _MIXED:
         found += _of_some(data, least)
     if not found and not plain and least > _UNEXPLAINED:
@@ -138,4 +141,6 @@ def _of_some(data: ForceData, least: float) -> list[Suspicion]:
         return []
     best = min(found[1] for found, _ in good)
     (cause, better), grave = next(one for one in good if one[0][1] <= 2 * max(best, 1e-3))
+    # What ends in no identification unexplained does not end in one explained.
+    grave = grave or least > _UNEXPLAINED
     return [named(cause, least, better, grave=grave)]

@@ -101,3 +101,9 @@ def richest(data: ForceData, law: str | None = None) -> Candidate | None:
     determined = 2 * np.unique(data.lengths.level[data.loaded]).size - _SPARE
     spare = [one for one in alike if one.unknowns <= determined] or alike[:1]
     return max(spare, key=lambda one: one.unknowns, default=None)
+
+
+def plainest(data: ForceData) -> Candidate | None:
+    """The first family of the ladder with a deadband and nothing that gives way; None without one."""
+    candidates, _ = ladder(data)
+    return next((one for one in candidates if one.deadband and not one.free), None)

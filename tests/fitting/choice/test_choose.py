@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting import Choice, ForceData, InputError, choose, load_fit, predict, write_fit
+from fitting import Choice, ForceData, InputError, choose, identify, load_fit, predict, write_fit
 from fitting.choice import choice_as_dict, choice_table, validate_choice
 from fitting.choice.choose import weigh
+from fitting.choice.ladder import ladder
 from fitting.choice.nested import without
+from fitting.choice.ranking import first_settled
 from fitting.evidence import Evidence
 from tests.fitting.synthetic import muscle_map
 
@@ -117,3 +119,51 @@ def test_one_length_determines_no_family(dmsp20: ForceData) -> None:
     one = without(dmsp20, dmsp20.lengths.level < 0.29)
     with pytest.raises(InputError, match="two lengths or more"):
         choose(one)
+
+
+@dataclasses.dataclass(frozen=True)
+class End:
+    """A fit that is an optimum or not."""
+
+    name: str
+    converged: bool
+
+
+@pytest.mark.parametrize(
+    ("ends", "expected", "lost"),
+    [
+        ((True, True, True), "0", []),
+        ((False, True, True), "1", [0]),
+        ((None, True, True), "1", [0]),
+        ((False, False, True), "0", []),  # the third errs twice as much
+        ((None, False, True), "1", [0]),
+        ((None, None, True), None, []),
+    ],
+)
+def test_a_family_without_an_optimum_is_passed_over(
+    dmsp20: ForceData,
+    ends: tuple[bool | None, ...],
+    expected: str | None,
+    lost: list[int],
+) -> None:
+    families = ladder(dmsp20)[0][:3]
+    found = [(one, rmse, {}) for one, rmse in zip(families, (4.0, 4.1, 9.0), strict=True)]
+
+    def identified(place: int) -> End | None:
+        converged = ends[place]
+        return None if converged is None else End(str(place), converged)
+
+    first, before = first_settled(found, dmsp20.max_force, identified)
+    assert (None if first is None else first.name) == expected
+    assert before == lost
+
+
+@pytest.mark.slow
+def test_a_map_with_a_giant_reading_ends_in_words(dmsp20: ForceData) -> None:
+    """The best rig of a cubic law gives way so much that it has no force when it is solved anew."""
+    force = dmsp20.force.copy()
+    force[67] = 99999.0
+    data = weigh(dataclasses.replace(dmsp20, force=force))
+    rig = next(one for one in ladder(data)[0] if one.name.startswith("cubic, compliant rig"))
+    with pytest.raises(InputError, match="no start ended at a force for every reading"):
+        identify(data, law="polynomial", order=3, parameters=rig.parameters, starts=4)

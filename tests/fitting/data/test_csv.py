@@ -9,6 +9,7 @@ import pytest
 
 from famjax.commands.options.fits import parse_bounds, parse_specimen
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv, write_csv
+from fitting.verdict.plain_faults import thick_wall
 
 
 def _spoil(path: Path, old: str, new: str) -> Path:
@@ -44,6 +45,19 @@ def test_units_are_converted_and_order_does_not_matter(tmp_path: Path) -> None:
     assert data.specimen.rest_length == pytest.approx(0.254)
     assert any("rest length was not given" in note for note in data.notes)
     assert any("wall was not given" in note for note in data.notes)
+
+
+@pytest.mark.parametrize(("bore", "wall"), [("20", 1.8e-3), ("10", 1.8e-3), ("5", 0.9e-3)])
+def test_the_wall_that_is_assumed_fits_the_bore(tmp_path: Path, bore: str, wall: float) -> None:
+    """1.8 mm in a bore of 5 mm would be blamed on a user who never said it."""
+    path = tmp_path / "small.csv"
+    path.write_text(
+        f"# specimen: nominal_diameter_mm = {bore}\nforce_N,length_mm,pressure_kPa\n90,99,300\n50,95,300\n"
+    )
+    data = read_csv(path)
+    assert data.specimen.wall_thickness == pytest.approx(wall)
+    assert any(f"{wall * 1e3:.3g} mm is assumed" in note for note in data.notes)
+    assert not any(thick_wall(data))
 
 
 def test_specimen_lines_and_overrides(map_file: Path) -> None:

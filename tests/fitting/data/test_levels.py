@@ -51,6 +51,29 @@ def test_nominal_values_are_taken_as_they_are() -> None:
     assert found.note == ""
 
 
+def gauge_of_1_kpa(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Readings at seven set pressures and eight lengths, rounded so that most values repeat."""
+    P, L = (grid.ravel() for grid in np.meshgrid(np.arange(1, 8) * 70e3, np.arange(8) * 5e-3 + 0.2))
+    return np.round((P + rng.normal(0, 400, P.size)) / 1e3) * 1e3, L
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_values_that_a_gauge_rounds_are_on_the_level_that_was_set(seed: int) -> None:
+    pressure, length = gauge_of_1_kpa(np.random.default_rng(seed))
+    assert pressure.size >= 2 * np.unique(pressure).size
+    found = ForceData(np.arange(1.0, 57.0), pressure, length, SPECIMEN).pressures
+    expected = np.round(pressure / 70e3)
+    np.testing.assert_array_equal(np.unique(found.level, return_inverse=True)[1], expected - 1)
+    assert "found from the gaps" in found.note
+
+
+def test_neighbours_that_were_set_at_one_length_are_two_levels() -> None:
+    """A fine grid beside a coarse one: 5 and 6 kPa were both measured at every length."""
+    P, L = (g.ravel() for g in np.meshgrid([5e3, 6e3, 7e3, 300e3, 600e3], [0.3, 0.29, 0.28, 0.27]))
+    found = ForceData(np.arange(1.0, 21.0), P, L, SPECIMEN).pressures
+    np.testing.assert_array_equal(found.level, P)
+
+
 def test_a_given_tolerance_is_kept_to_or_refused() -> None:
     values = np.array([70.0e3, 70.4e3, 80.0e3, 80.3e3])
     found = levels_of(values, "pressure", 1e3)

@@ -112,3 +112,19 @@ def test_levels_that_all_but_coincide_have_an_error(fitted20: Identification) ->
     left = LeftOut("length", level, np.arange(residual.size), residual)
     found = model_error(twins, residual, {"length": left}, 6)
     assert np.isfinite(found.length.scale)
+
+
+def test_levels_close_together_say_little_of_the_error_between_others(dmsp20: ForceData) -> None:
+    """Noise at 100 kPa, left out beside 101 kPa, is no proof of a law that is off by the whole force."""
+    rng, noise = np.random.default_rng(4), 5.0
+    levels = np.array([100e3, 101e3, 102e3, 200e3, 300e3, 301e3, 400e3, 500e3])
+    pressure, length = (g.ravel() for g in np.meshgrid(levels, np.linspace(0.25, 0.3, 6)))
+    data = ForceData(np.full(48, 1e3) + np.arange(48), pressure, length, dmsp20.specimen)
+    data = dataclasses.replace(data, pressure_tolerance=0.0)
+    residual = rng.normal(0, noise, 48)
+    group = np.searchsorted(levels, pressure)
+    out = LeftOut("pressure", pressure, group, rng.normal(0, 1.3 * noise, 48))
+    found = model_error(data, residual, {"pressure": out}, 6)
+    half = found.factor() * found.std(np.array([0.28, 0.28]), np.array([250e3, 600e3]))
+    assert (half > 2 * noise).all()
+    assert (half < 0.2 * data.max_force).all()

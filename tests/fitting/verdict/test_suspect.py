@@ -8,8 +8,11 @@ import pytest
 
 import famjax
 from fitting import ForceData, Identification, InputError, Parameter, Specimen, identify
+from fitting.choice.ladder import ladder
 from fitting.verdict import doubtful, judge, suspect
+from fitting.verdict.plain_faults import absolute, pulls_late
 from fitting.verdict.suspect import least_misfit
+from fitting.verdict.trial import attempt
 
 
 def fit(data: ForceData) -> Identification:
@@ -88,6 +91,21 @@ def test_absolute_pressures(dmsp10: ForceData) -> None:
     assert causes(absolute) == "the pressures are absolute, not gauge"
 
 
+def test_absolute_pressures_that_a_rig_takes_up(dmsp20: ForceData) -> None:
+    """A rig that gives way makes a muscle pull late as well: no deadband is at its bound."""
+    known = known_muscle(0.03, 0.35, 65.0)
+    assert not pulls_late(known)
+    data = dataclasses.replace(dmsp20, pressure=dmsp20.pressure + 101.3e3)
+    assert pulls_late(data)
+    rig = next(one for one in ladder(data)[0] if "series_exponent" in one.free)
+    here = attempt(data, rig)
+    assert here is not None
+    assert here.side("deadband_pressure") == 0
+    (found,) = absolute(data, here, here.misfit, rig, stopped=False)
+    assert found.cause == "the pressures are absolute, not gauge"
+    assert found.grave
+
+
 @pytest.mark.slow
 def test_signs_of_a_length(dmsp20: ForceData) -> None:
     at = dmsp20.length == np.unique(dmsp20.length)[-2]
@@ -114,6 +132,29 @@ def test_a_thick_wall(dmsp20: ForceData) -> None:
 def test_bores(dmsp20: ForceData) -> None:
     assert "nominal diameter" in causes(changed(dmsp20, nominal_diameter=40e-3))
     assert "nominal diameter" in causes(changed(dmsp20, nominal_diameter=10e-3))
+
+
+@pytest.mark.slow
+def test_a_bore_that_a_rig_takes_up(dmsp10: ForceData) -> None:
+    """At the bounds of less force in diameter and angle, with a misfit below 2 %."""
+    data = changed(dmsp10, nominal_diameter=18e-3)
+    rig = {
+        "series_compliance": Parameter(),
+        "series_exponent": Parameter(),
+        "deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa"),
+    }
+    result = identify(data, law="saturating", parameters=rig, starts=4)
+    assert result.errors.rmse_percent < 2
+    found = suspect(result)
+    assert not judge(result, found).passed
+    assert any("nominal diameter" in one.cause for one in found)
+
+
+@pytest.mark.slow
+def test_one_fault_is_not_explained_by_another(dmsp10: ForceData) -> None:
+    """A bore of 1 mm would scale the force by as much, and leaves no room for a wall of 1.8 mm."""
+    in_kgf = dataclasses.replace(dmsp10, force=dmsp10.force / 9.80665, units={"force": "N"})
+    assert "ten times too large" not in causes(in_kgf)
 
 
 @pytest.mark.slow
@@ -146,6 +187,12 @@ def test_one_length_off_is_named_with_what_it_should_be() -> None:
     said = float(found.cause.split(" mm is ")[1].split(" mm")[0])
     assert said == pytest.approx(1e3 * lengths[3], abs=1.0)
     assert judge(result, [found]).level == "identified with doubts"
+    # By twice as much no model explains them, and to know why does not make it one.
+    off = np.where(sound.length == lengths[3], sound.length + 0.018, sound.length)
+    result = fit(dataclasses.replace(sound, length=off))
+    (found,) = suspect(result)
+    assert found.cause.startswith("the length ")
+    assert judge(result, [found]).level == "not identified"
 
 
 @pytest.mark.slow
