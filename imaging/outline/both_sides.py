@@ -61,7 +61,7 @@ class Outline:
         blur: s of the edge, a standard deviation, pixel and weave included [px].
         disk: part of its variance that a disk makes, see `EdgeProfile`.
         misfit: root mean square between the mean profiles and the model, over the step.
-        flank, rim: see `EdgeProfile`.
+        flank, rim, waves: see `EdgeProfile`.
         resolution: wavelength that passed the smoothing at half its height [px].
     """
 
@@ -73,6 +73,7 @@ class Outline:
     misfit: float
     flank: float
     rim: float
+    waves: float
     resolution: float
 
 
@@ -240,7 +241,16 @@ def _improved(
         for side, kappa, shift in zip(windows, kappas, fit.shifts, strict=True)
     )
     return Outline(
-        rows, left, right, fit.blur, fit.disk, fit.misfit, fit.flank, fit.rim, resolution
+        rows,
+        left,
+        right,
+        fit.blur,
+        fit.disk,
+        fit.misfit,
+        fit.flank,
+        fit.rim,
+        fit.waves,
+        resolution,
     )
 
 

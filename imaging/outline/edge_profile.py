@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from ..arrays import Array, Flags
-from .edge_fit import height_and_rest, least_squares
+from .edge_fit import best_shift, height_and_rest, least_squares
 from .edge_model import LARGEST_DISK, defocused_step, ramp, step
 
 _BROAD = 3.0  # px per px of blur, from where on samples say how the light falls towards the limb
@@ -22,6 +22,7 @@ _FALLS, _TO_SHINE = -0.04, 0.04  # of a flank; one plain matte braid in seventy 
 _FIRST_DISK = 0.6  # from a large one the fit finds a small one, and not the reverse
 _FARTHEST = 4.0  # px that one pass may move an edge
 _KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
+_DARKEST = 0.05  # of a limb's light
 _LEAST_ANGLE = 0.2  # at 0, which is a Gaussian, all directions lead to larger disks alike
 
 
@@ -40,6 +41,8 @@ class EdgeProfile:
             larger of both sides.
         rim: brightness 1.5 to 3.5 blurs inside the edge over that at 4 to 8, the mean of both sides; the
             limb of a matte body is never brighter than what lies inside of it.
+        waves: relative deviation of the light 1.5 to 8 blurs inside from the law of a smooth limb, root
+            mean square of both sides.
     """
 
     blur: float
@@ -49,6 +52,7 @@ class EdgeProfile:
     misfit: float
     flank: float
     rim: float
+    waves: float
 
 
 def edge_profile(
@@ -104,12 +108,14 @@ def edge_profile(
         _rim(limb(t - shift, s, kappa, radius, part), t - shift, s) for _, shift, kappa in sides
     ]
     rim = float(np.mean(rims))
+    waves = [_wave(profile, t - shift, s, kappa, radius) for profile, shift, kappa in sides]
     matte = 1 - shine_of(rim, flank)
     left, right = (
         shift - matte * _first_thread(own, law, s)
         for (_, shift, _), own, law in zip(sides, rims, laws, strict=True)
     )
-    return EdgeProfile(s, part, kappas, (left, right), misfit, flank, rim)
+    wave = float(np.sqrt(np.mean(np.square(waves))))
+    return EdgeProfile(s, part, kappas, (left, right), misfit, flank, rim, wave)
 
 
 def limb(
@@ -137,6 +143,23 @@ def _flank(profile: Array, t: Array, s: float, kappa: float, radius: float) -> f
     foot = float(np.mean(profile[near] - height * model[near]))
     above = profile[inside] - foot - height * model[inside]
     return float(np.mean(above) / max(height * float(np.mean(model[inside])), 1e-9))
+
+
+def _wave(profile: Array, t: Array, s: float, kappa: float, radius: float) -> float:
+    """Relative deviation of the light inside the edge from the law of a smooth limb, 0 where none is seen.
+
+    Of any height: threads shade one limb more than another all along it.
+    """
+    near = near_edge(t, s)
+    size = max(1.0, s)
+    inside = (t > _RIM[0][0] * size) & (t < _RIM[1][1] * size)
+    if not inside.any():
+        return 0.0
+    model = limb(t, s, kappa, radius)
+    height = float(height_and_rest(profile[near], model[near])[0][0])
+    foot = float(np.mean(profile[near] - height * model[near]))
+    light = (profile[inside] - foot) / np.maximum(height * model[inside], 1e-9)
+    return float(np.std(np.log(np.maximum(light, _DARKEST))))
 
 
 def _rim(profile: Array, t: Array, s: float) -> float:
@@ -174,6 +197,21 @@ def shine_of(rim: float, flank: float) -> float:
     inside of a narrow bright rim is gloss.
     """
     return min(max((rim - _MATTE) / _TO_GLOSS, (_FALLS - flank) / _TO_SHINE, 0.0), 1.0)
+
+
+def moved_by_limb(kappa: float, s: float, radius: float) -> float:
+    """How much further out an edge of this kappa lies than a plain step that fits its flank best [px].
+
+    Args:
+        kappa: strength of the limb's root against its step [px^-0.5].
+        s: blur [px].
+        radius: of the body [px].
+    """
+    reach = round(-_NEAR[0] * max(1.0, s))
+    t = np.arange(-reach, reach + 1.0)
+    t = t[near_edge(t, s)]
+    edge = limb(t, s, kappa, radius)
+    return float(best_shift(edge[None], t, lambda x: step(x, s), max(2.0, 1.5 * s), 0.1)[0])
 
 
 def near_edge(t: Array, s: float) -> Flags:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+import cv2
 import numpy as np
 
 from ..arrays import Array, Single
@@ -84,14 +85,19 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
 
 
 def _beside(light: Single, line: Line, away: float) -> Array:
-    """Light along a line so far across from another [px], three pixels wide."""
+    """Light along a line so far across from another [px], three pixels wide.
+
+    Between pixels: a line of the nearest ones goes up and down an edge that it lies along, in steps as
+    regular as a ruler's numbers.
+    """
     at = np.arange(line.samples)
-    total = np.zeros(line.samples)
-    for offset in (-1, 0, 1):
-        start = line.origin + (away + offset) * line.across
-        u, v = (np.rint(start[i] + at * line.along[i]).astype(np.intp) for i in (0, 1))
-        total += light[np.clip(v, 0, light.shape[0] - 1), np.clip(u, 0, light.shape[1] - 1)]
-    return total / 3
+    across = away + np.arange(-1.0, 2.0)[:, None]
+    u, v = (
+        (line.origin[i] + at * line.along[i] + across * line.across[i]).astype(np.float32)
+        for i in (0, 1)
+    )
+    seen = cv2.remap(light, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(seen, float).mean(axis=0)
 
 
 def _ink(profile: Array, fit: Array, first: int, last: int) -> Array:

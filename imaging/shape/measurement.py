@@ -45,8 +45,10 @@ class Errors:
 
     - 0.018 s, s no less than 1: the shade of the outermost threads, within whose width the edge is fitted,
       beyond what the light of the first one says of it (see `EdgeProfile.shifts`);
-    - 0.6 kappa times the edge's scatter: where light falls off towards the limb, threads shade it
-      more than the model knows;
+    - the light of one lamp, where it is the larger: 0.6 of what kappa moves the edges by, on average of
+      both, since light falls off as the root of the distance only on a limb that the lamp reaches; and
+      0.8 s times the waves (see `EdgeProfile`) beyond the 0.055 of braids that are lit from both sides,
+      as threads throw shades on a limb that is lit from the front;
     - 16 m s, of the misfit m beyond the 0.001 s^2, s up to 1.5, that threads leave within the part of the
       edge that is fitted: a lens or a camera program that spreads light otherwise than the model, as
       halo and sharpening do.

@@ -7,7 +7,7 @@ import numpy as np
 from ..arrays import Array
 from ..camera.silhouette import Silhouette
 from ..outline.both_sides import Outline
-from ..outline.edge_profile import shine_of
+from ..outline.edge_profile import moved_by_limb, shine_of
 from ..outline.midline import off_smooth_midline
 from ..outline.smoother import correlated_points, smooth
 from ..quality import Quality
@@ -19,7 +19,9 @@ from .photograph import Photograph
 
 _SHADE = 0.018  # of the blur, per edge
 _OF_TONE = 0.09  # of the blur, per edge and per tape
-_OF_LIGHT = 0.6  # of the edge's scatter, for kappa 1
+_OF_LIGHT = 0.6  # of what the fall of light towards the limb moves an edge by
+_OF_WAVES = 0.8  # of the blur, per edge
+_PLAIN = 0.055  # waves of braids that are lit from both sides
 _OF_MISFIT = 16.0  # px per edge and px of blur
 _OF_THREADS = 0.001  # misfit that threads leave, per px^2 of blur
 _WIDEST = 1.5  # px of blur, up to which it grows
@@ -47,7 +49,7 @@ def measurement_of_body(
     y = first + (last - first) * part
     random, density = _random_part(outline)
     at = np.linspace(body.y[0], body.y[-1], random.size)
-    edge, both_rings = _systematic_part(quality, stated=recipe.tone is not None)
+    edge, both_rings = _systematic_part(quality, outline, stated=recipe.tone is not None)
     hidden = outline.left.hidden + outline.right.hidden > 0
     edge = math.hypot(edge, 2 * _HIDDEN * hidden)
     rows = np.linspace(body.y[0], body.y[-1], axis.cosine.size)
@@ -107,15 +109,22 @@ def _random_part(outline: Outline) -> tuple[Array, float]:
     return np.hypot(random, rounded), max(square, scatter**2) * stretch
 
 
-def _systematic_part(quality: Quality, *, stated: bool) -> tuple[float, float]:
+def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tuple[float, float]:
     """Systematic error of the width and of the length [px]."""
-    light = _OF_LIGHT * max(quality.kappa, 0.0) * quality.residual_rms
+    radius = float(np.median(outline.right.column - outline.left.column)) / 2
+    moved = (
+        moved_by_limb(side.kappa, outline.blur, radius) for side in (outline.left, outline.right)
+    )
+    by_lamp = _OF_LIGHT * abs(sum(moved)) / 2  # the same law on both sides
+    shine = shine_of(quality.rim, quality.flank)
+    waves = (1 - shine) * math.sqrt(max(outline.waves**2 - _PLAIN**2, 0.0))
+    light = math.hypot(by_lamp, _OF_WAVES * waves * max(1.0, quality.blur_px))
     threads = _OF_THREADS * min(quality.blur_px, _WIDEST) ** 2
     misfit = math.sqrt(max(quality.misfit**2 - threads**2, 0.0))
     lens = _OF_MISFIT * misfit * quality.blur_px
     shade = _SHADE * max(1.0, quality.blur_px)
     tone = 0.0 if stated else _OF_TONE * quality.blur_px
-    gloss = _OF_GLOSS * shine_of(quality.rim, quality.flank) * max(1.0, quality.blur_px)
+    gloss = _OF_GLOSS * shine * max(1.0, quality.blur_px)
     edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
     # Both tapes' edges move towards them, or from them, by the same tone curve.
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)

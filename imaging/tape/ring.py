@@ -3,19 +3,18 @@
 import dataclasses
 import math
 
-import cv2
 import numpy as np
-from scipy.ndimage import map_coordinates, spline_filter
 
 from ..arrays import Array, Flags, Image
 from ..camera.pinhole import Camera, turned
 from ..camera.silhouette import Silhouette
-from ..camera.tone import LUMA, Tone
+from ..camera.tone import Tone
 from ..errors import MissingFitting
 from ..outline.edge_fit import best_shift, height_and_rest, least_squares
 from ..outline.edge_model import step
 from ..outline.smoother import correlated_points
 from .cover import LEAST_SEEN, behind, check_cover, tape_shows
+from .light import Amounts, Part, amounts_of, blur_of_lens, differ_in_luma, lumas
 
 _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray
 _GROUPS = 16
@@ -28,9 +27,9 @@ _RAGGED = 0.6  # px, the scatter from which an edge's blur is that of its pieces
 _LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside them
 _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
-_BRIGHTEST = 1.6
 _DARK_THREAD = 0.22  # of the braid's brightness
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
+_SOFTER = 1.25  # times the outline's blur, from which a tape's edge is looked at in luma as well
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +40,8 @@ class Ring:
         y: position along the axis, as in `Silhouette` [m].
         stderr: its random standard error [m].
         spread: standard deviation of the edge along the tape [px].
-        blur: Gaussian blur of the edge along the axis [px].
+        blur: Gaussian blur of the edge along the axis [px], less what colour adds to it beyond luma
+            where it is softer than the outline.
         arc: points u, v of the edge in the picture [px], shape (2, n).
         lateral: positions across the axis over the radius [-], -1 to 1, shape (k,).
         shift: how far the edge lies there beyond y along the axis [m], shape (k,).
@@ -89,10 +89,10 @@ def find_ring(
     Raises:
         MissingFitting: no edge there, or too much of it is covered.
     """
-    px = 1 / camera.px_per_m
-    inward = -1 if lower else 1
+    px, inward = 1 / camera.px_per_m, -1 if lower else 1
     n = max(4 * _GROUPS, int(2 * _WIDTH * float(body.radius_at(y)) / px))
-    amounts = _amounts(rgb, tone, camera, colours, body, y, 2 * len(_window(blur)))
+    part = _part(camera, body, y, 2 * len(_window(blur)))
+    amounts = amounts_of(rgb, tone, colours, part)
 
     plane, left = (0.0, 0.0), 2 * _PASSES
 
@@ -136,15 +136,16 @@ def find_ring(
         plane = plane[0] + inward * more[0], plane[1] + inward * more[1]
     check_cover(seen)
     delta, where = _along(grid, lateral, t, s)
-    offset, left_over = _line(where / px, delta)
-    spread = _scatter(left_over)
-    if spread > _RAGGED:
-        t = _window(_DEEPEST / 3)
-        grid, lateral, _ = unrolled(y, t, uncovered(y, _DEEPEST / 2), teeth=_DEEPEST)
+    (offset, left_over), teeth = _line(where / px, delta), 0.0
+    if _scatter(left_over) > _RAGGED:
+        t, shows, teeth = _window(_DEEPEST / 3), uncovered(y, _DEEPEST / 2), _DEEPEST
+        grid, lateral, _ = unrolled(y, t, shows, teeth=teeth)
         s, delta, where = _pieces(grid, lateral, t, s)
         offset, left_over = _line(where / px, delta)
-        spread = _scatter(left_over)
-    radius = float(body.radius_at(y))
+    if s > _SOFTER * max(blur, 1.0) and differ_in_luma(colours):
+        luma = lumas(rgb, tone, colours, part)
+        s = blur_of_lens(s, _blur_in(luma, around(y, t), shows, t, s, teeth=teeth))
+    spread, radius = _scatter(left_over), float(body.radius_at(y))
     u, v = _seen(camera, body, np.array([y + inward * offset * px]), lateral, radius, plane)
     beyond = inward * delta * px + _on_plane(plane, where, radius)
     place, _ = _line(where, beyond)
@@ -273,45 +274,44 @@ def _seen(
     return camera.pixels(X, Y, camera.distance - np.sqrt(rim)[:, None])
 
 
-@dataclasses.dataclass(frozen=True)
-class _Amounts:
-    """The amount of braid against tape in a part of the picture, as a cubic spline's coefficients."""
-
-    spline: Array
-    u0: int
-    v0: int
-
-    def at(self, u: Array, v: Array) -> Array:
-        """The amount at picture positions, of their shape; beyond the part that of its border."""
-        where = [v - self.v0, u - self.u0]
-        return np.asarray(
-            map_coordinates(self.spline, where, order=3, mode="mirror", prefilter=False)
-        )
-
-
-def _amounts(
-    rgb: Image,
-    tone: Tone,
-    camera: Camera,
-    colours: tuple[Array, Array],
-    body: Silhouette,
-    y: float,
-    reach: int,
-) -> _Amounts:
-    """The part of the picture around a ring, to `reach` px above and below."""
+def _part(camera: Camera, body: Silhouette, y: float, reach: int) -> Part:
+    """Rows and columns of the picture around a ring, to `reach` px above and below."""
     radius = float(body.radius_at(y))
     around = y + np.array([-reach, reach]) / camera.px_per_m
     u, v = _seen(camera, body, around, np.array([-1.0, 0.0, 1.0]) * radius, radius)
-    v0, u0 = (max(int(np.floor(x.min())) - 3, 0) for x in (v, u))
-    v1, u1 = int(np.ceil(v.max())) + 4, int(np.ceil(u.max())) + 4
-    tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
-    # Luma less the tape's part in it: tape shows none, nor does a thick tape's dark rim.
-    own = LUMA - tape * (tape @ LUMA) / (tape @ tape)
-    towards = own / (own @ braid)
-    linear = cv2.LUT(np.ascontiguousarray(rgb[v0:v1, u0:u1]), tone.table)
-    patch = cv2.transform(linear, np.array([[*towards, 0.0]]))
-    patch = np.clip(np.asarray(patch, float), -_BRIGHTEST, _BRIGHTEST)
-    return _Amounts(np.asarray(spline_filter(patch, 3, mode="mirror")), u0, v0)
+    rows, columns = (
+        slice(max(int(np.floor(x.min())) - 3, 0), int(np.ceil(x.max())) + 4) for x in (v, u)
+    )
+    return rows, columns
+
+
+def _blur_in(
+    light: Amounts,
+    seen: tuple[Array, Array, Array],
+    shows: Flags,
+    t: Array,
+    s: float,
+    *,
+    teeth: float,
+) -> float:
+    """Blur of the edge in another light [px], its place being known; as it is, where too little shows.
+
+    Args:
+        light: the amount of braid.
+        seen: lateral positions, columns and rows of what is unrolled.
+        shows: where along it the tape shows.
+        t: distance inward, shape (k,) [px].
+        s: blur, about [px].
+        teeth: of a ragged edge [px].
+    """
+    lateral, u, v = seen
+    grid = light.at(u, v)
+    use = _lit(grid, t - teeth) & shows
+    if np.count_nonzero(use) < max(_PIECES, LEAST_SEEN * use.size):
+        return s
+    if teeth:
+        return _pieces(grid[use], lateral[use], t, s)[0]
+    return _step(grid[use].mean(axis=0), t, s)[1]
 
 
 def _lit(grid: Array, t: Array) -> Flags:
@@ -322,6 +322,17 @@ def _lit(grid: Array, t: Array) -> Flags:
 
 def _blurred_step(profile: Array, t: Array, start: float) -> tuple[float, float]:
     """Shift and blur of the step in the mean profile."""
+    shift, blur, height = _step(profile, t, start)
+    if not (height > _LEAST_HEIGHT and abs(shift) < t[-1]):
+        raise MissingFitting(
+            "a tape must end in an edge towards the braid; none is seen where its colour ends",
+            step_height=height,
+        )
+    return shift, blur
+
+
+def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float]:
+    """Shift, blur and height of the step that fits a profile best, whatever it is worth."""
 
     def blur_of(unknown: Array) -> Array:
         return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
@@ -332,13 +343,7 @@ def _blurred_step(profile: Array, t: Array, start: float) -> tuple[float, float]
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
     first = np.array([steepest, np.log(start)])
     best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
-    height = float(fitted(best)[0][0])
-    if not (height > _LEAST_HEIGHT and abs(best[0]) < t[-1]):
-        raise MissingFitting(
-            "a tape must end in an edge towards the braid; none is seen where its colour ends",
-            step_height=height,
-        )
-    return float(best[0]), float(blur_of(best)[0])
+    return float(best[0]), float(blur_of(best)[0]), float(fitted(best)[0][0])
 
 
 def _group_shifts(groups: Array, t: Array, s: float) -> tuple[Array, Flags]:

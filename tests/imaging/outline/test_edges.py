@@ -254,7 +254,7 @@ def dented(hidden, *, depth=-1.5, bow=0.0, at=(700,)):
     error = np.full(rows.size, 0.1)
     left = Side(middle - half + noise[0] - dent, error, 0.1, 0.0, 0.1, hidden)
     right = Side(middle + half + noise[1], error, 0.1, 0.0, 0.1, 0.0)
-    outline = Outline(rows, left, right, 1.0, 0.0, 0.0, 0.0, 0.0, 60.0)
+    outline = Outline(rows, left, right, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 60.0)
     return outline, middle - half
 
 

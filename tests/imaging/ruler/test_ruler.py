@@ -153,6 +153,28 @@ def test_longer_marks_and_numbers_make_no_second_scale(base, changes):
     assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=SCALE)
 
 
+@pytest.mark.parametrize(("width", "longest"), [(0.8, 0.42), (0.9, 0.42), (0.9, 0.25), (1.0, 0.25)])
+@pytest.mark.parametrize("rotation", [0.235, 0.25, 0.265])
+def test_an_edge_that_changes_its_column_as_often_as_numbers_come_is_no_number(
+    base, rotation, width, longest
+):
+    """A ruler in eighths that leans by one pixel in sixteen of them."""
+    lengths = (0.19, 0.3, 0.3, 0.42) if longest > 0.3 else (0.12, 0.12, 0.16, 0.25)
+    leaning = dataclasses.replace(
+        base,
+        rotation_deg=rotation,
+        width=width * INCH,
+        mark_lengths=tuple(length * INCH for length in lengths),
+        numbers=False,
+    )
+    photo = render_ruler(leaning, 1)
+    try:
+        scale = calibrate_ruler(photo.rgb)
+    except AmbiguousRuler:
+        return
+    assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=0.001)
+
+
 def test_marks_too_fine_to_be_told_apart_give_no_scale(base):
     scene = dataclasses.replace(
         base, pitch=INCH / 32, marks=353, other_pitch=INCH / 16, edge="both"

@@ -7,7 +7,7 @@ import pytest
 
 from imaging import Recipe, Scale, measure
 from imaging.errors import MotionBlurred, NoMuscle
-from imaging.synthetic import BLUE_HUE, TAN, Lens, Tape, random_scene, render
+from imaging.synthetic import BLUE_HUE, TAN, Jpeg, Lens, Tape, random_scene, render
 
 PX_PER_IN = (120.0, 150.0)
 SIGMAS = 3.0
@@ -84,3 +84,30 @@ def test_a_ragged_tape_does_not_hide_motion():
     made = scene(1, tape={"ragged_px": 1.5}, lens=Lens(motion_px=9.0))
     with pytest.raises(MotionBlurred):
         measure(render(made, 1).rgb, recipe_of(made))
+
+
+YELLOW = {"hue": 48.0, "saturation": 0.97, "value": 0.8}
+
+
+def a_yellow_tape(seed, motion=0.0):
+    """A braid hardly brighter than its tapes, by a camera's mosaic and a file with half the colour."""
+    white = (0.85, 0.85, 0.83)
+    lens = Lens(blur_px=0.8, motion_px=motion, motion_deg=0.0)
+    made = scene(seed, tape=YELLOW, lens=lens, albedo=white)
+    sensor = dataclasses.replace(made.sensor, bayer=True)
+    return dataclasses.replace(made, sensor=sensor, jpeg=Jpeg(80, "420"))
+
+
+@pytest.mark.parametrize("seed", [4, 11])
+def test_the_softness_of_colour_is_no_motion(seed):
+    made = a_yellow_tape(seed)
+    photo = render(made, seed)
+    found = measure(photo.rgb, recipe_of(made))
+    assert found.quality.tape_blur_px < 1.3 * found.quality.blur_px
+    assert abs(found.length - photo.truth.length) < SIGMAS * found.length_stderr
+
+
+def test_the_softness_of_colour_does_not_hide_motion():
+    made = a_yellow_tape(4, motion=6.0)
+    with pytest.raises(MotionBlurred):
+        measure(render(made, 4).rgb, recipe_of(made))

@@ -10,11 +10,13 @@ from imaging.camera import Tone
 from imaging.errors import AmbiguousRuler, DistanceContradiction, MotionBlurred, Underexposed
 from imaging.synthetic import (
     INCH,
+    Lamp,
     Lens,
     RulerScene,
     Sensor,
     published_ruler,
     published_scene,
+    random_scene,
     render_ruler,
 )
 from tests.imaging.photographs import photograph
@@ -218,3 +220,18 @@ def test_a_ruler_whose_place_nobody_stated_is_warned_of(base):
     found, truth = measured(base, scale=placed, **STATED)
     assert not found.warnings
     assert sigmas(found, truth) < 3
+
+
+@pytest.mark.parametrize("seed", [1, 19, 42])
+def test_one_lamp_beside_the_camera_is_in_the_error(seed):
+    """Its light falls off towards the limbs otherwise than a root, and threads throw shades there."""
+    random = np.random.default_rng(seed)
+    towards = (random.uniform(-0.5, 0.5), -random.uniform(0.2, 1.0), -1.0)
+    lamp = Lamp(towards, random.uniform(0.6, 0.9), random.uniform(0.15, 0.4))
+    scene = random_scene(seed, px_per_in=(160.0, 190.0))
+    light = dataclasses.replace(scene.light, lamps=(lamp,), ambient=random.uniform(0.1, 0.35))
+    lens = dataclasses.replace(scene.lens, blur_px=0.9)
+    scene = changed(scene, {"albedo": (0.75, 0.75, 0.73)}, light=light, lens=lens)
+    found, truth = measured(scene, seed, **STATED)
+    assert sigmas(found, truth) < 3
+    assert found.mean_diameter_stderr < 0.002 * found.mean_diameter
