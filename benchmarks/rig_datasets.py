@@ -21,6 +21,7 @@ from typing import Any
 import jax
 import numpy as np
 
+import famjax
 import fitting
 from famjax.__main__ import main
 from famjax.chain import reference_muscle
@@ -56,8 +57,11 @@ def fitted(seed: int) -> dict[str, Any]:
     found = fitting.identify(data)
     muscle, L, P = reference_muscle(), data.length[data.loaded], data.pressure[data.loaded]
     error = found.predict(L, P) - np.asarray(muscle.force(L, P))
-    E_1, E_2, _ = muscle.material.coefficients
-    thread = muscle.geometry.braid.rest_thread_length
+    law, geometry = muscle.material, muscle.geometry
+    assert isinstance(law, famjax.PolynomialMaterial)
+    assert isinstance(geometry, famjax.EstimatedGeometry)
+    E_1, E_2, _ = law.coefficients
+    thread = geometry.braid.rest_thread_length
     known = {"E_1": E_1, "E_2": E_2, "deadband_pressure": 0.0, "thread_length": thread}
     distances, sandwich = {}, {}
     for name, value in known.items():
