@@ -39,9 +39,8 @@ def descend_all(
             progress(next(counter), len(starts))
 
     ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=ended)
-    costs = np.array([end.cost for end in ends])
-    if np.isfinite(costs).any():
-        best = int(np.nanargmin(costs))
+    best = _lowest(ends)
+    if best is not None:
         ends[best] = descend(problem, ends[best].u)
     return ends
 
@@ -52,13 +51,19 @@ def best_of(ends: Sequence[End]) -> End:
     Raises:
         InputError: none has a cost.
     """
-    costs = np.array([end.cost for end in ends])
-    if not np.isfinite(costs).any():
+    best = _lowest(ends)
+    if best is None:
         raise InputError(
             "no start ended at a force for every reading: somewhere in the box the bladder does "
             "not fit in the braid or a length cannot be reached; narrow the bounds"
         )
-    return ends[int(np.nanargmin(costs))]
+    return ends[best]
+
+
+def _lowest(ends: Sequence[End]) -> int | None:
+    """Place of the lowest cost; None where none is finite."""
+    costs = np.array([end.cost for end in ends])
+    return int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
 
 
 def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
