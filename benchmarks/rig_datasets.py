@@ -63,16 +63,14 @@ def fitted(seed: int) -> dict[str, Any]:
     E_1, E_2, _ = law.coefficients
     thread = geometry.braid.rest_thread_length
     known = {"E_1": E_1, "E_2": E_2, "deadband_pressure": 0.0, "thread_length": thread}
-    distances, sandwich = {}, {}
+    distances = {}
     for name, value in known.items():
         one = {e.name: e for e in (*found.all_estimates, *found.derived)}[name]
         away, std = one.value - float(value), one.stderr
         at_truth = one.at_bound and abs(away) <= 1e-9 * max(abs(one.value), 1.0)
         distances[name] = 0.0 if at_truth else away / std if std else math.inf
-        if np.isfinite(one.sandwich_stderr):
-            sandwich[name] = away / one.sandwich_stderr
     rms = float(np.sqrt(np.mean(error**2)))
-    return {"seed": seed, "standard_errors": distances, "sandwich_errors": sandwich, "rms_N": rms}
+    return {"seed": seed, "standard_errors": distances, "rms_N": rms}
 
 
 def run(first: int, count: int) -> dict[str, Any]:
@@ -89,9 +87,6 @@ def run(first: int, count: int) -> dict[str, Any]:
         "largest": {name: float(np.abs(z).max()) for name, z in all_of.items()},
         "rms": {name: float(np.sqrt(np.mean(z**2))) for name, z in all_of.items()},
         "largest_of_all": float(max(np.abs(z).max() for z in all_of.values())),
-        "largest_in_sandwich_errors": max(
-            abs(z) for row in rows for z in row["sandwich_errors"].values()
-        ),
         "largest_rms_N": max(row["rms_N"] for row in rows),
         "rows": rows,
     }
@@ -109,8 +104,6 @@ if __name__ == "__main__":
         print(
             f"{name}: largest {found['largest'][name]:.2f} standard errors, RMS {found['rms'][name]:.2f}"
         )
-    largest = found["largest_in_sandwich_errors"]
-    print(f"without the belief in equal noise: largest {largest:.2f} standard errors")
     print(f"force against the truth: RMS at most {found['largest_rms_N']:.2f} N")
     if given.json:
         Path(given.json).write_text(json.dumps(found, indent=1), encoding="utf-8")

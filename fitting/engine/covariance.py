@@ -29,7 +29,16 @@ class Covariance:
 
     @property
     def stderr(self) -> Float[np.ndarray, " p"]:
-        """Standard errors; nan for a parameter that is held, at a bound, or not identifiable."""
+        """Standard errors; nan for a parameter that is held, at a bound, or not identifiable.
+
+        The larger of the two: one is too small where the noise is not equal, the other where the
+        readings are few (Angrist & Pischke 2009, Mostly Harmless Econometrics, section 8.1).
+        """
+        return np.fmax(self.plain_stderr, self.sandwich_stderr)
+
+    @property
+    def plain_stderr(self) -> Float[np.ndarray, " p"]:
+        """Standard errors if all readings are equally noisy."""
         return np.sqrt(np.diag(self.matrix))
 
     @property

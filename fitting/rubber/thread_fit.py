@@ -94,7 +94,7 @@ def fit_thread(
     jacobian, names = _jacobian(T, coefficients, area, toe_tension, slack)
     residual = _columns(T, toe_tension, slack) @ coefficients - strain
     p = len(names)
-    errors = covariance(jacobian, residual, np.zeros((0, p)), np.zeros(p, bool)).stderr
+    errors = covariance(jacobian, residual, np.zeros((0, p)), np.zeros(p, bool)).plain_stderr
     scale = {"slack": gauge_length}
     return ThreadFit(
         thread=thread,

@@ -45,14 +45,17 @@ def doubts(result: "Identification") -> tuple[str, ...]:
             f"{outliers.sum()} of {outliers.size} readings lie so far off that they count less than "
             f"{_OUTLYING:g} of what the others do (Huber's objective); look at them."
         )
+    names = result.problem.names + result.problem.linear
+    plain = dict(zip(names, np.sqrt(np.diag(result.covariance)), strict=True))
     unequal = [
         e.name for e in result.estimates
-        if e.stderr > 0 and not 1 / _UNEQUAL < e.sandwich_stderr / e.stderr < _UNEQUAL
+        if e.stderr > 0 and not 1 / _UNEQUAL < e.sandwich_stderr / plain[e.name] < _UNEQUAL
     ]  # fmt: skip
     if unequal:
         found.append(
             f"The residuals are not equal noise: the sandwich's standard errors of "
-            f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g}."
+            f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g} from those of equal "
+            "noise; the larger are given."
         )
     found += _ridges(result)
     if result.active_constraints:

@@ -70,10 +70,9 @@ def derived(found: Optimal, place: int) -> tuple[Estimate, ...]:
     names, values, slopes = part.family.derived_names, linear.derived, linear.d_derived
     if values is None or slopes is None:  # never at an optimum, which is evaluated in full
         return ()
-    matrix = found.spread.matrix[np.ix_(part.at, part.at)]
-    known = np.isfinite(np.diag(matrix))
-    matrix = np.where(known[:, None] & known, matrix, 0.0)
-    variance = np.einsum("id,ij,jd->d", slopes, matrix, slopes)
+    both = np.stack([found.spread.matrix, found.spread.sandwich])[:, part.at][:, :, part.at]
+    both = np.where(np.isfinite(both), both, 0.0)
+    variance = np.einsum("id,kij,jd->kd", slopes, both, slopes).max(axis=0)
     stderr = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), math.nan)
     return tuple(
         Estimate(name, float(value), float(error), 0.0, math.inf, False, False,

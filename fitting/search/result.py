@@ -34,7 +34,8 @@ class Estimate:
     Attributes:
         name: parameter.
         value: in SI.
-        stderr: standard error in SI; nan where there is none (held, at a bound, not identifiable).
+        stderr: standard error in SI, with and without the belief in equal noise, whichever is larger;
+            nan where there is none (held, at a bound, not identifiable).
         min, max: bounds in SI, infinite where there is none.
         at_bound: the optimum lies on a bound, so the data alone would put it elsewhere.
         fixed: held at a given value.

@@ -32,11 +32,21 @@ def test_unequal_noise_shows_in_the_sandwich_alone() -> None:
         best, *_ = np.linalg.lstsq(x, y, rcond=None)
         found = covariance(x, x @ best - y, NONE, FREE)
         slopes.append(best[1])
-        plain.append(found.stderr[1])
+        plain.append(found.plain_stderr[1])
         robust.append(found.sandwich_stderr[1])
     spread = np.std(slopes)
     assert abs(np.mean(robust) / spread - 1) < 0.1  # 400 draws know a spread to 4 %
     assert np.mean(plain) / spread < 0.85
+
+
+def test_the_larger_of_both_errors_is_given() -> None:
+    # Noisy where the first column is large: it is known less well than equal noise says, another better.
+    found = covariance(X, np.random.default_rng(0).normal(size=40) * X[:, 0] ** 2, NONE, FREE)
+    ratio = found.sandwich_stderr / found.plain_stderr
+    assert ratio[0] > 1.2
+    assert ratio.min() < 1
+    larger = np.maximum(found.plain_stderr, found.sandwich_stderr)
+    np.testing.assert_array_equal(found.stderr, larger)
 
 
 def test_active_constraints_and_held_parameters_have_no_error() -> None:
