@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Num
 
@@ -25,3 +26,18 @@ def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
     """The values (also nested lists) as a floating array: integers are promoted, float32 stays float32."""
     array = jnp.asarray(values)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
+    """As `as_real`, for what is kept: a Python float is of JAX's own precision, as an array of it is.
+
+    Left "weak", as it is, a muscle of Python floats would be compiled apart from the same one read from a
+    file, every program twice. What is made within a trace takes on the precision of what it meets.
+    """
+    array = as_real(values)
+    return jnp.asarray(array, array.dtype) if array.weak_type and not in_trace() else array
+
+
+def in_trace() -> bool:
+    """Whether JAX traces what is made here, as within `jax.jit`."""
+    return isinstance(jnp.zeros(()), Tracer)

@@ -11,8 +11,9 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jax.core import Tracer
+
+from ._types import in_trace
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -80,6 +81,4 @@ def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 def _tracing(*arguments: Any) -> bool:
     """Whether JAX traces: what is made here is traced, or an argument is."""
-    return isinstance(jnp.zeros(()), Tracer) or any(
-        isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)
-    )
+    return in_trace() or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments))

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._compiled import compiled_method
 from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
@@ -43,6 +44,10 @@ class BraidStretch(eqx.Module):
 
     elastic: BraidState
     inelastic: BraidState
+
+
+_Stretched = tuple[RealArray, Bool[Array, "..."], Bool[Array, "..."]]
+"""B [m] of finite numbers, whether it is an equilibrium, and whether it is longer than the braid."""
 
 
 class ElasticBraid(AbstractBraid):
@@ -98,12 +103,8 @@ class ElasticBraid(AbstractBraid):
         Raises:
             RuntimeError: there is no equilibrium, and `throw`.
         """
-
-        def strain(length: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-            tension = self._tension_at_rest_length(length, pressure)
-            return strain_under_line(self.thread, jnp.zeros_like(tension), tension)
-
-        return self._stretched(strain, throw, length, pressure)
+        arrays = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        return _required(*self._under_its_own_pull(*arrays), throw=throw)
 
     def thread_length_at_force(
         self, length: Real, pressure: Real, force: Real, *, throw: bool = True
@@ -125,19 +126,8 @@ class ElasticBraid(AbstractBraid):
         Raises:
             RuntimeError: there is no equilibrium, and `throw`.
         """
-
-        def strain(
-            length: RealArray, pressure: RealArray, force: RealArray
-        ) -> tuple[RealArray, Bool[Array, ""]]:
-            rest = self.rest_thread_length
-            # pi R^2 = (B^2 - L^2) / section and sin(theta) = L / B, with B = B0 (1 + strain)
-            section = 4 * jnp.pi * self.turns**2
-            share = rest / (self.n_threads * length)
-            linear = share * (force - pressure * length**2 / section)
-            cubic = share * pressure * rest**2 / section
-            return strain_under_cubic(self.thread, linear, cubic)
-
-        return self._stretched(strain, throw, length, pressure, force)
+        arrays = jnp.broadcast_arrays(as_real(length), as_real(pressure), as_real(force))
+        return _required(*self._under_a_pull(*arrays), throw=throw)
 
     def stretch(self, length: Real, pressure: Real) -> BraidStretch:
         """B, D, theta, Gaylord's force and the tension, with and without stretch.
@@ -153,6 +143,29 @@ class ElasticBraid(AbstractBraid):
         rest = jnp.broadcast_to(self.rest_thread_length, length.shape)
         elastic = self._state(length, pressure, self.thread_length(length, pressure))
         return BraidStretch(elastic, self._state(length, pressure, rest))
+
+    @compiled_method
+    def _under_its_own_pull(self, length: RealArray, pressure: RealArray) -> _Stretched:
+        def strain(length: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            tension = self._tension_at_rest_length(length, pressure)
+            return strain_under_line(self.thread, jnp.zeros_like(tension), tension)
+
+        return self._stretched(strain, length, pressure)
+
+    @compiled_method
+    def _under_a_pull(self, length: RealArray, pressure: RealArray, force: RealArray) -> _Stretched:
+        def strain(
+            length: RealArray, pressure: RealArray, force: RealArray
+        ) -> tuple[RealArray, Bool[Array, ""]]:
+            rest = self.rest_thread_length
+            # pi R^2 = (B^2 - L^2) / section and sin(theta) = L / B, with B = B0 (1 + strain)
+            section = 4 * jnp.pi * self.turns**2
+            share = rest / (self.n_threads * length)
+            linear = share * (force - pressure * length**2 / section)
+            cubic = share * pressure * rest**2 / section
+            return strain_under_cubic(self.thread, linear, cubic)
+
+        return self._stretched(strain, length, pressure, force)
 
     def _tension_at_rest_length(self, length: RealArray, pressure: RealArray) -> RealArray:
         """Tension [N] under Gaylord's force if the threads did not stretch."""
@@ -174,21 +187,27 @@ class ElasticBraid(AbstractBraid):
         )
 
     def _stretched(
-        self,
-        strain: Callable[..., tuple[RealArray, Bool[Array, ""]]],
-        throw: bool,
-        *arguments: Real,
-    ) -> RealArray:
-        """B0 (1 + strain), for arguments of any shape; the first is the active length."""
-        arrays = jnp.broadcast_arrays(*(as_real(argument) for argument in arguments))
+        self, strain: Callable[..., tuple[RealArray, Bool[Array, ""]]], *arrays: RealArray
+    ) -> _Stretched:
+        """B0 (1 + strain), for arguments of one shape; the first is the active length."""
         strains, found = at_each(strain, *arrays)
         # No nan takes part in what follows: it would spoil the derivatives of all others.
         stretched = self.rest_thread_length * (1 + jnp.where(found, strains, 0.0))
-        encloses = stretched > arrays[0]
-        if throw:
-            stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)
-            stretched = eqx.error_if(stretched, found & ~encloses, _TOO_LONG)
-        return jnp.where(found & encloses, stretched, jnp.nan)
+        return stretched, found, stretched > arrays[0]
+
+
+def _required(
+    stretched: RealArray,
+    found: Bool[Array, "..."],
+    encloses: Bool[Array, "..."],
+    *,
+    throw: bool,
+) -> RealArray:
+    """B [m]; where there is no equilibrium an error, or nan."""
+    if throw:
+        stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)
+        stretched = eqx.error_if(stretched, found & ~encloses, _TOO_LONG)
+    return jnp.where(found & encloses, stretched, jnp.nan)
 
 
 _GIVES_WAY = (

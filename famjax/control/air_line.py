@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._compiled import compiled
-from .._types import Given, Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_number, as_real
 from .crossing import bracketed
 from .outcome import Answer, Outcome
 
@@ -75,13 +75,13 @@ class AirLine(eqx.Module):
     1.4259 s
     """
 
-    conductance: Float[Given, ""] = eqx.field(converter=as_real)
-    supply: Float[Given, ""] = eqx.field(converter=as_real)
-    critical_ratio: Float[Given, ""] = eqx.field(converter=as_real, default=0.3)
-    exponent: Float[Given, ""] = eqx.field(converter=as_real, default=1.0)
-    dead_volume: Float[Given, ""] = eqx.field(converter=as_real, default=0.0)
-    temperature: Float[Given, ""] = eqx.field(converter=as_real, default=REFERENCE_TEMPERATURE)
-    atmosphere: Float[Given, ""] = eqx.field(converter=as_real, default=101325.0)
+    conductance: Float[Given, ""] = eqx.field(converter=as_number)
+    supply: Float[Given, ""] = eqx.field(converter=as_number)
+    critical_ratio: Float[Given, ""] = eqx.field(converter=as_number, default=0.3)
+    exponent: Float[Given, ""] = eqx.field(converter=as_number, default=1.0)
+    dead_volume: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
+    temperature: Float[Given, ""] = eqx.field(converter=as_number, default=REFERENCE_TEMPERATURE)
+    atmosphere: Float[Given, ""] = eqx.field(converter=as_number, default=101325.0)
 
     def flow(self, upstream: Real, downstream: Real) -> RealArray:
         """Volume flow at reference conditions Q [m3/s], broadcast shape; zero against the pressure.

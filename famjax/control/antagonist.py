@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .._each import at_each
-from .._types import Given, Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_number, as_real
 from ..compile_options import quick_jit
 from .crossing import ROUNDED, first_crossing
 from .held_pair import HeldPair
@@ -98,9 +98,9 @@ class Antagonist(eqx.Module):
     flexor: HasForce
     extensor: HasForce
     paths: tuple[AbstractPath, AbstractPath]
-    pressures: Float[Given, "2"] = eqx.field(converter=as_real)
-    angles: Float[Given, "2"] = eqx.field(converter=as_real)
-    least_pull: Float[Given, ""] = eqx.field(converter=as_real, default=0.0)
+    pressures: Float[Given, "2"] = eqx.field(converter=as_number)
+    angles: Float[Given, "2"] = eqx.field(converter=as_number)
+    least_pull: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
 
     def pulls(self, angle: Real, flexor: Real, extensor: Real) -> tuple[RealArray, RealArray]:
         """Pulls [N] of flexor and extensor at an angle [rad] and two pressures [Pa], broadcast shape.

@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_number
 from ..boundary.errors import InputError
 from ..muscle import AbstractMuscle
 
@@ -41,7 +41,7 @@ class HeldLength(eqx.Module):
     """
 
     muscle: AbstractMuscle
-    length: Float[Given, ""] = eqx.field(converter=as_real)
+    length: Float[Given, ""] = eqx.field(converter=as_number)
 
     def __call__(self, pressure: Real) -> RealArray:
         """V [m3] at a gauge pressure P [Pa], of its shape."""
@@ -60,7 +60,7 @@ class HeldLoad(eqx.Module):
     """
 
     muscle: AbstractMuscle
-    load: Float[Given, ""] = eqx.field(converter=as_real)
+    load: Float[Given, ""] = eqx.field(converter=as_number)
 
     def __call__(self, pressure: Real) -> RealArray:
         """V [m3] at a gauge pressure P [Pa], of its shape; nan where it does not carry the load."""

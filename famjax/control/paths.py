@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_number, as_real
 
 
 class AbstractPath(eqx.Module):
@@ -36,11 +36,11 @@ class Pulley(AbstractPath):
         middle_length: L_0 [m], active length of the muscle at angle 0.
 
     >>> Pulley(0.02, 0.28).length(0.5)
-    Array(0.27, dtype=float64, weak_type=True)
+    Array(0.27, dtype=float64)
     """
 
-    radius: Float[Given, ""] = eqx.field(converter=as_real)
-    middle_length: Float[Given, ""] = eqx.field(converter=as_real)
+    radius: Float[Given, ""] = eqx.field(converter=as_number)
+    middle_length: Float[Given, ""] = eqx.field(converter=as_number)
 
     def length(self, angle: Real) -> RealArray:
         """L_0 - r angle [m], of the angle's shape."""
@@ -59,9 +59,9 @@ class Lever(AbstractPath):
         dead_length: l [m], what of the distance is end-fittings, rods and cable, >= 0.
     """
 
-    link_pin: Float[Given, "2"] = eqx.field(converter=as_real)
-    base_pin: Float[Given, "2"] = eqx.field(converter=as_real)
-    dead_length: Float[Given, ""] = eqx.field(converter=as_real, default=0.0)
+    link_pin: Float[Given, "2"] = eqx.field(converter=as_number)
+    base_pin: Float[Given, "2"] = eqx.field(converter=as_number)
+    dead_length: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
 
     def length(self, angle: Real) -> RealArray:
         """Distance of the pins less the dead length [m], of the angle's shape."""

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from .._compiled import compiled_method
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ..profiles.assumed_shapes import tondu_lopez_length
@@ -31,6 +32,7 @@ class EndEffectGeometry(AbstractGeometry):
     cylinder: AbstractGeometry
     end_factor: Float[Given, "..."] = parameter(low=1.0, high=_LARGEST_FACTOR)
 
+    @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions of the cylinder at active length L [m] and gauge pressure P [Pa]."""
         positive = as_real(length) > 0

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from .._compiled import compiled_method
 from .._types import Real, RealArray
 from ..braids.inextensible import (
     NEUTRAL_ANGLE,
@@ -83,6 +84,7 @@ class EstimatedGeometry(AbstractGeometry):
     braid: AbstractBraid
     bladder: Bladder
 
+    @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         at, thread_length, reached = self.braid.reach(length, pressure)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Bool
 
+from .._compiled import compiled_method
 from .._each import at_each
 from .._types import Real, RealArray, as_real
 from ..braids.inextensible import AbstractBraid
@@ -53,6 +54,7 @@ class MeasuredGeometry(AbstractGeometry):
         """The family's braid."""
         return self.family.braid
 
+    @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
@@ -106,6 +108,7 @@ class AverageDiameterGeometry(AbstractGeometry):
         """The family's braid."""
         return self.family.braid
 
+    @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._compiled import compiled
-from .._types import Given, Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_number, as_real
 from .abstract_muscle import AbstractMuscle
 from .bend import bent, stopped
 from .region import AnyArray, Region, Slopes
@@ -44,10 +44,10 @@ class ContinuedMuscle(AbstractMuscle):
 
     muscle: AbstractMuscle
     region: Region
-    stops: Float[Given, "2"] = eqx.field(converter=as_real)
-    stop_stiffness: Float[Given, ""] = eqx.field(converter=as_real)
-    length_ends: Float[Given, "2"] = eqx.field(converter=as_real)
-    pressure_ends: Float[Given, "2"] = eqx.field(converter=as_real)
+    stops: Float[Given, "2"] = eqx.field(converter=as_number)
+    stop_stiffness: Float[Given, ""] = eqx.field(converter=as_number)
+    length_ends: Float[Given, "2"] = eqx.field(converter=as_number)
+    pressure_ends: Float[Given, "2"] = eqx.field(converter=as_number)
 
     @classmethod
     def of(cls, muscle: AbstractMuscle, region: Region, stops: AnyArray, at: Slopes):

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from .._alike import of_each
 from .._compiled import compiled
-from .._types import Real, RealArray, as_real
+from .._types import Real, RealArray, as_number, as_real
 from .abstract_muscle import AbstractMuscle
 
 
@@ -21,7 +21,7 @@ class MeanMuscle(AbstractMuscle):
     """
 
     members: tuple[AbstractMuscle, ...]
-    weights: Float[Array, " members"] = eqx.field(converter=as_real)
+    weights: Float[Array, " members"] = eqx.field(converter=as_number)
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._types import Given, RealArray, as_real
+from .._types import Given, RealArray, as_number
 from ..boundary.errors import InputError
 from ..compile_options import quick_jit
 from .abstract_muscle import AbstractMuscle
@@ -31,8 +31,8 @@ class Region(eqx.Module):
         pressure: lowest and highest gauge pressure [Pa], shape (2,).
     """
 
-    length: Float[Given, "2"] = eqx.field(converter=as_real)
-    pressure: Float[Given, "2"] = eqx.field(converter=as_real)
+    length: Float[Given, "2"] = eqx.field(converter=as_number)
+    pressure: Float[Given, "2"] = eqx.field(converter=as_number)
 
     @classmethod
     def of(cls, length: Sequence[float] | np.ndarray, pressure: Sequence[float] | np.ndarray):

@@ -6,7 +6,7 @@ from typing import Any
 
 import equinox as eqx
 
-from .._types import as_real
+from .._types import as_number
 
 QUANTITY = "quantity"
 """Key of the declaration in a field's metadata."""
@@ -150,4 +150,4 @@ def _field(quantity: Quantity, default: Any) -> Any:
 
 
 def _real_or_none(value: Any) -> Any:
-    return None if value is None else as_real(value)
+    return None if value is None else as_number(value)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Real, RealArray, as_real
+from .._types import Real, RealArray, as_number
 from .declared import Declared, declaration, number, parameter
 from .method import Method
 
@@ -152,7 +152,7 @@ def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str
                 f"a parameter is one number; got the shape {jnp.shape(value)} for {name!r}. For "
                 "many muscles at once map the function that makes one, by jax.vmap"
             )
-    return {name: as_real(value) for name, value in values.items()}
+    return {name: as_number(value) for name, value in values.items()}
 
 
 class _Place(NamedTuple):

@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
+from .._compiled import compiled_method
 from .._types import Given, Real, RealArray, as_real
 from ..braids.inextensible import AbstractBraid, diameter_from_length
 from ..parameters import Parametrised, number
@@ -219,6 +220,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
                 "than the active length, and the margin"
             )
 
+    @compiled_method
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
         """Braid diameter D [m], broadcast shape; nan outside `length_range`.
 

@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from .._compiled import compiled_method
 from .._types import Given, Real, RealArray, as_real
 from ..braids.inextensible import AbstractBraid
 from ..parameters import number
@@ -81,6 +82,7 @@ class SampledSurface(AbstractMeasuredFamily):
         """None: slope and curvature are continuous."""
         return jnp.zeros(0, self.diameters.dtype)
 
+    @compiled_method
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
         """Braid diameter D [m], broadcast shape; nan outside `length_range`.
 

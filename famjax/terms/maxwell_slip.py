@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._compiled import compiled
-from .._types import Given, Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_number, as_real
 from .slip_elements import SlipElements, slip, slip_coordinates, slip_shares
 
 
@@ -68,8 +68,8 @@ class MaxwellSlip(eqx.Module):
 
     wall: SlipElements
     braid: SlipElements
-    rest_length: Float[Given, ""] = eqx.field(converter=as_real)
-    modulus: Float[Given, ""] = eqx.field(converter=as_real)
+    rest_length: Float[Given, ""] = eqx.field(converter=as_number)
+    modulus: Float[Given, ""] = eqx.field(converter=as_number)
 
     def coordinates(self, length: Real, pressure: Real) -> tuple[RealArray, RealArray]:
         """Coordinates of wall and braid [-], see `slip_coordinates`."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._types import Given, Real, RealArray, as_real
+from .._types import Given, Real, RealArray, as_number
 
 if TYPE_CHECKING:
     Either: TypeAlias = Any  # NumPy's or JAX's, as the arguments are
@@ -81,8 +81,8 @@ class SlipElements(eqx.Module):
         strength: force [N] of each element while it slides, >= 0, shape (k,).
     """
 
-    threshold: Float[Given, " k"] = eqx.field(converter=as_real)
-    strength: Float[Given, " k"] = eqx.field(converter=as_real)
+    threshold: Float[Given, " k"] = eqx.field(converter=as_number)
+    strength: Float[Given, " k"] = eqx.field(converter=as_number)
 
     @classmethod
     def none(cls) -> "SlipElements":

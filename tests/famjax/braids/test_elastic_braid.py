@@ -1,5 +1,6 @@
 """The reference specimen in inch, psi, lbf throughout."""
 
+import functools
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -44,13 +45,14 @@ def toe(modulus: float = 16.9e6) -> ElasticBraid:
     return braid(ToeThread(modulus, AREA, 0.002, 2.0))
 
 
-def over_grid(make: Callable) -> np.ndarray:
-    @jax.jit
-    @jax.vmap
-    def solve(length, pressure, modulus):
-        return make(modulus).thread_length(length, pressure)
+@jax.jit
+@jax.vmap
+def lengths_of(thread: AbstractThread, length: jax.Array, pressure: jax.Array) -> jax.Array:
+    return braid(thread).thread_length(length, pressure)
 
-    return np.asarray(solve(L, P, E))
+
+def over_grid(make: Callable[[jax.Array], AbstractThread]) -> np.ndarray:
+    return np.asarray(lengths_of(jax.vmap(make)(E), L, P))
 
 
 def closed_form(length, pressure, rest, turns, modulus):
@@ -65,7 +67,7 @@ def test_published_figure_of_the_closed_form() -> None:
 
 def test_linear_thread_meets_the_closed_form_on_the_whole_grid() -> None:
     """Every pressure to 200 psi, -5 to 45 %, 0.05e6 to 30e6 psi, nan exactly beyond the limit."""
-    B = over_grid(linear)
+    B = over_grid(lambda modulus: LinearThread(modulus, AREA))
     assert np.sum(SHARE >= 1) > 100  # both sides of the limit are on the grid
     with np.errstate(divide="ignore"):
         expected = np.where(SHARE < 1, closed_form(L, P, B0, N, E), np.nan)
@@ -82,7 +84,7 @@ def test_toe_thread_meets_its_quadratic_on_the_whole_grid(
     toe_strain: float, toe_tension: float
 ) -> None:
     """T = kappa (1 + eps(T)) is a quadratic equation in T; the limit is the linear thread's."""
-    B = over_grid(lambda modulus: braid(ToeThread(modulus, AREA, toe_strain, toe_tension)))
+    B = over_grid(lambda modulus: ToeThread(modulus, AREA, toe_strain, toe_tension))
     inside = SHARE < 1
     share = np.where(inside, SHARE, 0.0)
     kappa = share * AREA * E
@@ -177,6 +179,12 @@ def load(x: np.ndarray, length: float, pressure: float, force: float) -> np.ndar
     return (force + pressure * section) * B / (n * length)
 
 
+@jax.jit
+@jax.vmap
+def length_at_force(length, pressure, force, modulus) -> jax.Array:
+    return linear(modulus).thread_length_at_force(length, pressure, force, throw=False)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0, 2.0])
 def test_given_force_meets_the_cubic_on_the_whole_grid(share: float) -> None:
     """k (x - 1) = T(B0 x), smallest root by the eigenvalues of the companion matrix.
@@ -184,13 +192,7 @@ def test_given_force_meets_the_cubic_on_the_whole_grid(share: float) -> None:
     The forces are parts of Gaylord's with the threads at rest, and nothing where that pushes.
     """
     force = share * np.maximum(P / (4 * np.pi * N**2) * (3 * L**2 - B0**2), 0)
-
-    @jax.jit
-    @jax.vmap
-    def solve(length, pressure, force, modulus):
-        return linear(modulus).thread_length_at_force(length, pressure, force, throw=False)
-
-    B = np.asarray(solve(L, P, force, E))
+    B = np.asarray(length_at_force(L, P, force, E))
     for i in range(B.size):
         k = AREA * E[i]
         a, b = np.linalg.solve(
@@ -237,9 +239,10 @@ def stencil(function: Callable, at: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.asarray((8 * near - far) / (12 * step))
 
 
-@pytest.mark.parametrize("law", ["linear", "toe"])
-@pytest.mark.parametrize("argument", range(5), ids=["L", "P", "B0", "N", "modulus"])
-def test_derivatives_match_differences_on_the_whole_grid(argument: int, law: str) -> None:
+@functools.cache
+def solver(law: str) -> tuple[Callable, Callable]:
+    """B of (L, P, B0, N, modulus), and its derivatives in all of them, at each of many states."""
+
     def solve(*values):
         length, pressure, rest, turns, modulus = values
         thread = (
@@ -247,11 +250,17 @@ def test_derivatives_match_differences_on_the_whole_grid(argument: int, law: str
         )
         return ElasticBraid(rest, turns, 0.011, n, thread).thread_length(length, pressure)
 
+    return jax.jit(jax.vmap(solve)), jax.jit(jax.vmap(jax.grad(solve, argnums=range(5))))
+
+
+@pytest.mark.parametrize("law", ["linear", "toe"])
+@pytest.mark.parametrize("argument", range(5), ids=["L", "P", "B0", "N", "modulus"])
+def test_derivatives_match_differences_on_the_whole_grid(argument: int, law: str) -> None:
+    batched, slopes = solver(law)
     ones = np.ones(int(np.sum(SHARE < 1)))
     inside = SHARE < 1
     values = [L[inside], P[inside], B0 * ones, N * ones, E[inside]]
-    slope = np.asarray(jax.jit(jax.vmap(jax.grad(solve, argnums=argument)))(*values))
-    batched = jax.jit(jax.vmap(solve))
+    slope = np.asarray(slopes(*values)[argument])
     # A step small against the distance from the limit, where B grows as 1 / (1 - share).
     size = np.maximum(values[argument], 1.0)
     step = 2e-3 * size * np.minimum(1 - SHARE[inside], 0.5)

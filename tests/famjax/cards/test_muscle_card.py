@@ -160,16 +160,18 @@ def through_text(card: dict) -> dict:
 
 
 @pytest.mark.parametrize("name", MUSCLES)
-def test_a_muscle_comes_back_to_the_last_bit(name: str) -> None:
+def test_a_muscle_comes_back_to_the_last_bit(name: str, caplog: pytest.LogCaptureFixture) -> None:
     muscle = muscle_named(name)
-    again = muscle_from_dict(through_text(muscle_as_dict(muscle)))
+    pull = force(muscle)
+    assert np.isfinite(pull).all()
+    with jax.log_compiles():  # what was written in Python's numbers meets the same programs
+        again = muscle_from_dict(through_text(muscle_as_dict(muscle)))
+        np.testing.assert_array_equal(force(again), pull)
+    assert not caplog.records, caplog.records[0].getMessage()
     assert jax.tree.structure(again) == jax.tree.structure(muscle)
     for mine, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(muscle), strict=True):
         np.testing.assert_array_equal(mine, theirs)
         assert mine.dtype == theirs.dtype
-    pull = force(muscle)
-    assert np.isfinite(pull).all()
-    np.testing.assert_array_equal(force(again), pull)
 
 
 def test_every_part_of_a_muscle_has_a_card_and_is_tried_above() -> None:

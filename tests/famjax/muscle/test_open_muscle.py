@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 from collections.abc import Callable
 
 import equinox as eqx
@@ -396,6 +397,19 @@ def test_the_log_would_show_a_trace(caplog: pytest.LogCaptureFixture) -> None:
     with jax.log_compiles():
         MUSCLES["muscle"].force(jnp.linspace(0.2, 0.25, 17), 4e5)
     assert caplog.records
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_dimensions_are_one_program(name: str, caplog: pytest.LogCaptureFixture) -> None:
+    """Called outside of a trace: not one for each operation."""
+    geometry = GEOMETRIES[name]()
+    geometry.dimensions(np.linspace(8.0, 9.0, 11), 60.0)
+    with jax.log_compiles():  # of another size
+        geometry.dimensions(np.linspace(8.0, 9.0, 13), 60.0)
+    compiled = re.findall(r"Compiling jit\((\w+)\)", "\n".join(caplog.messages))
+    assert [one for one in compiled if one != "stage"] == [
+        "dimensions"
+    ]  # stage: JAX's, of a constant
 
 
 @pytest.mark.slow
