@@ -72,9 +72,7 @@ class SimulatedMuscle:
         self._P0, self._per_P = float(pressures[0]), 1 / float(pressures[1] - pressures[0])
         self._last = (lengths.size - 2, pressures.size - 2)
         pairs = np.stack([np.asarray(force, float), np.asarray(volume, float)], axis=-1)
-        self._rows: list[list[tuple[float, float]]] = [
-            [(F, V) for F, V in row] for row in pairs.tolist()
-        ]
+        self._rows: list[list[list[float]]] = pairs.tolist()
         self._cell = self._corners(0, 0)  # the last one used
 
     def at(self, length: float, pressure: float) -> tuple[float, float, float, float]:
@@ -159,24 +157,20 @@ def mckibben(
     References:
         Chambers 2021, tables 6.11 and 6.12.
     """
-    if not thread_length / math.sqrt(3) < rest_length < thread_length:
+    neutral = thread_length / math.sqrt(3)
+    if not neutral < rest_length < thread_length:
         raise RigError(
-            f"rest_length must lie between thread_length / sqrt(3) = "
-            f"{thread_length / math.sqrt(3):.5g} m and thread_length = {thread_length:.5g} m, got "
-            f"{rest_length} m"
+            f"rest_length must lie between thread_length / sqrt(3) = {neutral:.5g} m and "
+            f"thread_length = {thread_length:.5g} m, got {rest_length} m"
         )
     four = 4 * math.pi * turns**2
     longest = min(1.02 * rest_length, (rest_length + thread_length) / 2)
-    lengths = np.linspace(0.95 * thread_length / math.sqrt(3), longest, 401)[:, None]
+    lengths = np.linspace(0.95 * neutral, longest, 401)[:, None]
     pressures = np.linspace(0, 120 * PSI, 25)[None, :]
     area = (3 * lengths**2 - thread_length**2) / four
     pull = (pressures - deadband_pressure) * area - stiffness * (rest_length - lengths)
     volume = (thread_length**2 * lengths - lengths**3) / four - solid_volume
+    volume = np.broadcast_to(volume, pull.shape)
     return SimulatedMuscle(
-        lengths[:, 0],
-        pressures[0],
-        pull,
-        volume + 0 * pressures,
-        rest_length=rest_length,
-        friction=friction,
+        lengths[:, 0], pressures[0], pull, volume, rest_length=rest_length, friction=friction
     )

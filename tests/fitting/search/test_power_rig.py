@@ -71,6 +71,7 @@ def test_noisy_estimates_lie_within_three_standard_errors() -> None:
         assert estimate.stderr < 0.2 * value
 
 
+@pytest.mark.slow
 def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path: Path) -> None:
     write_fit(identified, tmp_path)
     saved = load_fit(tmp_path / "fit.json")
