@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 os.environ.setdefault("PJRT_NPROC", "16")  # see docs: batched LAPACK on few cores
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")  # a twentieth of the time
 # Most of the time of these tests is XLA compiling, and its passes cost more than they save: see
 # famjax.compile_options. XLA ends a process at a flag that it does not know, so that all but those
 # of every release are for the one of constraints.txt. Examples, pages and commands that tests start
