@@ -21,7 +21,10 @@ HOW_TO = DOCS / "how-to"
 LAB = HOW_TO / "lab.md"
 LONG = [
     *(DOCS / "first-result.md", DOCS / "concepts" / "bands.md", DOCS / "control.md"),
-    *(HOW_TO / f"{page}.md" for page in ("design", "robotics", "jax-modeller", "matlab", "large-work")),
+    *(
+        HOW_TO / f"{page}.md"
+        for page in ("design", "robotics", "jax-modeller", "matlab", "large-work")
+    ),
 ]
 """Pages whose examples take more than five seconds each."""
 WRITTEN = [DOCS / "comparison.md", DOCS / "reproduction.md"]
