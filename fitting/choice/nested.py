@@ -129,7 +129,7 @@ def _fold(
 ) -> dict[str, Any]:
     """The choice without one group of the loaded readings, and its errors on them."""
     mine, levels = group == k, _levels(data, groups)
-    rest = choose(without(data, np.isin(levels, levels[data.loaded][mine])), **options)
+    rest = choose(data.part(~np.isin(levels, levels[data.loaded][mine])), **options)
     at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]
     error = rest.predict(*at) - data.force[data.loaded][mine]
     half = rest.error.factor() * rest.error.std(*at)
@@ -140,13 +140,3 @@ def _fold(
 
 def _levels(data: ForceData, groups: str) -> Float[np.ndarray, " n"]:
     return {"pressure": data.pressures, "length": data.lengths}[groups].level
-
-
-def without(data: ForceData, out: Bool[np.ndarray, " n"]) -> ForceData:
-    """The map without some of its readings."""
-    columns = ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
-    kept = {name: values[~out] for name in columns if (values := getattr(data, name)) is not None}
-    return dataclasses.replace(
-        data, **kept, pressure_tolerance=data.pressures.tolerance,
-        length_tolerance=data.lengths.tolerance,
-    )  # fmt: skip

@@ -5,7 +5,6 @@ from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.sentence import Quantity, Sentence
 
-from ..choice.nested import without
 from ..data.force_data import ForceData
 from .trial import Trial, attempt, richest
 
@@ -27,9 +26,9 @@ _PER_LENGTH = 5  # readings
 
 def kept_only(data: ForceData, kept: Bool[np.ndarray, " loaded"]) -> ForceData:
     """The map with some of its loaded readings only."""
-    out = np.zeros(data.force.size, bool)
-    out[np.flatnonzero(data.loaded)[~kept]] = True
-    return without(data, out)
+    rows = np.ones(data.force.size, bool)
+    rows[data.loaded] = kept
+    return data.part(rows)
 
 
 def errors_of(trial: Trial, data: ForceData) -> Float[np.ndarray, " loaded"]:
@@ -121,4 +120,4 @@ def thinned(data: ForceData) -> ForceData:
         mine = np.flatnonzero(data.loaded & (data.lengths.level == one))
         mine = mine[np.argsort(data.pressure[mine])]
         kept[mine[np.unique(np.linspace(0, mine.size - 1, _PER_LENGTH).astype(int))]] = True
-    return without(data, ~kept)
+    return data.part(kept)

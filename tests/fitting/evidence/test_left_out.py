@@ -8,7 +8,6 @@ from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
 
 from fitting import ForceData, Identification, identify, validate
-from fitting.choice.nested import without
 from fitting.evidence import ModelError
 from fitting.evidence.left_out import LeftOut, leave_out
 from fitting.evidence.model_error import model_error, spline_variance, student
@@ -33,8 +32,7 @@ def test_neighbouring_pressures_are_left_out_together(fitted20: Identification) 
 
 
 def test_two_levels_cannot_be_left_out(dmsp20: ForceData) -> None:
-
-    few = without(dmsp20, dmsp20.lengths.level < 0.28)
+    few = dmsp20.part(dmsp20.lengths.level >= 0.28)
     result = identify(few, law="neo-hookean", starts=2)
     assert leave_out(result.problem, result.end.u, "length") is None
 
