@@ -2,25 +2,16 @@
 
 import dataclasses
 import math
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..evidence.left_out import LeftOut
+from .cross_validation import CrossValidation
 
-@runtime_checkable
-class HeldOut(Protocol):
-    """What a cross-validation knows, whoever made it."""
-
-    @property
-    def rmse(self) -> float:
-        """Over all that was left out [N]."""
-        ...
-
-    @property
-    def interior_rmse(self) -> float:
-        """Over all but the lowest and the highest group [N]."""
-        ...
+HeldOut = CrossValidation | LeftOut
+"""Errors on what a fit had not seen."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,10 +65,6 @@ class ComparisonRow:
     def noted(self, note: str) -> "ComparisonRow":
         """The row with one more note."""
         return dataclasses.replace(self, note="; ".join(filter(None, (self.note, note))))
-
-    def at_bounds(self, n_parameters: int, names: tuple[str, ...]) -> "ComparisonRow":
-        """The row with its number of parameters and those of them on a bound."""
-        return dataclasses.replace(self, n_parameters=n_parameters, at_bound=names)
 
     def with_errors(
         self,

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hyste
 from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
 from ..posterior.result import Posterior
 from ..search.result import Identification
-from .left_out import groups_of, leave_out_each
+from .left_out import LeftOut, groups_of, leave_out_each
 from .likelihood import LEVELS, Profile, profile
 from .model_error import ModelError, model_error
 from .resampling import Bootstrap, bootstrap
@@ -27,36 +27,6 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 _DISAGREE = 1.5
 """Factor between two estimates of one error bar beyond which a reader is warned."""
-
-
-@runtime_checkable
-class GroupErrors(Protocol):
-    """Errors on groups of readings while each was left out, see `Validation`."""
-
-    @property
-    def groups(self) -> str:
-        """What is left out together."""
-        ...
-
-    @property
-    def values(self) -> np.ndarray:
-        """Levels left out [Pa or m]."""
-        ...
-
-    @property
-    def group_rmse(self) -> np.ndarray:
-        """On each level [N]."""
-        ...
-
-    @property
-    def rmse(self) -> float:
-        """Over all readings [N]."""
-        ...
-
-    @property
-    def interior_rmse(self) -> float:
-        """Without the lowest and the highest level [N]."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +44,7 @@ class Evidence:
         shared: what errors that all readings share do, or None.
     """
 
-    validations: tuple[GroupErrors, ...] = ()
+    validations: tuple[LeftOut, ...] = ()
     profiles: tuple[Profile, ...] = ()
     bootstrap: Bootstrap | None = None
     hysteresis: HysteresisFit | None = None

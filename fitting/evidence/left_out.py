@@ -13,6 +13,7 @@ from .refit import refit
 GROUPS = 8
 """Of neighbouring levels that say much the same of one another: pressures, and many lengths."""
 _SINGLE = 10  # lengths at most are left out one by one
+_FEWEST = 3  # levels: without one of two, the other tells nothing of it
 _QUICK = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
 """A prediction need not wait for the last digit of the fit that it is made by."""
 
@@ -22,20 +23,25 @@ class LeftOut:
     """Errors of predictions of readings that the fit had not seen.
 
     Attributes:
-        kind: what was left out together, readings of one "pressure", "length" or "specimen".
+        groups: what was left out together, readings of one "pressure", "length" or "specimen".
         level: of each reading [Pa or m], or the number of its specimen, shape (points,).
         group: number of each reading's group, shape (points,).
         error: prediction less reading [N] while its group was left out, shape (points,).
     """
 
-    kind: str
+    groups: str
     level: Float[np.ndarray, " points"]
     group: Int[np.ndarray, " points"]
     error: Float[np.ndarray, " points"]
 
     @property
+    def values(self) -> Float[np.ndarray, " groups"]:
+        """What was left out one after another, see `level`; means where a group has several."""
+        return levels_of_groups(self.level, self.group)
+
+    @property
     def group_rmse(self) -> Float[np.ndarray, " groups"]:
-        """Root mean square error [N] of each group."""
+        """Root mean square error [N] of each group while it was left out."""
         return np.sqrt(np.bincount(self.group, self.error**2) / np.bincount(self.group))
 
     @property
@@ -45,7 +51,7 @@ class LeftOut:
 
     @property
     def interior_rmse(self) -> float:
-        """Over all groups but the first and the last [N], which are extrapolations; nan if none."""
+        """Over all groups but the lowest and the highest [N], which are extrapolations; nan if none."""
         inner = (self.group > 0) & (self.group < self.group.max())
         return float(np.sqrt(np.mean(self.error[inner] ** 2))) if inner.any() else np.nan
 
@@ -84,6 +90,7 @@ def leave_out_each(
     *,
     seed: int = 0,
     settled: bool = False,
+    least: int = _FEWEST,
 ) -> list[dict[str, LeftOut]]:
     """`leave_out` of several fits and for several kinds, the refits of all in step.
 
@@ -92,6 +99,7 @@ def leave_out_each(
         kinds: number of groups and of starts of each.
         seed: of the starts.
         settled: as in `leave_out`.
+        least: levels of a kind that say something of one another.
 
     Returns:
         The errors of each fit by kind, without those of which there are too few levels.
@@ -101,7 +109,7 @@ def leave_out_each(
     for problem, u in fits:
         found.append({})
         for kind, (groups, count) in kinds.items():
-            group = _groups(problem, kind, groups)
+            group = group_of_each(problem, kind, groups, least)
             if group is None:
                 continue
             found[-1][kind] = group, len(problems)
@@ -146,17 +154,34 @@ def grouped(
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
     """
-    group, at = _groups(problem, kind, groups), problem.side == 0
+    group, at = group_of_each(problem, kind, groups), problem.side == 0
     return None if group is None else LeftOut(kind, problem.levels(kind)[at], group[at], error[at])
 
 
-def _groups(problem: Problem, kind: str, groups: int | None) -> Int[np.ndarray, " points"] | None:
-    """The group of every reading; -1 of a censored one at a level where none is anything else."""
+def group_of_each(
+    problem: Problem, kind: str, groups: int | None = None, least: int = _FEWEST
+) -> Int[np.ndarray, " points"] | None:
+    """The group of every reading; -1 of a censored one at a level where none is anything else.
+
+    Args:
+        problem: what was fitted.
+        kind: "pressure", "length" or "specimen".
+        groups: as for `leave_out`.
+        least: with fewer levels, or with one specimen, there are no groups.
+    """
     level = problem.levels(kind)
     values = np.unique(level[problem.side == 0])
-    if values.size < (2 if kind == "specimen" else 3):
+    if values.size < (2 if kind == "specimen" else least):
         return None
     count = values.size if groups is None else min(groups, values.size)
     group = np.searchsorted(values, level) * count // values.size
     group[~np.isin(level, values)] = -1
     return group
+
+
+def levels_of_groups(
+    level: Float[np.ndarray, " points"], group: Int[np.ndarray, " points"]
+) -> Float[np.ndarray, " groups"]:
+    """The level of each group; the mean over its readings where it has several."""
+    first = level[np.unique(group, return_index=True)[1]]
+    return first + np.bincount(group, level - first[group]) / np.bincount(group)
