@@ -73,7 +73,7 @@ def validate_choice(
     """
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
-    levels = _levels(data, groups)[data.loaded]
+    levels = data.levels(groups)[data.loaded]
     single, place = np.unique(levels, return_inverse=True)
     count = min(single.size, _MOST)
     group = place * count // single.size
@@ -107,7 +107,7 @@ def _fold(
     k: int,
 ) -> dict[str, Any]:
     """The choice without one group of the loaded readings, and its errors on them."""
-    mine, levels = group == k, _levels(data, groups)
+    mine, levels = group == k, data.levels(groups)
     rest = choose(data.part(~np.isin(levels, levels[data.loaded][mine])), **options)
     at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]
     error = rest.predict(*at) - data.force[data.loaded][mine]
@@ -115,7 +115,3 @@ def _fold(
     return {
         "name": rest.names[0], "error": error, "inside": np.abs(error) <= half, "width": 2 * half,
     }  # fmt: skip
-
-
-def _levels(data: ForceData, groups: str) -> Float[np.ndarray, " n"]:
-    return {"pressure": data.pressures, "length": data.lengths}[groups].level
