@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from famjax.boundary.units import finite_or_none
+
 from ..evidence.left_out import LeftOut
 from .cross_validation import CrossValidation
 
@@ -47,7 +49,7 @@ class ComparisonRow:
         row: dict[str, Any] = {}
         for key, value in dataclasses.asdict(self).items():
             if isinstance(value, float):
-                row[f"{key}_N"] = value if math.isfinite(value) else None
+                row[f"{key}_N"] = finite_or_none(value)
             else:
                 row[key] = list(value) if isinstance(value, tuple) else value
         return row

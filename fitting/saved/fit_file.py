@@ -11,7 +11,7 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.origin import Origin
 from famjax.boundary.sentence import in_units
-from famjax.boundary.units import from_si, unit_system
+from famjax.boundary.units import finite_or_none, from_si, unit_system
 from famjax.cards import muscle_as_dict
 
 from ..choice.choose import Choice
@@ -23,7 +23,7 @@ from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings
 from ..evidence.spread import muscle_spread
 from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
-from .saved_fit import SCHEMA, finite_or_none
+from .saved_fit import SCHEMA
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
 
