@@ -20,7 +20,7 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..data.force_data import ForceData
-from ..evidence.left_out import LeftOut, leave_out
+from ..evidence.left_out import LeftOut, leave_out_each
 from ..evidence.pull import pull
 from ..evidence.spread import muscle_spread
 from ..families.parameters import Parameter
@@ -261,7 +261,9 @@ def _tried(
     """Its errors; not sound where the others do not determine the force of every specimen."""
     problem = _posed(data, constraint, box, candidate).problem
     best = descended(problem, starts, seed)
-    out = leave_out(problem, best.u, "specimen", starts=2, seed=seed, settled=True)
+    kinds = {"specimen": (None, 2)}
+    (found,) = leave_out_each([(problem, best.u)], kinds, seed=seed, settled=True)
+    out = found.get("specimen")
     if out is None or not np.isfinite(out.error).all():
         return {"sound": False}
     return {

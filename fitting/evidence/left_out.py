@@ -56,34 +56,6 @@ class LeftOut:
         return float(np.sqrt(np.mean(self.error[inner] ** 2))) if inner.any() else np.nan
 
 
-def leave_out(
-    problem: Problem,
-    u: Float[np.ndarray, " p"],
-    kind: str,
-    *,
-    groups: int | None = None,
-    starts: int = 1,
-    seed: int = 0,
-    settled: bool = False,
-) -> LeftOut | None:
-    """The errors on each level of one kind while it was left out.
-
-    Args:
-        problem: what was fitted.
-        u: its optimum in the unit box, from which every refit starts.
-        kind: "pressure", "length" or "specimen".
-        groups: neighbouring levels are left out together, in so many groups; each alone unless given.
-        starts: descents of each refit, the one from the optimum among them.
-        seed: of the others.
-        settled: whether each refit goes on to its last digit, as where families are all but alike.
-
-    Returns:
-        The errors; None where there are fewer than three levels, or one specimen.
-    """
-    kinds = {kind: (groups, starts)}
-    return leave_out_each([(problem, u)], kinds, seed=seed, settled=settled)[0].get(kind)
-
-
 def leave_out_each(
     fits: Sequence[tuple[Problem, Float[np.ndarray, " _"]]],
     kinds: Mapping[str, tuple[int | None, int]],
@@ -92,17 +64,19 @@ def leave_out_each(
     settled: bool = False,
     least: int = _FEWEST,
 ) -> list[dict[str, LeftOut]]:
-    """`leave_out` of several fits and for several kinds, the refits of all in step.
+    """The errors of several fits on each level of some kinds while it was left out, all refits in step.
 
     Args:
-        fits: what was fitted, and its optimum in the unit box.
-        kinds: number of groups and of starts of each.
-        seed: of the starts.
-        settled: as in `leave_out`.
+        fits: what was fitted, and its optimum in the unit box, from which every refit starts.
+        kinds: "pressure", "length" or "specimen"; in how many groups neighbouring levels are left out
+            together, each alone with None, and the descents of each refit, the one from the optimum
+            among them.
+        seed: of the other starts.
+        settled: whether each refit goes on to its last digit, as where families are all but alike.
         least: levels of a kind that say something of one another.
 
     Returns:
-        The errors of each fit by kind, without those of which there are too few levels.
+        The errors of each fit by kind, without those of which there are too few levels, or one specimen.
     """
     problems, starts = [], []
     found: list[dict[str, tuple[np.ndarray, int]]] = []
@@ -143,13 +117,13 @@ def groups_of(problem: Problem, kind: str) -> int | None:
 def grouped(
     problem: Problem, kind: str, error: Float[np.ndarray, " points"], *, groups: int | None = None
 ) -> LeftOut | None:
-    """Errors at all readings in the groups in which `leave_out` takes them.
+    """Errors at all readings in the groups in which `leave_out_each` takes them.
 
     Args:
         problem: what was fitted.
         kind: "pressure", "length" or "specimen".
         error: prediction less reading [N].
-        groups: as for `leave_out`.
+        groups: their number, as for `leave_out_each`.
 
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
@@ -166,7 +140,7 @@ def group_of_each(
     Args:
         problem: what was fitted.
         kind: "pressure", "length" or "specimen".
-        groups: as for `leave_out`.
+        groups: their number, as for `leave_out_each`.
         least: with fewer levels, or with one specimen, there are no groups.
     """
     level = problem.levels(kind)

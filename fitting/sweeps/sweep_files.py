@@ -1,6 +1,5 @@
 """What `famjax sweep` does besides parsing: sweep, files and the rows to print."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -69,7 +68,6 @@ def sweep_command(
         ):
             files[f"{name}-{index + 1}.png"] = as_png(figure)
     document = {"rows": [table_row(row, units) for row in found.rows]}
-    json.dumps(document, allow_nan=False)
     return document, write_all(output, files)
 
 
