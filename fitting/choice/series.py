@@ -217,7 +217,11 @@ def identify_series(
     largest = max(one.max_force for one in data)
     tried, order = ranked(
         [
-            (kept[0].candidate, _rmse(kept), {"specimen": _mean([one.left_out for one in kept])})
+            (
+                kept[0].candidate,
+                _rmse(kept),
+                {"specimen": LeftOut.of_mean([one.left_out for one in kept])},
+            )
             for kept in found
         ],
         largest,
@@ -290,10 +294,6 @@ def _alike(judged: Sequence[_Judged]) -> list[_Judged]:
 
 def _rmse(judged: Sequence[_Judged]) -> float:
     return float(np.sqrt(np.mean([one.rmse**2 for one in judged])))
-
-
-def _mean(left_out: Sequence[LeftOut]) -> LeftOut:
-    return dataclasses.replace(left_out[0], error=np.mean([one.error for one in left_out], axis=0))
 
 
 def _check(data: Sequence[ForceData], laws: Sequence[str], geometry: Geometry | None) -> None:

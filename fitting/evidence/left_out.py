@@ -34,6 +34,12 @@ class LeftOut:
     group: Int[np.ndarray, " points"]
     error: Float[np.ndarray, " points"]
 
+    @staticmethod
+    def of_mean(several: Sequence["LeftOut"]) -> "LeftOut":
+        """Errors of the mean of several predictions of the same."""
+        error = np.mean([one.error for one in several], axis=0)
+        return dataclasses.replace(several[0], error=error)
+
     @property
     def values(self) -> Float[np.ndarray, " groups"]:
         """What was left out one after another, see `level`; means where a group has several."""
