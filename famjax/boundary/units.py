@@ -148,6 +148,11 @@ def entry(name: str, value: float, kind: str, system: str) -> Row:
     return {f"{name}_{unit}" if unit else name: None if math.isnan(scaled) else scaled}
 
 
+def finite_or_none(value: float) -> float | None:
+    """The value, or None (JSON null) where it is nan or infinite."""
+    return float(value) if math.isfinite(value) else None
+
+
 def parse_quantity(text: str, kind: str) -> float:
     """A number with its unit as one types it, in SI.
 

@@ -199,7 +199,7 @@ def choose(
         result = identified(other, other.ends)
         if result is not None and result.converged:
             averaged.append((other, result, left_out))
-    mean = _mean_of([one for *_, one in averaged])
+    mean = {kind: LeftOut.of_mean([out[kind] for *_, out in averaged]) for kind in averaged[0][2]}
     residual = np.mean([one.residuals for _, one, _ in averaged], axis=0)
     unknowns, best = tried[good[0]].candidate.unknowns, tried[0].score
     return Choice(
@@ -219,14 +219,6 @@ _Judged = list[tuple[Fitted, dict[str, LeftOut]]]
 
 def _outcomes(found: _Judged) -> list[tuple[Candidate, float, dict[str, LeftOut]]]:
     return [(one.candidate, one.rmse, out) for one, out in found]
-
-
-def _mean_of(errors: Sequence[Mapping[str, LeftOut]]) -> dict[str, LeftOut]:
-    """Errors of the mean of several families on what was left out, by kind."""
-    return {
-        kind: dataclasses.replace(one, error=np.mean([of[kind].error for of in errors], axis=0))
-        for kind, one in errors[0].items()
-    }
 
 
 def _settled(

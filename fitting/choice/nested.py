@@ -13,6 +13,7 @@ import famjax
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..data.force_data import ForceData
+from ..evidence.left_out import LeftOut, levels_of_groups
 from ..trace import run_fits
 from .choose import Choice, choose
 
@@ -21,43 +22,21 @@ _MOST = 20  # folds
 
 
 @dataclasses.dataclass(frozen=True)
-class NestedValidation:
+class NestedValidation(LeftOut):
     """Errors of a choice on what neither the fits nor the choice had seen.
 
+    One "pressure" or one "length" was left out after another; neighbouring ones together, where there
+    are more than twenty.
+
     Attributes:
-        groups: what was left out together, one "pressure" or one "length".
-        values: the levels left out one after another [Pa or m]; means of neighbouring ones, where
-            there are more than twenty.
-        error: prediction less reading [N] at the loaded readings, each while it was left out.
-        inside: whether the reading lies within the 95 % band of its prediction.
+        inside: whether each reading lies within the 95 % band of its prediction.
         width: full width [N] of that band.
-        names: of the family that was chosen without each.
-        group: number of each reading's level.
+        names: of the family that was chosen without each group.
     """
 
-    groups: str
-    values: Float[np.ndarray, " groups"]
-    error: Float[np.ndarray, " points"]
     inside: Bool[np.ndarray, " points"]
     width: Float[np.ndarray, " points"]
     names: tuple[str, ...]
-    group: np.ndarray
-
-    @property
-    def rmse(self) -> float:
-        """Over all readings [N]."""
-        return float(np.sqrt(np.mean(self.error**2)))
-
-    @property
-    def group_rmse(self) -> Float[np.ndarray, " groups"]:
-        """On each level while it was left out [N]."""
-        return np.sqrt(np.bincount(self.group, self.error**2) / np.bincount(self.group))
-
-    @property
-    def interior_rmse(self) -> float:
-        """Over all levels but the lowest and the highest [N]; nan with fewer than three."""
-        inner = (self.group > 0) & (self.group < self.group.max())
-        return float(np.sqrt(np.mean(self.error[inner] ** 2))) if inner.any() else np.nan
 
     @property
     def covered(self) -> float:
@@ -94,11 +73,10 @@ def validate_choice(
     """
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
-    levels = _levels(data, groups)[data.loaded]
+    levels = data.levels(groups)[data.loaded]
     single, place = np.unique(levels, return_inverse=True)
     count = min(single.size, _MOST)
     group = place * count // single.size
-    values = np.bincount(group, levels) / np.bincount(group)
     settings = {
         "version": famjax.__version__,
         "data": data.sha256,
@@ -109,7 +87,8 @@ def validate_choice(
     store = Store(None if resume is None else Path(resume), "validation", settings, count)
     run_fits(
         functools.partial(_fold, data, groups, group, options), range(count), executor=executor,
-        store=store, progress=progress, names=[f"{groups} {value:.6g}" for value in values],
+        store=store, progress=progress,
+        names=[f"{groups} {value:.6g}" for value in levels_of_groups(levels, group)],
     )  # fmt: skip
     error, inside, width = np.zeros(levels.size), np.zeros(levels.size, bool), np.zeros(levels.size)
     names = []
@@ -117,7 +96,7 @@ def validate_choice(
         mine = group == k
         error[mine], inside[mine], width[mine] = part["error"], part["inside"], part["width"]
         names.append(part["name"])
-    return NestedValidation(groups, values, error, inside, width, tuple(names), group)
+    return NestedValidation(groups, levels, group, error, inside, width, tuple(names))
 
 
 def _fold(
@@ -128,25 +107,11 @@ def _fold(
     k: int,
 ) -> dict[str, Any]:
     """The choice without one group of the loaded readings, and its errors on them."""
-    mine, levels = group == k, _levels(data, groups)
-    rest = choose(without(data, np.isin(levels, levels[data.loaded][mine])), **options)
+    mine, levels = group == k, data.levels(groups)
+    rest = choose(data.part(~np.isin(levels, levels[data.loaded][mine])), **options)
     at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]
     error = rest.predict(*at) - data.force[data.loaded][mine]
     half = rest.error.factor() * rest.error.std(*at)
     return {
         "name": rest.names[0], "error": error, "inside": np.abs(error) <= half, "width": 2 * half,
     }  # fmt: skip
-
-
-def _levels(data: ForceData, groups: str) -> Float[np.ndarray, " n"]:
-    return {"pressure": data.pressures, "length": data.lengths}[groups].level
-
-
-def without(data: ForceData, out: Bool[np.ndarray, " n"]) -> ForceData:
-    """The map without some of its readings."""
-    columns = ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
-    kept = {name: values[~out] for name in columns if (values := getattr(data, name)) is not None}
-    return dataclasses.replace(
-        data, **kept, pressure_tolerance=data.pressures.tolerance,
-        length_tolerance=data.lengths.tolerance,
-    )  # fmt: skip

@@ -39,24 +39,6 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str, box: str) -
     )  # fmt: skip
 
 
-def fit_candidate(
-    data: ForceData,
-    candidate: Candidate,
-    constraint: str = "drucker",
-    box: str = "physical",
-    *,
-    starts: int = 4,
-    seed: int = 0,
-) -> tuple[Problem, End]:
-    """A family fitted to a map as well as a comparison needs.
-
-    Raises:
-        InputError: the map cannot carry it, or no start ends at a force for every reading.
-    """
-    problem = posed_of(data, candidate, constraint, box).problem
-    return problem, descended(problem, starts, seed)
-
-
 def descended(problem: Problem, starts: int, seed: int) -> End:
     """The best end of a few descents, as near to an optimum as a comparison needs.
 

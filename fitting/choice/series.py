@@ -20,7 +20,7 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..data.force_data import ForceData
-from ..evidence.left_out import LeftOut, leave_out
+from ..evidence.left_out import LeftOut, leave_out_each
 from ..evidence.pull import pull
 from ..evidence.spread import muscle_spread
 from ..families.parameters import Parameter
@@ -217,7 +217,11 @@ def identify_series(
     largest = max(one.max_force for one in data)
     tried, order = ranked(
         [
-            (kept[0].candidate, _rmse(kept), {"specimen": _mean([one.left_out for one in kept])})
+            (
+                kept[0].candidate,
+                _rmse(kept),
+                {"specimen": LeftOut.of_mean([one.left_out for one in kept])},
+            )
             for kept in found
         ],
         largest,
@@ -261,7 +265,9 @@ def _tried(
     """Its errors; not sound where the others do not determine the force of every specimen."""
     problem = _posed(data, constraint, box, candidate).problem
     best = descended(problem, starts, seed)
-    out = leave_out(problem, best.u, "specimen", starts=2, seed=seed, settled=True)
+    kinds = {"specimen": (None, 2)}
+    (found,) = leave_out_each([(problem, best.u)], kinds, seed=seed, settled=True)
+    out = found.get("specimen")
     if out is None or not np.isfinite(out.error).all():
         return {"sound": False}
     return {
@@ -288,10 +294,6 @@ def _alike(judged: Sequence[_Judged]) -> list[_Judged]:
 
 def _rmse(judged: Sequence[_Judged]) -> float:
     return float(np.sqrt(np.mean([one.rmse**2 for one in judged])))
-
-
-def _mean(left_out: Sequence[LeftOut]) -> LeftOut:
-    return dataclasses.replace(left_out[0], error=np.mean([one.error for one in left_out], axis=0))
 
 
 def _check(data: Sequence[ForceData], laws: Sequence[str], geometry: Geometry | None) -> None:

@@ -101,7 +101,7 @@ def cross_validate(
         return _without_specimens(cast(PooledFitAndPredict, fit_and_predict), data)
     if not isinstance(data, ForceData):
         raise InputError(f"to leave out a {groups}, give one force map, not a sequence")
-    labels = group_labels(data, groups)
+    labels = data.levels(groups)
     check_groups(data, groups)
     predicted = np.full(data.force.size, math.nan)
     for group in np.unique(labels[data.loaded]):
@@ -117,16 +117,11 @@ def check_groups(data: ForceData, groups: str) -> None:
     Raises:
         InputError: there is one.
     """
-    if np.unique(group_labels(data, groups)[data.loaded]).size < 2:
+    if np.unique(data.levels(groups)[data.loaded]).size < 2:
         raise InputError(
             f"to leave out a {groups} there must be loaded readings at two of them or more; all "
             f"{int(data.loaded.sum())} share one"
         )
-
-
-def group_labels(data: ForceData, groups: str) -> Float[np.ndarray, " n"]:
-    """The pressure or length level of every reading."""
-    return (data.pressures if groups == "pressure" else data.lengths).level
 
 
 def held_out_errors(
@@ -134,7 +129,7 @@ def held_out_errors(
 ) -> CrossValidation:
     """The summary of predictions [N] of the loaded readings, each without its own group."""
     loaded = data.loaded
-    labels, force = group_labels(data, groups)[loaded], data.force[loaded]
+    labels, force = data.levels(groups)[loaded], data.force[loaded]
     levels = np.unique(labels)
     interior = (labels > levels[0]) & (labels < levels[-1])
     error = predicted - force

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +15,11 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData
-from ..engine.descent import descend_many
+from ..engine.descent import End, descend_many
 from ..engine.problem import Part, Point, Problem
 from ..engine.response import MapInputs
 from ..search.multi_start import latin_hypercube
-from .cross_validation import CrossValidation, check_groups, group_labels, held_out_errors
+from .cross_validation import CrossValidation, check_groups, held_out_errors
 from .peer_family import FamilyOfPeer, Model, PeerFamily
 from .published import peer_families
 
@@ -66,30 +67,17 @@ class PeerFit:
         return self.model.force(length, pressure)
 
 
-@dataclasses.dataclass(frozen=True)
-class _End:
-    """Where one fit ended, in SI.
+class _Fit(NamedTuple):
+    """Where one descent ended, and whether the readings determine all linear parameters there."""
 
-    Attributes:
-        nonlinear, linear: parameters.
-        cost: half the weighted sum of squares.
-        converged: whether the end is stationary.
-        determined: whether the readings determine all linear parameters.
-        point: where.
-    """
-
-    nonlinear: Float[np.ndarray, " p"]
-    linear: Float[np.ndarray, " q"]
-    cost: float
-    converged: bool
+    end: End
     determined: bool
-    point: Point
 
     @property
     def predicted(self) -> Float[np.ndarray, " points"]:
         """Force [N] at the loaded readings, whatever their weights."""
-        (model,) = self.point.linear
-        return model.force + model.columns @ self.linear
+        (model,) = self.end.point.linear
+        return model.force + model.columns @ self.end.point.x
 
 
 def fit_peer(
@@ -143,17 +131,18 @@ def _checked(name: str | PeerFamily, data: ForceData, starts: int) -> tuple[Peer
 
 
 def _best(
-    name: str | PeerFamily, family: PeerFamily, problem: Problem, ends: Sequence[_End]
+    name: str | PeerFamily, family: PeerFamily, problem: Problem, fits: Sequence[_Fit]
 ) -> PeerFit:
     """The fit of the lowest cost."""
-    costs = np.array([end.cost for end in ends])
+    costs = np.array([one.end.cost for one in fits])
     if not np.isfinite(costs).any():
         raise InputError(
             f"{family.label} has no finite force at some reading, wherever it was started: its "
             "form may not hold for a muscle longer than at rest; check lengths and rest length"
         )
-    best = ends[int(np.nanargmin(costs))]
-    numbers = (*best.nonlinear.tolist(), *best.linear.tolist())
+    best = fits[int(np.nanargmin(costs))]
+    point = best.end.point
+    numbers = (*point.parameters.tolist(), *point.x.tolist())
     values = dict(zip(problem.names + problem.linear, numbers, strict=True))
     return PeerFit(
         name=family.label if isinstance(name, PeerFamily) else name,
@@ -161,7 +150,7 @@ def _best(
         values=values,
         at_bound=_bounds_reached(family, values),
         predicted=best.predicted,
-        converged=best.converged,
+        converged=best.end.converged,
         determined=best.determined,
         problem=problem,
     )
@@ -251,7 +240,7 @@ class _HeldOut:
             if groups not in {"pressure", "length"}:
                 raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
             check_groups(data, groups)
-        labels = [group_labels(data, groups)[data.loaded] for groups in kinds]
+        labels = [data.levels(groups)[data.loaded] for groups in kinds]
         held = [label == level for label in labels for level in np.unique(label)]
         problems = [problem.with_readings(factor=1.0 * ~out) for out in held]
         return cls(data, kinds, labels, problems)
@@ -261,7 +250,7 @@ class _HeldOut:
         problems = [problem for problem in self.problems for _ in starts]
         return problems, np.tile(starts, (len(self.problems), 1))
 
-    def errors(self, refits: Sequence[_End]) -> list[CrossValidation]:
+    def errors(self, refits: Sequence[_Fit]) -> list[CrossValidation]:
         """The errors of each kind, from the same number of refits to each problem."""
         each = len(refits) // len(self.problems)
         folds = (list(refits[k : k + each]) for k in range(0, len(refits), each))
@@ -272,19 +261,19 @@ class _HeldOut:
 
 
 def _held_out(
-    data: ForceData, groups: str, labels: Float[np.ndarray, " points"], folds: Iterator[list[_End]]
+    data: ForceData, groups: str, labels: Float[np.ndarray, " points"], folds: Iterator[list[_Fit]]
 ) -> CrossValidation:
     """The errors at the groups, each with the refits of its fold."""
     predicted, ambiguous = np.full(labels.size, math.nan), []
     for level in np.unique(labels):
-        held, ends = labels == level, next(folds)
-        cost = np.array([end.cost for end in ends])
+        held, fits = labels == level, next(folds)
+        cost = np.array([one.end.cost for one in fits])
         good = np.flatnonzero(cost <= (1 + _AS_GOOD) * np.nanmin(cost, initial=math.inf))
         if good.size:
-            force = np.stack([ends[k].predicted[held] for k in good])
+            force = np.stack([fits[k].predicted[held] for k in good])
             predicted[held] = force[-1]
             apart = np.ptp(force, axis=0).max() > _DISAGREE * data.max_force
-            if apart or not all(ends[k].determined for k in good):
+            if apart or not all(fits[k].determined for k in good):
                 ambiguous.append(float(level))
     errors = held_out_errors(data, "length" if groups == "length" else "pressure", predicted)
     return dataclasses.replace(errors, ambiguous=tuple(ambiguous))
@@ -319,7 +308,7 @@ def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
     weight = 1 / data.force_std[at] if data.force_std is not None else np.ones(at.sum())
     names, linear = (tuple(p.name for p in of) for of in (family.nonlinear, family.linear))
     low, high = (np.array([getattr(p, end) for p in family.nonlinear]) for end in ("low", "high"))
-    levels = {"pressure": data.pressures.level[at], "length": data.lengths.level[at]}
+    levels = {kind: data.levels(kind)[at] for kind in ("pressure", "length")}
     part = Part.of(
         data.specimen.name, FamilyOfPeer(names, linear, family.build, family.origin), inputs,
         data.force[at], weight, range(len(names)), range(len(linear)), levels, "none",
@@ -342,27 +331,26 @@ def forces_of(family: PeerFamily, data: ForceData) -> Float[np.ndarray, " points
     return part.predict(np.zeros(0), np.zeros(0), part.inputs.length, part.inputs.pressure)
 
 
-def _fitted(problems: Sequence[Problem], starts: Float[np.ndarray, "fits p"]) -> list[_End]:
+def _fitted(problems: Sequence[Problem], starts: Float[np.ndarray, "fits p"]) -> list[_Fit]:
     """The fits, one from each start."""
     ends = descend_many(problems, list(starts), max_steps=_MAX_STEPS)
     if not problems[0].names:
-        return [_linear_fit(end.point) for end in ends]
-    determined = _determined(problems[0], [end.point for end in ends])
-    return [
-        _End(end.point.parameters, end.point.x, end.cost, end.converged, known, end.point)
-        for end, known in zip(ends, determined, strict=True)
-    ]
+        return [_linear_fit(end) for end in ends]
+    return list(map(_Fit, ends, _determined(problems[0], [end.point for end in ends])))
 
 
-def _linear_fit(point: Point) -> _End:
+def _linear_fit(end: End) -> _Fit:
     """The least-squares solution where nothing is searched; the smallest where there are many."""
-    A, b, _, _ = point.programme
+    A, b, _, _ = end.point.programme
     size = np.linalg.norm(A, axis=0)
     size[size == 0] = 1.0
     found, _, rank, _ = np.linalg.lstsq(A / size, b)
-    residual = A @ (found / size) - b
-    cost = float(residual @ residual) / 2
-    return _End(point.parameters, found / size, cost, True, bool(rank == A.shape[1]), point)
+    point = dataclasses.replace(
+        end.point,
+        optimum=dataclasses.replace(end.point.optimum, x=found / size),
+        residual=A @ (found / size) - b,
+    )
+    return _Fit(dataclasses.replace(end, point=point, converged=True), bool(rank == A.shape[1]))
 
 
 def _determined(problem: Problem, points: Sequence[Point]) -> list[bool]:

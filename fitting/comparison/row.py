@@ -2,25 +2,18 @@
 
 import dataclasses
 import math
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from famjax.boundary.units import finite_or_none
 
-@runtime_checkable
-class HeldOut(Protocol):
-    """What a cross-validation knows, whoever made it."""
+from ..evidence.left_out import LeftOut
+from .cross_validation import CrossValidation
 
-    @property
-    def rmse(self) -> float:
-        """Over all that was left out [N]."""
-        ...
-
-    @property
-    def interior_rmse(self) -> float:
-        """Over all but the lowest and the highest group [N]."""
-        ...
+HeldOut = CrossValidation | LeftOut
+"""Errors on what a fit had not seen."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +49,7 @@ class ComparisonRow:
         row: dict[str, Any] = {}
         for key, value in dataclasses.asdict(self).items():
             if isinstance(value, float):
-                row[f"{key}_N"] = value if math.isfinite(value) else None
+                row[f"{key}_N"] = finite_or_none(value)
             else:
                 row[key] = list(value) if isinstance(value, tuple) else value
         return row
@@ -74,10 +67,6 @@ class ComparisonRow:
     def noted(self, note: str) -> "ComparisonRow":
         """The row with one more note."""
         return dataclasses.replace(self, note="; ".join(filter(None, (self.note, note))))
-
-    def at_bounds(self, n_parameters: int, names: tuple[str, ...]) -> "ComparisonRow":
-        """The row with its number of parameters and those of them on a bound."""
-        return dataclasses.replace(self, n_parameters=n_parameters, at_bound=names)
 
     def with_errors(
         self,

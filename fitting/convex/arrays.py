@@ -80,24 +80,15 @@ def members(tree: State, which: np.ndarray) -> State:
 
 
 def member(tree: Any, k: int) -> Any:
-    """One of the members of results on the host, without the leading axis."""
-    return _each(lambda value: np.array(value[k]), tree)
-
-
-def _each(function: Callable[..., Any], *trees: Any) -> Any:
-    """The function of all arrays, and of lists with an array for each member."""
-    first = trees[0]
-    if isinstance(first, np.ndarray):
-        return function(*trees)
-    if first is None:
+    """One of the members of results on the host, of lists with an array for each too."""
+    if tree is None:
         return None
-    names = _fields(type(first))
+    names = _fields(type(tree))
     if names:
-        parts = [_each(function, *(getattr(tree, name) for tree in trees)) for name in names]
-        return type(first)(*parts)
-    if isinstance(first, tuple):
-        return tuple(_each(function, *leaves) for leaves in zip(*trees, strict=True))
-    return function(*trees)
+        return type(tree)(*(member(getattr(tree, name), k) for name in names))
+    if isinstance(tree, tuple):
+        return tuple(member(leaf, k) for leaf in tree)
+    return np.array(tree[k])
 
 
 @functools.cache

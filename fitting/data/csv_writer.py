@@ -8,7 +8,7 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import factor, unit_system
 
-from .force_data import COLUMNS, ForceData
+from .force_data import ForceData
 
 
 def csv_text(data: ForceData, system: str = "si") -> str:
@@ -40,11 +40,7 @@ def csv_text(data: ForceData, system: str = "si") -> str:
         if (tolerance := getattr(data, name)) is not None:
             scaled = float(tolerance) / factor(units[kind], kind)
             lines.append(f"# level: {name}_{units[kind]} = {scaled!r}")
-    columns = {
-        f"{name}_{units[kind]}": getattr(data, name) / factor(units[kind], kind)
-        for name, kind in COLUMNS.items()
-        if getattr(data, name) is not None
-    }
+    columns = data.columns(system)
     lines.append(",".join(columns))
     rows = np.stack(list(columns.values()), axis=1).tolist()
     lines += [",".join(map(repr, row)) for row in rows]

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import si_unit
+from famjax.boundary.units import factor, unit_system
 
 from .frames import data_frame, data_set, html_table
 from .levels import Levels, levels_of
@@ -181,7 +181,7 @@ class ForceData:
         Raises:
             InputError: pandas is not installed.
         """
-        columns = {**self._columns(), "loaded": self.loaded}
+        columns = {**self.columns(), "loaded": self.loaded}
         return data_frame(
             dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
         )
@@ -196,7 +196,7 @@ class ForceData:
         return data_set(
             {
                 key: (("reading",), values, {"units": key.rpartition("_")[2]})
-                for key, values in self._columns().items()
+                for key, values in self.columns().items()
             }
             | {"loaded": (("reading",), self.loaded, {})},
             {},
@@ -208,17 +208,19 @@ class ForceData:
             },
         )  # fmt: skip
 
-    def _columns(self) -> dict[str, np.ndarray]:
-        """The columns there are, by name and unit."""
+    def columns(self, system: str = "si") -> dict[str, np.ndarray]:
+        """The columns there are in a unit system, by name and unit."""
+        units = unit_system(system)
         return {
-            f"{name}_{si_unit(kind)}": values
+            f"{name}_{units[kind]}": values / factor(units[kind], kind)
             for name, kind in COLUMNS.items()
             if (values := getattr(self, name)) is not None
         }
 
     def _repr_html_(self) -> str:
-        rows = list(zip(*(values.tolist() for values in self._columns().values()), strict=True))
-        return html_table(repr(self), list(self._columns()), rows)
+        columns = self.columns()
+        rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
+        return html_table(repr(self), list(columns), rows)
 
     def _check_copies(self) -> None:
         """No loaded reading may be there twice: a copy would count twice and understate the error."""
@@ -246,6 +248,10 @@ class ForceData:
         """The length level [m] of every reading: what "at one length" means for this map."""
         pressures = levels_of(self.pressure, "pressure", self.pressure_tolerance)
         return levels_of(self.length, "length", self.length_tolerance, pressures.level)
+
+    def levels(self, kind: str) -> Float[np.ndarray, " n"]:
+        """The "pressure" [Pa] or "length" [m] level of every reading."""
+        return {"pressure": self.pressures, "length": self.lengths}[kind].level
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:

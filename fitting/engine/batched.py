@@ -83,9 +83,7 @@ class Batched(eqx.Module):
     def of(cls, problem: Problem) -> "Batched":
         """The problem that the host solves, as it is."""
         n, unit = len(problem.linear), np.eye(len(problem.linear))
-        lowest = problem.coefficient_min
-        if problem.constraint == "positive":
-            lowest = np.maximum(lowest, 0.0)
+        lowest = problem.lowest
         low_on, high_on = np.isfinite(lowest), np.isfinite(problem.coefficient_max)
         known = problem.coefficient_priors
         scale = np.array([problem.noise / p.std for p in known])

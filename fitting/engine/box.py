@@ -16,6 +16,8 @@ from ..convex.qp import solve_qp
 
 _VANISHED = 1e-8  # parts of the first residual below which a residual is rounding
 _SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
+_MOST_STEPS = 200  # refused ones included
+_TOLERANCE = 1e-10  # on the gradient residual, and on the step
 
 
 class BoxOptimum(eqx.Module):
@@ -70,17 +72,12 @@ def _gradient_residual(
 def minimise_in_box(
     residual: Callable[[Float[Array, " p"]], Float[Array, " k"]],
     start: Float[Array, " p"],
-    *,
-    max_steps: int = 200,
-    tolerance: float = 1e-10,
 ) -> BoxOptimum:
     """A local minimiser of 1/2 |r(u)|^2 over the unit box, from one start.
 
     Args:
         residual: r(u), differentiable in forward mode, finite on the box.
         start: point in the unit box, shape (p,).
-        max_steps: limit on the steps, refused ones included.
-        tolerance: on the gradient residual, and on the step.
 
     Returns:
         The end point; `converged` says whether it is stationary.
@@ -123,7 +120,7 @@ def minimise_in_box(
         predicted = r @ r - jnp.sum((r + J @ move) ** 2)
         # A move below the rounding of the cost cannot show a descent: the end is reached there.
         negligible = predicted <= 4 * jnp.finfo(u.dtype).eps * (r @ r)
-        small = jnp.max(jnp.abs(move)) <= tolerance
+        small = jnp.max(jnp.abs(move)) <= _TOLERANCE
         return _State(
             u=u,
             residual=r,
@@ -134,7 +131,7 @@ def minimise_in_box(
             damping=damping,
             growth=jnp.where(better, 2.0, 2 * state.growth),
             steps=state.steps + 1,
-            converged=small | negligible | (_gradient_residual(u, r, J, scale) <= tolerance),
+            converged=small | negligible | (_gradient_residual(u, r, J, scale) <= _TOLERANCE),
         )
 
     shape = jax.eval_shape(residual, start)
@@ -150,7 +147,7 @@ def minimise_in_box(
         steps=jnp.array(0),
         converged=jnp.array(False),
     )
-    end = jax.lax.while_loop(lambda s: ~s.converged & (s.steps < max_steps), step, begin)
+    end = jax.lax.while_loop(lambda s: ~s.converged & (s.steps < _MOST_STEPS), step, begin)
     return BoxOptimum(
         u=end.u,
         cost=end.residual @ end.residual / 2,

@@ -58,7 +58,6 @@ def descend(
     problem: Problem,
     start: Float[np.ndarray, " p"],
     *,
-    max_steps: int = 200,
     tolerance: float = 1e-10,
 ) -> End:
     """A local minimiser over the box of the nonlinear parameters, from one start.
@@ -66,13 +65,12 @@ def descend(
     Args:
         problem: what is fitted.
         start: point in the unit box of the free parameters, shape (p,).
-        max_steps: limit on the steps, refused ones included.
         tolerance: on the gradient residual, and on the step.
 
     Returns:
         The end; its cost is nan where the start has no fit.
     """
-    return descend_many([problem], [start], max_steps=max_steps, tolerance=tolerance)[0]
+    return descend_many([problem], [start], tolerance=tolerance)[0]
 
 
 def descend_many(
@@ -89,7 +87,7 @@ def descend_many(
     Args:
         problems: one for each descent; those that share their programs go in step.
         starts: of each, in the unit box of its own free parameters.
-        max_steps: limit on the steps of each.
+        max_steps: limit on the steps of each, refused ones included.
         tolerance: as in `descend`.
         promise: part of the cost; where the last step was accepted and the next promises less,
             a descent ends.

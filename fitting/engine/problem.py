@@ -170,6 +170,12 @@ class Problem:
         return np.flatnonzero(self.low < self.high)
 
     @property
+    def lowest(self) -> Float[np.ndarray, " n"]:
+        """Lower bounds of the coefficients, shape (n,): where these must be positive, 0 at least."""
+        low = self.coefficient_min
+        return np.maximum(low, 0.0) if self.constraint == "positive" else low
+
+    @property
     def force(self) -> Float[np.ndarray, " points"]:
         """Measured force [N] of all parts, one after another."""
         return np.concatenate([part.force for part in self.parts])

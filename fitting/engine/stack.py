@@ -50,7 +50,7 @@ class Stack:
         ]
         self._low, self._high, lowest, highest = (
             np.stack([getattr(p, name) for p in problems])
-            for name in ("low", "high", "coefficient_min", "coefficient_max")
+            for name in ("low", "high", "lowest", "coefficient_max")
         )
         self.free = np.flatnonzero((self._low < self._high).any(axis=0))
         same = (self._low == self._high).all(axis=0) & (self._low == self._low[0]).all(axis=0)
@@ -61,8 +61,6 @@ class Stack:
             {k: float(self._low[0, place]) for k, place in enumerate(p.at) if same[place]}
             for p in like.parts
         ]
-        if like.constraint == "positive":
-            lowest = np.maximum(lowest, 0.0)
         unit, rows, offsets = np.eye(len(like.linear)), [], []
         for limits, sign in ((lowest, 1.0), (-highest, -1.0)):
             on = np.isfinite(limits[0])

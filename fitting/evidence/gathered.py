@@ -3,19 +3,19 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
 from famjax.boundary.tasks import AnyExecutor
-from famjax.boundary.units import from_si, si_unit, unit_system
+from famjax.boundary.units import finite_or_none, from_si, si_unit, unit_system
 
 from ..hysteresis.slip_fit import HysteresisFit
 from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hysteresis_warnings
 from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
 from ..posterior.result import Posterior
 from ..search.result import Identification
-from .left_out import groups_of, leave_out_each
+from .left_out import LeftOut, groups_of, leave_out_each
 from .likelihood import LEVELS, Profile, profile
 from .model_error import ModelError, model_error
 from .resampling import Bootstrap, bootstrap
@@ -27,36 +27,6 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 _DISAGREE = 1.5
 """Factor between two estimates of one error bar beyond which a reader is warned."""
-
-
-@runtime_checkable
-class GroupErrors(Protocol):
-    """Errors on groups of readings while each was left out, see `Validation`."""
-
-    @property
-    def groups(self) -> str:
-        """What is left out together."""
-        ...
-
-    @property
-    def values(self) -> np.ndarray:
-        """Levels left out [Pa or m]."""
-        ...
-
-    @property
-    def group_rmse(self) -> np.ndarray:
-        """On each level [N]."""
-        ...
-
-    @property
-    def rmse(self) -> float:
-        """Over all readings [N]."""
-        ...
-
-    @property
-    def interior_rmse(self) -> float:
-        """Without the lowest and the highest level [N]."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +44,7 @@ class Evidence:
         shared: what errors that all readings share do, or None.
     """
 
-    validations: tuple[GroupErrors, ...] = ()
+    validations: tuple[LeftOut, ...] = ()
     profiles: tuple[Profile, ...] = ()
     bootstrap: Bootstrap | None = None
     hysteresis: HysteresisFit | None = None
@@ -185,19 +155,15 @@ def left_out_kinds(result: Identification) -> tuple[str, ...]:
 
 def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
     """The evidence as JSON-ready data in SI; null where there is no number."""
-
-    def number(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
     document: dict[str, Any] = {}
     if evidence.error is not None:
         document["model_error"] = evidence.error.as_dict()
     for one in evidence.validations:
         document[f"leave_one_{one.groups}_out"] = {
-            "rmse_N": number(one.rmse),
-            "interior_rmse_N": number(one.interior_rmse),
+            "rmse_N": finite_or_none(one.rmse),
+            "interior_rmse_N": finite_or_none(one.interior_rmse),
             "left_out": one.values.tolist(),
-            "group_rmse_N": [number(value) for value in one.group_rmse],
+            "group_rmse_N": [finite_or_none(value) for value in one.group_rmse],
         }
     if evidence.profiles:
         document["profiles"] = {
@@ -205,9 +171,9 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
                 "verdict": one.verdict,
                 "unit": si_unit(one.kind),
                 "values": one.values.tolist(),
-                "excess": [number(v) for v in one.excess],
+                "excess": [finite_or_none(v) for v in one.excess],
                 **{
-                    f"interval_{100 * level:.0f}": [number(end) for end in ends]
+                    f"interval_{100 * level:.0f}": [finite_or_none(end) for end in ends]
                     for level, ends in one.intervals.items()
                 },
             }
@@ -219,7 +185,7 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
             "replicates": len(drawn.samples),
             "failed": drawn.failed,
             "units": "SI",
-            "stderr": {name: number(value) for name, value in drawn.stderr.items()},
+            "stderr": {name: finite_or_none(value) for name, value in drawn.stderr.items()},
             "interval_95": {name: drawn.interval(name) for name in drawn.names},
             "band_95_N": drawn.band().tolist(),
         }

@@ -13,6 +13,7 @@ from .refit import refit
 GROUPS = 8
 """Of neighbouring levels that say much the same of one another: pressures, and many lengths."""
 _SINGLE = 10  # lengths at most are left out one by one
+_FEWEST = 3  # levels: without one of two, the other tells nothing of it
 _QUICK = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
 """A prediction need not wait for the last digit of the fit that it is made by."""
 
@@ -22,20 +23,31 @@ class LeftOut:
     """Errors of predictions of readings that the fit had not seen.
 
     Attributes:
-        kind: what was left out together, readings of one "pressure", "length" or "specimen".
+        groups: what was left out together, readings of one "pressure", "length" or "specimen".
         level: of each reading [Pa or m], or the number of its specimen, shape (points,).
         group: number of each reading's group, shape (points,).
         error: prediction less reading [N] while its group was left out, shape (points,).
     """
 
-    kind: str
+    groups: str
     level: Float[np.ndarray, " points"]
     group: Int[np.ndarray, " points"]
     error: Float[np.ndarray, " points"]
 
+    @staticmethod
+    def of_mean(several: Sequence["LeftOut"]) -> "LeftOut":
+        """Errors of the mean of several predictions of the same."""
+        error = np.mean([one.error for one in several], axis=0)
+        return dataclasses.replace(several[0], error=error)
+
+    @property
+    def values(self) -> Float[np.ndarray, " groups"]:
+        """What was left out one after another, see `level`; means where a group has several."""
+        return levels_of_groups(self.level, self.group)
+
     @property
     def group_rmse(self) -> Float[np.ndarray, " groups"]:
-        """Root mean square error [N] of each group."""
+        """Root mean square error [N] of each group while it was left out."""
         return np.sqrt(np.bincount(self.group, self.error**2) / np.bincount(self.group))
 
     @property
@@ -45,37 +57,9 @@ class LeftOut:
 
     @property
     def interior_rmse(self) -> float:
-        """Over all groups but the first and the last [N], which are extrapolations; nan if none."""
+        """Over all groups but the lowest and the highest [N], which are extrapolations; nan if none."""
         inner = (self.group > 0) & (self.group < self.group.max())
         return float(np.sqrt(np.mean(self.error[inner] ** 2))) if inner.any() else np.nan
-
-
-def leave_out(
-    problem: Problem,
-    u: Float[np.ndarray, " p"],
-    kind: str,
-    *,
-    groups: int | None = None,
-    starts: int = 1,
-    seed: int = 0,
-    settled: bool = False,
-) -> LeftOut | None:
-    """The errors on each level of one kind while it was left out.
-
-    Args:
-        problem: what was fitted.
-        u: its optimum in the unit box, from which every refit starts.
-        kind: "pressure", "length" or "specimen".
-        groups: neighbouring levels are left out together, in so many groups; each alone unless given.
-        starts: descents of each refit, the one from the optimum among them.
-        seed: of the others.
-        settled: whether each refit goes on to its last digit, as where families are all but alike.
-
-    Returns:
-        The errors; None where there are fewer than three levels, or one specimen.
-    """
-    kinds = {kind: (groups, starts)}
-    return leave_out_each([(problem, u)], kinds, seed=seed, settled=settled)[0].get(kind)
 
 
 def leave_out_each(
@@ -84,24 +68,28 @@ def leave_out_each(
     *,
     seed: int = 0,
     settled: bool = False,
+    least: int = _FEWEST,
 ) -> list[dict[str, LeftOut]]:
-    """`leave_out` of several fits and for several kinds, the refits of all in step.
+    """The errors of several fits on each level of some kinds while it was left out, all refits in step.
 
     Args:
-        fits: what was fitted, and its optimum in the unit box.
-        kinds: number of groups and of starts of each.
-        seed: of the starts.
-        settled: as in `leave_out`.
+        fits: what was fitted, and its optimum in the unit box, from which every refit starts.
+        kinds: "pressure", "length" or "specimen"; in how many groups neighbouring levels are left out
+            together, each alone with None, and the descents of each refit, the one from the optimum
+            among them.
+        seed: of the other starts.
+        settled: whether each refit goes on to its last digit, as where families are all but alike.
+        least: levels of a kind that say something of one another.
 
     Returns:
-        The errors of each fit by kind, without those of which there are too few levels.
+        The errors of each fit by kind, without those of which there are too few levels, or one specimen.
     """
     problems, starts = [], []
     found: list[dict[str, tuple[np.ndarray, int]]] = []
     for problem, u in fits:
         found.append({})
         for kind, (groups, count) in kinds.items():
-            group = _groups(problem, kind, groups)
+            group = group_of_each(problem, kind, groups, least)
             if group is None:
                 continue
             found[-1][kind] = group, len(problems)
@@ -135,28 +123,45 @@ def groups_of(problem: Problem, kind: str) -> int | None:
 def grouped(
     problem: Problem, kind: str, error: Float[np.ndarray, " points"], *, groups: int | None = None
 ) -> LeftOut | None:
-    """Errors at all readings in the groups in which `leave_out` takes them.
+    """Errors at all readings in the groups in which `leave_out_each` takes them.
 
     Args:
         problem: what was fitted.
         kind: "pressure", "length" or "specimen".
         error: prediction less reading [N].
-        groups: as for `leave_out`.
+        groups: their number, as for `leave_out_each`.
 
     Returns:
         The errors; None where there are fewer than three levels, or one specimen.
     """
-    group, at = _groups(problem, kind, groups), problem.side == 0
+    group, at = group_of_each(problem, kind, groups), problem.side == 0
     return None if group is None else LeftOut(kind, problem.levels(kind)[at], group[at], error[at])
 
 
-def _groups(problem: Problem, kind: str, groups: int | None) -> Int[np.ndarray, " points"] | None:
-    """The group of every reading; -1 of a censored one at a level where none is anything else."""
+def group_of_each(
+    problem: Problem, kind: str, groups: int | None = None, least: int = _FEWEST
+) -> Int[np.ndarray, " points"] | None:
+    """The group of every reading; -1 of a censored one at a level where none is anything else.
+
+    Args:
+        problem: what was fitted.
+        kind: "pressure", "length" or "specimen".
+        groups: their number, as for `leave_out_each`.
+        least: with fewer levels, or with one specimen, there are no groups.
+    """
     level = problem.levels(kind)
     values = np.unique(level[problem.side == 0])
-    if values.size < (2 if kind == "specimen" else 3):
+    if values.size < (2 if kind == "specimen" else least):
         return None
     count = values.size if groups is None else min(groups, values.size)
     group = np.searchsorted(values, level) * count // values.size
     group[~np.isin(level, values)] = -1
     return group
+
+
+def levels_of_groups(
+    level: Float[np.ndarray, " points"], group: Int[np.ndarray, " points"]
+) -> Float[np.ndarray, " groups"]:
+    """The level of each group; the mean over its readings where it has several."""
+    first = level[np.unique(group, return_index=True)[1]]
+    return first + np.bincount(group, level - first[group]) / np.bincount(group)

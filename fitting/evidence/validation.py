@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
@@ -15,6 +15,7 @@ from ..engine.problem import Problem
 from ..search.multi_start import latin_hypercube
 from ..search.result import Identification
 from ..trace import run_fits
+from .left_out import LeftOut, group_of_each
 from .refit import Refit, refit
 
 GROUPS = ("pressure", "length", "specimen")
@@ -22,24 +23,13 @@ _CHUNK = 16  # groups
 
 
 @dataclasses.dataclass(frozen=True)
-class Validation:
-    """Errors on what was left out.
+class Validation(LeftOut):
+    """Errors on one "pressure", one "length" or one "specimen" after another while it was left out.
 
     Attributes:
-        groups: what was left out together: one "pressure", one "length" or one "specimen".
-        values: the pressures [Pa] or lengths [m] left out one after another, or specimen numbers.
-        group_rmse: root mean square error [N] on each while it was left out.
-        rmse: over all readings, each predicted while it was left out [N].
-        interior_rmse: the same over all groups but the lowest and the highest, which are
-            extrapolations [N]; nan with fewer than three groups.
         refits: the refits, one for each group; `converged` says of each whether it did.
     """
 
-    groups: str
-    values: Float[np.ndarray, " groups"]
-    group_rmse: Float[np.ndarray, " groups"]
-    rmse: float
-    interior_rmse: float
     refits: Refit
 
 
@@ -72,53 +62,54 @@ def validate(
         InputError: fewer than two groups, an unknown kind of group, free coefficients that cannot
             predict a pressure, or the executor is gone.
     """
-    problem = result.problem
+    if starts < 1:
+        raise InputError(f"at least one start is needed for each group, got {starts}")
+    problem, group = result.problem, singles(result, groups)
+    cube = latin_hypercube(len(problem.free), starts, result.seed + 1)
+    cube[0] = result.end.u
+    count = int(group.max()) + 1
+    chunks = [range(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
+    parts = list(
+        run_fits(
+            functools.partial(_without, problem, cube, group), chunks,
+            executor=executor if len(chunks) > 1 else None,
+            progress=progress and (lambda n, _: progress(min(n * _CHUNK, count), count)),
+        )
+    )  # fmt: skip
+    found = Refit(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    at = np.flatnonzero(problem.side == 0)
+    return Validation(
+        groups, problem.levels(groups)[at], group[at], found.residual[group[at], at], found
+    )
+
+
+def singles(result: Identification, groups: str) -> Int[np.ndarray, " points"]:
+    """The group of every reading where each level is left out by itself, see `group_of_each`.
+
+    Raises:
+        InputError: as from `validate`.
+    """
     if groups not in GROUPS:
         raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
     if groups == "pressure" and result.dependence == "free":
         raise InputError("coefficients free in pressure say nothing of a pressure that is left out")
-    if starts < 1:
-        raise InputError(f"at least one start is needed for each group, got {starts}")
     if groups == "specimen":
         check_nothing_own(result)
-    label = problem.levels(groups)
-    values = np.unique(label[problem.side == 0])
-    if values.size < 2:
-        raise InputError(f"leaving one {groups} out needs two or more; there is {values.size}")
-    out = label == values[:, None]
-    cube = latin_hypercube(len(problem.free), starts, result.seed + 1)
-    cube[0] = result.end.u
-    chunks = [out[first : first + _CHUNK] for first in range(0, len(out), _CHUNK)]
-    parts = list(
-        run_fits(
-            functools.partial(_without, problem, cube), chunks,
-            executor=executor if len(chunks) > 1 else None,
-            progress=progress and (lambda n, _: progress(min(n * _CHUNK, len(out)), len(out))),
-        )
-    )  # fmt: skip
-    found = Refit(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    out = out & (problem.side == 0)
-    square = np.where(out, found.residual, 0.0) ** 2
-    group_rmse = np.sqrt(square.sum(axis=1) / out.sum(axis=1))
-    inner = slice(1, -1)
-    return Validation(
-        groups=groups,
-        values=values,
-        group_rmse=group_rmse,
-        rmse=float(np.sqrt(square.sum() / out.sum())),
-        interior_rmse=(
-            float(np.sqrt(square[inner].sum() / out[inner].sum())) if values.size > 2 else np.nan
-        ),
-        refits=found,
-    )
+    group = group_of_each(result.problem, groups, least=2)
+    if group is None:
+        raise InputError(f"leaving one {groups} out needs two or more; there is 1")
+    return group
 
 
 def _without(
-    problem: Problem, cube: Float[np.ndarray, "starts p"], out: Bool[np.ndarray, "groups points"]
+    problem: Problem,
+    cube: Float[np.ndarray, "starts p"],
+    group: Int[np.ndarray, " points"],
+    numbers: range,
 ) -> dict[str, Any]:
     """The refits without some groups of readings, from some points of the unit box."""
-    found = refit([problem.with_readings(factor=1.0 * ~one) for one in out], [cube] * len(out))
-    return vars(found)
+    without = [problem.with_readings(factor=1.0 * (group != k)) for k in numbers]
+    return vars(refit(without, [cube] * len(without)))
 
 
 def check_nothing_own(result: Identification) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.files import csv_lines
 from famjax.boundary.units import UNITS, to_si
 
 _KINDS = ("length", "pressure", "time")
@@ -67,12 +68,7 @@ def read_history(path: str | Path) -> History:
         InputError: what is wrong with the file, with the number of the row.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a UTF-8 text file; save it as CSV, UTF-8") from None
+    lines = csv_lines(path)
     try:
         return _parse(lines)
     except InputError as error:

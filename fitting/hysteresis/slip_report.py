@@ -1,11 +1,10 @@
 """A fit of hysteresis in `fit.json`, on the terminal and in the report, and back from the file."""
 
-import math
 from typing import Any
 
 import numpy as np
 
-from famjax.boundary.units import from_si, unit_system
+from famjax.boundary.units import finite_or_none, from_si, unit_system
 from famjax.cards import slip_as_dict
 
 from .slip_fit import HysteresisFit
@@ -29,7 +28,7 @@ def hysteresis_as_dict(fit: HysteresisFit) -> dict[str, Any]:
         "left_out": {
             one.groups: {
                 "rms_N": one.rms,
-                "ratio": one.ratio if math.isfinite(one.ratio) else None,
+                "ratio": finite_or_none(one.ratio),
                 f"values{_GROUPS[one.groups]}": one.values.tolist(),
                 "group_rms_N": one.group_rms.tolist(),
             }

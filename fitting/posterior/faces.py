@@ -47,7 +47,7 @@ def faces_of(
     slack = point.programme[2] @ point.x - point.programme[3]
     size = np.linalg.norm(G, axis=1)
     n_path = len(G) - _bounds(problem).size
-    lower = np.flatnonzero(np.isfinite(_lowest(problem)))
+    lower = np.flatnonzero(np.isfinite(problem.lowest))
     equal = np.flatnonzero(problem.coefficient_min == problem.coefficient_max)
     held = n_path + np.searchsorted(lower, equal)
     both = {*held.tolist(), *(n_path + lower.size + _place_above(problem, equal)).tolist()}
@@ -78,14 +78,9 @@ def at_faces(problem: Problem, faces: Faces) -> Problem:
     return dataclasses.replace(problem, parts=parts)
 
 
-def _lowest(problem: Problem) -> Float[np.ndarray, " n"]:
-    low = problem.coefficient_min
-    return np.maximum(low, 0.0) if problem.constraint == "positive" else low
-
-
 def _bounds(problem: Problem) -> Float[np.ndarray, " m"]:
     """The finite bounds on coefficients, lower ones first: the last rows of the constraint."""
-    ends = np.concatenate([_lowest(problem), problem.coefficient_max])
+    ends = np.concatenate([problem.lowest, problem.coefficient_max])
     return ends[np.isfinite(ends)]
 
 

@@ -12,6 +12,8 @@ from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError
 
+from ..rubber.cycles import noise_of
+
 _JUMP = 0.01  # least jump over two readings, as a fraction of the record's pressure range
 _JUMP_NOISE = 8.0  # and in standard deviations of the pressure noise
 _CALM = 0.25  # of a period without a jump before a pulse: longer than the air rings
@@ -95,11 +97,6 @@ def find_staircase(
     ]
     edges = np.concatenate([before, *inner, pulses[-1:], after]) + time[0]
     return Staircase(period=lag, start=edges[:-1], stop=edges[1:])
-
-
-def noise_of(values: Float[np.ndarray, " n"]) -> float:
-    """Standard deviation of white noise on a smooth signal, by the median second difference."""
-    return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * np.sqrt(6.0)))
 
 
 def _moving(pressure: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

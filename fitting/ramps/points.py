@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from famjax.boundary.errors import InputError
 
-from ..rubber.cycles import split_branches
-from .holds import Staircase, noise_of
+from ..rubber.cycles import noise_of, split_branches
+from .holds import Staircase
 from .record import FILL, VENT, RampRecord
 
 LEAST_READINGS = 5

@@ -31,7 +31,6 @@ class LogText:
     """A delimited text in cells.
 
     Attributes:
-        encoding: in which it was read.
         delimiter: between cells; a blank stands for any run of blanks.
         decimal: "." or ",".
         rows: line number (from 1) and cells of every line that is not empty.
@@ -39,7 +38,6 @@ class LogText:
         n_columns: of the block of numbers.
     """
 
-    encoding: str
     delimiter: str
     decimal: str
     rows: tuple[tuple[int, tuple[str, ...]], ...]
@@ -78,12 +76,11 @@ def decoded(path: Path) -> tuple[str, str]:
     raise InputError(f"{path} is not a text file in UTF-8, UTF-16 or cp1252: export it as text")
 
 
-def split(text: str, encoding: str, decimal: str | None = None) -> LogText:
+def split(text: str, decimal: str | None = None) -> LogText:
     """The cells of a log, by the delimiter and decimal sign that make most of it numbers.
 
     Args:
         text: of the file.
-        encoding: of the file, for the record.
         decimal: "." or ",", where it is known.
 
     Raises:
@@ -92,7 +89,7 @@ def split(text: str, encoding: str, decimal: str | None = None) -> LogText:
     if decimal not in {None, ".", ","}:
         raise InputError(f"decimal must be '.' or ',', got {decimal!r}")
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip(" \t;,|")]
-    found = _best(lines[:_SAMPLE], encoding, decimal) or _best(lines, encoding, decimal)
+    found = _best(lines[:_SAMPLE], decimal) or _best(lines, decimal)
     if found is None:
         raise InputError(
             f"no block of numbers: at least {_FEWEST_ROWS} lines of {_FEWEST_COLUMNS} numbers, "
@@ -102,7 +99,7 @@ def split(text: str, encoding: str, decimal: str | None = None) -> LogText:
     return dataclasses.replace(found, rows=rows)
 
 
-def _best(lines: list[tuple[int, str]], encoding: str, decimal: str | None) -> LogText | None:
+def _best(lines: list[tuple[int, str]], decimal: str | None) -> LogText | None:
     """The delimiter and decimal sign that make most cells of these lines numbers, if any do."""
     best: tuple[int, LogText] | None = None
     for delimiter in DELIMITERS:
@@ -110,7 +107,7 @@ def _best(lines: list[tuple[int, str]], encoding: str, decimal: str | None) -> L
             break
         rows = tuple((n, _cells(line, delimiter)) for n, line in lines)
         scored = [
-            (score, LogText(encoding, delimiter, sign, rows, first, width))
+            (score, LogText(delimiter, sign, rows, first, width))
             for sign in ((decimal,) if decimal else (".", ","))
             for score, first, width in [_block([cells for _, cells in rows], sign)]
             if score

@@ -174,7 +174,7 @@ def read_machine_log(
             raise InputError(f"{', '.join(sorted(unknown))} is none of {', '.join(KINDS)}")
     text, encoding = decoded(path)
     try:
-        cells = split(text, encoding, decimal)
+        cells = split(text, decimal)
         found, names = find_columns(cells, columns or {}, units or {}, needed, welcome)
         lines, table, unread = _numbers(cells, [index for index, _ in found.values()])
     except InputError as error:

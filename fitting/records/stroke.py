@@ -39,7 +39,7 @@ def strokes(record: IsobaricRecord) -> tuple[list[Stroke], list[str]]:
     for low, high in _held(record.set_pressure):
         pressure = float(record.set_pressure[low])
         length = record.length[low:high]
-        turns = _turning_points(length, _TURN * float(np.ptp(length)))
+        turns = turning_points(length, _TURN * float(np.ptp(length)))
         branches = _branches(length, turns)
         k = count = 0
         while k < len(branches):
@@ -79,25 +79,22 @@ def _held(set_pressure: np.ndarray) -> list[tuple[int, int]]:
     return [(a, b) for a, b in stretches if b - a > 2 and np.isfinite(set_pressure[a])]
 
 
-def _turning_points(length: np.ndarray, least: float) -> list[int]:
-    """Rows of the alternating extremes between which the length changes by `least` or more."""
-    if least <= 0:
-        return []
+def turning_points(x: np.ndarray, travel: float) -> list[int]:
+    """Rows of alternating extremes between which x changes by `travel` or more, the outermost included."""
     turns: list[int] = []
-    top = bottom = 0
-    direction = 0
-    for k, value in enumerate(length.tolist()):
-        if direction >= 0 and value > length[top]:
-            top = k
-        if direction <= 0 and value < length[bottom]:
-            bottom = k
-        if direction >= 0 and value < length[top] - least:
-            turns.append(top)
-            direction, bottom = -1, k
-        elif direction <= 0 and value > length[bottom] + least:
-            turns.append(bottom)
-            direction, top = 1, k
-    return [*turns, top if direction > 0 else bottom] if turns else []
+    low = high = best = direction = 0
+    for i, value in enumerate(x.tolist() if travel > 0 else ()):
+        if direction == 0:
+            low, high = (i if value < x[low] else low), (i if value > x[high] else high)
+            if x[high] - x[low] >= travel:
+                direction = 1 if high > low else -1
+                turns, best = [min(low, high)], max(low, high)
+        elif direction * (value - x[best]) > 0:
+            best = i
+        elif direction * (x[best] - value) >= travel:
+            turns.append(best)
+            best, direction = i, -direction
+    return [*turns, best] if direction else []
 
 
 def _branches(length: np.ndarray, turns: list[int]) -> list[tuple[int, int, bool]]:

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from famjax.boundary.errors import InputError
 
+from ..records.stroke import turning_points
+
 _HOLD_WIDTH = 6.0  # standard deviations of the noise within which a hold lies
 
 
@@ -118,30 +120,14 @@ def split_branches(position: ArrayLike, *, min_travel: float = 0.5) -> tuple[Bra
     x = checked_columns({"position": position})["position"]
     assert x is not None
     travel = float(np.ptp(x))
-    if travel == 0:
-        return ()
-    noise = np.median(np.abs(np.diff(x, 2))) / (0.6745 * np.sqrt(6.0))
-    hold = min(_HOLD_WIDTH * float(noise), 0.02 * travel)
-    turns = _turning_points(x, min_travel * travel)
+    hold = min(_HOLD_WIDTH * noise_of(x), 0.02 * travel)
+    turns = turning_points(x, min_travel * travel)
     return tuple(_moving_part(x, a, b, hold) for a, b in itertools.pairwise(turns))
 
 
-def _turning_points(x: Float[np.ndarray, " n"], travel: float) -> list[int]:
-    """Rows of alternating extremes that lie at least `travel` apart, the outermost included."""
-    turns: list[int] = []
-    low = high = best = direction = 0
-    for i, value in enumerate(x.tolist()):
-        if direction == 0:
-            low, high = (i if value < x[low] else low), (i if value > x[high] else high)
-            if x[high] - x[low] >= travel:
-                direction = 1 if high > low else -1
-                turns, best = [min(low, high)], max(low, high)
-        elif direction * (value - x[best]) > 0:
-            best = i
-        elif direction * (x[best] - value) >= travel:
-            turns.append(best)
-            best, direction = i, -direction
-    return [*turns, best] if direction else []
+def noise_of(values: Float[np.ndarray, " n"]) -> float:
+    """Standard deviation of white noise on a smooth signal, by the median second difference."""
+    return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * np.sqrt(6.0)))
 
 
 def _moving_part(x: Float[np.ndarray, " n"], start: int, stop: int, hold: float) -> Branch:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.origin import Origin
 from famjax.boundary.sentence import in_units
-from famjax.boundary.units import from_si, si_unit, unit_system
+from famjax.boundary.units import finite_or_none, from_si, unit_system
 from famjax.cards import muscle_as_dict
 
 from ..choice.choose import Choice
@@ -23,7 +23,7 @@ from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings
 from ..evidence.spread import muscle_spread
 from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
-from .saved_fit import SCHEMA, finite_or_none
+from .saved_fit import SCHEMA
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
 
@@ -147,11 +147,6 @@ def fit_as_dict(
     """
     names, matrix = correlations(result)
     data = result.data
-    readings = {
-        f"{name}_{si_unit(name.removesuffix('_std'))}": values.tolist()
-        for name in ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
-        if (values := getattr(data, name)) is not None
-    }
     return {
         "schema": SCHEMA,
         "versions": versions(),
@@ -160,7 +155,7 @@ def fit_as_dict(
             "source": data.source,
             "sha256": data.sha256,
             "specimen": specimen_as_dict(data.specimen),
-            "readings": readings,
+            "readings": {name: values.tolist() for name, values in data.columns().items()},
         },
         "seed": result.seed,
         "spread": _spread(result, evidence),

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import finite_or_none
 
 from ..hysteresis.history_file import History
 from .prediction import static_rows
-from .saved_fit import SavedFit, finite_or_none
+from .saved_fit import SavedFit
 
 
 def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:

@@ -7,10 +7,11 @@ from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import finite_or_none
 from famjax.control import Outcome, pressure_for_force
 
 from .reach import reach_of
-from .saved_fit import SavedFit, finite_or_none
+from .saved_fit import SavedFit
 
 
 def pressures_for(

@@ -9,11 +9,12 @@ from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import finite_or_none
 
 from ..evidence.pull import Pull, pull
 from .onset import measured_onset, onset_pressure
 from .reach import reach_of
-from .saved_fit import SavedFit, finite_or_none
+from .saved_fit import SavedFit
 
 _NORMAL_95 = 1.96  # standard deviations on either side
 _ONSET_REACH = 3.0  # times the highest pressure of the data: beyond, a prediction means nothing

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -164,8 +163,3 @@ def _numbers(document: dict[str, Any], path: str, shape: tuple[int | str, ...]) 
             f"{path!r} must hold finite numbers of shape ({wanted}), got shape {numbers.shape}; "
             "write it anew with famjax fit"
         )
-
-
-def finite_or_none(value: float) -> float | None:
-    """The value, or None (JSON null) where it is nan or infinite."""
-    return float(value) if math.isfinite(value) else None

@@ -151,7 +151,7 @@ def _part(
     )
     weight = 1 / data.force_std[rows] if data.force_std is not None else np.ones(rows.size)
     coefficients = range(first, first + len(family.linear))
-    levels = {"pressure": data.pressures.level[rows], "length": lengths[rows]}
+    levels = {kind: data.levels(kind)[rows] for kind in ("pressure", "length")}
     return Part.of(
         data.specimen.name, family, inputs, force, weight, at, coefficients, levels, constraint, side,
     )  # fmt: skip

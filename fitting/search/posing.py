@@ -20,8 +20,8 @@ from ..families.geometry_source import (
     WrappedSource,
 )
 from ..families.laws import Law, LawGiven, law_named
-from ..families.parameters import Entry, Parameter, complete_table
-from .build import pose
+from ..families.parameters import Entry, Parameter, base_name, complete_table
+from .build import own_names, pose
 from .checks import (
     check_affine,
     check_censored,
@@ -238,11 +238,7 @@ def _posed(
         check_censored(table)
     full = _with_offsets(table, data, law)
     for one, source in zip(data, sources, strict=True):
-        own = {
-            name.removesuffix(f"[{one.specimen.name}]"): entry
-            for name, entry in full.items()
-            if "[" not in name or name.endswith(f"[{one.specimen.name}]")
-        }
+        own = {base_name(name): full[name] for name in own_names(tuple(full), one.specimen.name)}
         check_source(source, table)
         check_lengths(one, own)
         check_priors(one, own, noise)

@@ -19,8 +19,10 @@ from .multi_start import best_of, descend_all
 
 OBJECTIVES = ("sum_of_squares", "huber")
 
-_TUNED = 1.345  # standard deviations: 95 % efficient for normal noise (Huber 1981)
-_NORMAL_MAD = 1.4826  # standard deviations of normal noise in a median absolute deviation
+TUNED = 1.345
+"""Huber's threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)."""
+NORMAL_MAD = 1.4826
+"""Standard deviations of normal noise in a median absolute deviation."""
 _SCALED = 8  # rounds in which the noise is estimated; the threshold is then kept
 _FROM_ALL = 3  # rounds that descend from every start
 _ROUNDS = 200
@@ -79,7 +81,7 @@ def descend_huber(
         # In the readings' own weights again.
         residual = best.point.residual[:points] / weight
         if done < _SCALED:
-            threshold = _TUNED * _noise(problem, residual)
+            threshold = TUNED * _noise(problem, residual)
         old, weight = weight, huber_weight(residual, threshold)
         if done > _SCALED and np.abs(weight - old).max() <= _SETTLED:
             return best, ends, Robust(weight, threshold)
@@ -119,6 +121,6 @@ def pseudo_residual(
 
 def _noise(problem: Problem, residual: Float[np.ndarray, " points"]) -> float:
     return max(
-        _NORMAL_MAD * float(np.median(np.abs(residual))),
+        NORMAL_MAD * float(np.median(np.abs(residual))),
         _ROUNDING * float(np.sqrt(np.mean((problem.force * problem.weight) ** 2))),
     )

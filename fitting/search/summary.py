@@ -171,8 +171,7 @@ def _active_sentences(found: Optimal) -> tuple[str, ...]:
         sentences += [_path_sentence(found, place, int(row) - first) for row in here]
         first += count
     positive = problem.constraint == "positive"
-    lowest = np.maximum(problem.coefficient_min, 0) if positive else problem.coefficient_min
-    for limits, side in ((lowest, "lower"), (problem.coefficient_max, "upper")):
+    for limits, side in ((problem.lowest, "lower"), (problem.coefficient_max, "upper")):
         places = np.flatnonzero(np.isfinite(limits))
         for row in active[(active >= first) & (active < first + places.size)]:
             place = int(places[row - first])

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ..convex.arrays import AnyArray, fixed, namespace
 from ..convex.paths import PathFunctions, PathTable
-from .forms import HUBER, NORMAL_MAD
+from ..search.robust import NORMAL_MAD, TUNED
 from .linear_model import LinearModel
 from .readings import Readings
 
@@ -92,7 +92,7 @@ class Design:
         left = xp.where(shows.any(), xp.where(shows, left, xp.nan), 0.0)
         size = xp.sqrt((y**2).sum() / count.sum())
         spread = xp.maximum(NORMAL_MAD * xp.nanmedian(left), 1e-9 * size)
-        return fixed(HUBER * spread.reshape(1, 1, 1))
+        return fixed(TUNED * spread.reshape(1, 1, 1))
 
 
 def compressed(

@@ -8,10 +8,6 @@ from famjax.boundary.errors import InputError
 from ..engine.response import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
-HUBER = 1.345
-"""Threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)."""
-NORMAL_MAD = 1.4826
-"""Standard deviation per median absolute deviation of normal noise."""
 
 _HIGHEST_ORDER = 4  # up to it the tangent modulus is a cubic, and its constraint exact
 

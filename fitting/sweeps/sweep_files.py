@@ -1,7 +1,5 @@
 """What `famjax sweep` does besides parsing: sweep, files and the rows to print."""
 
-import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ import numpy as np
 import famjax
 from famjax.boundary.files import as_png, check_output, make_output, write_all
 from famjax.boundary.tasks import keepable
-from famjax.boundary.units import from_si, unit_system
+from famjax.boundary.units import finite_or_none, from_si, unit_system
 
 from ..data.force_data import ForceData
 from .all_forms import sweep
@@ -70,7 +68,6 @@ def sweep_command(
         ):
             files[f"{name}-{index + 1}.png"] = as_png(figure)
     document = {"rows": [table_row(row, units) for row in found.rows]}
-    json.dumps(document, allow_nan=False)
     return document, write_all(output, files)
 
 
@@ -94,7 +91,7 @@ def table_row(row: SweepRow, system: str) -> dict[str, Any]:
         "order": row.order,
         "constraint": row.constraint,
         "n_coefficients": row.n_coefficients,
-        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        **{name: finite_or_none(value) for name, value in numbers.items()},
         "n_free_contractions": int(np.isfinite(row.free_contraction_error_by_pressure).sum()),
         "verdict": row.verdict,
     }

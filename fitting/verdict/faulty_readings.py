@@ -5,8 +5,8 @@ from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.sentence import Quantity, Sentence
 
-from ..choice.nested import without
 from ..data.force_data import ForceData
+from ..search.robust import NORMAL_MAD
 from .trial import Trial, attempt, richest
 
 Explanation = tuple[str, float]
@@ -16,7 +16,6 @@ _OUTLYING = 5.0  # robust standard deviations
 _MOST = 0.25  # of the readings may be outliers
 _OF_A_LENGTH = 0.6  # of the readings of one length are no outliers
 _ROUNDS = 6
-_GAUSS = 1.4826  # from the median of absolute errors to a standard deviation
 _TRIED = 50  # offsets of a length
 _OFFSET = 0.06  # of the rest length
 ONE_MUSCLE = 3
@@ -27,9 +26,9 @@ _PER_LENGTH = 5  # readings
 
 def kept_only(data: ForceData, kept: Bool[np.ndarray, " loaded"]) -> ForceData:
     """The map with some of its loaded readings only."""
-    out = np.zeros(data.force.size, bool)
-    out[np.flatnonzero(data.loaded)[~kept]] = True
-    return without(data, out)
+    rows = np.ones(data.force.size, bool)
+    rows[data.loaded] = kept
+    return data.part(rows)
 
 
 def errors_of(trial: Trial, data: ForceData) -> Float[np.ndarray, " loaded"]:
@@ -50,7 +49,7 @@ def outliers(data: ForceData) -> Explanation | None:
         if trial is None:
             return None
         errors = errors_of(trial, data)
-        scale = max(_GAUSS * float(np.median(np.abs(errors))), 2e-3 * float(force[kept].max()))
+        scale = max(NORMAL_MAD * float(np.median(np.abs(errors))), 2e-3 * float(force[kept].max()))
         found = np.abs(errors) <= _OUTLYING * scale
         if (found == kept).all():
             break
@@ -121,4 +120,4 @@ def thinned(data: ForceData) -> ForceData:
         mine = np.flatnonzero(data.loaded & (data.lengths.level == one))
         mine = mine[np.argsort(data.pressure[mine])]
         kept[mine[np.unique(np.linspace(0, mine.size - 1, _PER_LENGTH).astype(int))]] = True
-    return without(data, ~kept)
+    return data.part(kept)

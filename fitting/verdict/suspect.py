@@ -9,10 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..choice.nested import without
 from ..data.force_data import ForceData
 from ..search.result import Identification
-from .faulty_readings import Explanation, one_length_off, outliers
+from .faulty_readings import Explanation, kept_only, one_length_off, outliers
 from .plain_faults import (
     absolute,
     no_rise,
@@ -93,9 +92,7 @@ def suspect(
     Returns:
         At most three.
     """
-    out = np.zeros(result.data.force.size, bool)
-    out[np.flatnonzero(result.data.loaded)[~counted(result)]] = True
-    data = without(result.data, out)
+    data = kept_only(result.data, counted(result))
     plain = [*no_rise(data), *thick_wall(data)]
     if any(no_rise(data)):
         return tuple(plain)  # whatever else may be wrong does not show

@@ -9,7 +9,7 @@ from famjax.boundary.errors import InputError
 
 from ..choice.choose import weigh
 from ..choice.ladder import Candidate, ladder
-from ..choice.race import fit_candidate
+from ..choice.race import descended, posed_of
 from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.problem import Problem
@@ -76,7 +76,8 @@ def attempt(
         chosen = candidate or richest(data)
         if chosen is None:
             return None
-        return Trial(data, *fit_candidate(weigh(data), chosen, starts=starts))
+        problem = posed_of(weigh(data), chosen, "drucker", "physical").problem
+        return Trial(data, problem, descended(problem, starts, seed=0))
     except InputError:
         return None
 

@@ -134,13 +134,10 @@ def _flank(profile: Array, t: Array, s: float, kappa: float, radius: float) -> f
 
     An edge smeared over more than the model's window goes on to rise there, whatever smeared it.
     """
-    near = near_edge(t, s)
     inside = (t > _FLANK[0] * s) & (t < _FLANK[1] * s)
     if not inside.any():
         return 0.0
-    model = limb(t, s, kappa, radius)
-    height = float(height_and_rest(profile[near], model[near])[0][0])
-    foot = float(np.mean(profile[near] - height * model[near]))
+    model, height, foot = _smooth_limb(profile, t, s, kappa, radius)
     above = profile[inside] - foot - height * model[inside]
     return float(np.mean(above) / max(height * float(np.mean(model[inside])), 1e-9))
 
@@ -150,16 +147,22 @@ def _wave(profile: Array, t: Array, s: float, kappa: float, radius: float) -> fl
 
     Of any height: threads shade one limb more than another all along it.
     """
-    near = near_edge(t, s)
     size = max(1.0, s)
     inside = (t > _RIM[0][0] * size) & (t < _RIM[1][1] * size)
     if not inside.any():
         return 0.0
-    model = limb(t, s, kappa, radius)
-    height = float(height_and_rest(profile[near], model[near])[0][0])
-    foot = float(np.mean(profile[near] - height * model[near]))
+    model, height, foot = _smooth_limb(profile, t, s, kappa, radius)
     light = (profile[inside] - foot) / np.maximum(height * model[inside], 1e-9)
     return float(np.std(np.log(np.maximum(light, _DARKEST))))
+
+
+def _smooth_limb(
+    profile: Array, t: Array, s: float, kappa: float, radius: float
+) -> tuple[Array, float, float]:
+    """The model of a smooth limb, and the height and the foot with which it fits the profile's edge."""
+    near, model = near_edge(t, s), limb(t, s, kappa, radius)
+    height = float(height_and_rest(profile[near], model[near])[0][0])
+    return model, height, float(np.mean(profile[near] - height * model[near]))
 
 
 def _rim(profile: Array, t: Array, s: float) -> float:

@@ -11,7 +11,6 @@ from fitting import Choice, ForceData, InputError, choose, identify, load_fit, p
 from fitting.choice import choice_as_dict, choice_table, validate_choice
 from fitting.choice.choose import weigh
 from fitting.choice.ladder import ladder
-from fitting.choice.nested import without
 from fitting.choice.ranking import first_settled
 from fitting.evidence import Evidence
 from tests.fitting.synthetic import muscle_map
@@ -95,7 +94,7 @@ def test_the_choice_is_made_anew_without_what_it_predicts(dmsp10: ForceData) -> 
     """Readings that are spoilt where they are left out change nothing of their own prediction."""
     level = dmsp10.lengths.level
     longest, middle = np.unique(level[dmsp10.loaded])[[-1, 1]]
-    few = without(dmsp10, (level != longest) & (level < middle))
+    few = dmsp10.part((level == longest) | (level >= middle))
     options = {"starts": 2}
     sound = validate_choice(choose(few, **options), "length", **options)
     spoilt = dataclasses.replace(few, force=np.where(few.length == longest, 2.0, 1.0) * few.force)
@@ -116,7 +115,7 @@ def test_readings_known_well_do_not_outweigh_what_the_law_is_good_for(dmsp20: Fo
 
 
 def test_one_length_determines_no_family(dmsp20: ForceData) -> None:
-    one = without(dmsp20, dmsp20.lengths.level < 0.29)
+    one = dmsp20.part(dmsp20.lengths.level >= 0.29)
     with pytest.raises(InputError, match="two lengths or more"):
         choose(one)
 

@@ -6,13 +6,12 @@ import pytest
 from fitting import ForceData, Parameter
 from fitting.choice import ladder
 from fitting.choice.ladder import rest_length_rounding
-from fitting.choice.nested import without
 
 
 def of_lengths(data: ForceData, count: int) -> ForceData:
     """The map at its longest lengths only."""
     level = data.lengths.level
-    return without(data, level < np.unique(level[data.loaded])[-count])
+    return data.part(level >= np.unique(level[data.loaded])[-count])
 
 
 def test_the_laws_of_rubber_come_before_those_that_only_describe(dmsp20: ForceData) -> None:

@@ -8,15 +8,17 @@ from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
 
 from fitting import ForceData, Identification, identify, validate
-from fitting.choice.nested import without
 from fitting.evidence import ModelError
-from fitting.evidence.left_out import LeftOut, leave_out
+from fitting.evidence.left_out import LeftOut, leave_out_each
 from fitting.evidence.model_error import model_error, spline_variance, student
 
 
+def left_out_of(result: Identification, **kinds: tuple[int | None, int]) -> dict[str, LeftOut]:
+    return leave_out_each([(result.problem, result.end.u)], kinds)[0]
+
+
 def test_errors_are_those_of_a_validation(fitted20: Identification) -> None:
-    found = leave_out(fitted20.problem, fitted20.end.u, "length", starts=4)
-    assert found is not None
+    found = left_out_of(fitted20, length=(None, 4))["length"]
     expected = validate(fitted20, "length")
     assert found.rmse == pytest.approx(expected.rmse, rel=1e-3)
     assert found.interior_rmse == pytest.approx(expected.interior_rmse, rel=1e-3)
@@ -24,8 +26,7 @@ def test_errors_are_those_of_a_validation(fitted20: Identification) -> None:
 
 
 def test_neighbouring_pressures_are_left_out_together(fitted20: Identification) -> None:
-    found = leave_out(fitted20.problem, fitted20.end.u, "pressure", groups=4)
-    assert found is not None
+    found = left_out_of(fitted20, pressure=(4, 1))["pressure"]
     assert set(found.group) == {0, 1, 2, 3}
     order = np.argsort(found.level, kind="stable")
     assert (np.diff(found.group[order]) >= 0).all()
@@ -33,10 +34,9 @@ def test_neighbouring_pressures_are_left_out_together(fitted20: Identification) 
 
 
 def test_two_levels_cannot_be_left_out(dmsp20: ForceData) -> None:
-
-    few = without(dmsp20, dmsp20.lengths.level < 0.28)
+    few = dmsp20.part(dmsp20.lengths.level >= 0.28)
     result = identify(few, law="neo-hookean", starts=2)
-    assert leave_out(result.problem, result.end.u, "length") is None
+    assert "length" not in left_out_of(result, length=(None, 1))
 
 
 def test_the_splines_variance_is_zero_where_it_was_measured_and_grows_away() -> None:
@@ -85,8 +85,7 @@ def test_students_interval() -> None:
 
 
 def test_the_error_survives_its_file(fitted20: Identification) -> None:
-    problem, u = fitted20.problem, fitted20.end.u
-    left = {kind: leave_out(problem, u, kind) for kind in ("length", "pressure")}
+    left = left_out_of(fitted20, length=(None, 1), pressure=(None, 1))
     found = model_error(fitted20.data, fitted20.residuals, left, fitted20.n_parameters)
     again = ModelError.from_dict(found.as_dict())
     at = np.array([0.2, 0.26, 0.33]), np.array([1e5, 4e5, 9e5])

@@ -8,7 +8,6 @@ import pytest
 
 from famjax.__main__ import main
 from fitting import ForceData, write_csv
-from fitting.choice.nested import without
 
 LEFT_OUT = 0.267  # m
 PRESSURES = np.array([150, 250, 350, 450, 525, 600, 675]) * 1e3
@@ -18,7 +17,7 @@ PRESSURES = np.array([150, 250, 350, 450, 525, 600, 675]) * 1e3
 def without_a_length(dmsp20: ForceData, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The map as a file, in which one length is not there."""
     path = tmp_path_factory.mktemp("map") / "map.csv"
-    write_csv(without(dmsp20, np.abs(dmsp20.length - LEFT_OUT) < 1e-6), path, system="metric")
+    write_csv(dmsp20.part(np.abs(dmsp20.length - LEFT_OUT) >= 1e-6), path, system="metric")
     return path
 
 
@@ -90,7 +89,7 @@ def test_three_lengths_are_fitted_and_bounded_by_a_prior(
     """A law of three coefficients refused such a map; the band now says that it is a prior's."""
     level = dmsp10.lengths.level
     lengths = np.unique(level[dmsp10.loaded])[-3:]
-    path = write_csv(without(dmsp10, level < lengths[0]), tmp_path / "three.csv", system="metric")
+    path = write_csv(dmsp10.part(level >= lengths[0]), tmp_path / "three.csv", system="metric")
     with pytest.raises(SystemExit) as stop:
         main(["fit", str(path), "--output", str(tmp_path)])
     assert stop.value.code in (None, 0)
