@@ -60,7 +60,7 @@ class Tape:
 
         def teeth(phi: Array) -> Array:
             # A tenth of the time of as many sines and cosines.
-            return np.asarray(np.polynomial.polynomial.polyval(np.exp(1j * phi), waves).real)
+            return np.asarray(np.polynomial.polynomial.polyval(np.exp(1j * phi), waves).real, float)
 
         front = np.arccos(np.linspace(-0.85, 0.85, 201))
         return plane + self.ragged * (teeth(phi) - teeth(front).mean())
