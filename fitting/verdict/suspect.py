@@ -102,7 +102,7 @@ def suspect(
     candidate = richest(data)
     here = attempt(data, candidate)
     least = min(least_misfit(result), np.inf if here is None else here.misfit)
-    found = [*signs(data, least, candidate)] if not plain else []
+    found = [*signs(data, here, least, candidate)] if not plain else []
     stopped = stopped_above(result, "deadband_pressure")
     found += absolute(data, here, least, candidate, stopped=stopped)
     found += small_contraction(data, least)
