@@ -12,7 +12,7 @@ import importlib.resources
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -162,13 +162,11 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     _lengths_of_contractions(arrays, known)
     limit = known.pop("force_limit", None)
-    assumed = _assumed(known)
-    complete, notes = _complete(known, arrays["length"], source)
+    muscle = describe({"name": Path(source).stem, **known}, float(arrays["length"].max()))
     units = {column.quantity: column.unit for column in columns}
     return ForceData(
-        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
-        assumed=assumed, **tolerances,
-    )  # fmt: skip
+        **arrays, **muscle._asdict(), source=source, units=units, force_limit=limit, **tolerances
+    )
 
 
 def _number(cell: str, row: int, name: str) -> float:
@@ -296,13 +294,30 @@ def _assumed(fields: Mapping[str, Any]) -> tuple[str, ...]:
     return (*found, *([] if given else ["bladder_diameter"]))
 
 
-def _complete(
-    fields: dict[str, Any], length: np.ndarray, source: str
-) -> tuple[Specimen, tuple[str, ...]]:
-    """The specimen, and a sentence for each value that had to be assumed."""
-    notes = []
+class Described(NamedTuple):
+    """A specimen of which not everything was said.
+
+    Attributes:
+        specimen: with what had to be assumed.
+        notes: a sentence for each value that was.
+        assumed: their names, as in `ForceData`.
+    """
+
+    specimen: Specimen
+    notes: tuple[str, ...]
+    assumed: tuple[str, ...]
+
+
+def describe(known: Mapping[str, Any], longest: float) -> Described:
+    """The specimen of what is known of it.
+
+    Args:
+        known: fields of `Specimen` in SI; the name is needed.
+        longest: of the lengths that were measured [m], in the place of an unknown rest length.
+    """
+    fields, assumed, notes = dict(known), _assumed(known), []
     if "rest_length" not in fields:
-        fields["rest_length"] = float(length.max())
+        fields["rest_length"] = longest
         notes.append(
             Sentence(
                 "The rest length was not given: the longest length in the file, ",
@@ -337,7 +352,7 @@ def _complete(
             "The bladder's diameter was not given: the braid is taken to run inside the wall, as "
             "in a Festo DMSP (--specimen bladder_diameter_mm=..., or embedded=false)."
         )
-    return Specimen(**{"name": Path(source).stem, **fields}), tuple(notes)
+    return Described(Specimen(**fields), tuple(notes), assumed)
 
 
 def specimen_as_dict(specimen: Specimen) -> dict[str, Any]:

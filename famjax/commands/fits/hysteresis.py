@@ -54,25 +54,26 @@ def load_ramps(
         InputError: what is wrong with entries or records, or an option that they need.
     """
     from famjax.boundary.errors import InputError
-    from fitting.data import Specimen
-    from fitting.data.force_csv import DEFAULT_WALL_THICKNESS
-    from fitting.ramps import parse_atmosphere, quasi_static, ramp_pairs, read_ramps, static_map
+    from fitting.ramps import (
+        parse_atmosphere,
+        quasi_static,
+        ramp_data,
+        ramp_pairs,
+        ramp_specimen,
+        read_ramps,
+        static_map,
+    )
 
-    fields = {"wall_thickness": DEFAULT_WALL_THICKNESS, "name": "ramps", **specimen}
     if atmosphere is None:
         raise InputError(
             "--hysteresis reads raw ramps, and needs --atmosphere: what their pressure sensor reads "
             "at atmosphere (8.94kPa), or the interval in which the muscle is vented (0s:0.5s)"
         )
-    if "rest_length" not in fields:
-        raise InputError(
-            "the rest length of the muscle must be given (--specimen rest_length_mm=...): the "
-            "longest record need not be at it"
-        )
+    muscle = ramp_specimen(specimen)
     points = quasi_static(
         read_ramps(entries, columns=columns), atmosphere=parse_atmosphere(atmosphere)
     )
-    data = static_map(points).force_data(Specimen(**fields))
+    data = ramp_data(static_map(points), muscle)
     pairs = ramp_pairs(points, rest_length=data.specimen.rest_length)
     return with_tolerances(data, pressure=pressure, length=length), pairs
 
