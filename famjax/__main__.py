@@ -2,8 +2,10 @@
 
 import gc
 import os
+import re
 import sys
 import warnings
+from itertools import pairwise
 from typing import Any
 
 from .commands.stopping import STOPPED, end_at_interrupts, farewell
@@ -59,7 +61,8 @@ def _run(arguments: list[str]) -> int:
             words, exit_on_error=False, print_error=False, result_action="return_value"
         )
     except CycloptsError as error:
-        print(f"famjax: {error}\nTry 'famjax --help'.", file=sys.stderr)
+        hint = _of_a_minus_sign(arguments, str(error))
+        print(f"famjax: {error}{hint}\nTry 'famjax --help'.", file=sys.stderr)
         return 2
     except InputError as error:
         print(f"famjax: {error}", file=sys.stderr)
@@ -68,6 +71,14 @@ def _run(arguments: list[str]) -> int:
         print(farewell(arguments), file=sys.stderr)
         return STOPPED
     return code or 0
+
+
+def _of_a_minus_sign(arguments: list[str], error: str) -> str:
+    """How a value that begins with a minus sign is given, where one was read as an option."""
+    for option, value in pairwise(arguments):
+        if f"{option} requires an argument" in error and re.match(r"-[.\d]", value):
+            return f"\nA value with a minus sign is written {option}={value}"
+    return ""
 
 
 if __name__ == "__main__":

@@ -39,6 +39,7 @@ _SPECIMEN_LENGTHS = (
     "bladder_diameter",
     "braid_thickness",
 )
+_OF_THE_FIT = ("braid_angle", "braid_diameter", "deadband_pressure")
 
 
 @runtime_checkable
@@ -294,6 +295,11 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
         )
         units = tuple(UNITS["length"])
         near = [f"{n}_{unit}" for n in _SPECIMEN_LENGTHS for unit in units]
+        if name in _OF_THE_FIT:
+            raise InputError(
+                f"{name} is identified by the fit, and no entry of the specimen: what is known of it is "
+                f"--prior {key}=MEAN+-STD, or held by --bounds {key}={value}"
+            )
         raise InputError(
             f"unknown entry of the specimen {key!r}; known are {known}"
             f"{meant(key, [*near, 'force_limit_N', 'name', 'embedded'])}"

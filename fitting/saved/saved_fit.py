@@ -18,6 +18,7 @@ from famjax.terms import CentredSlip
 from ..evidence.model_error import ModelError
 
 SCHEMA = "famjax-fit/1"
+_WANTED = "give a fit.json that famjax fit has written"
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -71,10 +72,10 @@ def load_fit(path: str | Path) -> SavedFit:
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:
-        raise InputError(f"{path} is not a JSON file: {error}") from None
+        raise InputError(f"{path} is not a JSON file: {error}; {_WANTED}") from None
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
-        raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}")
+        raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}; {_WANTED}")
     try:
         mounted = _mounted(document)
         _check(document, mounted)

@@ -25,8 +25,8 @@ def one_map(data: Sequence[str]) -> str:
 
     if len(data) != 1:
         raise InputError(
-            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. Raw ramps are several "
-            "files: --hysteresis"
+            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. Several muscles of one "
+            "series: famjax series; raw ramps of one muscle: --hysteresis"
         )
     return data[0]
 

@@ -133,6 +133,10 @@ def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
         print("note: another rest length is predicted from one specimen, so there is no error band: "
               "it does not tell how specimens differ, nor a rig that gives way from a braid that "
               "does (famjax series does)")  # fmt: skip
+    elif not other and "series" in saved.document:
+        one = saved.document["data"]["specimen"]
+        print(f"note: of {one['name']}, the first specimen of the series, with its rest length of "
+              f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another")  # fmt: skip
     elif forces and saved.error is not None and not other:
         print(f"note: the 95 % band is of {saved.error.covers}")
     elif forces and not (saved.document.get("spread") or {}).get("directions"):

@@ -232,6 +232,9 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     truth = float(in_rig(0.18, TRUTH).force(0.17, 4e5))
     assert abs(row["force_N"] - truth) < 2 * NOISE
     assert row["low_95_N"] < truth < row["high_95_N"]
+    with pytest.raises(SystemExit):
+        main(["predict", str(folder / "fit.json"), "--length", "95mm", "--pressure", "400kPa"])
+    assert f"rest length of {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in capsys.readouterr().out
 
 
 class Pull(famjax.terms.AbstractForceTerm):
