@@ -367,6 +367,10 @@ BAD_OPTIONS = [
     ({"atmosphere": np.nan}, "must be finite"),
     ({"atmosphere": (0.0, 1e-4)}, "readings from 0.0 to 0.0001 s"),
     ({"atmosphere": (0.0, 5.0)}, "so it is not vented there"),
+    (
+        {"atmosphere": 101e3},
+        "reads down to .* far below the 101 kPa that its sensor is said to read",
+    ),
     ({"period": 0.33}, "no regular valve pulses of 0.33 s"),
     ({"part": (0.511, 0.512)}, "fewer than 5 readings in the part"),
     ({"kind": "ramp", "bin_width": 5e6}, "gives no pressure bin"),
