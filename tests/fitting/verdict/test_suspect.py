@@ -125,6 +125,20 @@ def test_a_slack_muscle_that_pushes_has_no_wrong_sign() -> None:
     assert judge(result).passed
 
 
+def test_readings_at_the_limit_of_the_load_cell_are_no_fault() -> None:
+    """A muscle may pull more there: only a pull that is less contradicts them."""
+    data = known_muscle(0.014, 0.2, 65.0, lengths=6)
+    limit = 0.7 * data.max_force
+    capped = dataclasses.replace(data, force=np.minimum(data.force, limit), force_limit=limit)
+    assert capped.saturated.sum() > 3
+    result = fit(capped)
+    assert least_misfit(result) < 0.01
+    assert suspect(result) == ()
+    assert judge(result).passed
+    raised = dataclasses.replace(capped, force=np.where(capped.saturated, 2 * limit, capped.force))
+    assert least_misfit(dataclasses.replace(result, data=raised)) > 0.1
+
+
 def test_one_pressure_does_not_tell_absolute_ones() -> None:
     """Deadband and diameter are one number there, so that a deadband at its bound says nothing."""
     data = known_muscle(0.014, 0.2, 65.0)
