@@ -1,8 +1,10 @@
 """The command `famjax`; its commands are in `commands`."""
 
 import gc
+import io
 import os
 import re
+import select
 import sys
 import warnings
 from itertools import pairwise
@@ -13,22 +15,52 @@ from .commands.stopping import STOPPED, end_at_interrupts, farewell
 # jaxlib on few cores can hang when two threads run batched LAPACK at once; this must be set first.
 os.environ.setdefault("PJRT_NPROC", "16")
 
+NO_READER = 141
+"""As a process that SIGPIPE ends."""
+
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line.
 
-    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped.
+    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped,
+    141 nobody reads the output any more.
     """
     if arguments is None:
         end_at_interrupts(sys.argv[1:])
         warnings.showwarning = _as_note
+        _print_what_the_terminal_lacks()
         # What imports and traces make stays to the end: it is searched for garbage less often.
         gc.set_threshold(400_000, 20, 50)
-    code = _run(sys.argv[1:] if arguments is None else arguments)
+    try:
+        code = _run(sys.argv[1:] if arguments is None else arguments)
+        if arguments is None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        if arguments is not None or not _reader_has_left():
+            raise
+        code = NO_READER
     if arguments is None:
         # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
         gc.freeze()
     sys.exit(code)
+
+
+def _print_what_the_terminal_lacks() -> None:
+    """Print characters that a stream's encoding lacks as their numbers: a name is no reason to end."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _reader_has_left() -> bool:
+    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
+    out = sys.stdout.fileno()
+    state = select.poll()
+    state.register(out, select.POLLOUT)
+    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
+    return True
 
 
 def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
