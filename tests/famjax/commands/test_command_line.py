@@ -12,7 +12,6 @@ from PIL import Image
 
 import famjax
 from famjax.__main__ import main
-from famjax.commands.stopping import farewell
 from fitting import load_fit
 
 
@@ -211,50 +210,6 @@ def test_missing_file_and_blocked_output(
     assert (code, "no such file" in err) == (2, True)
     code, _, err = run(capsys, "fit", map_file, "--output", map_file / "below")
     assert (code, "is not a folder" in err) == (2, True)
-
-
-def test_what_is_left_of_a_stopped_command() -> None:
-    text = farewell(["characterise", "folder"])
-    assert text.endswith("kept in results, and the same command goes on from there")
-    assert farewell(["fit"]).endswith("nothing was written")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("fit", "DMSP-20-30"), "did you mean DMSP-20-300?"),
-        (("fit", "MAP", "MAP"), "Several muscles of one series: famjax series"),
-        (("fit", "MAP", "--law", "ogden", "--order", "2"), "got 2 for ogden: leave the order out"),
-        (
-            ("fit", "MAP", "--specimen", "braid_angle_deg=65"),
-            "or held by --bounds braid_angle_deg=65",
-        ),
-        (("predict", "MAP", "--length", "270mm", "--pressure", "3bar"), "give a fit.json"),
-        (
-            ("predict", "MAP", "--length", "270mm", "--pressure", "-3bar"),
-            "A value with a minus sign is written --pressure=-3bar",
-        ),
-        (("series", "MAP"), "predict --rest-length"),
-        (
-            ("export", "DMSP-10", "--to", "csv", "--tendon-offset", "5mm"),
-            "for mujoco and mjx alone, got --to csv",
-        ),
-        (("measure", "--scale", "90+-0.1 px/in"), "famjax: there are no pictures to measure"),
-    ],
-)
-def test_a_refusal_says_what_to_do(
-    capsys: pytest.CaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
-    map_file: Path,
-    arguments: tuple[str, ...],
-    message: str,
-) -> None:
-    monkeypatch.chdir(map_file.parent)
-    code, _, err = run(capsys, *(str(map_file) if one == "MAP" else one for one in arguments))
-    assert code == 2
-    assert message in " ".join(err.split())
-    assert "class '" not in err
-    assert sorted(map_file.parent.iterdir()) == [map_file]
 
 
 def test_version_and_help(capsys: pytest.CaptureFixture) -> None:
