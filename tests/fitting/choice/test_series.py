@@ -215,7 +215,10 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     with pytest.raises(SystemExit) as stop:
         main(["series", *map(str, maps), "--law", *LAWS, "--output", str(folder)])
     assert not stop.value.code
-    assert "mooney-rivlin" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert "mooney-rivlin" in table
+    assert "rest length mm" in table
+    assert any(line.split()[:1] == ["braid_angle"] and "deg" in line for line in table.splitlines())
     for k, (read, rest) in enumerate(zip(given, SEEN, strict=True)):
         meant = specimen(rest, 7 + k)
         np.testing.assert_allclose(read.force, meant.force, rtol=1e-9)
