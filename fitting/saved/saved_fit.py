@@ -136,6 +136,10 @@ def _check(document: dict[str, Any], mounted: famjax.MountedMuscle) -> None:
             _numbers(document, f"model_error.{name}.levels_{unit}", ("n",))
             _numbers(document, f"model_error.{name}.scale_N", ())
             _numbers(document, f"model_error.{name}.freedom", ())
+    if document.get("hysteresis") is not None:
+        _numbers(document, "hysteresis.rms_N", ())
+        for kind in _entry(document, "hysteresis.left_out"):
+            _numbers(document, f"hysteresis.left_out.{kind}.rms_N", ())
     if document.get("other_lengths") is not None:
         _numbers(document, "other_lengths.between_N", ())
         _entry(document, "other_lengths.members")

@@ -145,6 +145,11 @@ def test_what_cannot_be_done_is_said(
         "predict", fitted / "fit.json", "--history", history, "--length", "270mm"
     )
     document = json.loads((fitted / "fit.json").read_text())
+    del document["hysteresis"]["left_out"]["length"]["rms_N"]
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text(json.dumps(document))
+    told = error("predict", damaged, "--history", history)
+    assert "damaged: it has no entry 'hysteresis.left_out.length.rms_N'" in told
     del document["hysteresis"]
     plain = tmp_path / "plain.json"
     plain.write_text(json.dumps(document))
