@@ -1,9 +1,13 @@
 """The command `famjax`; its commands are in `commands`."""
 
 import gc
+import io
 import os
+import re
+import select
 import sys
 import warnings
+from itertools import pairwise
 from typing import Any
 
 from .commands.stopping import STOPPED, end_at_interrupts, farewell
@@ -11,22 +15,52 @@ from .commands.stopping import STOPPED, end_at_interrupts, farewell
 # jaxlib on few cores can hang when two threads run batched LAPACK at once; this must be set first.
 os.environ.setdefault("PJRT_NPROC", "16")
 
+NO_READER = 141
+"""As a process that SIGPIPE ends."""
+
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line.
 
-    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped.
+    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped,
+    141 nobody reads the output any more.
     """
     if arguments is None:
         end_at_interrupts(sys.argv[1:])
         warnings.showwarning = _as_note
+        _print_what_the_terminal_lacks()
         # What imports and traces make stays to the end: it is searched for garbage less often.
         gc.set_threshold(400_000, 20, 50)
-    code = _run(sys.argv[1:] if arguments is None else arguments)
+    try:
+        code = _run(sys.argv[1:] if arguments is None else arguments)
+        if arguments is None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        if arguments is not None or not _reader_has_left():
+            raise
+        code = NO_READER
     if arguments is None:
         # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
         gc.freeze()
     sys.exit(code)
+
+
+def _print_what_the_terminal_lacks() -> None:
+    """Print characters that a stream's encoding lacks as their numbers: a name is no reason to end."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _reader_has_left() -> bool:
+    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
+    out = sys.stdout.fileno()
+    state = select.poll()
+    state.register(out, select.POLLOUT)
+    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
+    return True
 
 
 def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
@@ -59,7 +93,8 @@ def _run(arguments: list[str]) -> int:
             words, exit_on_error=False, print_error=False, result_action="return_value"
         )
     except CycloptsError as error:
-        print(f"famjax: {error}\nTry 'famjax --help'.", file=sys.stderr)
+        hint = _of_a_minus_sign(arguments, str(error))
+        print(f"famjax: {error}{hint}\nTry 'famjax --help'.", file=sys.stderr)
         return 2
     except InputError as error:
         print(f"famjax: {error}", file=sys.stderr)
@@ -68,6 +103,14 @@ def _run(arguments: list[str]) -> int:
         print(farewell(arguments), file=sys.stderr)
         return STOPPED
     return code or 0
+
+
+def _of_a_minus_sign(arguments: list[str], error: str) -> str:
+    """How a value that begins with a minus sign is given, where one was read as an option."""
+    for option, value in pairwise(arguments):
+        if f"{option} requires an argument" in error and re.match(r"-[.\d]", value):
+            return f"\nA value with a minus sign is written {option}={value}"
+    return ""
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from .._types import Given, Real, RealArray, as_real
@@ -17,6 +19,8 @@ from ..parameters import Parametrised, number, parameter
 
 NEUTRAL_ANGLE = math.atan(math.sqrt(0.5))
 """Braid angle [rad] at which the force magnification 2 tan(theta)^2 - 1 is zero: 35.26 deg."""
+
+_RIGHT_ANGLE = math.pi / 2 * (1 + 1e-6)  # pi/2 in float32 is larger
 
 
 def thread_length_from_angle(length: Real, braid_angle: Real) -> RealArray:
@@ -183,17 +187,28 @@ class Braid(AbstractBraid):
 
         Args:
             diameter: D0 [m], braid diameter at rest.
-            braid_angle: theta0 [rad], from the circumference.
+            braid_angle: theta0 [rad], from the circumference, in (0, pi/2].
             length: L0 [m], active length at rest.
             thickness: t_braid [m].
 
         Returns:
             The braid with B = L0 / sin(theta0) and N = L0 / (pi D0 tan(theta0)).
 
+        Raises:
+            ValueError: the angle is out of its range, and not traced; degrees are.
+
         >>> braid = Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
         >>> print(f"{braid.diameter(0.3):.4f} {braid.braid_angle(0.3):.4f}")
         0.0200 1.1000
         """
+        if not isinstance(braid_angle, Tracer):
+            angle = np.asarray(braid_angle, float)
+            wrong = angle[(angle <= 0) | (angle > _RIGHT_ANGLE)]
+            if wrong.size:
+                raise ValueError(
+                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; an angle in degrees is "
+                    "given as jnp.deg2rad(61.7)"
+                )
         return cls(
             rest_thread_length=thread_length_from_angle(length, braid_angle),
             turns=turns_from_angle(length, diameter, braid_angle),

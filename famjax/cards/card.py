@@ -167,8 +167,13 @@ class MuscleCard:
             members = tuple(
                 one.with_muscle(cut_to_length(one.muscle, rest_length)) for one in self.members
             )
-        except (ValueError, eqx.EquinoxRuntimeError) as error:
+        except ValueError as error:
             raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
+        except eqx.EquinoxRuntimeError:
+            raise InputError(
+                f"{self.name} cannot be cut to {rest_length:.4g} m: that is shorter than its rounded "
+                "ends. Give a longer rest length"
+            ) from None
         ratio = rest_length / old
         hysteresis = self.hysteresis
         if hysteresis is not None:

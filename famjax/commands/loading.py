@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..boundary.errors import InputError
+from ..boundary.near import meant
+
 if TYPE_CHECKING:
     from fitting import ForceData
 
@@ -50,10 +53,15 @@ def load_map(
 ) -> "ForceData":
     """A force map: a bundled one by its name, a CSV file, or standard input; tolerances with their unit."""
     from fitting import load_bundled, read_csv
-    from fitting.data import bundled_map_name
+    from fitting.data import bundled_map_name, bundled_names
 
     if bundled_map_name(data) is not None and not Path(data).exists():
         found = load_bundled(data, specimen)
+    elif data != STANDARD_INPUT and not Path(data).exists():
+        known = bundled_names()
+        raise InputError(
+            f"no such file: {data}; bundled maps are {' and '.join(known)}{meant(data, known)}"
+        )
     else:
         found = read_csv(sys.stdin if data == STANDARD_INPUT else data, specimen)
     return with_tolerances(found, pressure=pressure, length=length)

@@ -82,6 +82,7 @@ def measure(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     load_matplotlib()
     from famjax.chain import as_document, measure_pictures
+    from imaging import ImagingError
     from imaging.campaign import expand
 
     from ..boundary.errors import InputError
@@ -120,7 +121,9 @@ def measure(
                 progress=show,
             )
     except InputError as error:
-        print(f"famjax: {type(error).__name__}: {error}", file=sys.stderr)
+        # What a picture was refused for has a name, which the documentation explains.
+        named = type(error) not in (InputError, ImagingError)
+        print(f"famjax: {type(error).__name__ + ': ' if named else ''}{error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         done = f"{measured[-1]} measured pictures are" if measured else "what was measured is"

@@ -86,5 +86,7 @@ def ramps(
         return 0
     print_rows("Records", summary["records"])
     print_rows("Lengths", summary["lengths"])
+    for note in summary["notes"]:
+        print(f"note: {note}")
     place.tell(paths)
     return 0

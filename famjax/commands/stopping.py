@@ -16,7 +16,11 @@ _UNDO = ("measure", "rig")
 
 _NOTHING = "nothing was written"
 _KEPT = "what was finished is kept in the output folder, and the same command goes on from there"
-_LEFT = {"sweep": _KEPT, "compare": _KEPT}
+_LEFT = {
+    "sweep": _KEPT,
+    "compare": _KEPT,
+    "characterise": _KEPT.replace("the output folder", "results"),
+}
 _SHOW_CURSOR = "\x1b[?25h"
 
 

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -160,9 +160,9 @@ def choose(
     ends = run_fits(fit, kinds, executor=executor, progress=tell)
     fitted: list[Fitted] = []
     elsewhere: list[Fitted] = []
-    for candidate, one in zip(every, itertools.chain.from_iterable(ends), strict=True):
-        if isinstance(one, str) and candidate.name in judged:
-            dropped = (*dropped, f"{candidate.name} was left out: {one}")
+    outcomes = [*zip(every, itertools.chain.from_iterable(ends), strict=True)]
+    dropped = (*dropped, *sentences_on_no_use(outcomes, judged))
+    for candidate, one in outcomes:
         if not isinstance(one, Fitted):
             continue
         if candidate.name in judged:
@@ -219,6 +219,20 @@ _Judged = list[tuple[Fitted, dict[str, LeftOut]]]
 
 def _outcomes(found: _Judged) -> list[tuple[Candidate, float, dict[str, LeftOut]]]:
     return [(one.candidate, one.rmse, out) for one, out in found]
+
+
+def sentences_on_no_use(
+    outcomes: Iterable[tuple[Candidate, Fitted | str | None]], judged: Collection[str]
+) -> list[str]:
+    """A sentence for each reason for which judged families were left out."""
+    names: dict[str, list[str]] = {}
+    for candidate, why in outcomes:
+        if isinstance(why, str) and candidate.name in judged:
+            names.setdefault(why, []).append(candidate.name)
+    return [
+        f"{'; '.join(those)} {'was' if len(those) == 1 else 'were'} left out: {why}"
+        for why, those in names.items()
+    ]
 
 
 def _settled(

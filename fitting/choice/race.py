@@ -120,7 +120,7 @@ def _judged(
     except InputError:
         return None
     if without_a_rig(problem, end):
-        return "the rig of its best fit is rigid, or gives way as much as the bounds allow"
+        return "the rig of the best fit is rigid, or gives way as much as the bounds allow"
     error = force_error(problem, end)
     groups = {
         kind: one

@@ -299,8 +299,9 @@ def _rmse(judged: Sequence[_Judged]) -> float:
 def _check(data: Sequence[ForceData], laws: Sequence[str], geometry: Geometry | None) -> None:
     if len(data) < 2:
         raise InputError(
-            f"a series needs the force maps of two specimens or more, got {len(data)}; for one use "
-            "identify, and cut_to_length for another length"
+            f"a series needs the force maps of two specimens or more, got {len(data)}. One is fitted by "
+            "famjax fit (identify), and tells of another length by famjax predict --rest-length "
+            "(cut_to_length)"
         )
     unknown = [law for law in laws if law not in SERIES_LAWS]
     if unknown or not laws:
@@ -310,7 +311,7 @@ def _check(data: Sequence[ForceData], laws: Sequence[str], geometry: Geometry | 
     if len({one.specimen.rest_length for one in data}) < 2:
         raise InputError(
             "all specimens have one rest length: they say nothing of another. Give specimens of "
-            "different lengths, or use identify_together"
+            "different lengths, or fit each by famjax fit (all at once by identify_together)"
         )
     never_cut = famjax.geometries.AbstractGeometry.cut_to_length
     if isinstance(geometry, type) and getattr(geometry, "cut_to_length", None) is never_cut:

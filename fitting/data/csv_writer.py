@@ -10,9 +10,14 @@ from famjax.boundary.units import factor, unit_system
 
 from .force_data import ForceData
 
+_WRITTEN_AS = {"wall_thickness": "wall_thickness", "bladder_diameter": "embedded"}
+"""Field of a specimen that an assumption has filled in, by what was not said."""
+
 
 def csv_text(data: ForceData, system: str = "si") -> str:
     """The text of the file: specimen and notes in comment lines, then one row per reading.
+
+    Wall and place of the braid are left out where they were assumed: who reads the file assumes them too.
 
     Args:
         data: the map.
@@ -25,7 +30,10 @@ def csv_text(data: ForceData, system: str = "si") -> str:
     """
     units = unit_system(system)
     lines = [f"# note: {note}" for note in data.notes]
+    assumed = {_WRITTEN_AS[name] for name in data.assumed if name in _WRITTEN_AS}
     for key, value in dataclasses.asdict(data.specimen).items():
+        if key in assumed:
+            continue
         if isinstance(value, str):
             lines.append(f"# specimen: {key} = {value}")
         elif isinstance(value, bool):

@@ -12,7 +12,7 @@ import importlib.resources
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -22,12 +22,14 @@ from famjax.boundary.near import meant
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import UNITS, to_si
 
+from .decimal_sign import comma_hint, with_points
 from .force_data import NOT_NEGATIVE, ForceData, Specimen
 from .header import columns_of, quoted
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
 """Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""
 
+_FILL = " \t,;"
 _WALL_OF_BORE = 0.18  # at most: that of the DMSP-10, the smallest muscle that is known to have it
 
 _SPECIMEN_LENGTHS = (
@@ -37,6 +39,7 @@ _SPECIMEN_LENGTHS = (
     "bladder_diameter",
     "braid_thickness",
 )
+_OF_THE_FIT = ("braid_angle", "braid_diameter", "deadband_pressure")
 
 
 @runtime_checkable
@@ -108,7 +111,8 @@ def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = Non
     start with # are comments; `# specimen: rest_length_mm = 296` describes the muscle.
 
     Args:
-        path: the file, UTF-8, separated by comma, semicolon or tab; or a stream of its text.
+        path: the file, UTF-8, separated by comma, semicolon or tab; or a stream of its text. Between
+            semicolons or tabs numbers may have decimal commas.
         specimen: fields of `Specimen` in SI that override those in the file.
 
     Returns:
@@ -135,8 +139,9 @@ def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = Non
 
 
 def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceData:
-    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    comments = [line for _, line in numbered if line.lstrip().startswith("#")]
+    # A spreadsheet fills comments and empty rows up to the width of its table.
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip(_FILL)]
+    comments = [line.rstrip(_FILL) for _, line in numbered if line.lstrip().startswith("#")]
     known = parse_specimen(_entries(comments, "specimen"))
     tolerances: dict[str, Any] = dict(_tolerance(entry) for entry in _entries(comments, "level"))
     rows = [(number, line) for number, line in numbered if not line.lstrip().startswith("#")]
@@ -146,12 +151,16 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
         )
     header = rows[0][1]
     separator = max(",;\t", key=header.count)
-    columns = columns_of([name.strip() for name in next(csv.reader([header], delimiter=separator))])
+    names = [name.strip() for name in next(csv.reader([header], delimiter=separator))]
+    columns = columns_of(_without_fill(names, 1))
     if len(rows) == 1:
         raise InputError("the file has a header but no readings")
     values: dict[str, list[float]] = {column.quantity: [] for column in columns}
-    for number, line in rows[1:]:
-        cells = next(csv.reader([line], delimiter=separator))
+    table = [
+        (number, _without_fill(next(csv.reader([line], delimiter=separator)), len(columns)))
+        for number, line in rows[1:]
+    ]
+    for number, cells in with_points(table, separator):
         if len(cells) != len(columns):
             raise InputError(f"row {number} has {len(cells)} cells, the header has {len(columns)}")
         for column, cell in zip(columns, cells, strict=True):
@@ -162,22 +171,30 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
     arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
     _lengths_of_contractions(arrays, known)
     limit = known.pop("force_limit", None)
-    assumed = _assumed(known)
-    complete, notes = _complete(known, arrays["length"], source)
+    muscle = describe({"name": Path(source).stem, **known}, float(arrays["length"].max()))
     units = {column.quantity: column.unit for column in columns}
     return ForceData(
-        **arrays, specimen=complete, source=source, notes=notes, units=units, force_limit=limit,
-        assumed=assumed, **tolerances,
-    )  # fmt: skip
+        **arrays, **muscle._asdict(), source=source, units=units, force_limit=limit, **tolerances
+    )
+
+
+def _without_fill(cells: list[str], fewest: int) -> list[str]:
+    """The cells of a line without empty ones that a spreadsheet has put behind the last column."""
+    while len(cells) > fewest and not cells[-1].strip():
+        cells = cells[:-1]
+    return cells
 
 
 def _number(cell: str, row: int, name: str) -> float:
     try:
         value = float(cell)
     except ValueError:
-        hint = " (write a decimal point)" if "," in cell else ""
+        if not cell.strip():
+            raise InputError(
+                f"row {row}: {name} is missing; take the row out, or write what was read"
+            ) from None
         shown = quoted(cell.strip())
-        raise InputError(f"row {row}: {name} is {shown}, not a number{hint}") from None
+        raise InputError(f"row {row}: {name} is {shown}, not a number{comma_hint(cell)}") from None
     if not math.isfinite(value):
         raise InputError(f"row {row}: {name} is {cell.strip()}; every value must be finite")
     return value
@@ -278,6 +295,11 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
         )
         units = tuple(UNITS["length"])
         near = [f"{n}_{unit}" for n in _SPECIMEN_LENGTHS for unit in units]
+        if name in _OF_THE_FIT:
+            raise InputError(
+                f"{name} is identified by the fit, and no entry of the specimen: what is known of it is "
+                f"--prior {key}=MEAN+-STD, or held by --bounds {key}={value}"
+            )
         raise InputError(
             f"unknown entry of the specimen {key!r}; known are {known}"
             f"{meant(key, [*near, 'force_limit_N', 'name', 'embedded'])}"
@@ -285,7 +307,9 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
     try:
         number = float(value)
     except ValueError:
-        raise InputError(f"the specimen's {key} is {value!r}, not a number") from None
+        raise InputError(
+            f"the specimen's {key} is {value!r}, not a number{comma_hint(value)}"
+        ) from None
     return name, to_si(number, unit, "force" if name == "force_limit" else "length")
 
 
@@ -296,13 +320,30 @@ def _assumed(fields: Mapping[str, Any]) -> tuple[str, ...]:
     return (*found, *([] if given else ["bladder_diameter"]))
 
 
-def _complete(
-    fields: dict[str, Any], length: np.ndarray, source: str
-) -> tuple[Specimen, tuple[str, ...]]:
-    """The specimen, and a sentence for each value that had to be assumed."""
-    notes = []
+class Described(NamedTuple):
+    """A specimen of which not everything was said.
+
+    Attributes:
+        specimen: with what had to be assumed.
+        notes: a sentence for each value that was.
+        assumed: their names, as in `ForceData`.
+    """
+
+    specimen: Specimen
+    notes: tuple[str, ...]
+    assumed: tuple[str, ...]
+
+
+def describe(known: Mapping[str, Any], longest: float) -> Described:
+    """The specimen of what is known of it.
+
+    Args:
+        known: fields of `Specimen` in SI; the name is needed.
+        longest: of the lengths that were measured [m], in the place of an unknown rest length.
+    """
+    fields, assumed, notes = dict(known), _assumed(known), []
     if "rest_length" not in fields:
-        fields["rest_length"] = float(length.max())
+        fields["rest_length"] = longest
         notes.append(
             Sentence(
                 "The rest length was not given: the longest length in the file, ",
@@ -337,7 +378,7 @@ def _complete(
             "The bladder's diameter was not given: the braid is taken to run inside the wall, as "
             "in a Festo DMSP (--specimen bladder_diameter_mm=..., or embedded=false)."
         )
-    return Specimen(**{"name": Path(source).stem, **fields}), tuple(notes)
+    return Described(Specimen(**fields), tuple(notes), assumed)
 
 
 def specimen_as_dict(specimen: Specimen) -> dict[str, Any]:

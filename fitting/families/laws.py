@@ -82,6 +82,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
     """
     if isinstance(law, Law):
         return law
+    given = law if isinstance(law, str) else getattr(law, "__name__", type(law).__name__)
     if isinstance(law, str) and ":" not in law:
         laws = known_laws()
         if law not in laws:
@@ -96,7 +97,8 @@ def law_named(law: LawGiven, order: int | None) -> Law:
         return Law(famjax.PolynomialMaterial.template(order=checked_order(order)))
     if order is not None:
         raise InputError(
-            f"only the polynomial law named as such has an order, got {order} for {law}"
+            f"only the polynomial law has an order, got {order} for {given}: leave the order out, or "
+            "name the law polynomial"
         )
     if isinstance(law, type):
         try:

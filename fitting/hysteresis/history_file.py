@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from famjax.boundary.files import csv_lines
 from famjax.boundary.units import UNITS, to_si
 
 _KINDS = ("length", "pressure", "time")
+_SI = {"length": "m", "pressure": "Pa", "time": "s"}
 _EXAMPLE = "time_s,length_mm,pressure_kPa"
 
 
@@ -24,11 +26,13 @@ class History:
         length: active length L [m], shape (n,).
         pressure: gauge pressure P [Pa], shape (n,).
         time: [s], shape (n,), or None.
+        units: those of the columns, by quantity, in which answers are given; not of the values here.
     """
 
     length: Float[np.ndarray, " n"]
     pressure: Float[np.ndarray, " n"]
     time: Float[np.ndarray, " n"] | None = None
+    units: Mapping[str, str] = dataclasses.field(default_factory=lambda: dict(_SI))
 
     def __post_init__(self) -> None:
         columns = {"length": self.length, "pressure": self.pressure, "time": self.time}
@@ -99,7 +103,7 @@ def _parse(lines: list[str]) -> History:
     table = np.array(
         [_numbers(number, line, separator, columns) for number, line in rows[1:]], float
     )
-    return History(**dict(zip(kinds, table.T, strict=True)))
+    return History(**dict(zip(kinds, table.T, strict=True)), units=dict(columns))
 
 
 def _column(name: str) -> tuple[str, str]:

@@ -6,6 +6,8 @@ from .force_map import (
 from .quasi_static_ramp import QuasiStatic as QuasiStatic, quasi_static as quasi_static
 from .ramp_files import (
     parse_atmosphere as parse_atmosphere,
+    ramp_data as ramp_data,
+    ramp_specimen as ramp_specimen,
     ramps_command as ramps_command,
     read_ramps as read_ramps,
 )

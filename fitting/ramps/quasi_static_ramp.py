@@ -21,6 +21,7 @@ _CLAMP_SPAN = 0.02  # of the pressure range: a muscle's force would rise over it
 _CLAMPED = 0.1  # part of a point's readings at the clamp from which the point counts as clamped
 _SLACK_NOISE = 6.0  # standard deviations of the noise above zero under which a point is slack
 _FLAT = 0.02  # of the pressure range: the most by which a vented interval's readings may spread
+_VACUUM = 0.05  # of the pressure range: the most by which a record may lie below atmosphere
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,6 +133,8 @@ def quasi_static(
             f"bin_width and max_drift must be > 0, got {bin_width} Pa and {max_drift} Pa"
         )
     zeros = tuple(_atmosphere(record, atmosphere) for record in records)
+    for record, zero in zip(records, zeros, strict=True):
+        _check_atmosphere(record, zero)
     found = _find_clamp(records) if clamp is None else clamp
     stairs = [_staircase(record, kind, period) for record in records]
     points = [
@@ -189,6 +192,17 @@ def _atmosphere(record: RampRecord, given: float | tuple[float, float]) -> float
             "or give the reading at atmosphere in Pa"
         )
     return float(np.mean(vented))
+
+
+def _check_atmosphere(record: RampRecord, zero: float) -> None:
+    """Raise where a record has readings far below what its sensor reads at atmosphere."""
+    low = float(np.sort(record.pressure)[:LEAST_READINGS].max())  # one alone may be a glitch
+    if low < zero - _VACUUM * np.ptp(record.pressure):
+        raise InputError(
+            f"{record.source} reads down to {low / 1e3:.4g} kPa, far below the {zero / 1e3:.4g} kPa that "
+            "its sensor is said to read at atmosphere: give what it reads where the muscle is vented, "
+            "which is 0kPa of a gauge that was zeroed"
+        )
 
 
 def _find_clamp(records: Sequence[RampRecord]) -> float | None:

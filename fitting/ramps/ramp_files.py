@@ -11,11 +11,12 @@ from typing import Any
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import csv_lines
+from famjax.boundary.sentence import in_units
 from famjax.boundary.units import UNITS, from_si, parse_quantity, unit_system
 
 from ..data.csv_writer import csv_text
-from ..data.force_csv import DEFAULT_WALL_THICKNESS
-from ..data.force_data import Specimen
+from ..data.force_csv import Described, describe
+from ..data.force_data import ForceData
 from .branch_curves import Branches
 from .force_map import StaticMap, static_map
 from .quasi_static_ramp import quasi_static
@@ -134,12 +135,7 @@ def ramps_command(
         InputError: what is wrong with entries, records or options.
     """
     unit_system(system)
-    fields = {"wall_thickness": DEFAULT_WALL_THICKNESS, "name": "ramps", **(specimen or {})}
-    if "rest_length" not in fields:
-        raise InputError(
-            "the rest length of the muscle must be given (--specimen rest_length_mm=...): the "
-            "longest record need not be at it"
-        )
+    muscle = ramp_specimen(specimen or {})
     points = quasi_static(
         read_ramps(entries, columns=columns),
         atmosphere=atmosphere,
@@ -147,14 +143,42 @@ def ramps_command(
         slack_below=slack_below,
     )
     static = static_map(points, step=step, branches=branches)
-    data = static.force_data(Specimen(**fields), length_std=length_std)
-    summary = ramp_summary(static, system)
+    data = ramp_data(static, muscle, length_std=length_std)
+    summary = {
+        **ramp_summary(static, system),
+        "notes": [in_units(one, system) for one in data.notes],
+    }
     files = {
         "map.csv": csv_text(data, system).encode(),
         "ramps.png": _picture(static, system),
         "ramps.json": json.dumps(summary, indent=1, allow_nan=False).encode(),
     }
     return summary, files
+
+
+def ramp_specimen(known: Mapping[str, Any]) -> Described:
+    """The muscle of raw records, with what is assumed of it as of a force map's.
+
+    Args:
+        known: fields of `Specimen` in SI.
+
+    Raises:
+        InputError: the rest length is not among them.
+    """
+    if "rest_length" not in known:
+        raise InputError(
+            "the rest length of the muscle must be given (--specimen rest_length_mm=...): the "
+            "longest record need not be at it"
+        )
+    return describe({"name": "ramps", **known}, known["rest_length"])
+
+
+def ramp_data(
+    static: StaticMap, muscle: Described, *, length_std: float | None = None
+) -> ForceData:
+    """A static map as data of an identification, with what was assumed of the muscle."""
+    data = static.force_data(muscle.specimen, length_std=length_std)
+    return dataclasses.replace(data, notes=(*muscle.notes, *data.notes), assumed=muscle.assumed)
 
 
 def _picture(static: StaticMap, system: str) -> bytes:

@@ -150,7 +150,8 @@ def characterise(
         raise InputError(
             f"no complete stroke in {record.time.size} rows over "
             f"{record.time[-1] - record.time[0]:.5g} s, lengths {record.length.min():.5g} to "
-            f"{record.length.max():.5g} m, skipping {skip_cycles}. " + " ".join(notes)
+            f"{record.length.max():.5g} m, skipping {skip_cycles} cycles: check that journal and log are "
+            "of one test, and whole (famjax rig check). " + " ".join(notes)
         )
     isobars = []
     for pressure in sorted(by_pressure):

@@ -13,7 +13,7 @@ from .fit_plot import (
     plot_law as plot_law,
     plot_residuals as plot_residuals,
 )
-from .history import predict_history as predict_history
+from .history import hysteresis_error as hysteresis_error, predict_history as predict_history
 from .inverse import pressures_for as pressures_for
 from .page import (
     PageTable as PageTable,

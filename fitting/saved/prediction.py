@@ -16,7 +16,9 @@ from .onset import measured_onset, onset_pressure
 from .reach import reach_of
 from .saved_fit import SavedFit
 
-_NORMAL_95 = 1.96  # standard deviations on either side
+NORMAL_95 = 1.96
+"""Standard deviations on either side that hold 95 %."""
+
 _ONSET_REACH = 3.0  # times the highest pressure of the data: beyond, a prediction means nothing
 
 
@@ -209,7 +211,7 @@ def _band(
 ) -> tuple[np.ndarray, np.ndarray | float, str | None]:
     """Standard deviation of a reading, how many of them on either side are 95 %, and what it is of."""
     known, theory = np.isfinite(found.force), _spread(fit).get("band")
-    std, factor, band = np.full(length.size, np.nan), _NORMAL_95, None
+    std, factor, band = np.full(length.size, np.nan), NORMAL_95, None
     if "series" in fit.document:
         # Leaving a specimen out leaves the error of the parameters in.
         std = np.maximum(found.std, fit.document["series"]["between_N"])
@@ -225,7 +227,7 @@ def _band(
         if _by_what_was_left_out(fit):
             std, band = np.hypot(model, found.std), "left out"
             # No reading left out shows an error that all share: it is stated, and normal.
-            student, normal = factor * model, _NORMAL_95 * found.std
+            student, normal = factor * model, NORMAL_95 * found.std
             factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
         else:
             std, band = np.maximum(model, found.std), f"left out, {theory}"

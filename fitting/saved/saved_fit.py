@@ -17,6 +17,7 @@ from famjax.terms import CentredSlip
 from ..evidence.model_error import ModelError
 
 SCHEMA = "famjax-fit/1"
+_WANTED = "give a fit.json that famjax fit has written"
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -70,10 +71,10 @@ def load_fit(path: str | Path) -> SavedFit:
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:
-        raise InputError(f"{path} is not a JSON file: {error}") from None
+        raise InputError(f"{path} is not a JSON file: {error}; {_WANTED}") from None
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
-        raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}")
+        raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}; {_WANTED}")
     try:
         mounted = _mounted(document)
         _check(document, mounted)
@@ -134,6 +135,10 @@ def _check(document: dict[str, Any], mounted: famjax.MountedMuscle) -> None:
             _numbers(document, f"model_error.{name}.levels_{unit}", ("n",))
             _numbers(document, f"model_error.{name}.scale_N", ())
             _numbers(document, f"model_error.{name}.freedom", ())
+    if document.get("hysteresis") is not None:
+        _numbers(document, "hysteresis.rms_N", ())
+        for kind in _entry(document, "hysteresis.left_out"):
+            _numbers(document, f"hysteresis.left_out.{kind}.rms_N", ())
     if document.get("other_lengths") is not None:
         _numbers(document, "other_lengths.between_N", ())
         _entry(document, "other_lengths.members")

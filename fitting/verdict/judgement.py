@@ -101,7 +101,12 @@ def judge(
                 " at slack readings, more than twice its error.",
             )
         )
-    doubts += [*_of_bounds(result), *_of_residuals(result, misfit), *_of_ridges(result)]
+    doubts += [
+        *_of_one_pressure(result),
+        *_of_bounds(result),
+        *_of_residuals(result, misfit),
+        *_of_ridges(result),
+    ]
     for kind, one in (left_out or {}).items():
         percent = 100 * one.rmse / errors.max_force
         if one.rmse > _LEFT_OUT * errors.rmse and percent > _LEFT_OUT_POOR:
@@ -119,6 +124,22 @@ def judge(
     unsure = doubts or "rest_length" in result.data.assumed
     level = "identified with doubts" if unsure else "identified"
     return Judgement(level, tuple(doubts), tuple(suspicions), _unchecked(result))
+
+
+def _of_one_pressure(result: Identification) -> list[str]:
+    """What readings at a single pressure leave to the model."""
+    loaded = result.data.loaded
+    levels = np.unique(result.data.pressures.level[loaded])
+    if levels.size > 1:
+        return []
+    return [
+        Sentence(
+            "All loaded readings are at one pressure, ",
+            Quantity(float(np.median(result.data.pressure[loaded])), "pressure"),
+            ": they do not tell the deadband from the diameter and the angle, and forces at other "
+            "pressures are the model's alone. Measure at two pressures or more.",
+        )
+    ]
 
 
 _CHECKS = {

@@ -131,18 +131,33 @@ def swapped(data: ForceData, least: float, candidate: Candidate | None) -> Itera
             return
 
 
-def signs(data: ForceData, least: float, candidate: Candidate | None) -> Iterator[Suspicion]:
-    """Readings of pulls that are negative."""
+def signs(
+    data: ForceData, here: Trial | None, least: float, candidate: Candidate | None
+) -> Iterator[Suspicion]:
+    """Readings of pulls that are negative.
+
+    A slack muscle that is held at both ends pushes against a load cell as its rubber does. Where the fit
+    has no pull either, the other sign has to fit as well as what stands in the file.
+
+    Args:
+        data: the map.
+        here: its fit, in which negative readings count by the pull that they are said not to be.
+        least: its least misfit.
+        candidate: the family.
+    """
     negative = data.force < -_PUSH * data.max_force
     if not negative.any():
         return
+    n = int(negative.sum())
+    pull = np.inf if here is None else here.predict(data.length[negative], data.pressure[negative])
+    pulls = not np.all(np.asarray(pull) <= 0)
     force = np.where(negative, -data.force, data.force)
     better = misfit(dataclasses.replace(data, force=force), candidate)
-    if better < _TOLERATED and (better < 1.5 * least or better < GOOD):
+    if better < _TOLERATED and (better < 1.5 * least or (pulls and better < GOOD)):
         yield Suspicion(
             "forces have the wrong sign",
             Sentence(
-                f"{int(negative.sum())} readings are negative by up to ",
+                f"{n} reading{' is' if n == 1 else 's are'} negative by up to ",
                 Quantity(-float(data.force.min()), "force"),
                 ", and a muscle does not push: with the sign of a pull they fit, with a misfit of "
                 f"{better:.2%} of the largest force in all. Check the sign of the force.",
@@ -151,13 +166,19 @@ def signs(data: ForceData, least: float, candidate: Candidate | None) -> Iterato
         )
 
 
+def _may_be_absolute(data: ForceData) -> bool:
+    """Whether no pressure is below an atmosphere, and there are two: one alone tells no deadband."""
+    several = np.unique(data.pressures.level[data.loaded]).size > 1
+    return several and bool(data.pressure.min() >= _ABSOLUTE * ATMOSPHERE)
+
+
 def pulls_late(data: ForceData) -> bool:
     """Whether the pressures may be absolute: none is below an atmosphere, and all lengths pull late.
 
     A braid or a rig that gives way takes the place of a deadband in part, so that a fit with one of
     them need not be at a bound. With neither, the deadband alone makes a muscle pull late.
     """
-    if data.pressure.min() < _ABSOLUTE * ATMOSPHERE:
+    if not _may_be_absolute(data):
         return False
     here = attempt(data, plainest(data), starts=2)
     return here is not None and here.side("deadband_pressure") > 0
@@ -175,7 +196,7 @@ def absolute(
         candidate: the family.
         stopped: the deadband of the fit in question is at its highest bound.
     """
-    if data.pressure.min() < _ABSOLUTE * ATMOSPHERE:
+    if not _may_be_absolute(data):
         return
     stopped = stopped or here is None or here.side("deadband_pressure") > 0
     gauge = dataclasses.replace(data, pressure=np.maximum(data.pressure - ATMOSPHERE, 0.0))

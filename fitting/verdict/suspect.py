@@ -25,7 +25,7 @@ from .plain_faults import (
 )
 from .scales import wrong_scales
 from .suspicion import FAR_BETTER, GOOD, Suspicion, counted, named
-from .trial import attempt, richest
+from .trial import attempt, censored_misses, richest
 from .two_muscles import two_muscles
 
 _DOUBTFUL = 0.01  # of the largest force: what a good fit of a good map is below
@@ -35,13 +35,13 @@ _UNEXPLAINED = 0.03  # likewise: the richest family misses no muscle's map by so
 
 
 def least_misfit(result: Identification) -> float:
-    """RMSE in parts of the largest force, a pull at slack readings counted as an error.
+    """RMSE in parts of the largest force, with what contradicts censored readings.
 
     Outliers of Huber's objective are not counted.
     """
     data, kept = result.data, counted(result)
-    pull = np.fmax(result.model_force()[~data.loaded], 0.0)
-    squares = np.sum(result.residuals[kept] ** 2) + np.nansum(pull**2)
+    missed = censored_misses(data, result.model_force())
+    squares = np.sum(result.residuals[kept] ** 2) + np.sum(missed**2)
     return float(np.sqrt(squares / kept.sum())) / result.errors.max_force
 
 
@@ -99,7 +99,7 @@ def suspect(
     candidate = richest(data)
     here = attempt(data, candidate)
     least = min(least_misfit(result), np.inf if here is None else here.misfit)
-    found = [*signs(data, least, candidate)] if not plain else []
+    found = [*signs(data, here, least, candidate)] if not plain else []
     stopped = stopped_above(result, "deadband_pressure")
     found += absolute(data, here, least, candidate, stopped=stopped)
     found += small_contraction(data, least)

@@ -18,6 +18,16 @@ _AT_BOUND = 1e-6  # of the width of the interval
 _SPARE = 2  # numbers that the lengths tell beyond those that a family needs
 
 
+def censored_misses(data: ForceData, force: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """How far [N] a model's force is from what a censored reading says of it, 0 at the others.
+
+    A slack reading says that there is no pull, a saturated one that it is no less than the limit of the
+    load cell. Where there is no force, nothing is contradicted.
+    """
+    pull, lack = np.fmax(force, 0.0), np.fmin(force - data.force, 0.0)
+    return np.where(data.slack, pull, np.where(data.saturated, lack, 0.0))
+
+
 @dataclasses.dataclass(frozen=True)
 class Trial:
     """A fit that was tried.
@@ -41,10 +51,10 @@ class Trial:
 
     @property
     def misfit(self) -> float:
-        """RMSE over the loaded readings in parts of the largest force; a slack one's pull counts."""
+        """RMSE over the loaded readings in parts of the largest force, with `censored_misses`."""
         data = self.data
         force = self.predict(data.length, data.pressure)
-        wrong = np.where(data.loaded, force - data.force, np.fmax(force, 0.0))
+        wrong = np.where(data.loaded, force - data.force, censored_misses(data, force))
         if not np.isfinite(wrong[data.loaded]).all():
             return np.inf
         squares = np.nansum(wrong**2) / data.loaded.sum()

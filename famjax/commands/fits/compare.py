@@ -11,6 +11,16 @@ from ..options.whole_numbers import Seed, Starts
 from ..terminal import Output, print_rows, progress_bar
 
 _THIS_PROCESS = EngineOptions()
+_COLUMNS = {
+    "model": "label",
+    "n parameters": "n_parameters",
+    "rmse N": "rmse_N",
+    "pressures out N": "lopo_rmse_N",
+    "inner lengths out N": "lolo_interior_rmse_N",
+    "lengths out N": "lolo_rmse_N",
+    "max error N": "max_error_N",
+}
+"""Of the table, and where they are in `compare.json`; "out" is the RMSE on what was left out."""
 
 
 def compare(
@@ -29,7 +39,8 @@ def compare(
     """Fit every published static force model, and famjax's own, to one force map.
 
     Each is fitted to all loaded readings, and again without each pressure and each length, which it
-    then predicts; half a minute for all of them. Writes `compare.json` and `compare.png`. Finished rows
+    then predicts ("pressures out" and "lengths out" in the table; of inner lengths, neither the longest
+    nor the shortest); half a minute for all of them. Writes `compare.json` and `compare.png`. Finished rows
     are kept in the folder `rows`, from which a stopped comparison goes on.
 
     Parameters
@@ -94,9 +105,7 @@ def compare(
     if json_:
         print(json.dumps(document, allow_nan=False))
         return 0
-    columns = ("label", "n_parameters", "rmse_N", "lopo_rmse_N", "lolo_interior_rmse_N",
-               "lolo_rmse_N", "max_error_N")  # fmt: skip
-    rows = [{key: row[key] for key in columns} for row in document["models"]]
+    rows = [{name: row[key] for name, key in _COLUMNS.items()} for row in document["models"]]
     print_rows(f"{document['specimen']}, largest force {document['max_force_N']:.5g} N", rows)
     for row in document["models"]:
         remarks = [f"at a bound: {', '.join(row['at_bound'])}"] if row["at_bound"] else []

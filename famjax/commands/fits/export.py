@@ -54,12 +54,17 @@ def export(
         has this length there, such as 275mm. A `spatial` tendon as long as the muscle unless given.
     """
     load_fitting()
+    from famjax.boundary.errors import InputError
     from famjax.boundary.units import parse_quantity
     from famjax.export import export as export_to
 
     cut = None if length is None else parse_quantity(length, "length")
     subject = _subject(muscle, cut)
     if tendon_offset is not None:
+        if not set(to) & {"mujoco", "mjx"}:
+            raise InputError(
+                f"--tendon-offset is for mujoco and mjx alone, got --to {' --to '.join(to)}: leave it out"
+            )
         offset = parse_quantity(tendon_offset, "length")
         subject = dataclasses.replace(subject, tendon_offset=offset)
     if subject.card is not None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..loading import with_tolerances
-from ..terminal import print_rows
 
 if TYPE_CHECKING:
     from fitting import ForceData
@@ -26,8 +25,8 @@ def one_map(data: Sequence[str]) -> str:
 
     if len(data) != 1:
         raise InputError(
-            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. Raw ramps are several "
-            "files: --hysteresis"
+            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. Several muscles of one "
+            "series: famjax series; raw ramps of one muscle: --hysteresis"
         )
     return data[0]
 
@@ -55,25 +54,26 @@ def load_ramps(
         InputError: what is wrong with entries or records, or an option that they need.
     """
     from famjax.boundary.errors import InputError
-    from fitting.data import Specimen
-    from fitting.data.force_csv import DEFAULT_WALL_THICKNESS
-    from fitting.ramps import parse_atmosphere, quasi_static, ramp_pairs, read_ramps, static_map
+    from fitting.ramps import (
+        parse_atmosphere,
+        quasi_static,
+        ramp_data,
+        ramp_pairs,
+        ramp_specimen,
+        read_ramps,
+        static_map,
+    )
 
-    fields = {"wall_thickness": DEFAULT_WALL_THICKNESS, "name": "ramps", **specimen}
     if atmosphere is None:
         raise InputError(
             "--hysteresis reads raw ramps, and needs --atmosphere: what their pressure sensor reads "
             "at atmosphere (8.94kPa), or the interval in which the muscle is vented (0s:0.5s)"
         )
-    if "rest_length" not in fields:
-        raise InputError(
-            "the rest length of the muscle must be given (--specimen rest_length_mm=...): the "
-            "longest record need not be at it"
-        )
+    muscle = ramp_specimen(specimen)
     points = quasi_static(
         read_ramps(entries, columns=columns), atmosphere=parse_atmosphere(atmosphere)
     )
-    data = static_map(points).force_data(Specimen(**fields))
+    data = ramp_data(static_map(points), muscle)
     pairs = ramp_pairs(points, rest_length=data.specimen.rest_length)
     return with_tolerances(data, pressure=pressure, length=length), pairs
 
@@ -86,13 +86,19 @@ def with_hysteresis(evidence: "Evidence", pairs: "BranchPairs") -> "Evidence":
 
 
 def print_history(
-    saved: "SavedFit", path: Path, *, as_json: bool, others: Mapping[str, object]
+    saved: "SavedFit",
+    path: Path,
+    units: str | None,
+    *,
+    as_json: bool,
+    others: Mapping[str, object],
 ) -> int:
     """Predict the force along the history in a CSV file, as a table or as JSON.
 
     Args:
         saved: of a fit with hysteresis.
         path: of the file.
+        units: of the answer; those of the file unless given, and SI of JSON.
         as_json: a JSON list instead of the table.
         others: options that a history leaves no room for, by name.
 
@@ -100,21 +106,32 @@ def print_history(
         InputError: another option is given, or what `read_history` and `predict_history` refuse.
     """
     from famjax.boundary.errors import InputError
+    from famjax.boundary.sentence import Quantity, Sentence, in_units as in_words
+    from famjax.commands.options.answers import answer_units, in_units, print_answers
     from fitting.hysteresis import read_history
-    from fitting.saved import predict_history
+    from fitting.saved import hysteresis_error, predict_history
 
     given = [f"--{name}" for name, value in others.items() if value]
     if given:
         raise InputError(
             f"--history gives lengths and pressures itself: leave out {', '.join(given)}"
         )
-    rows = predict_history(saved, read_history(path))
+    moves = read_history(path)
+    rows = predict_history(saved, moves)
+    asked = answer_units(units, *([f"1{moves.units[kind]}"] for kind in ("length", "pressure")))
     if as_json:
-        print(json.dumps(rows, allow_nan=False))
+        print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
         return 0
-    print_rows("Force along the history", rows)
+    print_answers("Force along the history", in_units(rows, asked), units)
     if any(row["slack"] for row in rows):
         print("note: where the muscle is slack it pulls nothing, whatever the hysteresis")
-    if not all(row["inside"] for row in rows):
-        print("note: rows that are not inside lie beyond the fitted lengths or pressures")
+    if any(row["force_std_N"] is not None for row in rows):
+        note = Sentence(
+            "note: the 95 % band holds the error of the static map and that of the hysteresis, ",
+            Quantity(hysteresis_error(saved), "force", 2),
+            " RMS on what was left out"
+            if saved.document["hysteresis"]["left_out"]
+            else " RMS in sample",
+        )
+        print(in_words(note, units or "metric"))
     return 0

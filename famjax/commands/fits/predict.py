@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ..loading import load_fitting, look_here, warn_unidentified
-from ..terminal import print_rows
 from .hysteresis import print_history
 from .predict_card import is_card, predict_by_card
 
@@ -63,7 +62,12 @@ def predict(
     import numpy as np
 
     from famjax.boundary.units import parse_quantities, quantity_unit
-    from famjax.commands.options.answers import answer_units, force_and_onset, in_units
+    from famjax.commands.options.answers import (
+        answer_units,
+        force_and_onset,
+        in_units,
+        print_answers,
+    )
 
     look_here()
     if history is None and is_card(muscle):
@@ -73,7 +77,7 @@ def predict(
     warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
     if history is not None:
         return print_history(
-            saved, history, as_json=json_,
+            saved, history, units, as_json=json_,
             others={"length": length, "pressure": pressure, "onset": onset,
                     "rest-length": rest_length, "length-std": length_std},
         )  # fmt: skip
@@ -93,7 +97,7 @@ def predict(
         if json_:
             print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
             return 0
-        _print_rows("Pressure", in_units(rows, asked), units)
+        print_answers("Pressure", in_units(rows, asked), units)
         return 0
     other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
     spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]
@@ -110,20 +114,9 @@ def predict(
         print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
         return 0
     for title, chosen in force_and_onset(in_units(rows, asked)).items():
-        _print_rows(title, chosen, units)
+        print_answers(title, chosen, units)
     _print_notes(saved, other=other is not None, forces=bool(pressure))
     return 0
-
-
-def _print_rows(title: str, rows: list[dict], units: str | None) -> None:
-    """A table of answers, and below it why some are not inside."""
-    from famjax.boundary.sentence import in_units
-
-    print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in rows])
-    if not all(row["inside"] for row in rows):
-        print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
-        for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {in_units(reason, units or 'metric')}")
 
 
 def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
@@ -140,6 +133,10 @@ def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
         print("note: another rest length is predicted from one specimen, so there is no error band: "
               "it does not tell how specimens differ, nor a rig that gives way from a braid that "
               "does (famjax series does)")  # fmt: skip
+    elif not other and "series" in saved.document:
+        one = saved.document["data"]["specimen"]
+        print(f"note: of {one['name']}, the first specimen of the series, with its rest length of "
+              f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another")  # fmt: skip
     elif forces and saved.error is not None and not other:
         print(f"note: the 95 % band is of {saved.error.covers}")
     elif forces and not (saved.document.get("spread") or {}).get("directions"):

@@ -22,6 +22,7 @@ def series(
     starts: Starts = 8,
     seed: Seed = 0,
     output: Path = Path("famjax-series"),
+    units: Literal["si", "metric", "us"] = "metric",
     engine: EngineOptions = _THIS_PROCESS,
     json_: bool = False,
 ) -> int:
@@ -56,6 +57,8 @@ def series(
         Of the starts; the same seed gives the same result.
     output
         Folder for the file, made if need be.
+    units
+        Of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     engine
         Where the families are judged.
     json_
@@ -92,27 +95,34 @@ def series(
     if json_:
         print(json.dumps(document["series"] | {"parameters": document["parameters"]}))
     else:
-        _print_series(document)
+        values = fitting.saved.summary_as_dict(found.specimens[0], units)["parameters"]
+        _print_series(document, values, units)
         place.tell([path])
     return 0 if found.specimens[0].converged else 1
 
 
-def _print_series(document: dict) -> None:
+def _print_series(document: dict, values: dict, system: str) -> None:
+    from famjax.boundary.units import unit_system
+    from famjax.commands.options.answers import in_units
+
+    units = unit_system(system)
     found = document["series"]
     errors = found["leave_one_specimen_out_N"]
     print_rows(
         "Families, by the error of specimens predicted from the others",
-        [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()],
+        in_units(
+            [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()], units
+        ),
     )
     print_rows(
         f"Specimens, with {found['family']}; the mean of {found['averaged']} predicts them",
-        [{key: one[key] for key in ("name", "rest_length_m", "max_force_N", "rmse_N",
-                                    "predicted_rmse_N")} for one in found["specimens"]],
+        in_units([{key: one[key] for key in ("name", "rest_length_m", "max_force_N", "rmse_N",
+                                             "predicted_rmse_N")} for one in found["specimens"]], units),
     )  # fmt: skip
     print_rows(
         "Parameters, shared",
         [{"parameter": name, "value": of["value"], "unit": of["unit"], "std_error": of["stderr"]}
-         for name, of in document["parameters"].items()],
+         for name, of in values.items()],
     )  # fmt: skip
     for warning in document["warnings"]:
         print(f"note: {warning}")

@@ -3,7 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from famjax.boundary import sentence
 from famjax.boundary.units import from_si, quantity_unit, unit_system
+
+from ..terminal import print_rows
 
 _KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
 """Kind of the quantities of an answer, by the SI unit that its key ends in."""
@@ -62,3 +65,12 @@ def force_and_onset(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, 
         "Onset": [row for row in rows if "slack" not in row],
     }
     return {title: chosen for title, chosen in tables.items() if chosen}
+
+
+def print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | None) -> None:
+    """A table of answers, and below it why some are not inside."""
+    print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in rows])
+    if not all(row["inside"] for row in rows):
+        print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
+        for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
+            print(f"- {sentence.in_units(reason, system or 'metric')}")

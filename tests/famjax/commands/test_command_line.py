@@ -212,6 +212,25 @@ def test_missing_file_and_blocked_output(
     assert (code, "is not a folder" in err) == (2, True)
 
 
+def test_the_league_table_says_what_was_left_out(
+    capsys: pytest.CaptureFixture, map_file: Path, tmp_path: Path
+) -> None:
+    code, out, _ = run(
+        capsys,
+        "compare",
+        map_file,
+        "--models",
+        "gaylord",
+        "--output",
+        tmp_path / "o",
+        "--starts",
+        2,
+    )
+    assert code == 0
+    assert "pressures out N  inner lengths out N  lengths out N" in out
+    assert "lolo" not in out
+
+
 def test_version_and_help(capsys: pytest.CaptureFixture) -> None:
     assert run(capsys, "--version") == (0, f"famjax {famjax.__version__}\n", "")
     code, out, _ = run(capsys, "fit", "--help")

@@ -10,6 +10,9 @@ import famjax
 from famjax.__main__ import main
 from famjax.terms import MaxwellSlip, SlipElements
 from fitting import load_fit
+from fitting.hysteresis import History
+from fitting.saved import predict_history
+from fitting.saved.prediction import static_rows
 
 # For the fit that all of these read, which then only one stage of CI makes.
 pytestmark = pytest.mark.slow
@@ -99,6 +102,27 @@ def test_both_branches_are_predicted(
     assert code == 0
     assert "Force along the history" in out
     assert "slack it pulls nothing" in out
+    table = " ".join(out.split())
+    assert "length mm pressure kPa force N static force N hysteresis N" in table  # as in the file
+    assert "270 400" in table
+    code, out, _ = run(
+        capsys, "predict", fitted / "fit.json", "--history", path, "--units", "us", "--json"
+    )
+    assert json.loads(out)[1]["pressure_psi"] == pytest.approx(4e5 / 6894.757, rel=1e-6)
+
+
+def test_the_band_holds_the_error_of_the_hysteresis(fitted: Path) -> None:
+    fit = load_fit(fitted / "fit.json")
+    missed = max(one["rms_N"] for one in fit.document["hysteresis"]["left_out"].values())
+    L, P = np.full(6, 0.27), np.array(PRESSURES)
+    rows, static = predict_history(fit, History(L, P)), static_rows(fit, L, P)
+    for row, alone in zip(rows[1:], static[1:], strict=True):
+        half = (row["high_95_N"] - row["low_95_N"]) / 2
+        assert half == pytest.approx(
+            np.hypot((alone["high_95_N"] - alone["low_95_N"]) / 2, 1.96 * missed), rel=1e-9
+        )
+        assert row["force_std_N"] == pytest.approx(np.hypot(alone["force_std_N"], missed), rel=1e-9)
+        assert (row["high_95_N"] + row["low_95_N"]) / 2 == pytest.approx(row["force_N"], rel=1e-9)
 
 
 def test_what_cannot_be_done_is_said(
@@ -121,6 +145,11 @@ def test_what_cannot_be_done_is_said(
         "predict", fitted / "fit.json", "--history", history, "--length", "270mm"
     )
     document = json.loads((fitted / "fit.json").read_text())
+    del document["hysteresis"]["left_out"]["length"]["rms_N"]
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text(json.dumps(document))
+    told = error("predict", damaged, "--history", history)
+    assert "damaged: it has no entry 'hysteresis.left_out.length.rms_N'" in told
     del document["hysteresis"]
     plain = tmp_path / "plain.json"
     plain.write_text(json.dumps(document))

@@ -211,3 +211,12 @@ def test_path_modulus_is_the_weighted_tangent(festo: famjax.Muscle) -> None:
         weighted / (dz**2 + dc**2),
         rtol=1e-6,
     )
+
+
+@pytest.mark.parametrize("degrees", [64.0, 61.7, -1.0, 0.0])
+def test_a_braid_angle_in_degrees_is_refused(degrees: float) -> None:
+    """64 rad is 66.9 deg after ten turns: a muscle like any other, and not the one that was meant."""
+    with pytest.raises(ValueError, match=r"must lie in \(0, pi/2\] rad.*jnp.deg2rad"):
+        famjax.Braid.from_rest(diameter=0.0236, braid_angle=degrees, length=0.296)
+    half_turn = jnp.asarray(np.pi / 2, jnp.float32)
+    famjax.Braid.from_rest(diameter=0.0236, braid_angle=half_turn, length=0.296)

@@ -9,7 +9,7 @@ import pytest
 
 from fitting import Choice, ForceData, InputError, choose, identify, load_fit, predict, write_fit
 from fitting.choice import choice_as_dict, choice_table, validate_choice
-from fitting.choice.choose import weigh
+from fitting.choice.choose import sentences_on_no_use, weigh
 from fitting.choice.ladder import ladder
 from fitting.choice.ranking import first_settled
 from fitting.evidence import Evidence
@@ -166,3 +166,15 @@ def test_a_map_with_a_giant_reading_ends_in_words(dmsp20: ForceData) -> None:
     rig = next(one for one in ladder(data)[0] if one.name.startswith("cubic, compliant rig"))
     with pytest.raises(InputError, match="no start ended at a force for every reading"):
         identify(data, law="polynomial", order=3, parameters=rig.parameters, starts=4)
+
+
+def test_families_left_out_for_one_reason_share_a_sentence(dmsp20: ForceData) -> None:
+    """Four sentences said the same of the rigid rig of a map that has nothing to do with one."""
+    first, second, third, *_ = ladder(dmsp20)[0]
+    judged = {first.name, second.name, third.name}
+    outcomes = [(first, "it is rigid"), (second, "a reason"), (third, "it is rigid"), (first, None)]
+    assert sentences_on_no_use(outcomes, judged) == [
+        f"{first.name}; {third.name} were left out: it is rigid",
+        f"{second.name} was left out: a reason",
+    ]
+    assert sentences_on_no_use(outcomes, {second.name}) == [f"{second.name} was left out: a reason"]

@@ -215,7 +215,10 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     with pytest.raises(SystemExit) as stop:
         main(["series", *map(str, maps), "--law", *LAWS, "--output", str(folder)])
     assert not stop.value.code
-    assert "mooney-rivlin" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert "mooney-rivlin" in table
+    assert "rest length mm" in table
+    assert any(line.split()[:1] == ["braid_angle"] and "deg" in line for line in table.splitlines())
     for k, (read, rest) in enumerate(zip(given, SEEN, strict=True)):
         meant = specimen(rest, 7 + k)
         np.testing.assert_allclose(read.force, meant.force, rtol=1e-9)
@@ -232,6 +235,9 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     truth = float(in_rig(0.18, TRUTH).force(0.17, 4e5))
     assert abs(row["force_N"] - truth) < 2 * NOISE
     assert row["low_95_N"] < truth < row["high_95_N"]
+    with pytest.raises(SystemExit):
+        main(["predict", str(folder / "fit.json"), "--length", "95mm", "--pressure", "400kPa"])
+    assert f"rest length of {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in capsys.readouterr().out
 
 
 class Pull(famjax.terms.AbstractForceTerm):

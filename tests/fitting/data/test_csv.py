@@ -78,6 +78,12 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
         ("length_mm,", "", "row 2 has 3 cells|no column for length"),
         ("length_mm", "force_kN", "the quantity 'force' has two columns"),
         ("100,300,", "100,300mm,", "row 2: length is '300mm', not a number"),
+        (
+            "100,300,",
+            '100,"1,300",',
+            "not a number .write a decimal point, and nothing between thou",
+        ),
+        ("100,300,", "100,,", "row 2: length is missing; take the row out, or write what was read"),
         ("100,300,", "100,nan,", "row 2: length is nan; every value must be finite"),
         ("100,300,", "inf,300,", "row 2: pressure is inf"),
         ("100,300,", "-5,300,", "row 2: pressure is -5; gauge pressure must be >= 0"),
@@ -89,6 +95,7 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
         ("length_mm", "contraction", "row 2: contraction is 300; .* lies below 1: write percent"),
         ("pressure", "# specimen: rest_lenght_mm = 3\npressure", "unknown entry.*'rest_lenght_mm'"),
         ("pressure", "# specimen: rest_length_mm = x\npressure", "not a number"),
+        ("pressure", "# specimen: rest_length_mm = 3,5\npressure", "write a decimal point"),
         ("pressure", "# specimen: embedded = maybe\npressure", "true or false"),
         ("pressure", "# specimen: rest_length_mm = -3\npressure", "must be a positive length"),
     ],
@@ -96,6 +103,39 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
 def test_what_is_wrong_is_said(map_file: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_csv(_spoil(map_file, old, new))
+
+
+def test_what_spreadsheets_make_of_a_map_is_read(map_file: Path, tmp_path: Path) -> None:
+    """Filled up to the width of the widest line, with empty rows, and with decimal commas."""
+    text = "# specimen: wall_thickness_mm = 1.5\n" + map_file.read_text()
+    map_file.write_text(text)
+    expected, path = read_csv(map_file), tmp_path / "saved.csv"
+    filled = "".join(f"{line},,\n" for line in text.splitlines())
+    path.write_text(f"\ufeff,,,,\n{filled},,,,\n\n", encoding="utf-8")
+    assert read_csv(path).specimen.wall_thickness == 1.5e-3
+    for name in ("force", "pressure", "length"):
+        np.testing.assert_array_equal(getattr(read_csv(path), name), getattr(expected, name))
+    halves = [(0.5 * k, 300 - 10.25 * k, 10 * k) for k in range(1, 5)]
+    for separator in ";\t":
+        head = separator.join(("force_N", "length_mm", "pressure_kPa"))
+        rows = [separator.join(map(str, row)).replace(".", ",") for row in halves]
+        path.write_text("\n".join([head, *rows]) + "\n")
+        np.testing.assert_allclose(read_csv(path).length, [row[1] / 1e3 for row in halves])
+        np.testing.assert_allclose(read_csv(path).force, [row[0] for row in halves])
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("100.000;300,5;20", "'100.000' has a point, and '300,5' in row 2 a comma"),
+        ("100,000;300;20", "'100,000' may be 100.000 or 100000: write decimal points"),
+    ],
+)
+def test_a_doubtful_decimal_sign_is_refused(tmp_path: Path, row: str, message: str) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text(f"pressure_Pa;length_mm;force_N\n{row}\n")
+    with pytest.raises(InputError, match=message):
+        read_csv(path)
 
 
 def test_contractions_are_lengths_of_the_rest_length(map_file: Path, tmp_path: Path) -> None:

@@ -367,6 +367,10 @@ BAD_OPTIONS = [
     ({"atmosphere": np.nan}, "must be finite"),
     ({"atmosphere": (0.0, 1e-4)}, "readings from 0.0 to 0.0001 s"),
     ({"atmosphere": (0.0, 5.0)}, "so it is not vented there"),
+    (
+        {"atmosphere": 101e3},
+        "reads down to .* far below the 101 kPa that its sensor is said to read",
+    ),
     ({"period": 0.33}, "no regular valve pulses of 0.33 s"),
     ({"part": (0.511, 0.512)}, "fewer than 5 readings in the part"),
     ({"kind": "ramp", "bin_width": 5e6}, "gives no pressure bin"),
@@ -421,6 +425,18 @@ def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
     assert summary["lengths"][0]["n_fill"] == 60
     assert summary["clamp_N"] == pytest.approx(CLAMP)
     assert summary["records"][0]["atmosphere_kPa"] == pytest.approx(9)
+    # What was not said is assumed as of any force map, is told, and is not said by the map either.
+    told = " ".join(summary["notes"])
+    assert "wall was not given: 1.8 mm" in told
+    assert "bladder's diameter was not given" in told
+    read = read_csv(tmp_path / "map.csv")
+    assert read.assumed == ("nominal_diameter", "wall_thickness", "bladder_diameter")
+    known = {**specimen, "wall_thickness": 1.5e-3, "embedded": False, "nominal_diameter": 0.02}
+    _, made = ramps_command(entries, columns=columns, atmosphere=ZERO, specimen=known)
+    (tmp_path / "known.csv").write_bytes(made["map.csv"])
+    read = read_csv(tmp_path / "known.csv")
+    assert read.assumed == ()
+    assert not read.specimen.embedded
     again = read_ramps([str(listed)], columns=columns)
     assert [record.length for record in again] == pytest.approx([0.3] * 3 + [0.28] * 3)
     assert [record.source for record in again] == [f"{i}.csv" for i in range(6)]

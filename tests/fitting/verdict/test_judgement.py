@@ -147,3 +147,14 @@ def test_runs_have_the_mean_and_the_variance_of_all_orders() -> None:
 def test_runs_of_few_residuals_say_nothing() -> None:
     assert runs_deviation(np.ones(9)) == 0.0
     assert runs_deviation(np.ones(12)) == -math.inf
+
+
+def test_one_pressure_tells_no_deadband(dmsp20: ForceData) -> None:
+    loaded = dmsp20.part(dmsp20.loaded)
+    levels = np.unique(loaded.pressures.level)
+    one = loaded.part(loaded.pressures.level == levels[-1])
+    result = identify(one, law="ogden", starts=2)
+    assert any("readings are at one pressure, " in reason for reason in judge(result).reasons)
+    two = loaded.part(loaded.pressures.level >= levels[-2])
+    reasons = judge(identify(two, law="ogden", starts=2)).reasons
+    assert not any("at one pressure" in reason for reason in reasons)

@@ -12,7 +12,7 @@ from fitting.choice.ladder import ladder
 from fitting.verdict import doubtful, judge, suspect
 from fitting.verdict.plain_faults import absolute, pulls_late
 from fitting.verdict.suspect import least_misfit
-from fitting.verdict.trial import attempt
+from fitting.verdict.trial import attempt, plainest
 
 
 def fit(data: ForceData) -> Identification:
@@ -20,8 +20,10 @@ def fit(data: ForceData) -> Identification:
     return identify(data, law="ogden", parameters={"end_factor": Parameter()}, starts=4)
 
 
-def known_muscle(bore: float, rest: float, angle_deg: float, lengths: int = 8) -> ForceData:
-    """Readings of a known muscle with 0.3 % of noise."""
+def known_muscle(
+    bore: float, rest: float, angle_deg: float, lengths: int = 8, *, pushes: bool = False
+) -> ForceData:
+    """Readings of a known muscle with 0.3 % of noise; where it is slack, none or how hard it pushes."""
     diameter = bore + 2e-3
     braid = famjax.Braid.from_rest(
         diameter=diameter, braid_angle=math.radians(angle_deg), length=rest
@@ -31,10 +33,11 @@ def known_muscle(bore: float, rest: float, angle_deg: float, lengths: int = 8) -
     muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 25e3)
     grid = np.meshgrid(rest * np.linspace(1, 0.84, lengths), np.linspace(1.2e5, 6e5, 6))
     L, P = (one.ravel() for one in grid)
-    force = np.maximum(np.asarray(muscle.force(L, P)), 0.0)
+    force = np.asarray(muscle.force(L, P))
     noise = 3e-3 * force.max() * np.random.default_rng(1).normal(size=force.size)
     specimen = Specimen("known", rest, 1.5e-3, nominal_diameter=bore, embedded=True)
-    return ForceData(np.where(force > 0, force + noise, 0.0), P, L, specimen)
+    read = force + noise if pushes else np.where(force > 0, force + noise, 0.0)
+    return ForceData(read, P, L, specimen)
 
 
 def changed(data: ForceData, **sizes: float) -> ForceData:
@@ -111,6 +114,38 @@ def test_signs_of_a_length(dmsp20: ForceData) -> None:
     at = dmsp20.length == np.unique(dmsp20.length)[-2]
     negative = dataclasses.replace(dmsp20, force=np.where(at, -dmsp20.force, dmsp20.force))
     assert causes(negative) == "forces have the wrong sign"
+
+
+def test_a_slack_muscle_that_pushes_has_no_wrong_sign() -> None:
+    """Held at both ends it pushes, by less than a pull would be: the other sign fits, but worse."""
+    data = known_muscle(0.01, 0.2, 65.0, pushes=True)
+    assert -0.1 * data.max_force < data.force.min() < -0.03 * data.max_force
+    result = fit(data)
+    assert suspect(result) == ()
+    assert judge(result).passed
+
+
+def test_readings_at_the_limit_of_the_load_cell_are_no_fault() -> None:
+    """A muscle may pull more there: only a pull that is less contradicts them."""
+    data = known_muscle(0.014, 0.2, 65.0, lengths=6)
+    limit = 0.7 * data.max_force
+    capped = dataclasses.replace(data, force=np.minimum(data.force, limit), force_limit=limit)
+    assert capped.saturated.sum() > 3
+    result = fit(capped)
+    assert least_misfit(result) < 0.01
+    assert suspect(result) == ()
+    assert judge(result).passed
+    raised = dataclasses.replace(capped, force=np.where(capped.saturated, 2 * limit, capped.force))
+    assert least_misfit(dataclasses.replace(result, data=raised)) > 0.1
+
+
+def test_one_pressure_does_not_tell_absolute_ones() -> None:
+    """Deadband and diameter are one number there, so that a deadband at its bound says nothing."""
+    data = known_muscle(0.014, 0.2, 65.0)
+    one = data.part(data.pressure == np.unique(data.pressure)[2])
+    assert not pulls_late(one)
+    candidate = plainest(one)
+    assert [*absolute(one, None, 0.003, candidate, stopped=True)] == []
 
 
 def test_all_forces_negative_are_refused(dmsp20: ForceData) -> None:
