@@ -272,11 +272,6 @@ def _clamp(low: np.ndarray, x: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(x, low), high)
 
 
-def _polynomial(x: np.ndarray, *coefficients: np.ndarray) -> np.ndarray:
-    """Horner's scheme, the constant first."""
-    return functools.reduce(lambda total, c: total * x + c, coefficients[::-1])
-
-
 def _while(params: Mapping[str, Any], _: Sequence[Shape]) -> Operation:
     of_condition, of_body = params["cond_nconsts"], params["body_nconsts"]
     condition, kept, read = params["cond"].run, params["kept"], params["read"]
@@ -366,7 +361,7 @@ RULES: dict[str, Rule] = {
     "integer_pow": _integer_pow,
     "select_n": _plain(_select),
     "clamp": _plain(_clamp),
-    "polynomial": _plain(_polynomial),
+    "polynomial": _plain(lambda x, *c: functools.reduce(lambda y, a: y * x + a, c[::-1])),
     "one_minus_square": _plain(lambda x: (1 + x) * (1 - x)),
     **dict.fromkeys(("copy", "copy_p", "stop_gradient"), _plain(lambda x: x)),
     "convert_element_type": _convert,
