@@ -97,6 +97,7 @@ def test_every_published_figure_is_met_but_those_explained(loaded: ModuleType, f
     assert sum(row.within is True for row in found) >= 90
 
 
+@pytest.mark.slow
 def test_covers_the_tables_for_all_geometries(found: list) -> None:
     tables = {row.table for row in found}
     numbered = {"2.1", "2.2", "2.3", "2.4", "2.5", "4.2", "4.3", "5.1", "5.2", "6.11", "6.12"}
@@ -120,6 +121,7 @@ def test_covers_the_tables_for_all_geometries(found: list) -> None:
                 assert len(mean) == (geometry != "measured")
 
 
+@pytest.mark.slow
 def test_every_printed_figure_at_hand_is_compared_or_an_input(
     loaded: ModuleType, found: list
 ) -> None:
@@ -160,12 +162,14 @@ def _flat(value: object) -> list[float]:
     return [one for part in value for one in _flat(part)] if isinstance(value, list) else [value]
 
 
+@pytest.mark.slow
 def test_synthetic_entries_say_so(found: list) -> None:
     rows = [row for row in found if row.table == "4.2"]
     assert len(rows) == 10
     assert all("SYNTHETIC" in row.entry and row.published is None for row in rows)
 
 
+@pytest.mark.slow
 def test_estimated_blocked_force_by_hand(computed: dict) -> None:
     """The balance of the inelastic cylinder at rest, written out."""
     R = math.sqrt(B0**2 - L0**2) / (2 * math.pi * N)
@@ -185,6 +189,9 @@ def test_estimated_blocked_force_by_hand(computed: dict) -> None:
         assert thickness == pytest.approx(t, rel=1e-11)
 
 
+@pytest.mark.slow
+@pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize(("table", "stiffness"), [("5.2", 1.0), ("5, soft braid", 0.1)])
 def test_stretch_by_its_closed_form(computed: dict, table: str, stiffness: float) -> None:
     label = "soft braid, " if "soft" in table else ""
@@ -229,6 +236,7 @@ def test_mean_absolute_errors_are_means_of_the_rows(computed: dict, geometry: st
         assert mean == pytest.approx(np.abs(of).mean(), rel=EXACT)
 
 
+@pytest.mark.slow
 def test_mean_absolute_differences_over_contraction(loaded: ModuleType, computed: dict) -> None:
     """From the muscles themselves, at 100 psi from rest to the tested free contraction."""
     muscles = sys.modules["specimen"].muscles()
@@ -263,6 +271,7 @@ def test_changes_by_the_elastic_braid_by_its_closed_form(
             assert part == pytest.approx(B / B0 - 1, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_strength_margins_of_the_threads(computed: dict) -> None:
     """59.3 lbf of 144 threads over their tension: section times pressure and pull, over the sine."""
     B = math.hypot(L0, math.pi * N * 1.044)
@@ -272,6 +281,7 @@ def test_strength_margins_of_the_threads(computed: dict) -> None:
     assert tension == pytest.approx(8.5, abs=0.05)
 
 
+@pytest.mark.slow
 def test_virtual_work_is_the_difference_of_volumes(computed: dict) -> None:
     rest, short = (computed["4.3", f"used, {at} %, outline volume"] for at in (0, 35))
     mean = computed[
@@ -322,6 +332,7 @@ def test_page_is_one_file_with_everything(loaded: ModuleType, found: list, tmp_p
         assert entry["table"] in page
 
 
+@pytest.mark.slow
 def test_progress_names_every_table(loaded: ModuleType, chapters: list, found: list) -> None:
     tables = [name for _, of in loaded.CHAPTERS for name, _ in of]
     assert [done for done, _, _ in chapters] == list(range(len(tables) + 1))
@@ -330,6 +341,7 @@ def test_progress_names_every_table(loaded: ModuleType, chapters: list, found: l
         assert said.endswith(name)
 
 
+@pytest.mark.slow
 def test_progress_goes_on_to_the_last_figure(
     loaded: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -348,6 +360,7 @@ def test_progress_goes_on_to_the_last_figure(
     assert (tmp_path / loaded.PAGE).exists()
 
 
+@pytest.mark.slow
 def test_free_contraction_is_the_muscles(loaded: ModuleType, computed: dict) -> None:
     muscle = sys.modules["specimen"].muscles()["estimated inelastic"]
     theirs = muscle.free_contraction(np.array(PRESSURES, float))

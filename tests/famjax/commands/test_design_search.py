@@ -75,6 +75,7 @@ def test_nothing_feasible_is_said_with_exit_code_1(
     assert [path.name for path in tmp_path.iterdir()] == ["design.json"]
 
 
+@pytest.mark.slow
 def test_the_table_in_parquet_and_objectives_of_ones_own(
     capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:

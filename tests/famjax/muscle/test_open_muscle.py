@@ -399,6 +399,7 @@ def test_the_log_would_show_a_trace(caplog: pytest.LogCaptureFixture) -> None:
     assert caplog.records
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GEOMETRIES)
 def test_dimensions_are_one_program(name: str, caplog: pytest.LogCaptureFixture) -> None:
     """Called outside of a trace: not one for each operation."""
