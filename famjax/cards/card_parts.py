@@ -21,7 +21,7 @@ from ..parameters.declared import declaration
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class CardPart:
     """A field that holds a part, written as an object with its own `type`.
 
     Attributes:
@@ -37,19 +37,19 @@ class Part:
     many: bool = False
 
 
-Fields = Mapping[str, str | Part]
+Fields = Mapping[str, str | CardPart]
 """Name of each field, with the unit that its key ends in, "" for a pure number, or its part."""
 
 MUSCLE: Fields = {
-    "geometry": Part(geometries.AbstractGeometry),
-    "material": Part(materials.AbstractMaterial),
+    "geometry": CardPart(geometries.AbstractGeometry),
+    "material": CardPart(materials.AbstractMaterial),
     "deadband_pressure": "Pa",
 }
 """A muscle of a pressurised braid and the wall of one material."""
 
 MUSCLE_OF_TERMS: Fields = {
-    "geometry": Part(geometries.AbstractGeometry),
-    "terms": Part(terms.AbstractForceTerm, many=True),
+    "geometry": CardPart(geometries.AbstractGeometry),
+    "terms": CardPart(terms.AbstractForceTerm, many=True),
 }
 """A muscle with other terms."""
 
@@ -65,7 +65,7 @@ def fields_of(cls: type[eqx.Module]) -> Fields:
     Raises:
         InputError: a field that is neither a declared number nor a part.
     """
-    found: dict[str, str | Part] = {}
+    found: dict[str, str | CardPart] = {}
     for field in dataclasses.fields(cls):
         if not field.init or field.name.startswith("_"):
             continue
@@ -84,7 +84,7 @@ def _in_key(unit: str) -> str:
     return f"per_{unit[2:]}" if unit.startswith("1/") else unit.replace("/", "_per_")
 
 
-def _part(cls: type, name: str, annotation: Any) -> Part:
+def _part(cls: type, name: str, annotation: Any) -> CardPart:
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     optional = origin in {typing.Union, types.UnionType} and type(None) in arguments
     many = origin is tuple
@@ -94,7 +94,7 @@ def _part(cls: type, name: str, annotation: Any) -> Part:
             f"no card can hold the field {name!r} of {cls.__name__}: declare a number by "
             "famjax.parameter or famjax.parameters.number with its unit, and a part by its class"
         )
-    return Part(base, untyped=_UNTYPED.get(base), optional=optional, many=many)
+    return CardPart(base, untyped=_UNTYPED.get(base), optional=optional, many=many)
 
 
 def type_written(cls: type) -> str:

@@ -12,8 +12,8 @@ from ..muscle import Muscle
 from .card_parts import (
     MUSCLE,
     MUSCLE_OF_TERMS,
+    CardPart,
     Fields,
-    Part,
     fields_of,
     known_types,
     type_read,
@@ -37,7 +37,7 @@ def muscle_from_dict(card: dict[str, Any]) -> Muscle:
         InputError: the card lacks an entry or has one too many, names a type that is not known, or
             holds what is no muscle.
     """
-    return _read(_of_terms(card), Part(Muscle, untyped=Muscle), "muscle")
+    return _read(_of_terms(card), CardPart(Muscle, untyped=Muscle), "muscle")
 
 
 def _of_terms(card: Any) -> Any:
@@ -84,7 +84,7 @@ def _number_written(value: Any, where: str) -> Any:
     return numbers.tolist()
 
 
-def _read(card: Any, form: Part, where: str) -> Any:
+def _read(card: Any, form: CardPart, where: str) -> Any:
     """The part of an object."""
     if not isinstance(card, dict):
         raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
@@ -115,7 +115,7 @@ def _read(card: Any, form: Part, where: str) -> Any:
         raise InputError(f"{where} of the muscle card is no {cls.__name__}: {error}") from None
 
 
-def _class(card: dict[str, Any], form: Part, where: str) -> type:
+def _class(card: dict[str, Any], form: CardPart, where: str) -> type:
     """The class that an object says it is, among those that may stand there."""
     if "type" not in card and form.untyped is not None:
         return form.untyped
@@ -127,7 +127,7 @@ def _class(card: dict[str, Any], form: Part, where: str) -> type:
     return type_read(card["type"], form.base, where)
 
 
-def _value(value: Any, form: str | Part, annotation: Any, where: str) -> Any:
+def _value(value: Any, form: str | CardPart, annotation: Any, where: str) -> Any:
     """The value of one field, as its class takes it."""
     if isinstance(form, str):
         return _number(value, annotation, where)
@@ -164,6 +164,6 @@ def _number(value: Any, annotation: Any, where: str) -> Any:
     return array
 
 
-def _key(name: str, form: str | Part) -> str:
+def _key(name: str, form: str | CardPart) -> str:
     """The key of a field: its name, with its unit if it has one."""
     return f"{name}_{form}" if isinstance(form, str) and form else name

@@ -81,7 +81,7 @@ class HeldPair(eqx.Module):
         one, other = self.pulls(flexor, extensor)
         return jnp.isfinite(one) & jnp.isfinite(other)
 
-    def reach(self) -> "Reach":
+    def reach(self) -> "PairReach":
         """What the pair can do at its angle."""
         (r_f, r_e), ends = self.arms, jnp.stack([self.low, self.high])
         lengths = [path.length(self.angle) for path in self.paths]
@@ -95,7 +95,7 @@ class HeldPair(eqx.Module):
         code = jnp.where(taut, Outcome.FEASIBLE, Outcome.SLACK)
         code = jnp.where((r_f > 0) & (r_e < 0), code, Outcome.MOMENT_ARM)
         code = jnp.where(jnp.all(jnp.isfinite(raw)), code, Outcome.NO_STATE)
-        return Reach(lowest, highest, flexor, extensor, limits, code)
+        return PairReach(lowest, highest, flexor, extensor, limits, code)
 
     def curve(self, torque: RealArray) -> "CoContraction":
         """The pressures that give a torque [N m], or the nearest torque that the pair has."""
@@ -143,7 +143,7 @@ class HeldPair(eqx.Module):
         return bracketed(residual, (self.low, left[0]), (self.high, left[1]))
 
 
-class Reach(eqx.Module):
+class PairReach(eqx.Module):
     """What a pair can do at its angle.
 
     Attributes:
@@ -168,7 +168,7 @@ class CoContraction(eqx.Module):
         pair: the pair at its angle.
         torque: [N m], the nearest that the pair has.
         start, end: flexor's gauge pressure [Pa] at the ends of the curve.
-        limits: see `Reach`.
+        limits: see `PairReach`.
         code: an `Outcome`: FEASIBLE, TORQUE_LOW or TORQUE_HIGH, or why there is no curve.
     """
 

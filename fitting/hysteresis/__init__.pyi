@@ -4,7 +4,7 @@ from .left_out import leave_out as leave_out
 from .slip_columns import threshold_grid as threshold_grid
 from .slip_fit import (
     HysteresisFit as HysteresisFit,
-    LeftOut as LeftOut,
+    HysteresisLeftOut as HysteresisLeftOut,
     fit_hysteresis as fit_hysteresis,
 )
 from .slip_report import (

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .branch_pairs import BranchPairs
-from .slip_fit import HysteresisFit, LeftOut, fit_hysteresis
+from .slip_fit import HysteresisFit, HysteresisLeftOut, fit_hysteresis
 
 
 def leave_out(fit: HysteresisFit) -> HysteresisFit:
@@ -40,7 +40,7 @@ def _constant(pairs: BranchPairs, quantity: str) -> Float[np.ndarray, " n"]:
     return np.where(moves, np.nan, np.array([medians[k] for k in pairs.record.tolist()]))
 
 
-def _left_out(fit: HysteresisFit, kind: str, group: Float[np.ndarray, " n"]) -> LeftOut:
+def _left_out(fit: HysteresisFit, kind: str, group: Float[np.ndarray, " n"]) -> HysteresisLeftOut:
     pairs, measured = fit.pairs, fit.pairs.half_difference
     predicted, values = np.zeros(measured.size), np.unique(group)
     for value in values:
@@ -50,7 +50,7 @@ def _left_out(fit: HysteresisFit, kind: str, group: Float[np.ndarray, " n"]) -> 
         )
         predicted[out] = without.half_difference(pairs.at(out))
     errors = [predicted[group == value] - measured[group == value] for value in values]
-    return LeftOut(
+    return HysteresisLeftOut(
         groups=kind,
         values=values,
         predicted=predicted,

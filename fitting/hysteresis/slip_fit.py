@@ -24,7 +24,7 @@ SHRINKAGE = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class LeftOut:
+class HysteresisLeftOut:
     """Half-differences predicted for points whose group was left out of the fit.
 
     Attributes:
@@ -71,7 +71,7 @@ class HysteresisFit:
     predicted: Float[np.ndarray, " n"]
     kkt_residual: float
     duality_gap: float
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[HysteresisLeftOut, ...] = ()
 
     @property
     def slip(self) -> MaxwellSlip:

@@ -7,7 +7,7 @@ import numpy as np
 from famjax.boundary.errors import InputError
 
 from .machine_log import MachineLog
-from .motion_search import Fit, grid, known, search, variation
+from .motion_search import MotionFit, grid, known, search, variation
 
 _FEWEST = 6  # pictures for three unknowns and their scatter
 _EXPLAINED = 0.9  # of the variance of length: below it the two do not show the same motion
@@ -164,7 +164,7 @@ def _offsets(t: np.ndarray, log: MachineLog, window: float | None, guess: float)
 
 
 def _checked(
-    fit: Fit, t: np.ndarray, y: np.ndarray, log: MachineLog, length_stderr: float
+    fit: MotionFit, t: np.ndarray, y: np.ndarray, log: MachineLog, length_stderr: float
 ) -> Synchronisation:
     """The fit with its errors, if it may be trusted."""
     lever = t - t.mean()

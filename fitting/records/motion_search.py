@@ -13,7 +13,7 @@ _HILL = 0.1  # of the variance, that parts two valleys
 
 
 @dataclass(frozen=True)
-class Fit:
+class MotionFit:
     """Lengths a + sense x(t + offset + drift (t - mean t)) with the squares that they leave."""
 
     squares: float
@@ -23,7 +23,7 @@ class Fit:
     sense: int
 
 
-def search(offsets: np.ndarray, t: np.ndarray, y: np.ndarray, log: MachineLog) -> list[Fit]:
+def search(offsets: np.ndarray, t: np.ndarray, y: np.ndarray, log: MachineLog) -> list[MotionFit]:
     """The best fits, each of a valley of its own, the best first.
 
     Args:
@@ -99,7 +99,7 @@ def _minima(scores: np.ndarray, total: float) -> list[int]:
     return chosen
 
 
-def _refined(start: float, sense: int, t: np.ndarray, y: np.ndarray, log: MachineLog) -> Fit:
+def _refined(start: float, sense: int, t: np.ndarray, y: np.ndarray, log: MachineLog) -> MotionFit:
     """Least squares over offset, drift and a, from a coarse offset."""
     from scipy.optimize import least_squares  # noqa: PLC0415 -- 0.2 s
 
@@ -121,4 +121,4 @@ def _refined(start: float, sense: int, t: np.ndarray, y: np.ndarray, log: Machin
         ).x
     left = residual(p, np.ones_like(t)) * size
     squares = _squares(left, y - y.mean(), known(t + p[0] + p[1] * lever, log)).sum()
-    return Fit(float(squares), float(p[0]), float(p[1]), float(p[2] * size), sense)
+    return MotionFit(float(squares), float(p[0]), float(p[1]), float(p[2] * size), sense)

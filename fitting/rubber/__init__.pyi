@@ -7,7 +7,7 @@ from .hysteresis import (
 from .in_situ import InSitu as InSitu, ModulusFit as ModulusFit, thread_in_situ as thread_in_situ
 from .loop import HysteresisLoop as HysteresisLoop, hysteresis_loop as hysteresis_loop
 from .tensile import (
-    Characterisation as Characterisation,
+    BladderCharacterisation as BladderCharacterisation,
     TensileFit as TensileFit,
     characterise_bladder as characterise_bladder,
 )

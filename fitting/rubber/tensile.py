@@ -53,7 +53,7 @@ class TensileFit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Characterisation:
+class BladderCharacterisation:
     """A bladder's tensile test, evaluated.
 
     Attributes:
@@ -75,7 +75,7 @@ def characterise_bladder(
     cycles: Sequence[int] = (3, 4, 5),
     branch: BranchChoice = "loading",
     min_travel: float = 0.5,
-) -> Characterisation:
+) -> BladderCharacterisation:
     """Softening, permanent set and stress law of a bladder from its cyclic tensile test.
 
     True stress follows from constant volume, sigma = F (l0 + d) / (A0 l0). Every branch's strain is
@@ -112,7 +112,7 @@ def characterise_bladder(
     reports = tensile_cycles(record, found)
     second = reports[1] if len(reports) > 1 else None
     softer = second is not None and 1 - second.half_ratio > 3 * second.half_ratio_stderr
-    return Characterisation(cycles=reports, fit=fit, mullins=softer)
+    return BladderCharacterisation(cycles=reports, fit=fit, mullins=softer)
 
 
 def _fit(

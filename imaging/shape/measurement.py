@@ -34,7 +34,7 @@ class Trace:
 
 
 @dataclasses.dataclass(frozen=True)
-class Errors:
+class MeasurementErrors:
     """The parts of the standard error of a diameter and a length.
 
     Each has its cause in the picture itself. The random part of D is the scatter of the edges that
@@ -122,7 +122,7 @@ class Measurement:
     px_per_m: float
     roll: float
     x0: float
-    errors: Errors
+    errors: MeasurementErrors
     quality: Quality
     trace: Trace
     distance: float = math.nan

@@ -51,7 +51,7 @@ def measure(
     """The shape of the muscle in one photograph, with standard errors and quality figures.
 
     Coarse segmentation, outline by the limb model, exact inversion of the silhouette, the tapes'
-    edges as rings of the radius found, D(z) between them. `Errors`, the class of
+    edges as rings of the radius found, D(z) between them. `MeasurementErrors`, the class of
     `Measurement.errors`, describes how the standard errors are composed.
 
     Args:

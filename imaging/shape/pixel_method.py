@@ -10,7 +10,7 @@ from ..quality import Quality
 from ..recipe import Recipe
 from ..segment.otsu import counts_of, otsu_split
 from ..segment.tape_colour import hues_apart
-from .measurement import Errors, Measurement, Trace
+from .measurement import Measurement, MeasurementErrors, Trace
 from .photograph import Photograph
 
 _LEAST_CONTRAST = 30
@@ -77,7 +77,7 @@ def measure_pixels(photo: Photograph, recipe: Recipe) -> Measurement:
         px_per_m=recipe.scale.px_per_m,
         roll=-float(np.arctan(np.polyfit(rows, middle, 1)[0])),
         x0=float(np.mean(middle) - recipe.camera(width, height).centre[0]) * px,
-        errors=Errors(edge=pixel, density=0.0, ends=pixel, scale=relative),
+        errors=MeasurementErrors(edge=pixel, density=0.0, ends=pixel, scale=relative),
         quality=quality,
         trace=Trace(
             rows.astype(float),

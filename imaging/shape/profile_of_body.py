@@ -14,7 +14,7 @@ from ..quality import Quality
 from ..recipe import Recipe
 from ..tape.ring import Ring
 from .axis import Axis
-from .measurement import Errors, Measurement, Trace
+from .measurement import Measurement, MeasurementErrors, Trace
 from .photograph import Photograph
 
 _SHADE = 0.018  # of the blur, per edge
@@ -40,7 +40,7 @@ def measurement_of_body(
     quality: Quality,
     axis: Axis,
 ) -> Measurement:
-    """The measurement; `Errors` describes how the standard errors are composed."""
+    """The measurement; `MeasurementErrors` describes how the standard errors are composed."""
     px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
     px = 1 / px_per_m
     first, last = (ring.y + beyond for ring, beyond in zip((upper, lower), axis.ends, strict=True))
@@ -68,7 +68,7 @@ def measurement_of_body(
         px_per_m=px_per_m,
         roll=body.roll,
         x0=body.x0,
-        errors=Errors(
+        errors=MeasurementErrors(
             edge=edge * px,
             density=density * px**3,
             ends=math.hypot(upper.stderr, lower.stderr, both_rings * px, axis.length_stderr),

@@ -12,7 +12,7 @@ _STEPS = 3
 
 
 @dataclasses.dataclass(frozen=True)
-class Axis:
+class BodyAxis:
     """The axis of a muscle: straight but for a half sine wave between the tapes.
 
     Attributes:
@@ -70,7 +70,13 @@ class Body:
     """
 
     def __init__(
-        self, axis: Axis, first: float, last: float, y: Array, R: Array, offset: Array | None = None
+        self,
+        axis: BodyAxis,
+        first: float,
+        last: float,
+        y: Array,
+        R: Array,
+        offset: Array | None = None,
     ) -> None:
         self.first, self.last = first, last
         self.y0, self.step = y[0], y[1] - y[0]
@@ -87,7 +93,7 @@ class Body:
         self.cut: tuple[int, Callable[[Array], Array]] | None = None
 
     @classmethod
-    def cylinder(cls, axis: Axis, first: float, last: float, diameter: float) -> "Body":
+    def cylinder(cls, axis: BodyAxis, first: float, last: float, diameter: float) -> "Body":
         """A round tape or rod."""
         y = np.linspace(first, last, 64)
         return cls(axis, first, last, y, np.full(64, diameter / 2))
@@ -154,7 +160,7 @@ class Shoulder:
         outer: radius of the tape [m].
     """
 
-    def __init__(self, axis: Axis, y: float, inner: float, outer: float) -> None:
+    def __init__(self, axis: BodyAxis, y: float, inner: float, outer: float) -> None:
         self.y, self.inner, self.outer = y, inner, outer
         self.first = self.last = y
         self.largest = outer

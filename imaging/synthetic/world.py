@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..camera.pinhole import Camera, turned
-from .bodies import Axis, Body, Hits, Shoulder, unit_vectors
+from .bodies import Body, BodyAxis, Hits, Shoulder, unit_vectors
 from .muscle import MuscleScene, Tape, Weave
 from .scene import Light
 
@@ -35,7 +35,7 @@ class World:
         first = y0 - muscle.length / 2
         last = first + muscle.length
         bow = muscle.bow, muscle.bow_depth
-        self.axis = Axis(muscle.x0, depth, first, muscle.length, *bow)
+        self.axis = BodyAxis(muscle.x0, depth, first, muscle.length, *bow)
         self.y = np.linspace(first, last, _POINTS)
         _, across, _, away = self.axis.at(self.y)
         self.length = float(np.trapezoid(np.sqrt(1 + across**2 + away**2), self.y))

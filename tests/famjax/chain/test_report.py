@@ -17,7 +17,7 @@ import famjax
 from famjax.__main__ import main
 from famjax.chain.folder import SHEET
 from famjax.chain.folder.report.bladder_charts import rising_range
-from famjax.chain.folder.report.chart import Chart, Quantity, Series
+from famjax.chain.folder.report.chart import AxisQuantity, Chart, PlottedSeries
 from famjax.chain.folder.report.states import POWERS, PRESSURE, states_of
 from famjax.chain.folder.report.uncertainty import inflations, ridges
 from fitting import load_bundled, write_csv
@@ -193,8 +193,8 @@ def test_the_stable_range_ends_where_the_stress_falls(
 def test_a_chart_writes_the_numbers_it_shows() -> None:
     x, y = np.array([0.0, 0.1]), np.array([3.0, np.nan])
     chart = Chart(
-        "force", "A force.", Quantity("contraction", "contraction"), Quantity("force", "$F$", "N"),
-        [Series("model", x, y, y - 1, y + 1), Series("measured, one", x, x, marker="o", dash="")],
+        "force", "A force.", AxisQuantity("contraction", "contraction"), AxisQuantity("force", "$F$", "N"),
+        [PlottedSeries("model", x, y, y - 1, y + 1), PlottedSeries("measured, one", x, x, marker="o", dash="")],
     )  # fmt: skip
     assert chart.table() == (
         "series,contraction,force_N,low_95_force_N,high_95_force_N\n"

@@ -12,7 +12,7 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from famjax.boundary.errors import InputError
-from fitting.rubber import Characterisation, characterise_bladder
+from fitting.rubber import BladderCharacterisation, characterise_bladder
 from fitting.rubber.tensile import TensileRecord
 
 LAW = np.array([257.8, -57.9, 32.7])  # psi: the reference work's latex
@@ -67,7 +67,7 @@ NOISY = Truth(noise=0.15, rows=2000, hold=100, seed=3)
 
 
 @pytest.fixture(scope="module")
-def noisy() -> Characterisation:
+def noisy() -> BladderCharacterisation:
     return characterise_bladder(NOISY.record())
 
 
@@ -78,7 +78,7 @@ def test_truth_without_noise_comes_back() -> None:
     assert fit.rmse < 0.01
 
 
-def test_truth_with_noise_comes_back_within_its_errors(noisy: Characterisation) -> None:
+def test_truth_with_noise_comes_back_within_its_errors(noisy: BladderCharacterisation) -> None:
     fit = noisy.fit
     assert fit.coefficients.shape == fit.stderr.shape == (3,)
     np.testing.assert_array_less(abs(fit.coefficients - LAW), SIGMAS * fit.stderr)
@@ -102,7 +102,7 @@ def test_errors_are_those_of_repeated_tests() -> None:
     np.testing.assert_allclose(claimed, scatter, rtol=0.25)
 
 
-def test_mullins_softening_is_found(noisy: Characterisation) -> None:
+def test_mullins_softening_is_found(noisy: BladderCharacterisation) -> None:
     assert noisy.mullins
     assert len(noisy.cycles) == 5
     first, *later = noisy.cycles
@@ -140,7 +140,7 @@ def test_a_rubber_without_softening_is_not_called_soft() -> None:
         assert abs(1 - result.cycles[1].half_ratio) < SIGMAS * result.cycles[1].half_ratio_stderr
 
 
-def test_permanent_set_and_gauge_length(noisy: Characterisation) -> None:
+def test_permanent_set_and_gauge_length(noisy: BladderCharacterisation) -> None:
     for cycle, after in zip(noisy.cycles, NOISY.sets(), strict=True):
         assert abs(cycle.permanent_set - after) < SIGMAS * cycle.permanent_set_stderr
         assert cycle.permanent_set_stderr < 0.01
@@ -192,7 +192,7 @@ def test_chosen_cycles_only() -> None:
     assert later.cycles == (3, 4, 5)
 
 
-def test_material_goes_into_the_model(noisy: Characterisation) -> None:
+def test_material_goes_into_the_model(noisy: BladderCharacterisation) -> None:
     law = noisy.fit.material
     np.testing.assert_allclose(
         law.stress(noisy.fit.strain) - noisy.fit.stress, noisy.fit.residuals, atol=1e-9

@@ -8,9 +8,9 @@ import numpy as np
 import famjax
 from fitting.saved import law_stress
 
-from .chart import Chart, Quantity, Series, Span
+from .chart import AxisQuantity, Chart, PlottedSeries, Span
 from .shape_charts import CONTRACTION
-from .source import COLOURS, DASHES, MINUS, Fitted, Source
+from .source import COLOURS, DASHES, MINUS, FittedGeometry, Source
 from .states import POWERS
 
 _BEYOND = 1.25
@@ -27,7 +27,7 @@ def strain_charts(source: Source) -> list[Chart]:
         charts.append(
             _by_geometry(
                 source, f"hoop-strain-{n}", f"Axial mean of the hoop strain's power {n} {at}.",
-                Quantity(f"mean_hoop_strain_{n}", rf"mean of $\varepsilon_c{power}$"),
+                AxisQuantity(f"mean_hoop_strain_{n}", rf"mean of $\varepsilon_c{power}$"),
                 lambda fit, n=n: fit.states.hoop_powers[n - 1, k],
             )
         )  # fmt: skip
@@ -36,14 +36,14 @@ def strain_charts(source: Source) -> list[Chart]:
             source, "axial-strain",
             f"Axial strain {at}: of the arc length where the shape is measured, of the length in "
             "cylinders.",
-            Quantity("axial_strain", r"axial strain $\varepsilon_z$"),
+            AxisQuantity("axial_strain", r"axial strain $\varepsilon_z$"),
             lambda fit: fit.states.axial_strain[k],
         )
     )  # fmt: skip
     charts.append(
         _by_geometry(
             source, "wall", f"Thickness of the bladder's wall {at}.",
-            Quantity("thickness", "wall $t$", source.unit("length")),
+            AxisQuantity("thickness", "wall $t$", source.unit("length")),
             lambda fit: source.scaled(fit.states.thickness[k], "length"),
         )
     )  # fmt: skip
@@ -54,25 +54,25 @@ def _by_geometry(
     source: Source,
     name: str,
     caption: str,
-    y: Quantity,
-    values: Callable[[Fitted], np.ndarray],
+    y: AxisQuantity,
+    values: Callable[[FittedGeometry], np.ndarray],
 ) -> Chart:
     series = [
-        Series(fit.short, fit.states.contraction, values(fit), colour=COLOURS[geometry],
+        PlottedSeries(fit.short, fit.states.contraction, values(fit), colour=COLOURS[geometry],
                dash=DASHES[geometry], in_legend=name == "hoop-strain-1")
         for geometry, fit in source.fits.items()
     ]  # fmt: skip
     return Chart(name, caption, CONTRACTION, y, series, size="small")
 
 
-def visited(fit: Fitted) -> tuple[float, float]:
+def visited(fit: FittedGeometry) -> tuple[float, float]:
     """Lowest and highest strain of the bladder over the stroke, axial and hoop."""
     states = fit.states
     low = min(0.0, float(np.nanmin(states.axial_strain)))
     return low, float(np.nanmax(states.most_hoop_strain))
 
 
-def stable_range(fit: Fitted) -> tuple[float, float] | None:
+def stable_range(fit: FittedGeometry) -> tuple[float, float] | None:
     """As `rising_range`, of a fit's law a quarter beyond the strains that were visited."""
     return rising_range(fit.saved.muscle.material, *(_BEYOND * end for end in visited(fit)))
 
@@ -113,12 +113,14 @@ def law_charts(source: Source) -> list[Chart]:
         thick = 1.8 if fit is best else 0.8
         colour = COLOURS[geometry]
         series.append(
-            Series(fit.short, strain, np.where(inside, shown, np.nan), colour=colour, width=thick)
+            PlottedSeries(
+                fit.short, strain, np.where(inside, shown, np.nan), colour=colour, width=thick
+            )
         )
         if not inside.all():
             outside = np.where(inside, np.nan, shown)
             series.append(
-                Series(f"{fit.short}, not stable", strain, outside, colour=colour, dash=":",
+                PlottedSeries(f"{fit.short}, not stable", strain, outside, colour=colour, dash=":",
                        in_legend=False, width=thick)
             )  # fmt: skip
     ends = stable_range(best)
@@ -136,7 +138,7 @@ def law_charts(source: Source) -> list[Chart]:
         "law",
         f"The bladder's law: true stress against engineering strain. Shaded are the strains visited "
         f"over the stroke with the {best.title}: axial (left of zero) and hoop. {stable}",
-        Quantity("strain", r"strain $\varepsilon$"), Quantity("stress", r"stress $\sigma$", unit),
+        AxisQuantity("strain", r"strain $\varepsilon$"), AxisQuantity("stress", r"stress $\sigma$", unit),
         series,
         spans=[Span("axial strains", low, 0.0, "#f3e4d8"), Span("hoop strains", 0.0, high, "#dfeaf2")],
         zero=True,
@@ -148,7 +150,7 @@ def _wall_stresses(source: Source) -> Chart:
     k, fit = source.middle, source.best
     c = fit.states.contraction
     series = [
-        Series(label, c, source.scaled(values[k], "stress"), colour=colour)
+        PlottedSeries(label, c, source.scaled(values[k], "stress"), colour=colour)
         for label, values, colour in (
             ("axial", fit.states.axial_stress, "#d55e00"), ("hoop", fit.states.hoop_stress, "#009e73"),
         )
@@ -157,7 +159,7 @@ def _wall_stresses(source: Source) -> Chart:
         "wall-stress",
         f"Axial means of the stresses in the wall over the stroke at "
         f"{source.pressure(source.pressures[k])}, {fit.title}.",
-        CONTRACTION, Quantity("stress", r"mean stress $\sigma$", source.unit("stress")), series,
+        CONTRACTION, AxisQuantity("stress", r"mean stress $\sigma$", source.unit("stress")), series,
         zero=True,
     )  # fmt: skip
 

@@ -32,7 +32,7 @@ left, bottom, width and height: given, as a layout engine draws each figure seve
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity:
+class AxisQuantity:
     """What an axis shows.
 
     Attributes:
@@ -57,7 +57,7 @@ class Quantity:
 
 
 @dataclasses.dataclass(frozen=True)
-class Series:
+class PlottedSeries:
     """Points or a line of a chart, in the units of its axes.
 
     Attributes:
@@ -112,9 +112,9 @@ class Chart:
 
     name: str
     caption: str
-    x: Quantity
-    y: Quantity
-    series: Sequence[Series]
+    x: AxisQuantity
+    y: AxisQuantity
+    series: Sequence[PlottedSeries]
     spans: Sequence[Span] = ()
     zero: bool = False
     from_zero: bool = False

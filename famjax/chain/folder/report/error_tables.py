@@ -4,7 +4,7 @@ import numpy as np
 
 from fitting.saved import PageTable
 
-from .source import MINUS, Fitted, Source
+from .source import MINUS, FittedGeometry, Source
 
 
 def error_tables(source: Source) -> list[PageTable]:
@@ -53,7 +53,7 @@ def _by_pressure(source: Source) -> PageTable:
     )  # fmt: skip
 
 
-def _left_out(fit: Fitted, level: float) -> float | None:
+def _left_out(fit: FittedGeometry, level: float) -> float | None:
     """RMSE [N] at a pressure while it was left out; None where it was not."""
     out = fit.saved.document.get("leave_one_pressure_out")
     if out is None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from fitting.saved.prediction import static_rows
 
-from .chart import Chart, Quantity, Series, shades
+from .chart import AxisQuantity, Chart, PlottedSeries, shades
 from .shape_charts import CONTRACTION
 from .source import COLOURS, DASHES, MINUS, Source
 
@@ -64,9 +64,9 @@ def _actuation(source: Source, model: _Isobars) -> Chart:
         of = (data.pressures.level == level) & data.loaded
         name = source.number(level, "pressure", 3)
         series += [
-            Series(f"model, {name} {unit}", model.contraction, model.force[k], model.low[k],
+            PlottedSeries(f"model, {name} {unit}", model.contraction, model.force[k], model.low[k],
                    model.high[k], colour=colour, in_legend=False, at_end=name),
-            Series(f"measured, {name} {unit}", 1 - data.length[of] / rest,
+            PlottedSeries(f"measured, {name} {unit}", 1 - data.length[of] / rest,
                    source.scaled(data.force[of], "force"), colour=colour, marker="o", dash="",
                    in_legend=False),
         ]  # fmt: skip
@@ -80,7 +80,7 @@ def _actuation(source: Source, model: _Isobars) -> Chart:
         f"Actuation diagram: force against contraction at the gauge pressures written beside the "
         f"curves [{unit}]. Circles are measured (mean of both branches), lines the model with the "
         f"{fit.title}{of}.",
-        CONTRACTION, Quantity("force", "force $F$", source.unit("force")), series, from_zero=True,
+        CONTRACTION, AxisQuantity("force", "force $F$", source.unit("force")), series, from_zero=True,
     )  # fmt: skip
 
 
@@ -97,14 +97,14 @@ def _residuals(source: Source, model: _Isobars) -> Chart:
     middle = model.levels.size // 2
     half = (model.high - model.low)[middle] / 2
     series = [
-        Series(
+        PlottedSeries(
             "95 % of readings", model.contraction, 0 * half, -half, half, colour="0.5", width=0.5
         )
     ]
     for colour, level in zip(shades(levels.size), levels, strict=True):
         of = fit.levels == level
         series.append(
-            Series(
+            PlottedSeries(
                 source.pressure(level), 1 - lengths[of] / rest,
                 source.scaled(fit.residuals[of], "force"), colour=colour, marker="o", dash="",
                 in_legend=levels.size <= 6,
@@ -115,7 +115,7 @@ def _residuals(source: Source, model: _Isobars) -> Chart:
         f"What the model with the {fit.title} leaves: model less measured force against "
         f"contraction, by pressure in the colours of the actuation diagram; shaded the band of the "
         f"diagram at {source.pressure(model.levels[middle])}.",
-        CONTRACTION, Quantity("residual", f"model {MINUS} measured", unit),
+        CONTRACTION, AxisQuantity("residual", f"model {MINUS} measured", unit),
         series, zero=True,
     )  # fmt: skip
 
@@ -125,7 +125,7 @@ def term_charts(source: Source) -> list[Chart]:
     k, unit = source.middle, source.unit("force")
     pressure = source.pressures[k]
     near = np.isclose(source.data.pressures.level, pressure, rtol=0.02) & source.data.loaded
-    measured = Series(
+    measured = PlottedSeries(
         "measured", 1 - source.data.length[near] / source.sheet.specimen.rest_length,
         source.scaled(source.data.force[near], "force"), colour="0.3", marker="o", dash="",
     )  # fmt: skip
@@ -133,7 +133,9 @@ def term_charts(source: Source) -> list[Chart]:
     for name, fit in source.fits.items():
         c = fit.states.contraction
         series = [
-            Series(term, c, source.scaled(values[k], "force"), colour=_TERMS.get(term, "#cc79a7"))
+            PlottedSeries(
+                term, c, source.scaled(values[k], "force"), colour=_TERMS.get(term, "#cc79a7")
+            )
             for term, values in fit.states.terms.items()
         ]
         total = source.scaled(fit.states.force[k], "force")
@@ -142,8 +144,8 @@ def term_charts(source: Source) -> list[Chart]:
                 f"terms-{name}",
                 f"Parts of the force at {source.pressure(pressure)}: {fit.title}.",
                 CONTRACTION,
-                Quantity("force", "force $F$", unit),
-                [*series, Series("sum", c, total, colour="black", dash="--"), measured],
+                AxisQuantity("force", "force $F$", unit),
+                [*series, PlottedSeries("sum", c, total, colour="black", dash="--"), measured],
                 zero=True,
             )
         )
@@ -153,7 +155,7 @@ def term_charts(source: Source) -> list[Chart]:
 def pressure_charts(source: Source) -> list[Chart]:
     """Blocked force and free contraction by pressure with their errors, and RMSE by pressure."""
     charts = []
-    axis = Quantity("pressure", "gauge pressure $P$", source.unit("pressure"))
+    axis = AxisQuantity("pressure", "gauge pressure $P$", source.unit("pressure"))
     P = source.scaled(source.pressures, "pressure")
     for name, title, label, kind, key in (
         ("blocked-force", "Blocked force", "blocked force", "force", "blocked_force_N"),
@@ -165,13 +167,13 @@ def pressure_charts(source: Source) -> list[Chart]:
             found = fit.states.blocked_force if kind == "force" else fit.states.free_contraction()
             style: dict[str, Any] = {"colour": COLOURS[geometry], "dash": DASHES[geometry]}
             if np.isfinite(found).any():
-                lines.append(Series(fit.short, P, source.scaled(found, kind), **style))
+                lines.append(PlottedSeries(fit.short, P, source.scaled(found, kind), **style))
             if seen is not None and np.isfinite(found - seen).any():
                 error = source.scaled(found - seen, kind)
-                errors.append(Series(fit.short, P, error, **style, marker="o"))
+                errors.append(PlottedSeries(fit.short, P, error, **style, marker="o"))
         if seen is not None and np.isfinite(seen).any():
             lines.append(
-                Series(
+                PlottedSeries(
                     "measured", P, source.scaled(seen, kind), colour="black", marker="o", dash=""
                 )
             )
@@ -179,23 +181,23 @@ def pressure_charts(source: Source) -> list[Chart]:
         if lines:
             charts.append(
                 Chart(name, f"{title} by pressure, {points} each geometry.", axis,
-                      Quantity(name.replace("-", "_"), label, unit), lines)
+                      AxisQuantity(name.replace("-", "_"), label, unit), lines)
             )  # fmt: skip
         if errors:
             charts.append(
                 Chart(f"{name}-error", f"{title}: model less measured, by pressure and geometry.",
-                      axis, Quantity("error", f"error of {label}", unit), errors, zero=True)
+                      axis, AxisQuantity("error", f"error of {label}", unit), errors, zero=True)
             )  # fmt: skip
     return [*charts, _rmse(source, axis)]
 
 
-def _rmse(source: Source, axis: Quantity) -> Chart:
+def _rmse(source: Source, axis: AxisQuantity) -> Chart:
     series = []
     for geometry, fit in source.fits.items():
         levels = np.unique(fit.levels)
         of = [float(np.sqrt(np.mean(fit.residuals[fit.levels == one] ** 2))) for one in levels]
         series.append(
-            Series(
+            PlottedSeries(
                 fit.short, source.scaled(levels, "pressure"),
                 source.scaled(np.array(of), "force"), colour=COLOURS[geometry], marker="o",
             )
@@ -203,7 +205,7 @@ def _rmse(source: Source, axis: Quantity) -> Chart:
         out = fit.saved.document.get("leave_one_pressure_out")
         if out is not None:
             series.append(
-                Series(
+                PlottedSeries(
                     f"{fit.short}, left out", source.scaled(np.array(out["left_out"]), "pressure"),
                     source.scaled(np.array(out["group_rmse_N"], float), "force"),
                     colour=COLOURS[geometry], marker="s", dash=":", in_legend=False,
@@ -213,5 +215,5 @@ def _rmse(source: Source, axis: Quantity) -> Chart:
         "rmse-by-pressure",
         "RMSE of the force by pressure and geometry: solid in sample, dotted each pressure while it "
         "was left out of the fit.",
-        axis, Quantity("rmse", "RMSE", source.unit("force")), series, from_zero=True,
+        axis, AxisQuantity("rmse", "RMSE", source.unit("force")), series, from_zero=True,
     )  # fmt: skip

@@ -7,10 +7,10 @@ import numpy as np
 from famjax.boundary.units import factor
 
 from ..evaluation import CYLINDER
-from .chart import Chart, Quantity, Series, shades
+from .chart import AxisQuantity, Chart, PlottedSeries, shades
 from .source import COLOURS, DASHES, Source
 
-CONTRACTION = Quantity("contraction", "contraction $(L_0 - L)/L_0$")
+CONTRACTION = AxisQuantity("contraction", "contraction $(L_0 - L)/L_0$")
 _PROFILES, _CIRCLES = 5, 25
 _BAND = [0.025, 0.975]
 """Quantiles of the draws."""
@@ -39,9 +39,9 @@ def _profiles(source: Source) -> Chart:
         low, high = np.quantile(_at(surface.lengths, surface.draws[:, 0], L), _BAND, axis=0)
         line = (_at(surface.lengths, surface.diameters[0], L), low, high)
         series += [
-            Series(name, source.scaled(x * L, "length"),
+            PlottedSeries(name, source.scaled(x * L, "length"),
                    *(source.scaled(one, "length") for one in line), colour=colour),
-            Series(f"{name}, {Path(pictures.names[k]).name}", source.scaled(x[shown] * L, "length"),
+            PlottedSeries(f"{name}, {Path(pictures.names[k]).name}", source.scaled(x[shown] * L, "length"),
                    source.scaled(pictures.diameter[k, shown], "length"), colour=colour, marker="o",
                    dash="", in_legend=False),
         ]  # fmt: skip
@@ -49,7 +49,7 @@ def _profiles(source: Source) -> Chart:
         "profiles",
         "Braid diameter along the axis at five contractions (numbers in the legend): the measured "
         "surface with its 95 % band, and as circles the picture of that contraction.",
-        Quantity("z", "position $z$", unit), Quantity("diameter", "diameter $D$", unit), series,
+        AxisQuantity("z", "position $z$", unit), AxisQuantity("diameter", "diameter $D$", unit), series,
     )  # fmt: skip
 
 
@@ -77,13 +77,13 @@ def _diameters(source: Source) -> Chart:
         low, high = np.quantile(drawn, _BAND, axis=0)
         shown = (source.scaled(one, "length") for one in (line, low, high))
         series += [
-            Series(f"{label}, pictures", taken, source.scaled(seen, "length"), colour=colour,
+            PlottedSeries(f"{label}, pictures", taken, source.scaled(seen, "length"), colour=colour,
                    marker="o", dash="", in_legend=False),
-            Series(label, c, *shown, colour=colour),
+            PlottedSeries(label, c, *shown, colour=colour),
         ]  # fmt: skip
     states = source.fits[CYLINDER].states
     series.append(
-        Series("cylinder of the triangle", states.contraction,
+        PlottedSeries("cylinder of the triangle", states.contraction,
                source.scaled(states.diameter[source.middle], "length"), colour=COLOURS[CYLINDER],
                dash=DASHES[CYLINDER])
     )  # fmt: skip
@@ -92,7 +92,7 @@ def _diameters(source: Source) -> Chart:
         "Mean and middle diameter of the braid against contraction: circles are pictures, lines the "
         "surface with its 95 % band; dashed the cylinder of the braid's triangle as identified from "
         "the force.",
-        CONTRACTION, Quantity("diameter", "diameter $D$", source.unit("length")), series,
+        CONTRACTION, AxisQuantity("diameter", "diameter $D$", source.unit("length")), series,
     )  # fmt: skip
 
 
@@ -112,16 +112,16 @@ def _volume(source: Source) -> Chart:
     low, high = np.quantile(volume(lengths, surface.draws[:, 0]), _BAND, axis=0)
     states = source.fits[CYLINDER].states
     series = [
-        Series("pictures", 1 - pictures.length / rest, volume(pictures.length, pictures.diameter),
+        PlottedSeries("pictures", 1 - pictures.length / rest, volume(pictures.length, pictures.diameter),
                colour="#0072b2", marker="o", dash="", in_legend=False),
-        Series("measured shape", 1 - surface.lengths / rest,
+        PlottedSeries("measured shape", 1 - surface.lengths / rest,
                volume(surface.lengths, surface.diameters[0]), low, high, colour="#0072b2"),
-        Series("cylinder of the triangle", states.contraction,
+        PlottedSeries("cylinder of the triangle", states.contraction,
                states.volume[source.middle] / scale, colour=COLOURS[CYLINDER], dash=DASHES[CYLINDER]),
     ]  # fmt: skip
     return Chart(
         "volume",
         "Volume within the braid's outline against contraction: circles are pictures, the line the "
         "surface with its 95 % band; dashed the cylinder of the braid's triangle.",
-        CONTRACTION, Quantity("volume", "volume $V$", unit), series,
+        CONTRACTION, AxisQuantity("volume", "volume $V$", unit), series,
     )  # fmt: skip

@@ -38,7 +38,7 @@ _STROKE = 41
 
 
 @dataclasses.dataclass(frozen=True)
-class Fitted:
+class FittedGeometry:
     """One geometry's fit.
 
     Attributes:
@@ -100,7 +100,7 @@ class Source:
     data: ForceData
     isobars: Sequence[dict[str, Any]]
     test: dict[str, Any]
-    fits: dict[str, Fitted]
+    fits: dict[str, FittedGeometry]
     surface: ShapeSurface | None
     pictures: Pictures | None
     shape: dict[str, Any] | None
@@ -117,7 +117,7 @@ class Source:
         return [self.results / name for name in self.names]
 
     @property
-    def best(self) -> Fitted:
+    def best(self) -> FittedGeometry:
         """The fit that the report shows: of the measured shape, where there is one."""
         return self.fits[MEASURED if MEASURED in self.fits else CYLINDER]
 
@@ -164,7 +164,7 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
         if name not in names:
             continue
         saved = fitting.load_fit(results / name / "fit.json")
-        fits[name] = Fitted(
+        fits[name] = FittedGeometry(
             name, saved, _read(results / name / "figures.json"), _readings(data, saved),
             states_of(saved.muscle, pressures, shortest, _STROKE),
         )  # fmt: skip

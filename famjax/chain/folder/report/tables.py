@@ -9,7 +9,7 @@ from fitting.saved import PageTable
 from ..evaluation import PICTURES
 from .bladder_charts import stable_range, visited
 from .chart import printed
-from .source import MINUS, NONE, Fitted, Source, picture_rows
+from .source import MINUS, NONE, FittedGeometry, Source, picture_rows
 
 _ROUNDING = 1e-9
 """Of the largest coefficient."""
@@ -160,7 +160,7 @@ def geometry_tables(source: Source) -> list[PageTable]:
     return [states, law] if ends else [law]
 
 
-def _ends(fits: list[Fitted]) -> list[tuple[str, int]]:
+def _ends(fits: list[FittedGeometry]) -> list[tuple[str, int]]:
     """Two states that every geometry knows: the least and the most contraction of the stroke."""
     known = np.all([np.isfinite(one.states.force).all(axis=0) for one in fits], axis=0)
     which = np.flatnonzero(known)
@@ -168,13 +168,13 @@ def _ends(fits: list[Fitted]) -> list[tuple[str, int]]:
     return [(f"contraction {c[at]:.3f}", int(at)) for at in which[[0, -1]]] if which.size else []
 
 
-def _part(source: Source, fit: Fitted, term: str, at: int) -> str:
+def _part(source: Source, fit: FittedGeometry, term: str, at: int) -> str:
     """A part of the force; none where the geometry's model has no such part."""
     part = fit.states.terms.get(term)
     return NONE if part is None else source.number(float(part[source.middle, at]), "force")
 
 
-def _laws(source: Source, fits: list[Fitted]) -> list[tuple[str, ...]]:
+def _laws(source: Source, fits: list[FittedGeometry]) -> list[tuple[str, ...]]:
     """Identified numbers, what the law is stable on, and errors."""
     stress, force = source.unit("stress"), source.unit("force")
     names = dict.fromkeys(name for one in fits for name in one.figures["values"])
@@ -193,7 +193,7 @@ def _laws(source: Source, fits: list[Fitted]) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def _identified(source: Source, fit: Fitted, name: str, kind: str) -> str:
+def _identified(source: Source, fit: FittedGeometry, name: str, kind: str) -> str:
     """A number that was sought; none where it was held, or the geometry has none such."""
     entry = fit.saved.document["parameters"].get(name, {"fixed": True})
     if entry["fixed"]:
@@ -202,7 +202,7 @@ def _identified(source: Source, fit: Fitted, name: str, kind: str) -> str:
     return f"{text} (at a bound)" if entry["at_bound"] else text
 
 
-def _margin(source: Source, fit: Fitted) -> str:
+def _margin(source: Source, fit: FittedGeometry) -> str:
     """The stability margin; that of an active constraint is zero but for rounding."""
     margin = fit.saved.document["stability_margin_Pa"]
     largest = float(np.abs(fit.saved.document["coefficients_Pa"]).max(initial=0.0))
@@ -217,7 +217,7 @@ def _between(ends: tuple[float, float] | None) -> str:
     return f"{ends[0]:.3g} to {ends[1]:.3g}".replace("-", MINUS)
 
 
-def parameter_unit(source: Source, fits: list[Fitted], name: str) -> tuple[str, str]:
+def parameter_unit(source: Source, fits: list[FittedGeometry], name: str) -> tuple[str, str]:
     """Kind of an identified number, and its unit in the report."""
     kinds: dict[str, str] = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
     for one in fits:
