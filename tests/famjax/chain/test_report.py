@@ -194,7 +194,8 @@ def test_a_chart_writes_the_numbers_it_shows() -> None:
     x, y = np.array([0.0, 0.1]), np.array([3.0, np.nan])
     chart = Chart(
         "force", "A force.", AxisQuantity("contraction", "contraction"), AxisQuantity("force", "$F$", "N"),
-        [PlottedSeries("model", x, y, y - 1, y + 1), PlottedSeries("measured, one", x, x, marker="o", dash="")],
+        [PlottedSeries("model", x, y, y - 1, y + 1),
+         PlottedSeries("measured, one", x, x, marker="o", dash="")],
     )  # fmt: skip
     assert chart.table() == (
         "series,contraction,force_N,low_95_force_N,high_95_force_N\n"
