@@ -9,6 +9,9 @@ from famjax.boundary.sentence import Quantity, Sentence
 
 from .saved_fit import SavedFit
 
+_FARTHEST = 3.4
+"""Times as long, of the muscles with which predictions from one specimen were tried: 83 and 281 mm."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Reach:
@@ -18,7 +21,9 @@ class Reach:
         rest_length: of the muscle that is asked for [m].
         ratios: lowest and highest length in parts of the rest length.
         pressures: lowest and highest gauge pressure [Pa].
-        rest_lengths: shortest and longest of the specimens of the fit [m].
+        rest_lengths: shortest and longest of the specimens of the fit [m]; of one specimen, those
+            that are not too far from its own.
+        whose: what they are, in words.
         thread_length: active length [m] at which the unloaded threads are straight, nan without
             a braid.
         lock: active length [m] at the neutral angle, nan without a braid.
@@ -28,6 +33,7 @@ class Reach:
     ratios: tuple[float, float]
     pressures: tuple[float, float]
     rest_lengths: tuple[float, float]
+    whose: str
     thread_length: float
     lock: float
 
@@ -52,7 +58,7 @@ class Reach:
              Sentence("the length is beyond the measured ", _of(low), " to ", _of(high))),
             (not shortest <= self.rest_length <= longest,
              Sentence(
-                 "the rest length is beyond the specimens' ", _of(shortest), " to ", _of(longest))),
+                 f"the rest length is beyond {self.whose} ", _of(shortest), " to ", _of(longest))),
             (none, "there the muscle has neither a force nor an onset"),
             (not lowest <= pressure <= highest,
              Sentence(
@@ -78,10 +84,11 @@ def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
     asked = fitted if rest_length is None else rest_length
     if series is not None:
         ratios, pressures = series["length_ratios"], series["pressures_Pa"]
-        rest = series["rest_lengths_m"]
+        rest, whose = series["rest_lengths_m"], "the specimens'"
     else:
         ratios, pressures = np.array(readings["length_m"]) / fitted, readings["pressure_Pa"]
-        rest = (asked,)
+        rest = (fitted / _FARTHEST, fitted * _FARTHEST)
+        whose = f"{_FARTHEST:g} times the specimen's either way, as far as was tried:"
     muscle = fit.muscle if rest_length is None else famjax.cut_to_length(fit.muscle, rest_length)
     lock, thread = (float(at) for at in muscle.geometry.braid_limits())
     return Reach(
@@ -89,6 +96,7 @@ def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
         ratios=(min(ratios), max(ratios)),
         pressures=(min(pressures), max(pressures)),
         rest_lengths=(min(rest), max(rest)),
+        whose=whose,
         thread_length=thread,
         lock=lock,
     )

@@ -126,6 +126,19 @@ def test_why_a_state_is_not_inside(factor: float) -> None:
     assert "beyond the thread's" in onset["outside"]
 
 
+def test_a_muscle_much_longer_or_shorter_than_the_one_specimen_is_not_inside() -> None:
+    fit = saved(muscle(40e3))
+    for rest_length, near in ((0.1, True), (0.9, True), (0.08, False), (1.1, False)):
+        at = np.array([0.9 * rest_length])
+        (row,) = predict(fit, at, np.array([3e5]), rest_length=rest_length)
+        assert row["inside"] is near
+        if not near:
+            assert row["outside"] == (
+                "the rest length is beyond 3.4 times the specimen's either way, as far as was tried: "
+                "87.06 mm to 1006 mm"
+            )
+
+
 def _numbers(one: famjax.Muscle) -> int:
     return 1 + sum(np.size(leaf) for leaf in jax.tree.leaves(one))
 
