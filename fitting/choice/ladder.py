@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data.force_data import ForceData
+from ..data.force_data import ForceData, check_maps
 from ..families.laws import Law, law_named
 from ..families.parameters import Parameter
 
@@ -112,6 +112,7 @@ def ladder(
     Returns:
         (the candidates, in the order of the ladder; one sentence for each kind of family left out).
     """
+    check_maps(data)
     said = _Said(dict(bounds or {}), dict(parameters or {}))
     loaded = data.loaded
     lengths = np.unique(data.lengths.level[loaded]).size

@@ -13,7 +13,7 @@ from famjax import peers
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, can_travel, run_tasks
 
-from ..data.force_data import ForceData
+from ..data.force_data import ForceData, check_maps
 from ..data.frames import data_frame, html_table
 from .cross_validation import (
     CrossValidation,
@@ -123,6 +123,7 @@ def compare(
         InputError: an unknown name, a map with one pressure or one length only, the folder of
             another comparison, or the executor is gone.
     """
+    check_maps(data)
     check_seed(seed)
     if starts < 1:
         raise InputError(f"at least one start is needed, got {starts}")

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -313,6 +314,21 @@ class ForceData:
         if self.force_limit is not None:
             digest.update(f"force_limit {self.force_limit!r}".encode())
         return digest.hexdigest()
+
+
+def check_maps(*data: object) -> None:
+    """Refuse what is no force map, such as a file that has not been read.
+
+    Raises:
+        InputError: one of them is none.
+    """
+    for one in data:
+        if not isinstance(one, ForceData):
+            shown = repr(one) if isinstance(one, str | Path) else f"a {type(one).__name__}"
+            raise InputError(
+                f"a force map must be a fitting.ForceData, got {shown}: fitting.read_csv(path) reads a "
+                "file, fitting.load_bundled(name) a bundled map"
+            )
 
 
 COLUMNS = {

@@ -10,7 +10,7 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.errors import InputError
 
-from ..data.force_data import ForceData
+from ..data.force_data import ForceData, check_maps
 from ..engine.problem import Problem
 from ..engine.response import Constraint, PressureDependence
 from ..families.geometry_source import (
@@ -89,6 +89,7 @@ def pose_one(
         InputError: the data cannot support the fit, with the reason.
         RuntimeError: float64 is off.
     """
+    check_maps(data)
     given, chosen = dict(bounds or {}), law_named(law, order)
     named = {**given, **(parameters or {})}
     source = source_of(data, geometry, tuple(named))
@@ -123,6 +124,7 @@ def pose_together(
         InputError: the data cannot support the fit, with the reason.
         RuntimeError: float64 is off.
     """
+    check_maps(*data)
     names = [one.specimen.name for one in data]
     if len(set(names)) < len(names) or not names:
         raise InputError(f"specimens identified together need different names, got {names}")

@@ -16,7 +16,7 @@ from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 
 from ..convex.status import Status
-from ..data.force_data import ForceData
+from ..data.force_data import ForceData, check_maps
 from .design import Design
 from .fits import solve
 from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
@@ -89,7 +89,8 @@ def sweep(
             "a sweep needs float64, and JAX computes in float32 by default. Put this line before "
             'any other use of JAX: jax.config.update("jax_enable_x64", True)'
         )
-    maps = (data,) if isinstance(data, ForceData) else tuple(data)
+    maps = (data,) if isinstance(data, ForceData | str | Path) else tuple(data)
+    check_maps(*maps)
     geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
     deadbands = _one_each(deadband, int | float, len(maps), "deadband")
     forms = Forms.of(orders, dependences, constraints)

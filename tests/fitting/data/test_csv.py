@@ -2,6 +2,8 @@
 
 import io
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -300,3 +302,24 @@ def test_a_misspelt_key_of_the_specimen_has_a_hint(key: str, near: str) -> None:
 def test_a_bore_that_holds_no_bladder_names_bore_and_wall() -> None:
     with pytest.raises(InputError, match="check wall_thickness and nominal_diameter"):
         Specimen("a", 0.25, 1.8e-3, bladder_diameter=3e-3)
+
+
+@pytest.mark.slow
+def test_a_file_that_has_not_been_read_is_no_map() -> None:
+    """In a process whose annotations are not checked, as a user's."""
+    script = """if True:
+        import jax, fitting
+        jax.config.update("jax_enable_x64", True)
+        together = lambda one: fitting.identify_together([one])
+        swept = lambda one: fitting.sweep(one, None)
+        for use in fitting.identify, fitting.choose, swept, fitting.compare, together:
+            try:
+                use("map.csv")
+            except fitting.InputError as error:
+                print(error)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    said = "a force map must be a fitting.ForceData, got 'map.csv': fitting.read_csv(path) reads a file"
+    assert [line.startswith(said) for line in done.stdout.splitlines()] == [True] * 5
