@@ -204,6 +204,7 @@ def test_stretch_by_its_closed_form(computed: dict, table: str, stiffness: float
         assert computed[table, f"{label}B without stretch, {P} psi"] == B0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_terms_add_up(computed: dict, geometry: str) -> None:
     for P in PRESSURES:

@@ -382,6 +382,7 @@ def test_stiff_threads_are_the_inelastic_braid() -> None:
     )
 
 
+@pytest.mark.slow
 def test_stiffness_and_its_derivatives_match_differences(elastic: famjax.Muscle) -> None:
     """First order by grad through the solve, second order by grad and by jvp of that grad."""
     h = 1e-3

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from famjax.cards import write_card
 from famjax.muscles import bundled_card
 
@@ -16,6 +18,7 @@ def start(*arguments: object, **streams: object) -> subprocess.Popen:
     return subprocess.Popen(command, env=environment, **streams)  # type: ignore[call-overload]
 
 
+@pytest.mark.slow
 def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_end(tmp_path: Path) -> None:
     card = dataclasses.replace(bundled_card("DMSP-10"), name="M\u00fcller \u2116 7")
     path = write_card(card, tmp_path / "card.json")

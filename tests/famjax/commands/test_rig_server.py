@@ -87,6 +87,7 @@ def test_a_tcp_host_that_hangs_up_may_call_again() -> None:
         host.port.close()
 
 
+@pytest.mark.slow
 def test_a_frozen_bridge_is_silent_and_thaws() -> None:
     with RigServer(SimulatedRig(), "tcp") as server:
         host = Host(server.address)

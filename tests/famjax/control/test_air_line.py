@@ -89,6 +89,7 @@ def test_pressure_is_the_inverse_of_time() -> None:
     np.testing.assert_allclose(back.pressure, P, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_muscle_that_swells_takes_longer_than_one_that_is_held(festo: famjax.Muscle) -> None:
     moving, start = HeldLoad(festo, 200.0), 1.6e5
     length = festo.length_at_load(200.0, start)

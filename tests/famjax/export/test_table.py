@@ -15,6 +15,7 @@ from famjax.boundary.errors import InputError
 from famjax.export import Subject, TabulatedPull, tabulated
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["subject", "dmsp_20"])
 def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest) -> None:
     subject = request.getfixturevalue(name)

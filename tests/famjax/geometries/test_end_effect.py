@@ -112,6 +112,7 @@ def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
         assert np.isnan(muscle.onset_pressure(1.02 * L0, 2e6, throw=False))
 
 
+@pytest.mark.slow
 def test_monotone_law_is_its_modulus_integrated() -> None:
     knots, moduli = (0.0, 0.05, 0.2), np.array([6e6, 2e6, 4e6])
     law = famjax.materials.MonotoneMaterial(knots, moduli)

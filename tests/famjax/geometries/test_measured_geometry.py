@@ -142,6 +142,7 @@ def test_cylinders_measured_are_cylinders(average: AverageDiameterGeometry) -> N
     np.testing.assert_allclose(measured.hoop_strain, mid[:, None] * np.ones(64), rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_embedded_bladder_lies_on_the_profile(family: MeasuredFamily) -> None:
     bladder = Bladder(L0, 0.875, 0.0625, embedded=True)
     at = MeasuredGeometry(family, bladder).dimensions(7.5, 100.0)
@@ -200,6 +201,7 @@ def test_derivative_of_free_contraction_in_the_law(measured_family: About) -> No
     np.testing.assert_allclose(by_ad, numeric, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_no_pressure_and_rest_are_harmless(
     geometry: MeasuredGeometry | AverageDiameterGeometry,
 ) -> None:

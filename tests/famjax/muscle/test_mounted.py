@@ -47,6 +47,7 @@ def test_near_no_force_every_rig_is_linear() -> None:
     assert slope[0] == pytest.approx(C * (LINEAR_BELOW / SEATING_FORCE) ** -0.6, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_of_what_gives_way() -> None:
     """In force, compliance and exponent, to the second order."""
     for force in (0.03, 0.5, 60.0):
@@ -67,6 +68,7 @@ def test_a_mounted_muscle_balances(muscle: famjax.Muscle, exponent: float | None
         np.testing.assert_allclose(force, famjax.MountedMuscle(muscle, C).force(x, P), rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_muscle_in_such_a_rig(muscle: famjax.Muscle) -> None:
     """In length, pressure, compliance and exponent, through the implicit solve."""
 

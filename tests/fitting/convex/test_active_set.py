@@ -111,6 +111,7 @@ def test_second_derivative_at_an_active_constraint() -> None:
     assert float(jax.jit(jax.grad(jax.grad(distance)))(angle)) == pytest.approx(second, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_a_batch_is_differentiated_through_its_chunks() -> None:
     G, h, centre, J = (jnp.asarray(part) for part in rising_cubics(2))
 

@@ -81,6 +81,7 @@ def test_too_few_rows_is_refused() -> None:
         solve_qp(np.ones((1, 2)), np.ones(1), np.zeros((0, 2)), np.zeros(0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_derivatives_hold_at_active_constraints(seed: int) -> None:
     rng = np.random.default_rng(seed)

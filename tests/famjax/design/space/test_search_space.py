@@ -167,6 +167,7 @@ def test_the_table_is_an_even_choice():
         assert abs(np.mean(found.sample[name]) - np.mean(every)) < 4 * error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("made_to_order", [False, True])
 def test_refined_designs_keep_to_everything_and_are_better(made_to_order):
     catalogue = load_catalogue()
