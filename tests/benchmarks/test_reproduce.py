@@ -224,6 +224,7 @@ def test_terms_add_up(computed: dict, geometry: str) -> None:
         assert abs(largest) >= abs(computed["6.8", f"{at} bladder force at rest"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_mean_absolute_errors_are_means_of_the_rows(computed: dict, geometry: str) -> None:
     for table, what, unit in (("6.11", "blocked force", " lbf"), ("6.12", "free contraction", "")):
@@ -249,6 +250,7 @@ def test_mean_absolute_differences_over_contraction(loaded: ModuleType, computed
     assert mean == pytest.approx(np.abs(one - measured).mean(), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("table", "stiffness"), [("5.2", 1.0), ("5, soft braid", 0.1)])
 def test_changes_by_the_elastic_braid_by_its_closed_form(
     computed: dict, table: str, stiffness: float
