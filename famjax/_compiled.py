@@ -32,7 +32,8 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 def compiled_method(method: _Method) -> _Method:
     """The method of a module, one program where it is called outside of a trace.
 
-    Operation by operation its first call would compile one for each, in three to five times the time.
+    Operation by operation, its first call would compile a program for each and take up to four times as
+    long.
     Within a trace it is the method itself.
 
     Args:

@@ -77,6 +77,7 @@ FORMULAS = {
     ]
 }
 EXACT = 1e-13  # a few roundings in float64
+DIFFERENCE = 1e-6  # central ones with a step of 1e-4, of functions of order one
 SINGLE = 2e-5  # a few roundings in float32, amplified by one subtraction
 
 
@@ -126,9 +127,9 @@ def test_derivatives_match_finite_differences(formula: Formula) -> None:
         )
 
     forward, reverse, slope, second, curvature = derivatives(jnp.ones(size.size))
-    np.testing.assert_allclose(forward, slope, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(reverse, slope, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(second, curvature, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(forward, slope, rtol=DIFFERENCE, atol=DIFFERENCE)
+    np.testing.assert_allclose(reverse, slope, rtol=DIFFERENCE, atol=DIFFERENCE)
+    np.testing.assert_allclose(second, curvature, rtol=DIFFERENCE, atol=DIFFERENCE)
 
 
 def test_float32_in_float32_out(formula: Formula) -> None:

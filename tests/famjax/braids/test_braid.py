@@ -80,4 +80,4 @@ def test_angle_from_the_slope_of_blocked_force(angle: float) -> None:
     both = jnp.stack([P, P])
     forces = jnp.stack([muscle.blocked_force(P), -2 * P * jnp.pi * 0.0236**2])
     batch = famjax.braids.braid_angle_from_blocked_force(both, forces, 0.0236)
-    np.testing.assert_allclose(batch, [found, np.nan], rtol=1e-14)
+    np.testing.assert_allclose(batch, [found, np.nan], rtol=1e-14)  # roundings
