@@ -4,19 +4,15 @@ import gc
 import io
 import os
 import re
-import select
 import sys
 import warnings
 from itertools import pairwise
 from typing import Any
 
-from .commands.stopping import STOPPED, end_at_interrupts, farewell
+from .commands.stopping import NO_READER, STOPPED, end_at_interrupts, farewell, reader_has_left
 
 # jaxlib on few cores can hang when two threads run batched LAPACK at once; this must be set first.
 os.environ.setdefault("PJRT_NPROC", "16")
-
-NO_READER = 141
-"""As a process that SIGPIPE ends."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -36,7 +32,7 @@ def main(arguments: list[str] | None = None) -> None:
         if arguments is None:
             sys.stdout.flush()
     except BrokenPipeError:
-        if arguments is not None or not _reader_has_left():
+        if arguments is not None or not reader_has_left():
             raise
         code = NO_READER
     if arguments is None:
@@ -50,17 +46,6 @@ def _print_what_the_terminal_lacks() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-def _reader_has_left() -> bool:
-    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
-    out = sys.stdout.fileno()
-    state = select.poll()
-    state.register(out, select.POLLOUT)
-    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
-        return False
-    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
-    return True
 
 
 def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:

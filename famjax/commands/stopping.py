@@ -1,16 +1,20 @@
-"""What Ctrl-C does to a command: it says what is left behind, and ends with 130.
+"""What ends a command early: Ctrl-C, which says what is left behind, with 130; no reader, with 141.
 
 An interrupt raised as an exception is lost in the callbacks of JAX, and aborts the process in the
 import of a compiled module. A command that has nothing to undo ends without one.
 """
 
 import os
+import select
 import signal
 import sys
 from collections.abc import Sequence
 from types import FrameType
 
 STOPPED = 130
+NO_READER = 141
+"""As a process that SIGPIPE ends."""
+
 _UNDO = ("measure", "rig")
 """Commands that end by themselves: pictures under way are finished, a rig is vented."""
 
@@ -45,3 +49,14 @@ def end_at_interrupts(arguments: Sequence[str]) -> None:
         os._exit(STOPPED)
 
     signal.signal(signal.SIGINT, end)
+
+
+def reader_has_left() -> bool:
+    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
+    out = sys.stdout.fileno()
+    state = select.poll()
+    state.register(out, select.POLLOUT)
+    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
+    return True
