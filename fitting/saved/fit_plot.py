@@ -18,6 +18,8 @@ from ..trace.in_numpy import in_numpy
 
 _COLOURS = mpl.colormaps["viridis"]
 _BEYOND = 1.25  # the law is drawn to this multiple of the strain range
+_CURVES = 24  # of the model at most: a map may have as many pressures as readings
+_SINGLE = 500  # readings that a page has one by one; more are a picture in it
 
 
 def plot_fit(result: Identification, system: str = "metric") -> Figure:
@@ -91,6 +93,8 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     rest = data.specimen.rest_length
     lengths, loaded = np.linspace(data.length.min(), data.length.max(), 200), data.loaded
     levels = np.unique(data.pressures.level[loaded])
+    shown = np.linspace(0, levels.size - 1, min(levels.size, _CURVES)).round().astype(int)
+    levels = levels[shown]
     for level, force in zip(levels, result.predict(lengths, levels[:, None]), strict=True):
         axes.plot(
             1 - lengths / rest,
@@ -108,6 +112,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
         edgecolors="black",
         linewidths=0.4,
         zorder=3,
+        rasterized=data.force.size > _SINGLE,
     )
     axes.plot([], [], "o", mfc="white", mec="black", ms=4.5, label="measured")
     axes.plot([], [], color="0.4", lw=1, label="model")
@@ -143,6 +148,7 @@ def plot_residuals(
         norm=shade,
         cmap=_COLOURS,
         s=14,
+        rasterized=data.force.size > _SINGLE,
     )
     axes.set(xlabel="contraction", ylabel=f"model - measured, {unit}")
     axes.xaxis.set_major_locator(MaxNLocator(5))
