@@ -13,6 +13,7 @@ import famjax
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..data.force_data import ForceData
+from ..data.levels import groups_of_levels
 from ..evidence.left_out import LeftOut, levels_of_groups
 from ..trace import run_fits
 from .choose import Choice, choose
@@ -74,9 +75,8 @@ def validate_choice(
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
     levels = data.levels(groups)[data.loaded]
-    single, place = np.unique(levels, return_inverse=True)
-    count = min(single.size, _MOST)
-    group = place * count // single.size
+    group = groups_of_levels(levels, np.unique(levels), _MOST)
+    count = int(group.max()) + 1
     settings = {
         "version": famjax.__version__,
         "data": data.sha256,

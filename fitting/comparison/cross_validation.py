@@ -30,7 +30,8 @@ class GroupError:
     """How well one group of readings was predicted from the others.
 
     Attributes:
-        group: pressure [Pa], length [m] or name of the specimen.
+        group: pressure [Pa], length [m] or name of the specimen; the middle of neighbours that were
+            left out together, as those of more than 40 are.
         n_readings: loaded readings in it.
         rmse, max_error: root mean square and largest error [N].
     """
@@ -101,7 +102,7 @@ def cross_validate(
         return _without_specimens(cast(PooledFitAndPredict, fit_and_predict), data)
     if not isinstance(data, ForceData):
         raise InputError(f"to leave out a {groups}, give one force map, not a sequence")
-    labels = data.levels(groups)
+    labels = data.left_out_as(groups)
     check_groups(data, groups)
     predicted = np.full(data.force.size, math.nan)
     for group in np.unique(labels[data.loaded]):
@@ -129,7 +130,7 @@ def held_out_errors(
 ) -> CrossValidation:
     """The summary of predictions [N] of the loaded readings, each without its own group."""
     loaded = data.loaded
-    labels, force = data.levels(groups)[loaded], data.force[loaded]
+    labels, force = data.left_out_as(groups)[loaded], data.force[loaded]
     levels = np.unique(labels)
     interior = (labels > levels[0]) & (labels < levels[-1])
     error = predicted - force

@@ -240,7 +240,7 @@ class _HeldOut:
             if groups not in {"pressure", "length"}:
                 raise InputError(f"a peer is cross-validated by pressure or length, got {groups!r}")
             check_groups(data, groups)
-        labels = [data.levels(groups)[data.loaded] for groups in kinds]
+        labels = [data.left_out_as(groups)[data.loaded] for groups in kinds]
         held = [label == level for label in labels for level in np.unique(label)]
         problems = [problem.with_readings(factor=1.0 * ~out) for out in held]
         return cls(data, kinds, labels, problems)

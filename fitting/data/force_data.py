@@ -14,7 +14,7 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.units import factor, unit_system
 
 from .frames import data_frame, data_set, html_table
-from .levels import Levels, levels_of
+from .levels import Levels, groups_of_levels, levels_of
 
 if TYPE_CHECKING:
     import pandas
@@ -253,6 +253,16 @@ class ForceData:
     def levels(self, kind: str) -> Float[np.ndarray, " n"]:
         """The "pressure" [Pa] or "length" [m] level of every reading."""
         return {"pressure": self.pressures, "length": self.lengths}[kind].level
+
+    def left_out_as(self, kind: str) -> Float[np.ndarray, " n"]:
+        """What is left out with each reading: its level, or the middle of it and its neighbours.
+
+        Levels are left out one by one, but many of them (see `MOST_APART`) in groups of neighbours.
+        """
+        level = self.levels(kind)
+        group = groups_of_levels(level, np.unique(level[self.loaded]))
+        middle = np.array([np.median(np.unique(level[group == k])) for k in range(group.max() + 1)])
+        return np.where(group < 0, level, middle[group])
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:

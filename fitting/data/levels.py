@@ -12,6 +12,8 @@ _CLEAR = 8.0  # times wider is the narrowest gap between levels than the widest 
 _WITHIN = 0.02  # of the whole range: the widest gap within a level that is taken without asking
 _FINEST = 1e-4  # of the whole range: narrower gaps are all alike
 _SHARED = 1.5  # readings for each level that was found: fewer, and it is chance
+MOST_APART = 40
+"""Levels at most that are left out one by one; more of them in so many groups of neighbours."""
 _NOMINAL = 2.0  # readings for each value: values that repeat exactly are nominal
 _FRACTION = 0.75  # of the readings alone on their level: no levels are to be seen
 
@@ -140,3 +142,18 @@ def _found(distinct: Float[np.ndarray, " k"], readings: int) -> float:
 
 def _shown(value: float, what: str) -> str:
     return Quantity(value, what).in_units("metric")
+
+
+def groups_of_levels(
+    level: Float[np.ndarray, " n"], values: Float[np.ndarray, " levels"], groups: int | None = None
+) -> Int[np.ndarray, " n"]:
+    """In which group of neighbouring levels each reading is left out; -1 at none of the levels.
+
+    Args:
+        level: of each reading.
+        values: levels to be left out, ascending.
+        groups: their number; each level by itself unless given, as far as `MOST_APART` of them.
+    """
+    count = min(groups or MOST_APART, values.size)
+    group = np.searchsorted(values, level) * count // values.size
+    return np.where(np.isin(level, values), group, -1)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..data.levels import groups_of_levels
 from ..engine.problem import Problem
 from ..search.multi_start import latin_hypercube
 from .refit import refit
@@ -75,8 +76,8 @@ def leave_out_each(
     Args:
         fits: what was fitted, and its optimum in the unit box, from which every refit starts.
         kinds: "pressure", "length" or "specimen"; in how many groups neighbouring levels are left out
-            together, each alone with None, and the descents of each refit, the one from the optimum
-            among them.
+            together, each alone with None (as far as `MOST_APART`), and the descents of each refit, the
+            one from the optimum among them.
         seed: of the other starts.
         settled: whether each refit goes on to its last digit, as where families are all but alike.
         least: levels of a kind that say something of one another.
@@ -153,10 +154,7 @@ def group_of_each(
     values = np.unique(level[problem.side == 0])
     if values.size < (2 if kind == "specimen" else least):
         return None
-    count = values.size if groups is None else min(groups, values.size)
-    group = np.searchsorted(values, level) * count // values.size
-    group[~np.isin(level, values)] = -1
-    return group
+    return groups_of_levels(level, values, groups)
 
 
 def levels_of_groups(

@@ -10,6 +10,8 @@ from famjax.boundary.errors import InputError
 from ..data.force_data import ForceData
 from ..search.build import path_end_at
 
+_PRESSURES = 200  # of a map at most: 4 GB, which grow with the square of them
+
 
 @dataclasses.dataclass(frozen=True)
 class Readings:
@@ -46,11 +48,19 @@ def arrange(data: ForceData, rest_length: float, order: int) -> Readings:
         order: highest of the law.
 
     Raises:
-        InputError: a pressure has no loaded reading that is shorter than the rest length.
+        InputError: a pressure has no loaded reading that is shorter than the rest length, or there
+            are more than 200 pressures.
     """
     loaded = data.loaded
     pressure = data.pressures.level
     levels = np.unique(pressure[loaded])
+    if levels.size > _PRESSURES:
+        raise InputError(
+            f"a sweep follows the path of each pressure, and takes {_PRESSURES} pressures at most; "
+            f"the map has {levels.size}. Interpolate the readings to some pressures, or say which of "
+            "them are one, by a line of the file such as `# level: pressure_tolerance_kPa = 5`; one "
+            "law is fitted to all of the readings by `famjax fit` and `fitting.identify`"
+        )
     at = [np.flatnonzero(loaded & (pressure == level)) for level in levels]
     size = max(order + 1, *(indices.size for indices in at))
     padded = np.stack([np.pad(indices, (0, size - indices.size), mode="edge") for indices in at])

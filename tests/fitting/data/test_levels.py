@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from fitting import ForceData, InputError, Specimen
+from fitting import ForceData, InputError, Specimen, load_bundled
 from fitting.comparison import cross_validate
 from fitting.data import levels_of
+from fitting.data.levels import MOST_APART, groups_of_levels
 from fitting.families.laws import law_named
 from fitting.families.parameters import complete_table
 from fitting.search.checks import check_count
@@ -160,3 +161,26 @@ def test_a_part_keeps_its_levels_and_every_column() -> None:
     np.testing.assert_array_equal(part.pressures.level, data.pressures.level[2:])
     with pytest.raises(InputError, match="nothing to fit"):
         data.part(data.pressure > 1e6)
+
+
+def test_levels_are_left_out_one_by_one_and_many_of_them_with_their_neighbours() -> None:
+    few = np.array([3.0, 1.0, 2.0, 2.0, 9.0])
+    assert groups_of_levels(few, np.array([1.0, 2.0, 3.0])).tolist() == [2, 0, 1, 1, -1]
+    many = np.random.default_rng(0).permutation(1000.0 + np.arange(400))
+    group = groups_of_levels(many, np.unique(many))
+    assert np.bincount(group).tolist() == [10] * MOST_APART
+    assert (np.diff(group[np.argsort(many)]) >= 0).all()
+
+
+def test_a_map_says_what_is_left_out_with_each_reading() -> None:
+    bundled = load_bundled("DMSP-20-300")
+    assert (bundled.left_out_as("pressure") == bundled.levels("pressure")).all()
+    rng = np.random.default_rng(1)
+    away = rng.uniform(0.24, 0.29, 300)
+    data = ForceData(
+        force=rng.uniform(10, 900, 300), pressure=rng.uniform(1e5, 5e5, 300), length=away,
+        specimen=SPECIMEN,
+    )  # fmt: skip
+    middles, count = np.unique(data.left_out_as("length"), return_counts=True)
+    assert middles.size == MOST_APART
+    assert set(count) == {7, 8}
