@@ -79,7 +79,8 @@ def _run(arguments: list[str]) -> int:
         )
     except CycloptsError as error:
         hint = _of_a_minus_sign(arguments, str(error))
-        print(f"famjax: {error}{hint}\nTry 'famjax --help'.", file=sys.stderr)
+        ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
+        print(f"famjax: {error}{hint}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:
         print(f"famjax: {error}", file=sys.stderr)

@@ -31,6 +31,11 @@ def test_what_is_left_of_a_stopped_command() -> None:
             ("predict", "MAP", "--length", "270mm", "--pressure", "-3bar"),
             "A value with a minus sign is written --pressure=-3bar",
         ),
+        (
+            ("fit", "--rest-length", "300mm"),
+            "Unknown option: --rest-length. Try 'famjax fit --help'",
+        ),
+        (("rig", "simulat"), "Try 'famjax rig --help'"),
         (("series", "MAP"), "predict --rest-length"),
         (
             ("export", "DMSP-10", "--to", "csv", "--tendon-offset", "5mm"),
