@@ -1,4 +1,4 @@
-"""Faults of some readings only: outliers, and one length that is off."""
+"""Faults of some readings only: a full load cell, outliers, and one length that is off."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,6 +12,8 @@ from .trial import Trial, attempt, richest
 Explanation = tuple[str, float]
 """What is wrong, and the misfit without it in parts of the largest force."""
 
+_SHARED = 2e-3  # of the largest force: readings that stand at one limit, and its noise
+_FEWEST_SHARED, _MOST_SHARED = 3, 0.5  # readings at a limit, and part of all
 _OUTLYING = 5.0  # robust standard deviations
 _MOST = 0.25  # of the readings may be outliers
 _OF_A_LENGTH = 0.6  # of the readings of one length are no outliers
@@ -36,6 +38,30 @@ def errors_of(trial: Trial, data: ForceData) -> Float[np.ndarray, " loaded"]:
     loaded = data.loaded
     found = trial.predict(data.length[loaded], data.pressure[loaded]) - data.force[loaded]
     return np.where(np.isfinite(found), found, np.inf)
+
+
+def at_a_limit(data: ForceData) -> Explanation | None:
+    """Readings that share the largest force, where a fit of the others pulls harder: a full load cell."""
+    force = data.force[data.loaded]
+    limit = float(force.max())
+    full = force >= (1 - _SHARED) * limit
+    if not _FEWEST_SHARED <= full.sum() <= _MOST_SHARED * full.size:
+        return None
+    trial = attempt(kept_only(data, ~full), richest(data))
+    if trial is None:
+        return None
+    errors = errors_of(trial, data)
+    misfit = float(np.sqrt(np.mean(errors[~full] ** 2))) / limit
+    if (errors[full] < -2 * max(misfit, _SHARED) * limit).any():
+        return None
+    return (
+        Sentence(
+            f"the load cell was full at {full.sum()} readings, which stand at ",
+            Quantity(limit, "force"),
+            f" (line # specimen: force_limit_N = {float(force[full].min()):.6g} says so)",
+        ),
+        misfit,
+    )
 
 
 def outliers(data: ForceData) -> Explanation | None:

@@ -1,8 +1,8 @@
 """What in a force map would explain a misfit: the same fit of data as they would be without a fault.
 
 Each suspicion is a change of the data that a mistake would need: a unit, absolute pressures, a
-length that is off, two muscles in one file, outliers. A change that makes the misfit several times
-smaller is named.
+length that is off, a full load cell, outliers, two muscles in one file. A change that makes the
+misfit several times smaller is named.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.force_data import ForceData
 from ..search.result import Identification
-from .faulty_readings import Explanation, kept_only, one_length_off, outliers
+from .faulty_readings import Explanation, at_a_limit, kept_only, one_length_off, outliers
 from .plain_faults import (
     absolute,
     no_rise,
@@ -128,7 +128,8 @@ def suspect(
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
     """Faults of some readings; the simplest that is as good as the best."""
     good: list[tuple[Explanation, bool]] = []
-    for search, grave in ((outliers, True), (one_length_off, False), (two_muscles, True)):
+    searches = (at_a_limit, True), (outliers, True), (one_length_off, False), (two_muscles, True)
+    for search, grave in searches:
         found = search(data)
         if found is not None and found[1] * FAR_BETTER < least and found[1] < GOOD:
             good.append((found, grave))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -209,6 +210,22 @@ def test_outliers_and_one_giant(dmsp20: ForceData) -> None:
     assert causes(dataclasses.replace(dmsp20, force=force)).startswith(
         f"1 reading is an outlier (number {rows[0] + 1}"
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", [0.4, 0.7])
+def test_a_full_load_cell(dmsp20: ForceData, part: float) -> None:
+    limit = part * dmsp20.max_force
+    noise = np.random.default_rng(0).normal(0, 2e-4 * limit, dmsp20.force.size)
+    force = np.minimum(dmsp20.force, limit + noise)
+    (found,) = suspect(fit(dataclasses.replace(dmsp20, force=force)))
+    count, shown = re.findall(r"full at (\d+) readings, which stand at ([\d.]+) N", found.cause)[0]
+    assert 0 <= int(count) - (dmsp20.force > limit).sum() <= 1
+    assert float(shown) == pytest.approx(limit, rel=1e-3)
+    declared = float(found.sentence.partition("force_limit_N = ")[2].partition(" ")[0])
+    sound = fit(dataclasses.replace(dmsp20, force=force, force_limit=declared))
+    assert not suspect(sound)
+    assert judge(sound, []).level != "not identified"
 
 
 @pytest.mark.slow
