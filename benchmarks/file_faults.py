@@ -159,6 +159,12 @@ def _one_giant(sheet: Sheet, random: np.random.Generator) -> None:
     force[random.choice(np.flatnonzero(force > 0))] = 99999.0
 
 
+def _full_load_cell(sheet: Sheet, random: np.random.Generator) -> None:
+    force = sheet.columns["force_N"]
+    loaded = np.sort(force[force > 0])
+    sheet.columns["force_N"] = np.minimum(force, loaded[-random.integers(6, loaded.size // 3)])
+
+
 def _percent_as_length(sheet: Sheet, random: np.random.Generator) -> None:
     del random
     sheet.columns["length_mm"] = 100 * (1 - sheet.columns["length_mm"] / sheet.rest)
@@ -189,6 +195,11 @@ def _constant(sheet: Sheet, random: np.random.Generator) -> None:
 def _many_lengths(sheet: Sheet) -> bool:
     """Three lengths for each of two muscles."""
     return np.unique(sheet.lengths[sheet.columns["force_N"] > 0]).size >= 6
+
+
+def _many_readings(sheet: Sheet) -> bool:
+    """A part of which may stand at one limit."""
+    return (sheet.columns["force_N"] > 0).sum() > 24
 
 
 def _four_lengths(sheet: Sheet) -> bool:
@@ -250,5 +261,6 @@ FAULTS: tuple[Fault, ...] = (
           _large_bore),
     Fault("force and pressure swapped", "other", r"swapped", _swapped),
     Fault("constant force", "other", r"does not|hardly", _constant),
+    Fault("full load cell, not declared", "other", r"load cell", _full_load_cell, _many_readings),
 )  # fmt: skip
 """The mistakes that a verdict must find."""

@@ -14,6 +14,7 @@ Explanation = tuple[str, float]
 
 _SHARED = 2e-3  # of the largest force: readings that stand at one limit, and its noise
 _FEWEST_SHARED, _MOST_SHARED = 3, 0.5  # readings at a limit, and part of all
+_PULLED_LESS = 0.25  # of them at most: the fit of the others reaches far beyond these
 _OUTLYING = 5.0  # robust standard deviations
 _MOST = 0.25  # of the readings may be outliers
 _OF_A_LENGTH = 0.6  # of the readings of one length are no outliers
@@ -52,7 +53,8 @@ def at_a_limit(data: ForceData) -> Explanation | None:
         return None
     errors = errors_of(trial, data)
     misfit = float(np.sqrt(np.mean(errors[~full] ** 2))) / limit
-    if (errors[full] < -2 * max(misfit, _SHARED) * limit).any():
+    less = errors[full] < -2 * max(misfit, _SHARED) * limit
+    if less.mean() > _PULLED_LESS:
         return None
     return (
         Sentence(
