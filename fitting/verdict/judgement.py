@@ -73,9 +73,10 @@ def judge(
             "law of fewer coefficients (--law)."
         )
     kept = counted(result)
+    rmse = math.sqrt(float(np.mean(result.residuals[kept] ** 2)))
     if not kept.all():
-        _judge_outliers(kept, grave, doubts)
-    misfit = 100 * math.sqrt(float(np.mean(result.residuals[kept] ** 2))) / errors.max_force
+        _judge_outliers(kept, rmse, grave, doubts)
+    misfit = 100 * rmse / errors.max_force
     if not misfit <= _MISFIT:
         grave.append(
             f"The model misses the readings by {misfit:.3g} % of the largest force; no muscle of "
@@ -160,12 +161,14 @@ def _unchecked(result: Identification) -> str:
     return f"Not checked, as it is not said of the specimen: {listed}."
 
 
-def _judge_outliers(kept: np.ndarray, grave: list[str], doubts: list[str]) -> None:
-    """What Huber's objective has made of outliers."""
+def _judge_outliers(kept: np.ndarray, rmse: float, grave: list[str], doubts: list[str]) -> None:
+    """What Huber's objective has made of outliers, and the error [N] of the others."""
     count = int((~kept).sum())
-    sentence = (
+    sentence = Sentence(
         f"{count} of {kept.size} readings lie so far off that Huber's objective counts them for "
-        "less than a quarter; the misfit is that of the others."
+        "less than a quarter; the RMSE of the others is ",
+        Quantity(rmse, "force", 3),
+        ".",
     )
     (doubts if count <= _MOST_OUTLIERS * kept.size else grave).append(sentence)
 
