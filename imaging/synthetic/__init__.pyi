@@ -16,7 +16,6 @@ from .muscle import (
     published_shape as published_shape,
     stroke_shape as stroke_shape,
 )
-from .random_scenes import random_scene as random_scene
 from .renderer import (
     render as render,
     render_linear as render_linear,
@@ -42,6 +41,7 @@ from .scene import (
     Sensor as Sensor,
     Setting as Setting,
     published_scene as published_scene,
+    random_scene as random_scene,
 )
 from .sequence import (
     StrokeLog as StrokeLog,

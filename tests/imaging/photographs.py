@@ -4,7 +4,7 @@ import dataclasses
 import functools
 
 from imaging.synthetic import Lens, LinearPhoto, Photo, Scene, Sensor, expose, render_linear
-from imaging.synthetic.renderer import through_lens
+from imaging.synthetic.exposure import through_lens
 
 OPEN = Lens(blur_px=0.0)
 

@@ -39,6 +39,9 @@ from imaging.synthetic import (
     stroke_shape,
     triangle_stroke,
 )
+from imaging.synthetic.exposure import through_lens
+from imaging.synthetic.renderer import draw, light_on_threads
+from imaging.synthetic.ruler import Ruler
 from imaging.synthetic.world import World
 
 RAY_PX = 1e-4  # table of 4097 radii, three steps, positions tried every 5e-5 px
@@ -71,7 +74,7 @@ def linear():
 def rim(world: World, column: float, row: float, sign: int) -> float:
     """Where rays stop meeting the braid, sought with a comb of rays about a column."""
     comb = np.arange(-0.05, 0.05, 5e-5)
-    which, _ = world.seen(column + comb, np.full(comb.size, row))
+    which, *_ = world.met(column + comb, np.full(comb.size, row))
     met = which == 0
     return column + (comb[met].max() if sign > 0 else comb[met].min())
 
@@ -89,7 +92,7 @@ def rim(world: World, column: float, row: float, sign: int) -> float:
 def test_rays_end_at_the_outline_that_is_called_true(changes):
     camera = changes.get("camera", published_scene().camera)
     shape = {name: value for name, value in changes.items() if name != "camera"}
-    world = World(small(relief=0.0, **shape).muscle, GEOMETRY, camera)
+    world = World(small(relief=0.0, **shape).muscle, camera)
     for (u, v), sign in zip(world.outline(), (-1, 1), strict=True):
         for k in (200, 1000, 2048, 3000, 3900):
             assert rim(world, u[k], v[k], sign) == pytest.approx(u[k], abs=RAY_PX)
@@ -109,7 +112,7 @@ def test_truth_of_a_straight_muscle_is_the_closed_form():
 
 
 def test_relief_moves_the_outline_about_the_mean():
-    plain, woven = (World(small(relief=h).muscle, GEOMETRY, small().camera) for h in (0.0, 5e-5))
+    plain, woven = (World(small(relief=h).muscle, small().camera) for h in (0.0, 5e-5))
     for (u, _), (u_plain, _) in zip(woven.outline(), plain.outline(), strict=True):
         offset = u - u_plain
         assert abs(offset.mean()) < 0.02 * offset.std()  # weighted by depth, not by height
@@ -159,10 +162,10 @@ def test_edge_of_the_tape_is_a_circle_in_perspective(photo):
 def test_thicker_tape_hides_a_shoulder():
     edge = Tape(diameter=1.2 * INCH)
     scene = small(upper=edge, lower=edge)
-    world = World(scene.muscle, scene.light, scene.camera)
+    world = World(scene.muscle, scene.camera)
     truth = render_linear(scene).truth
     u, v = truth.upper_edge[len(truth.upper_edge) // 2]
-    which, _ = world.seen(np.full(3, u), v + np.array([-0.05, 0.05, 1.5]))
+    which, *_ = world.met(np.full(3, u), v + np.array([-0.05, 0.05, 1.5]))
     kinds = [world.bodies[number][0] for number in which]
     assert kinds == ["tape", "shade", "braid"]
 
@@ -240,8 +243,6 @@ def test_sharpening_overshoots_at_the_outline(linear):
     ],
 )
 def test_point_spread_has_its_second_moment(lens, spread):
-    from imaging.synthetic.renderer import through_lens
-
     point = np.zeros((81, 81, 3), np.float32)
     point[40, 40] = 1
     seen = through_lens(point, lens)[..., 0].astype(float)
@@ -277,7 +278,7 @@ def test_surface_that_faces_the_lamp_is_brightest(reflectance):
     normal = np.stack([np.sin(angle), np.zeros(30), -np.cos(angle)], axis=1)
     sight = np.tile([0.0, 0.0, -1.0], (30, 1))
     light = Light((Lamp((0, 0, -1), 1.0, 0.05),), ambient=0.0, reflectance=reflectance)
-    seen = light.on_threads(normal, sight)
+    seen = light_on_threads(light, normal, sight)
     assert np.all(np.diff(seen) < 0)
     if reflectance == "lambert":
         np.testing.assert_allclose(seen, np.cos(angle), atol=1e-12)
@@ -431,9 +432,6 @@ def test_marks_of_a_ruler_cover_the_pixels_that_the_truth_says(changes):
         published_ruler(size=(1000, 300)), light=GEOMETRY, lens=SHARP, numbers=False,
         mark_width=wide, ink=(0.0, 0.0, 0.0), **changes,
     )  # fmt: skip
-    from imaging.synthetic.renderer import draw
-    from imaging.synthetic.ruler import Ruler
-
     face = Ruler(ruler)
     light, truth = draw(face, ruler), face.truth()
     for u, v in truth.marks:
