@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from fitting.shapes import fit_fourier
 from imaging import ImagingError, Measurement, Recipe, Scale, calibrate_ruler, measure
 from imaging.camera import Tone
 from imaging.synthetic import (
@@ -255,7 +256,7 @@ def figures_of(scene: Scene) -> dict[str, float]:
     off = diameter_error(found, truth) / INCH
     x = np.linspace(0, 1, 501)
     true = np.interp(x, truth.z / truth.length, truth.diameter)
-    fourier = (found.fourier(3).diameter(x) - true) / INCH
+    fourier = (fit_fourier(found.z / found.length, found.diameter).diameter(x) - true) / INCH
     return {
         "bias": float(off.mean()),
         "rms": float(np.sqrt(np.mean(off**2))),

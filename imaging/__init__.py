@@ -12,6 +12,9 @@ from famjax.boundary.public_names import attach_rooms
 __famjax__ = "0.1.0"
 
 _MOVED = {
+    "famjax.chain": ("Tile", "contact_sheet", "expand", "plot_table", "write_check_pictures"),
+    "famjax.chain.check_pictures": ("choose",),
+    "fitting.shapes": ("FourierFit", "fit_fourier"),
     "fitting.records": (
         "MachineLog", "SyncError", "Synchronisation", "read_machine_log", "synchronise",
     ),

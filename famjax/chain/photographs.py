@@ -13,8 +13,11 @@ from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import parse_quantity
 from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
 from imaging import ImagingError, Recipe, Table, process
-from imaging.campaign import column_name, expand, write_check_pictures
+from imaging.campaign import column_name
 from imaging.shape import write_recipe
+
+from .check_pictures import write_check_pictures
+from .picture_files import expand
 
 _NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")
 """Of the machine's log."""

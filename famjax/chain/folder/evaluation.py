@@ -162,7 +162,7 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
 
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
     """The photographs of a folder, without its ruler."""
-    from imaging.campaign import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
+    from ..picture_files import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
 
     given = sheet.folder / photographs.pictures
     without = None if photographs.ruler is None else str(sheet.folder / photographs.ruler)

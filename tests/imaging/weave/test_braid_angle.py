@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from famjax.chain import plot_table
 from imaging import Recipe, Scale, measure
-from imaging.campaign import Row, Table, measured_rows, plot_table
+from imaging.campaign import Row, Table, measured_rows
 from imaging.shape import draw_overlay
 from imaging.synthetic import INCH, Jpeg, Lens, Sensor, random_scene
 from imaging.weave import BraidAngle, Unrolled, directions, triangle_angle
