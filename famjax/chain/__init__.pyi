@@ -4,7 +4,7 @@ from .isobaric_analysis import Analysis as Analysis, analyse as analyse
 from .isobaric_figures import figures as figures, table_rows as table_rows
 from .isobaric_pictures import plot_characterisation as plot_characterisation
 from .photographs import (
-    Outcome as Outcome,
+    CampaignOutcome as CampaignOutcome,
     as_document as as_document,
     measure_pictures as measure_pictures,
     with_log as with_log,

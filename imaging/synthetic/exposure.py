@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Image
-from .scene import Jpeg, Lens, Sensor, Setting
-from .truth import RulerTruth, Truth
+from .scene import CameraSensor, Jpeg, Lens, Setting
+from .truth import MuscleTruth, RulerTruth
 
 
 def encode_jpeg(rgb: Image, jpeg: Jpeg) -> bytes:
@@ -83,7 +83,7 @@ def _disk(radius: float) -> NDArray[np.floating]:
     return (part / part.sum()).astype(np.float32)
 
 
-T = TypeVar("T", Truth, RulerTruth)
+T = TypeVar("T", MuscleTruth, RulerTruth)
 
 
 class _Shows(Generic[T]):
@@ -169,7 +169,7 @@ class LinearPhoto(_Shows[T]):
     shown: T | None
 
 
-def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -> Photo[T]:
+def expose(linear: LinearPhoto[T], seed: int, *, sensor: CameraSensor | None = None) -> Photo[T]:
     """The photograph that sensor and camera program make of the light.
 
     Args:
@@ -205,7 +205,7 @@ def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -
 
 
 def _read_out(
-    light: NDArray[np.floating], sensor: Sensor, random: np.random.Generator
+    light: NDArray[np.floating], sensor: CameraSensor, random: np.random.Generator
 ) -> NDArray[np.uint16]:
     """The light as 16-bit values, with the noise of its photons and of reading them."""
     values = np.empty(light.shape, np.uint16)

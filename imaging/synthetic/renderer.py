@@ -9,7 +9,7 @@ from ..arrays import Array
 from .exposure import LinearPhoto, Photo, expose, through_lens
 from .ruler import Ruler, RulerScene
 from .scene import Light, Scene, Setting
-from .truth import RulerTruth, Truth, true_figures
+from .truth import MuscleTruth, RulerTruth, true_figures
 from .world import Hits, Shoulder, World, unit_vectors
 
 _BLOCK_ROWS = 64
@@ -221,7 +221,7 @@ def _refine(
         light[rows[at], columns[at]] = mean + missed[:, None] * background[rows[at], columns[at]]
 
 
-def render(scene: Scene, seed: int) -> Photo[Truth]:
+def render(scene: Scene, seed: int) -> Photo[MuscleTruth]:
     """The photograph of a scene, with the truth beside it.
 
     Args:
@@ -231,7 +231,7 @@ def render(scene: Scene, seed: int) -> Photo[Truth]:
     return expose(render_linear(scene), seed)
 
 
-def render_linear(scene: Scene) -> LinearPhoto[Truth]:
+def render_linear(scene: Scene) -> LinearPhoto[MuscleTruth]:
     """The light on the sensor. Take it once where only sensor, file or noise are to vary.
 
     Every pixel is one ray; those near an edge are the mean of 55, so that the light in them is that

@@ -136,7 +136,7 @@ class Lens:
 
 
 @dataclasses.dataclass(frozen=True)
-class Sensor:
+class CameraSensor:
     """What sensor and camera program make of the light.
 
     Attributes:
@@ -220,7 +220,7 @@ class Setting:
     _: dataclasses.KW_ONLY
     light: Light = dataclasses.field(default_factory=Light.side)
     lens: Lens = dataclasses.field(default_factory=Lens)
-    sensor: Sensor = dataclasses.field(default_factory=Sensor)
+    sensor: CameraSensor = dataclasses.field(default_factory=CameraSensor)
     jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)
     time: datetime.datetime | None = None
     lying: bool = False
@@ -322,7 +322,7 @@ def random_scene(
         muscle,
         light=_light(random),
         lens=Lens(blur_px=random.uniform(0.7, 1.3)),
-        sensor=Sensor(
+        sensor=CameraSensor(
             full_well=float(random.choice([7600.0, 3800.0, 1900.0, 950.0])),
             bayer=bool(random.random() < 0.3),
         ),

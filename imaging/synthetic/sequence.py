@@ -16,7 +16,7 @@ from .exposure import Photo
 from .muscle import stroke_shape
 from .renderer import render
 from .scene import Scene
-from .truth import Truth
+from .truth import MuscleTruth
 
 Contraction = Callable[[Array], ArrayLike]
 START = datetime.datetime(2021, 3, 1, 10, 0, 0)
@@ -70,7 +70,7 @@ def render_sequence(
     clock_rate: float = 1.0,
     start: datetime.datetime = START,
     seed: int = 0,
-) -> Iterator[Photo[Truth]]:
+) -> Iterator[Photo[MuscleTruth]]:
     """Photographs of a stroke, one after the other, each with the truth of its own instant.
 
     The upper end stays where it is in `scene`, whose muscle is the one at rest; the profile is

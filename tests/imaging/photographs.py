@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 
-from imaging.synthetic import Lens, LinearPhoto, Photo, Scene, Sensor, expose, render_linear
+from imaging.synthetic import CameraSensor, Lens, LinearPhoto, Photo, Scene, expose, render_linear
 from imaging.synthetic.exposure import through_lens
 
 OPEN = Lens(blur_px=0.0)
@@ -18,7 +18,9 @@ def _unblurred(scene: Scene) -> LinearPhoto:
 
 def photograph(scene: Scene, seed: int) -> Photo:
     """As `imaging.synthetic.render`, to the last bit."""
-    bare = dataclasses.replace(scene, lens=OPEN, sensor=Sensor(), jpeg=None, time=None, lying=False)
+    bare = dataclasses.replace(
+        scene, lens=OPEN, sensor=CameraSensor(), jpeg=None, time=None, lying=False
+    )
     taken = _unblurred(bare)
     light = through_lens(taken.light, scene.lens)
     return expose(dataclasses.replace(taken, scene=scene, light=light), seed)

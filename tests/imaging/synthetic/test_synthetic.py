@@ -16,6 +16,7 @@ from imaging.camera import Camera, apparent_diameter, ring_position, silhouette_
 from imaging.synthetic import (
     INCH,
     PUBLISHED_CONTRACTIONS,
+    CameraSensor,
     Jpeg,
     Lamp,
     Lens,
@@ -23,7 +24,6 @@ from imaging.synthetic import (
     MuscleScene,
     RulerScene,
     Scene,
-    Sensor,
     Tape,
     damaged,
     expose,
@@ -179,7 +179,7 @@ def test_seed_draws_the_noise_and_weave_seed_the_braid(linear):
     np.testing.assert_allclose(rewoven.truth.left, linear.truth.left, atol=1e-12)
 
 
-def flat(light: float, sensor: Sensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def flat(light: float, sensor: CameraSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Expected electrons of evenly lit cloth, and those read from two pictures of it."""
     plain = Light(lamps=(), cloth=light, cloth_gradient=0.0, stray=0.0)
     scene = dataclasses.replace(small(), muscle=None, light=plain, jpeg=None)
@@ -189,7 +189,7 @@ def flat(light: float, sensor: Sensor) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def test_noise_has_the_variance_of_its_electrons():
-    sensor = Sensor(full_well=500.0, read_noise=4.0)
+    sensor = CameraSensor(full_well=500.0, read_noise=4.0)
     expected, a, b = flat(0.3, sensor)
     variance = expected.mean() + 4.0**2
     assert np.var(a - b) / 2 == pytest.approx(variance, rel=0.03)  # 330 000 values, 8 bits
@@ -197,7 +197,7 @@ def test_noise_has_the_variance_of_its_electrons():
 
 
 def test_few_electrons_are_counted_one_by_one():
-    expected, a, _ = flat(0.006, Sensor(full_well=400.0, read_noise=0.0))
+    expected, a, _ = flat(0.006, CameraSensor(full_well=400.0, read_noise=0.0))
     assert expected.max() < 4
     for count in range(4):
         chance = np.exp(-expected) * expected**count / [1, 1, 2, 6][count]
@@ -207,7 +207,7 @@ def test_few_electrons_are_counted_one_by_one():
 
 
 def test_exposure_saturates():
-    photo = render(dataclasses.replace(small(), sensor=Sensor(exposure=6.0)), 0)
+    photo = render(dataclasses.replace(small(), sensor=CameraSensor(exposure=6.0)), 0)
     rows = photo.truth.rows[100:200].astype(int)
     middle = photo.rgb[rows, int(photo.truth.left.mean() + photo.truth.right.mean()) // 2]
     assert np.mean(middle[:, 0] >= 254) > 0.9
@@ -215,7 +215,7 @@ def test_exposure_saturates():
 
 def test_bayer_keeps_the_colours(linear):
     plain, mosaic = (
-        expose(linear, 1, sensor=Sensor(full_well=1e6, read_noise=0, bayer=bayer))
+        expose(linear, 1, sensor=CameraSensor(full_well=1e6, read_noise=0, bayer=bayer))
         for bayer in (False, True)
     )
     difference = mosaic.rgb.astype(float).mean(axis=(0, 1)) - plain.rgb.mean(axis=(0, 1))
@@ -223,7 +223,7 @@ def test_bayer_keeps_the_colours(linear):
 
 
 def test_sharpening_overshoots_at_the_outline(linear):
-    quiet = Sensor(full_well=1e7, read_noise=0)
+    quiet = CameraSensor(full_well=1e7, read_noise=0)
     soft, sharp = (
         expose(linear, 1, sensor=dataclasses.replace(quiet, sharpening=s)).rgb.astype(float)
         for s in (0.0, 2.0)
@@ -340,7 +340,7 @@ def test_muscles_that_are_none_are_refused():
     with pytest.raises(ValueError, match="softness > 0"):
         Lamp((0, 0, -1), 1.0, 0.0)
     with pytest.raises(ValueError, match="never falls"):
-        Sensor(s_curve=1.5)
+        CameraSensor(s_curve=1.5)
     with pytest.raises(ValueError, match="widths >= 0"):
         Lens(motion_px=-1.0)
     with pytest.raises(ValueError, match="subsampling"):
