@@ -191,7 +191,7 @@ def broken_assumptions(size: Size) -> Iterator[Row]:
         assert scene.muscle is not None
         return dataclasses.replace(scene, muscle=dataclasses.replace(scene.muscle, **changes))
 
-    def sensed(**changes: float) -> Scene:
+    def sensed(**changes: Any) -> Scene:
         return dataclasses.replace(scene, sensor=CameraSensor(**changes))
 
     side = scene.light
