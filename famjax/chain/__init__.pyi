@@ -3,6 +3,7 @@ from .contact_sheet import Tile as Tile, contact_sheet as contact_sheet
 from .isobaric_analysis import Analysis as Analysis, analyse as analyse
 from .isobaric_figures import figures as figures, table_rows as table_rows
 from .isobaric_pictures import plot_characterisation as plot_characterisation
+from .log_of_stroke import StrokeLog as StrokeLog, stroke_log as stroke_log
 from .photographs import (
     CampaignOutcome as CampaignOutcome,
     as_document as as_document,

@@ -44,9 +44,7 @@ from .scene import (
     random_scene as random_scene,
 )
 from .sequence import (
-    StrokeLog as StrokeLog,
     render_sequence as render_sequence,
-    stroke_log as stroke_log,
     triangle_stroke as triangle_stroke,
 )
 from .truth import MuscleTruth as MuscleTruth, RulerTruth as RulerTruth

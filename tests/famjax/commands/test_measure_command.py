@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from famjax.chain import expand
+from famjax.chain import expand, stroke_log
 from famjax.commands.options.photographs import command_recipe, parse_scale
 from famjax.commands.options.recipe import RecipeOptions
 from imaging import ImagingError, read_recipe
@@ -21,7 +21,6 @@ from imaging.synthetic import (
     render,
     render_ruler,
     render_sequence,
-    stroke_log,
     triangle_stroke,
 )
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from famjax.chain import stroke_log
 from imaging.camera import Camera, apparent_diameter, ring_position, silhouette_from_profile
 from imaging.synthetic import (
     INCH,
@@ -35,7 +36,6 @@ from imaging.synthetic import (
     render_linear,
     render_ruler,
     render_sequence,
-    stroke_log,
     stroke_shape,
     triangle_stroke,
 )
