@@ -16,15 +16,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from fitting.shapes import fit_fourier
 from imaging import ImagingError, Measurement, Recipe, Scale, calibrate_ruler, measure
 from imaging.camera import Tone
 from imaging.synthetic import (
     INCH,
+    CameraSensor,
     Lens,
     Light,
+    MuscleTruth,
     Scene,
-    Sensor,
-    Truth,
     published_ruler,
     published_scene,
     render,
@@ -174,7 +175,7 @@ def drawn(random: np.random.Generator, size: Size, i: int) -> Scene:
         muscle=muscle,
         light=lights[random.integers(3)],
         lens=Lens(blur_px=random.uniform(0.6, 1.6)),
-        sensor=Sensor(full_well=random.uniform(800, 8000), exposure=random.uniform(0.5, 1.5)),
+        sensor=CameraSensor(full_well=random.uniform(800, 8000), exposure=random.uniform(0.5, 1.5)),
     )
 
 
@@ -190,6 +191,9 @@ def broken_assumptions(size: Size) -> Iterator[Row]:
         assert scene.muscle is not None
         return dataclasses.replace(scene, muscle=dataclasses.replace(scene.muscle, **changes))
 
+    def sensed(**changes: Any) -> Scene:
+        return dataclasses.replace(scene, sensor=CameraSensor(**changes))
+
     side = scene.light
     cases: dict[str, tuple[Callable[[], Scene], float]] = {
         "disk defocus of 2 px": (lambda: dataclasses.replace(scene, lens=Lens(defocus_px=2.0)), 0.05),
@@ -199,14 +203,14 @@ def broken_assumptions(size: Size) -> Iterator[Row]:
         "reflectance by the root of the cosine": (
             lambda: dataclasses.replace(scene, light=dataclasses.replace(side, reflectance="sqrt")), 0.13,
         ),
-        "S-curve of 0.25": (lambda: dataclasses.replace(scene, sensor=Sensor(s_curve=0.25)), 0.24),
-        "S-curve of 0.5": (lambda: dataclasses.replace(scene, sensor=Sensor(s_curve=0.5)), 0.43),
-        "S-curve of 1": (lambda: dataclasses.replace(scene, sensor=Sensor(s_curve=1.0)), 0.76),
-        "gamma of 0.8": (lambda: dataclasses.replace(scene, sensor=Sensor(gamma=0.8)), 0.33),
-        "gamma of 1.25": (lambda: dataclasses.replace(scene, sensor=Sensor(gamma=1.25)), 0.39),
-        "sharpening of 0.5": (lambda: dataclasses.replace(scene, sensor=Sensor(sharpening=0.5)), 0.02),
-        "sharpening of 1": (lambda: dataclasses.replace(scene, sensor=Sensor(sharpening=1.0)), 0.12),
-        "sharpening of 2": (lambda: dataclasses.replace(scene, sensor=Sensor(sharpening=2.0)), 0.30),
+        "S-curve of 0.25": (lambda: sensed(s_curve=0.25), 0.24),
+        "S-curve of 0.5": (lambda: sensed(s_curve=0.5), 0.43),
+        "S-curve of 1": (lambda: sensed(s_curve=1.0), 0.76),
+        "gamma of 0.8": (lambda: sensed(gamma=0.8), 0.33),
+        "gamma of 1.25": (lambda: sensed(gamma=1.25), 0.39),
+        "sharpening of 0.5": (lambda: sensed(sharpening=0.5), 0.02),
+        "sharpening of 1": (lambda: sensed(sharpening=1.0), 0.12),
+        "sharpening of 2": (lambda: sensed(sharpening=2.0), 0.30),
     }  # fmt: skip
     plain, _ = edge_bias(scene)
     yield Row("edge bias, nothing broken [px]", plain)
@@ -228,10 +232,10 @@ def woven(scene: Scene, seed: int) -> Scene:
     return dataclasses.replace(scene, muscle=dataclasses.replace(scene.muscle, weave_seed=seed))
 
 
-def photographed(scene: Scene, seed: int) -> tuple[Measurement, Truth]:
+def photographed(scene: Scene, seed: int) -> tuple[Measurement, MuscleTruth]:
     """A scene's measurement and truth."""
     photo = render(scene, seed)
-    assert isinstance(photo.truth, Truth)
+    assert isinstance(photo.truth, MuscleTruth)
     camera = scene.camera
     recipe = Recipe(
         Scale.manual(camera.px_per_m),
@@ -243,7 +247,7 @@ def photographed(scene: Scene, seed: int) -> tuple[Measurement, Truth]:
     return measure(photo.rgb, recipe), photo.truth
 
 
-def diameter_error(found: Measurement, truth: Truth) -> np.ndarray:
+def diameter_error(found: Measurement, truth: MuscleTruth) -> np.ndarray:
     """D(z) less the true one [m]."""
     true = np.interp(found.z / found.length, truth.z / truth.length, truth.diameter)
     return found.diameter - true
@@ -255,7 +259,7 @@ def figures_of(scene: Scene) -> dict[str, float]:
     off = diameter_error(found, truth) / INCH
     x = np.linspace(0, 1, 501)
     true = np.interp(x, truth.z / truth.length, truth.diameter)
-    fourier = (found.fourier(3).diameter(x) - true) / INCH
+    fourier = (fit_fourier(found.z / found.length, found.diameter).diameter(x) - true) / INCH
     return {
         "bias": float(off.mean()),
         "rms": float(np.sqrt(np.mean(off**2))),

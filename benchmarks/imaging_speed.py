@@ -33,7 +33,7 @@ from skimage.measure import find_contours, label, regionprops
 
 from imaging import Measurement, Recipe, Scale, measure, process, read_image
 from imaging.camera import Tone
-from imaging.synthetic import PUBLISHED_FRAME, Photo, Truth, published_scene, render
+from imaging.synthetic import PUBLISHED_FRAME, MuscleTruth, Photo, published_scene, render
 
 INCH = 0.0254
 CONTRACTIONS = (0.0, 0.175, 0.2625)
@@ -91,7 +91,7 @@ def by_scikit_image(value: NDArray[Any]) -> NDArray[np.float64]:
     return longest[(longest[:, 0] >= top) & (longest[:, 0] <= bottom)]
 
 
-def diameter_errors(contour: NDArray[np.float64], truth: Truth) -> NDArray[np.float64]:
+def diameter_errors(contour: NDArray[np.float64], truth: MuscleTruth) -> NDArray[np.float64]:
     """Width of a contour at the true rows of the braid, less the true one [in].
 
     Read in the picture, where perspective and roll play no part.
@@ -104,22 +104,22 @@ def diameter_errors(contour: NDArray[np.float64], truth: Truth) -> NDArray[np.fl
     return (sides[1] - sides[0] - (truth.right - truth.left)) / truth.px_per_m / INCH
 
 
-def our_errors(found: Measurement, truth: Truth) -> tuple[float, float, float]:
+def our_errors(found: Measurement, truth: MuscleTruth) -> tuple[float, float, float]:
     """Bias and RMS of D(z), and the error of the length [in]."""
     at = found.z / found.length
     off = (found.diameter - np.interp(at, truth.z / truth.length, truth.diameter)) / INCH
     return float(off.mean()), float(np.sqrt(np.mean(off**2))), (found.length - truth.length) / INCH
 
 
-def recipe_of(truth: Truth) -> Recipe:
+def recipe_of(truth: MuscleTruth) -> Recipe:
     """That of the scene, its scale known to a ruler's 1e-5."""
     scale = Scale.manual(truth.px_per_m, 1e-5 * truth.px_per_m)
     return Recipe(scale, distance=60 * INCH, tone=Tone.srgb(), k1=0.0)
 
 
-def truth_of(photo: Photo) -> Truth:
+def truth_of(photo: Photo) -> MuscleTruth:
     """The truth of a photograph of a muscle."""
-    assert isinstance(photo.truth, Truth)
+    assert isinstance(photo.truth, MuscleTruth)
     return photo.truth
 
 

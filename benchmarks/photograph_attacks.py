@@ -38,9 +38,9 @@ from imaging.camera.pinhole import turned
 from imaging.synthetic import (
     INCH,
     Lens,
+    MuscleTruth,
     RulerScene,
     Scene,
-    Truth,
     random_scene,
     render,
     render_ruler,
@@ -206,7 +206,7 @@ def write(folder: Path, seed: int, scenes: int) -> None:
     for i in range(scenes):
         attack = drawn(seed, i)
         photo = render(attack.scene, i)
-        assert isinstance(photo.truth, Truth)
+        assert isinstance(photo.truth, MuscleTruth)
         row = {
             "picture": f"{i:03d}.jpg", "ruler": f"{i:03d}-ruler.jpg",
             "length_in": photo.truth.length / INCH,

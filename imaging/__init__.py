@@ -12,6 +12,12 @@ from famjax.boundary.public_names import attach_rooms
 __famjax__ = "0.1.0"
 
 _MOVED = {
+    "famjax.chain": (
+        "StrokeLog", "Tile", "contact_sheet", "expand", "plot_table", "stroke_log",
+        "write_check_pictures",
+    ),
+    "famjax.chain.check_pictures": ("choose",),
+    "fitting.shapes": ("FourierFit", "fit_fourier"),
     "fitting.records": (
         "MachineLog", "SyncError", "Synchronisation", "read_machine_log", "synchronise",
     ),

@@ -12,6 +12,8 @@ from .errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+UNFINISHED = ".unfinished"
+"""What the name of a file ends in until it is whole."""
 _COMPRESSION = 3  # of 9: two thirds of the time of the usual 6, for files a tenth larger
 
 
@@ -91,3 +93,19 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     except OSError as error:
         raise InputError(f"the output folder {folder} cannot be written: {error}") from None
     return [folder / name for name in files]
+
+
+def write_whole(file: Path, content: bytes) -> None:
+    """Write a file that is whole on the disk when this returns, or not there: one there is replaced."""
+    draft = file.with_name(file.name + UNFINISHED)
+    with draft.open("wb") as open_draft:
+        open_draft.write(content)
+        open_draft.flush()
+        os.fsync(open_draft.fileno())
+    os.replace(draft, file)
+    if os.name == "posix":
+        folder = os.open(file.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

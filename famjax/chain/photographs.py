@@ -13,8 +13,11 @@ from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import parse_quantity
 from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
 from imaging import ImagingError, Recipe, Table, process
-from imaging.campaign import column_name, expand, write_check_pictures
+from imaging.campaign import column_name
 from imaging.shape import write_recipe
+
+from .check_pictures import write_check_pictures
+from .picture_files import expand
 
 _NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")
 """Of the machine's log."""
@@ -22,7 +25,7 @@ _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class CampaignOutcome:
     """The result of a campaign.
 
     Args:
@@ -53,7 +56,7 @@ def measure_pictures(
     resume: bool = True,
     overlays: int = 12,
     progress: Callable[[int, int], None] | None = None,
-) -> Outcome:
+) -> CampaignOutcome:
     """Measure the pictures; write table, recipe and check pictures.
 
     Args:
@@ -105,7 +108,7 @@ def measure_pictures(
     except OSError as error:
         raise ImagingError(f"a file cannot be written: {error}", path=output) from None
     complete = bool(table.ok.all()) and (machine is None or "log_time" in merged.columns)
-    return Outcome(merged, files, complete)
+    return CampaignOutcome(merged, files, complete)
 
 
 def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Synchronisation:
@@ -185,7 +188,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
     )
 
 
-def as_document(outcome: Outcome, system: str) -> dict[str, Any]:
+def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
     """For JSON: what is not known is null."""
     table = outcome.table
     names = {name: column_name(name, system) for name in table.columns}

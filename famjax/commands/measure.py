@@ -81,9 +81,8 @@ def measure(
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     load_matplotlib()
-    from famjax.chain import as_document, measure_pictures
+    from famjax.chain import as_document, expand, measure_pictures
     from imaging import ImagingError
-    from imaging.campaign import expand
 
     from ..boundary.errors import InputError
     from .options.photographs import command_recipe, set_up

@@ -14,7 +14,7 @@ _SPREAD = 0.02
 """Spread of the pressures [part of their largest] from which on the shape may depend on them."""
 
 
-class Form(NamedTuple):
+class SurfaceForm(NamedTuple):
     """Polynomials of a surface: in the length, and times the pressure.
 
     Attributes:
@@ -40,7 +40,7 @@ class PolynomialFit:
         solve: pseudo-inverse of the matrix, shape (terms, n).
     """
 
-    form: Form
+    form: SurfaceForm
     ends: tuple[float, float]
     pressures: tuple[float, float]
     coefficients: Array
@@ -69,7 +69,7 @@ class PolynomialFit:
         return (1 + np.sum(terms**2, axis=1))[:, None] * scatter
 
 
-def fit_polynomials(pictures: Pictures, form: Form) -> PolynomialFit:
+def fit_polynomials(pictures: Pictures, form: SurfaceForm) -> PolynomialFit:
     """Least squares of a form through pictures, each counting alike."""
     ends = float(pictures.length.min()), float(pictures.length.max())
     pressures = pressure_ends(pictures)
@@ -83,7 +83,7 @@ def fit_polynomials(pictures: Pictures, form: Form) -> PolynomialFit:
 
 
 def _basis(
-    form: Form,
+    form: SurfaceForm,
     ends: tuple[float, float],
     pressures: tuple[float, float],
     length: Array,

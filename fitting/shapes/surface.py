@@ -11,7 +11,7 @@ import famjax
 from ..data.force_data import Specimen
 from ..errors import InputError
 from .pictures import Pictures, PictureTable
-from .polynomials import Form, fit_polynomials, pressure_ends
+from .polynomials import SurfaceForm, fit_polynomials, pressure_ends
 from .threads import Threads, fit_threads
 
 Array = NDArray[np.floating]
@@ -70,7 +70,7 @@ class ShapeSurface:
         notes: what a reader must know.
     """
 
-    form: Form
+    form: SurfaceForm
     lengths: Array
     pressures: tuple[float, float]
     diameters: Array
@@ -229,7 +229,7 @@ def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
     return whole + np.sqrt(np.maximum(pictures.local_std**2 - pictures.mean_std**2, 0)) * wave
 
 
-def _forms(pictures: Pictures) -> list[Form]:
+def _forms(pictures: Pictures) -> list[SurfaceForm]:
     """Those that the pictures can carry, the plainest first."""
     span = float(np.ptp(pictures.length))
     lengths = 1 + int(np.sum(np.diff(np.sort(pictures.length)) > 1e-3 * span)) if span else 1
@@ -240,7 +240,7 @@ def _forms(pictures: Pictures) -> list[Form]:
         )
     dependent = [-1, 0, 1, 2, 3] if np.isfinite(pressure_ends(pictures)[0]) else [-1]
     forms = [
-        Form(degree, more)
+        SurfaceForm(degree, more)
         for degree in DEGREES
         for more in dependent
         if more <= degree < lengths - 1 and 2 * (degree + more + 2) <= len(pictures)
@@ -248,7 +248,7 @@ def _forms(pictures: Pictures) -> list[Form]:
     return sorted(forms, key=lambda form: form.degree + form.with_pressure)
 
 
-def _choose(pictures: Pictures) -> Form:
+def _choose(pictures: Pictures) -> SurfaceForm:
     """The form that predicts best a picture that is left out, and more of it.
 
     What predicts best still errs as much by its bias as by its scatter, and no band covers a bias.
@@ -299,7 +299,7 @@ def _names(pictures: Pictures, which: NDArray[np.bool_]) -> list[str]:
     return [name for name, chosen in zip(pictures.names, which, strict=True) if chosen]
 
 
-def _held_out(pictures: Pictures, form: Form) -> HeldOut:
+def _held_out(pictures: Pictures, form: SurfaceForm) -> HeldOut:
     """Every fifth picture predicted from the others, the longest and the shortest kept."""
     place = np.arange(len(pictures))
     out = (place % HELD_OUT == HELD_OUT // 2) & (place > 0) & (place < len(pictures) - 1)

@@ -8,7 +8,7 @@ from .pinhole import (
     apparent_diameter as apparent_diameter,
     ring_position as ring_position,
 )
-from .read import read_image as read_image
+from .read import read_image as read_image, readable_part as readable_part
 from .silhouette import (
     Silhouette as Silhouette,
     profile_from_silhouette as profile_from_silhouette,

@@ -11,6 +11,9 @@ from ..arrays import Array
 from .pinhole import Camera, turned
 
 _END_ROWS = 24
+_SLOPE_WINDOW = 31  # rows through which a quartic gives R', on which R depends at second order
+_TOLERANCE = 1e-10  # of the roll [rad], and of x0 and R over the distance
+_MOST_STEPS = 30
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,14 +102,7 @@ def silhouette_from_profile(
 
 
 def profile_from_silhouette(
-    camera: Camera,
-    rows: ArrayLike,
-    left: ArrayLike,
-    right: ArrayLike,
-    *,
-    slope_window: int = 31,
-    tolerance: float = 1e-10,
-    max_steps: int = 30,
+    camera: Camera, rows: ArrayLike, left: ArrayLike, right: ArrayLike
 ) -> Silhouette:
     """The body of revolution whose outline this is, exactly: perspective, roll and lens undone.
 
@@ -120,10 +116,6 @@ def profile_from_silhouette(
         rows: rows v [px], increasing, shape (n,).
         left: columns u of the left side [px], shape (n,).
         right: columns u of the right side [px], greater than `left`, shape (n,).
-        slope_window: points of the outline through which a quartic gives R' [-], odd; fewer where
-            the outline is shorter. Only R' is smoothed, and R depends on it at second order.
-        tolerance: change of the roll [rad], and of x0 and R over the distance, at which it stops.
-        max_steps: the most steps.
 
     Returns:
         The body at the positions that both sides show: n points or, with a roll, a few fewer.
@@ -138,10 +130,10 @@ def profile_from_silhouette(
     sides = [_Side(b * d, np.zeros_like(b), np.zeros_like(b)) for _, b in rays]
     x0, roll = 0.0, 0.0
     tilt = shift = np.inf
-    for _ in range(max_steps):
+    for _ in range(_MOST_STEPS):
         before = sides
         sides = [
-            _improved(side, *turned(*ray, -roll), sign, x0, d, slope_window)
+            _improved(side, *turned(*ray, -roll), sign, x0, d)
             for side, ray, sign in zip(before, rays, (-1, 1), strict=True)
         ]
         change = max(np.abs(new.R - old.R).max() for new, old in zip(sides, before, strict=True))
@@ -149,10 +141,10 @@ def profile_from_silhouette(
         # An axis that lies further right than assumed makes the right radius too large by as much.
         tilt, shift = np.polyfit(y, (R_right - R_left) / 2, 1).tolist()
         x0, roll = x0 + shift, roll - tilt
-        if abs(tilt) < tolerance and max(abs(shift), change) < tolerance * d:
+        if abs(tilt) < _TOLERANCE and max(abs(shift), change) < _TOLERANCE * d:
             return Silhouette(y, (R_left + R_right) / 2, x0, roll)
     raise ValueError(
-        f"the outline must be that of a body of revolution; after {max_steps} steps x0 still moves "
+        f"the outline must be that of a body of revolution; after {_MOST_STEPS} steps x0 still moves "
         f"by {shift:.3g} m and the roll by {tilt:.3g} rad. Check that left and right belong "
         "together and that the outline is smooth"
     )
@@ -181,9 +173,7 @@ class _Side:
     slope: Array
 
 
-def _improved(
-    side: _Side, a: Array, b: Array, sign: int, x0: float, d: float, slope_window: int
-) -> _Side:
+def _improved(side: _Side, a: Array, b: Array, sign: int, x0: float, d: float) -> _Side:
     """One fixed-point step for the tangent rays (a, b) of the left (-1) or right (+1) side."""
     rho, alpha = np.hypot(x0, d), np.arctan2(x0, d)
     beta = sign * (np.arctan(a) - alpha)
@@ -197,16 +187,14 @@ def _improved(
     psi = np.arcsin(sine)
     R = rho * np.sin(beta) / np.cos(psi - beta)
     y = b * (d - R * np.sin(psi + sign * alpha))
-    return _Side(y, R, _slope(y, R, slope_window))
+    return _Side(y, R, _slope(y, R))
 
 
-def _slope(y: Array, R: Array, window: int) -> Array:
+def _slope(y: Array, R: Array) -> Array:
     """dR/dy by Savitzky and Golay's quartics, both by the row; at the ends the last full one's."""
     # SciPy has them as well, in `scipy.signal`, which takes half a second to import.
-    points = min(window, R.size - 1 + R.size % 2)
-    rates = _rates(points)
-    dR, dy = _per_row(R, rates), _per_row(y, rates)
-    return dR / dy
+    rates = _rates(min(_SLOPE_WINDOW, R.size - 1 + R.size % 2))
+    return _per_row(R, rates) / _per_row(y, rates)
 
 
 def _per_row(values: Array, rates: Array) -> Array:

@@ -124,9 +124,7 @@ class Tone:
 def amount_of_luma(tone: Tone, cloth: Array, braid: Array) -> Single:
     """The amount q of braid for each value of luma, 0 on cloth and 1 at the braid's median colour.
 
-    A pixel that shows q of braid and 1 - q of cloth has in each colour the light
-    b + q (a - b), and its luma is the weighted sum of the three encoded values: a rising function
-    of q, inverted here. Luma is used because JPEG keeps it at full resolution.
+    Luma is used because JPEG keeps it at full resolution.
 
     Args:
         tone: the camera's tone curve.
@@ -136,10 +134,32 @@ def amount_of_luma(tone: Tone, cloth: Array, braid: Array) -> Single:
     Returns:
         q for the values 0 to 255, held at 1.6 above, shape (256,).
     """
-    values = np.arange(256.0)
-    dark, bright = (np.interp(colour, values, tone.table) for colour in (cloth, braid))
-    q = np.linspace(_DARKEST, _BRIGHTEST, 1024)
-    light = np.clip(dark + q[:, None] * (bright - dark), 0, 1)
-    luma = np.interp(light, tone.table, values) @ LUMA
-    rising = np.flatnonzero(np.diff(np.maximum.accumulate(luma), prepend=-1.0) > 0)
-    return np.interp(values, luma[rising], q[rising]).astype(np.float32)
+    dark, bright = (np.interp(colour, np.arange(256.0), tone.table) for colour in (cloth, braid))
+    return amount_of_look(tone, dark, bright, LUMA)
+
+
+def amount_of_look(tone: Tone, background: Array, muscle: Array, look: Array) -> Single:
+    """The amount q of muscle for each value of a weighted sum of the colours, see `amount_of_luma`.
+
+    A pixel that shows q of muscle and 1 - q of background has in each colour the light b + q (a - b),
+    and the sum is that of the three encoded values: a rising or falling function of q, inverted here.
+    A muscle that is darker counts as 1 where no light is left of its colour: its own limb may be
+    darker than the most of it.
+
+    Args:
+        tone: the camera's tone curve.
+        background: linear light b of its colours, shape (3,).
+        muscle: linear light a, the same.
+        look: weights of the colours, shape (3,).
+    """
+    values, most = np.arange(256.0), _BRIGHTEST
+    falls = background - muscle
+    if float(muscle @ look) < float(background @ look):
+        most = float(np.min(background[falls > 0] / falls[falls > 0]))
+    q = np.linspace(_DARKEST, most, 1024)
+    light = np.clip(background + q[:, None] * (muscle - background), 0, 1)
+    seen = np.interp(light, tone.table, values) @ look
+    if seen[-1] < seen[0]:
+        seen, q = seen[::-1], q[::-1] / most
+    rising = np.flatnonzero(np.diff(np.maximum.accumulate(seen), prepend=-1.0) > 0)
+    return np.interp(values, seen[rising], q[rising]).astype(np.float32)

@@ -1,8 +1,13 @@
-"""Many pictures to one table: workers, resumption, plots, and pictures to check by eye.
+"""Many pictures to one table: workers and resumption; `famjax.chain` plots it for a check by eye.
 
 `process` takes any executor and goes on where it was stopped; `Table` writes CSV, NetCDF, Parquet.
 """
 
-import lazy_loader
+from famjax.boundary.public_names import attach_rooms
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_MOVED = {
+    "famjax.chain": ("Tile", "contact_sheet", "expand", "plot_table", "write_check_pictures"),
+    "famjax.chain.check_pictures": ("choose",),
+}
+
+__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__, _MOVED)

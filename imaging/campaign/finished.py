@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from famjax.boundary.files import write_whole
 from famjax.boundary.settings import differing, some_of
 
 from ..errors import ImagingError
@@ -113,7 +114,7 @@ class Finished:
 
     def _add(self, entries: list[dict[str, Any]]) -> None:
         with self._on_disk("written"), self._file.open("ab") as file:
-            file.write(b"".join(_line(json.dumps(entry).encode()) for entry in entries))
+            file.write(_lines(entries))
             file.flush()
             os.fsync(file.fileno())
 
@@ -131,14 +132,7 @@ class Finished:
             latest = {row["path"]: row for row in rows}
             ordered = sorted(latest.values(), key=lambda row: place.get(row["path"], len(place)))
             if ordered != rows:
-                unfinished = self._file.with_suffix(".unfinished")
-                with unfinished.open("wb") as file:
-                    file.write(
-                        b"".join(_line(json.dumps(row).encode()) for row in (head, *ordered))
-                    )
-                    file.flush()
-                    os.fsync(file.fileno())
-                unfinished.replace(self._file)
+                write_whole(self._file, _lines([head, *ordered]))
 
     @contextlib.contextmanager
     def _on_disk(self, what: str) -> Iterator[None]:
@@ -173,6 +167,10 @@ def _same_file(row: Row, path: str) -> bool:
 
 def _key(path: str) -> str:
     return os.path.abspath(path)
+
+
+def _lines(entries: list[dict[str, Any]]) -> bytes:
+    return b"".join(_line(json.dumps(entry).encode()) for entry in entries)
 
 
 def _line(text: bytes) -> bytes:

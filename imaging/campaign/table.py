@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from famjax.boundary.extras import import_extra
+from famjax.boundary.netcdf import Variable, netcdf_content
 
 from ..camera.timestamps import Timestamp
 from ..errors import ImagingError
 from .columns import cf_unit, column_name, column_unit, describe
-from .netcdf import Variable, netcdf_content
 from .row import POSITION, Row
 
 if TYPE_CHECKING:

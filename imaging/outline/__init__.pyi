@@ -7,7 +7,7 @@ from .edge_model import (
     ramp as ramp,
     step as step,
 )
-from .edge_profile import limb_strength as limb_strength
+from .edge_profile import EdgeProfile as EdgeProfile, limb_strength as limb_strength
 from .edge_windows import aligned_windows as aligned_windows
 from .midline import axis_deviation as axis_deviation, axis_kink as axis_kink
 from .smoother import (

@@ -58,22 +58,14 @@ class Outline:
     Attributes:
         rows: v, shape (n,).
         left, right: the sides.
-        blur: s of the edge, a standard deviation, pixel and weave included [px].
-        disk: part of its variance that a disk makes, see `EdgeProfile`.
-        misfit: root mean square between the mean profiles and the model, over the step.
-        flank, rim, waves: see `EdgeProfile`.
+        edge: blur, light and misfit of the mean edge.
         resolution: wavelength that passed the smoothing at half its height [px].
     """
 
     rows: Indices
     left: Side
     right: Side
-    blur: float
-    disk: float
-    misfit: float
-    flank: float
-    rim: float
-    waves: float
+    edge: EdgeProfile
     resolution: float
 
 
@@ -122,18 +114,18 @@ def find_outline(
         _improved, light, rows, radius=radius, resolution=resolution, method=method,
         estimate=blur is None,
     )  # fmt: skip
-    outline = improved(curves, first.blur, first.disk, kappas=first.kappas, spacing=_ALIGNED)
+    outline = improved(curves, first, kappas=first.kappas, spacing=_ALIGNED)
     found = [_in_every_row(side.column, rows.size) for side in (outline.left, outline.right)]
     steps = _mean_steps(curves, found)
     inside = np.array(first.shifts)
     for _ in range(_PASSES):
-        curves, before = found, outline.blur
+        curves, before = found, outline.edge
         inside = inside + _INWARD * steps
-        outline = improved(curves, before, outline.disk, kappas=kappas(inside, before))
+        outline = improved(curves, before, kappas=kappas(inside, before.blur))
         outline, steps = _without_overshoot(outline, curves, steps)
         found = [outline.left.column, outline.right.column]
         moved = max(np.abs(new - old).max() for new, old in zip(found, curves, strict=True))
-        if moved < _SETTLED[0] and abs(outline.blur / before - 1) < _SETTLED[1]:
+        if moved < _SETTLED[0] and abs(outline.edge.blur / before.blur - 1) < _SETTLED[1]:
             break
     sides = (outline.left, outline.right)
     left_side, right_side = (dataclasses.replace(side, column=side.column + u0) for side in sides)
@@ -207,8 +199,7 @@ def _improved(
     light: Single,
     rows: Indices,
     curves: list[Array],
-    blur: float,
-    disk: float,
+    before: EdgeProfile,
     *,
     radius: float,
     resolution: float,
@@ -217,19 +208,20 @@ def _improved(
     estimate: bool,
     spacing: int = 1,
 ) -> Outline:
-    """The outline from windows aligned to the curves, and their blur unless it is given.
+    """The outline from windows aligned to the curves of the pass before, and their blur unless given.
 
     Rows `spacing` px apart are enough to align the windows of the next pass to.
     """
-    t = _window(blur, radius, DEEPEST * max(1.0, blur))
+    t = _window(before.blur, radius, DEEPEST * max(1.0, before.blur))
     light, rows, curves = light[::spacing], rows[::spacing], [curve[::spacing] for curve in curves]
     windows = [
         aligned_windows(light, curve, inward, t, radius, spacing)
         for curve, inward in zip(curves, (1, -1), strict=True)
     ]
     fit = edge_profile(
-        [side.profile for side in windows], t, blur, radius, kappas, disk=disk, estimate=estimate
-    )
+        [side.profile for side in windows], t, before.blur, radius, kappas, disk=before.disk,
+        estimate=estimate,
+    )  # fmt: skip
     left, right = (
         _refined(
             side,
@@ -240,18 +232,7 @@ def _improved(
         )
         for side, kappa, shift in zip(windows, kappas, fit.shifts, strict=True)
     )
-    return Outline(
-        rows,
-        left,
-        right,
-        fit.blur,
-        fit.disk,
-        fit.misfit,
-        fit.flank,
-        fit.rim,
-        fit.waves,
-        resolution,
-    )
+    return Outline(rows, left, right, fit, resolution)
 
 
 def _in_every_row(column: Array, n: int) -> Array:

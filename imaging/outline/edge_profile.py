@@ -99,20 +99,20 @@ def edge_profile(
     first = [0.0, 0.0, np.log(blur), max(float(angle), _LEAST_ANGLE)] if estimate else [0.0, 0.0]
     best = least_squares(left_over, np.array(first), 1e-3)
     misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
-    left, right = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
+    shifts = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
     s, part = (float(value[0]) for value in blur_and_disk(best))
-    sides = list(zip(profiles, (left, right), kappas, strict=True))
-    flank = max(_flank(profile, t - shift, s, kappa, radius) for profile, shift, kappa in sides)
-    rims = [_rim(profile, t - shift, s) for profile, shift, _ in sides]
-    laws = [
-        _rim(limb(t - shift, s, kappa, radius, part), t - shift, s) for _, shift, kappa in sides
-    ]
-    rim = float(np.mean(rims))
-    waves = [_wave(profile, t - shift, s, kappa, radius) for profile, shift, kappa in sides]
+    flanks, waves, rims, laws = zip(
+        *(
+            _inside(profile, t - shift, s, part, kappa, radius)
+            for profile, shift, kappa in zip(profiles, shifts, kappas, strict=True)
+        ),
+        strict=True,
+    )
+    flank, rim = max(flanks), float(np.mean(rims))
     matte = 1 - shine_of(rim, flank)
     left, right = (
         shift - matte * _first_thread(own, law, s)
-        for (_, shift, _), own, law in zip(sides, rims, laws, strict=True)
+        for shift, own, law in zip(shifts, rims, laws, strict=True)
     )
     wave = float(np.sqrt(np.mean(np.square(waves))))
     return EdgeProfile(s, part, kappas, (left, right), misfit, flank, rim, wave)
@@ -129,40 +129,29 @@ def limb(
     return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge
 
 
-def _flank(profile: Array, t: Array, s: float, kappa: float, radius: float) -> float:
-    """What the profile exceeds the model by, inside the flank that the model was fitted to.
+def _inside(
+    profile: Array, t: Array, s: float, disk: float, kappa: float, radius: float
+) -> tuple[float, float, float, float]:
+    """Flank, wave and rim of one side, and the rim by the law of a smooth limb, see `EdgeProfile`.
 
-    An edge smeared over more than the model's window goes on to rise there, whatever smeared it.
+    The flank is what the profile exceeds the model by, inside the part that the model was fitted to: an
+    edge smeared over more than that goes on to rise there, whatever smeared it. The wave is of any
+    height: threads shade one limb more than another all along it. Each is 0 where nothing is seen.
     """
-    inside = (t > _FLANK[0] * s) & (t < _FLANK[1] * s)
-    if not inside.any():
-        return 0.0
-    model, height, foot = _smooth_limb(profile, t, s, kappa, radius)
-    above = profile[inside] - foot - height * model[inside]
-    return float(np.mean(above) / max(height * float(np.mean(model[inside])), 1e-9))
-
-
-def _wave(profile: Array, t: Array, s: float, kappa: float, radius: float) -> float:
-    """Relative deviation of the light inside the edge from the law of a smooth limb, 0 where none is seen.
-
-    Of any height: threads shade one limb more than another all along it.
-    """
-    size = max(1.0, s)
-    inside = (t > _RIM[0][0] * size) & (t < _RIM[1][1] * size)
-    if not inside.any():
-        return 0.0
-    model, height, foot = _smooth_limb(profile, t, s, kappa, radius)
-    light = (profile[inside] - foot) / np.maximum(height * model[inside], 1e-9)
-    return float(np.std(np.log(np.maximum(light, _DARKEST))))
-
-
-def _smooth_limb(
-    profile: Array, t: Array, s: float, kappa: float, radius: float
-) -> tuple[Array, float, float]:
-    """The model of a smooth limb, and the height and the foot with which it fits the profile's edge."""
     near, model = near_edge(t, s), limb(t, s, kappa, radius)
     height = float(height_and_rest(profile[near], model[near])[0][0])
-    return model, height, float(np.mean(profile[near] - height * model[near]))
+    above = profile - float(np.mean(profile[near] - height * model[near]))
+    flank = wave = 0.0
+    size = max(1.0, s)
+    at = (t > _FLANK[0] * s) & (t < _FLANK[1] * s)
+    if at.any():
+        excess = float(np.mean(above[at] - height * model[at]))
+        flank = excess / max(height * float(np.mean(model[at])), 1e-9)
+    at = (t > _RIM[0][0] * size) & (t < _RIM[1][1] * size)
+    if at.any():
+        light = above[at] / np.maximum(height * model[at], 1e-9)
+        wave = float(np.std(np.log(np.maximum(light, _DARKEST))))
+    return flank, wave, _rim(profile, t, s), _rim(limb(t, s, kappa, radius, disk), t, s)
 
 
 def _rim(profile: Array, t: Array, s: float) -> float:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ..arrays import Array, Image, Single
-from ..camera.tone import LUMA, Tone, amount_of_luma
+from ..camera.tone import LUMA, Tone, amount_of_look, amount_of_luma
 from ..errors import NoMuscle
 from .segmentation import Segmentation
 
@@ -14,7 +14,6 @@ _BESIDE = np.arange(6, 17)  # px from the coarse outline, on either side of it
 _ROWS = 400  # that are looked at, evenly thinned out
 _LEAST = 0.12  # of the brighter side: contrast that nine rows in ten must have
 _LUMA_FIRST = 0.5  # of the best colour's contrast with which luma, JPEG's sharpest, is preferred
-_DARKEST, _BRIGHTEST = -0.5, 1.6
 
 
 def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Single]:
@@ -53,11 +52,10 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     gray = rgb[..., best - 1] if best else cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     gray = np.ascontiguousarray(gray, np.uint8)
     background, muscle = np.median(outside, axis=0), np.median(inside, axis=0)
+    amount = amount_of_look(tone, background, muscle, looks[best])
     if contrasts[best] > 0:
-        return gray, _amount(tone, background, muscle, looks[best])
-    return cv2.bitwise_not(gray).astype(np.uint8), _amount(tone, background, muscle, looks[best])[
-        ::-1
-    ].copy()
+        return gray, amount
+    return cv2.bitwise_not(gray).astype(np.uint8), amount[::-1].copy()
 
 
 def _beside(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Array, Array]:
@@ -78,23 +76,3 @@ def _contrast(inside: Array, outside: Array) -> float:
     relative = (inside - outside) / np.maximum(np.maximum(inside, outside), 1e-4)
     low, high = np.quantile(relative, [0.1, 0.9])
     return float(low) if low > 0 else float(high) if high < 0 else 0.0
-
-
-def _amount(tone: Tone, background: Array, muscle: Array, look: Array) -> Single:
-    """The amount of muscle for each value of a look, by the colours that mix on its edge.
-
-    A muscle that is darker counts as 1 where no light is left of its colour: its own limb may be
-    darker than the most of it.
-    """
-    values = np.arange(256.0)
-    falls = background - muscle
-    most = _BRIGHTEST
-    if float(muscle @ look) < float(background @ look):
-        most = float(np.min(background[falls > 0] / falls[falls > 0]))
-    q = np.linspace(_DARKEST, most, 1024)
-    light = np.clip(background + q[:, None] * (muscle - background), 0, 1)
-    seen = np.interp(light, tone.table, values) @ look
-    if seen[-1] < seen[0]:
-        seen, q = seen[::-1], q[::-1] / most
-    rising = np.flatnonzero(np.diff(np.maximum.accumulate(seen), prepend=-1.0) > 0)
-    return np.interp(values, seen[rising], q[rising]).astype(np.float32)

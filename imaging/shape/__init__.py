@@ -4,6 +4,8 @@
 errors, `Quality` the figures by which to judge them.
 """
 
-import lazy_loader
+from famjax.boundary.public_names import attach_rooms
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_MOVED = {"fitting.shapes": ("FourierFit", "fit_fourier")}
+
+__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__, _MOVED)

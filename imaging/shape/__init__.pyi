@@ -1,4 +1,3 @@
-from .fourier import FourierFit as FourierFit, fit_fourier as fit_fourier
 from .measurement import (
     Measurement as Measurement,
     MeasurementErrors as MeasurementErrors,

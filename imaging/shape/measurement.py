@@ -8,7 +8,6 @@ import numpy as np
 from ..arrays import Array
 from ..quality import Quality
 from ..weave.angle import BraidAngle, triangle_angle
-from .fourier import FourierFit, fit_fourier
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,9 +199,3 @@ class Measurement:
     def arc_length(self) -> float:
         """Length of the outline from tape to tape [m], integral of sqrt(1 + R'^2)."""
         return float(np.hypot(np.diff(self.z), np.diff(self.diameter) / 2).sum())
-
-    def fourier(self, n_terms: int = 3, *, symmetric: bool = False) -> FourierFit:
-        """The truncated Fourier series through D(z), see `fit_fourier`."""
-        return fit_fourier(
-            self.z / self.length, self.diameter, n_terms=n_terms, symmetric=symmetric
-        )

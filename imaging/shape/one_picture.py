@@ -147,7 +147,7 @@ def _placed(
             dataclasses.replace(body, x0=body.x0 + aside),
             recipe,
             lower=lower,
-            blur=outline.blur,
+            blur=outline.edge.blur,
         )
         for lower, aside in zip((False, True), ends_aside(photo.camera, outline), strict=True)
     )
@@ -255,13 +255,13 @@ def _quality(
     return Quality(
         eta_value=coarse.eta_value,
         eta_hue=coarse.eta_hue,
-        blur_px=outline.blur,
+        blur_px=outline.edge.blur,
         kappa=max(side.kappa for side in sides),
         axis_deviation=axis_deviation(*columns),
         axis_kink=axis_kink(*columns),
-        misfit=outline.misfit,
-        flank=outline.flank,
-        rim=outline.rim,
+        misfit=outline.edge.misfit,
+        flank=outline.edge.flank,
+        rim=outline.edge.rim,
         outlier_fraction=max(side.outliers for side in sides),
         residual_rms=max(side.residual for side in sides),
         tape_sd_px=max(upper.spread, lower.spread),

@@ -113,11 +113,12 @@ def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tup
     """Systematic error of the width and of the length [px]."""
     radius = float(np.median(outline.right.column - outline.left.column)) / 2
     moved = (
-        moved_by_limb(side.kappa, outline.blur, radius) for side in (outline.left, outline.right)
+        moved_by_limb(side.kappa, outline.edge.blur, radius)
+        for side in (outline.left, outline.right)
     )
     by_lamp = _OF_LIGHT * abs(sum(moved)) / 2  # the same law on both sides
     shine = shine_of(quality.rim, quality.flank)
-    waves = (1 - shine) * math.sqrt(max(outline.waves**2 - _PLAIN**2, 0.0))
+    waves = (1 - shine) * math.sqrt(max(outline.edge.waves**2 - _PLAIN**2, 0.0))
     light = math.hypot(by_lamp, _OF_WAVES * waves * max(1.0, quality.blur_px))
     threads = _OF_THREADS * min(quality.blur_px, _WIDEST) ** 2
     misfit = math.sqrt(max(quality.misfit**2 - threads**2, 0.0))

@@ -15,6 +15,8 @@ Examples:
     ((500, 220, 3), 7.657, 328)
 """
 
-import lazy_loader
+from famjax.boundary.public_names import attach_rooms
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_MOVED = {"famjax.chain": ("StrokeLog", "stroke_log")}
+
+__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__, _MOVED)

@@ -16,7 +16,6 @@ from .muscle import (
     published_shape as published_shape,
     stroke_shape as stroke_shape,
 )
-from .random_scenes import random_scene as random_scene
 from .renderer import (
     render as render,
     render_linear as render_linear,
@@ -33,20 +32,19 @@ from .scene import (
     PUBLISHED_DISTANCE as PUBLISHED_DISTANCE,
     PUBLISHED_FRAME as PUBLISHED_FRAME,
     PUBLISHED_PX_PER_IN as PUBLISHED_PX_PER_IN,
+    CameraSensor as CameraSensor,
     Jpeg as Jpeg,
     Lamp as Lamp,
     Lens as Lens,
     Light as Light,
     Reflectance as Reflectance,
     Scene as Scene,
-    Sensor as Sensor,
     Setting as Setting,
     published_scene as published_scene,
+    random_scene as random_scene,
 )
 from .sequence import (
-    StrokeLog as StrokeLog,
     render_sequence as render_sequence,
-    stroke_log as stroke_log,
     triangle_stroke as triangle_stroke,
 )
-from .truth import RulerTruth as RulerTruth, Truth as Truth
+from .truth import MuscleTruth as MuscleTruth, RulerTruth as RulerTruth

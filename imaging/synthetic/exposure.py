@@ -1,4 +1,4 @@
-"""From the light on the sensor to the file: noise, colour filter, tone curve, sharpening, JPEG."""
+"""From the light before the lens to the file: blur, noise, colour filter, tone curve, sharpening, JPEG."""
 
 import dataclasses
 import datetime
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Image
-from .scene import Jpeg, Sensor, Setting
-from .truth import RulerTruth, Truth
+from .scene import CameraSensor, Jpeg, Lens, Setting
+from .truth import MuscleTruth, RulerTruth
 
 
 def encode_jpeg(rgb: Image, jpeg: Jpeg) -> bytes:
@@ -31,10 +31,7 @@ def decode_jpeg(data: bytes) -> Image:
     """The picture of a JPEG file, RGB."""
     import cv2  # noqa: PLC0415 - heavy, and needed here only
 
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if bgr is None:
-        raise OSError("OpenCV could not read the JPEG it wrote")
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
 
 
 def stamped(data: bytes, time: datetime.datetime) -> bytes:
@@ -50,7 +47,43 @@ def stamped(data: bytes, time: datetime.datetime) -> bytes:
     return start_of_image + b"\xff\xe1" + struct.pack(">H", len(block) + 2) + block + rest
 
 
-T = TypeVar("T", Truth, RulerTruth)
+def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating]:
+    """Light behind the lens: each of its faults a convolution, the picture's border mirrored."""
+    import cv2  # noqa: PLC0415 - heavy, and needed here only
+
+    seen = np.asarray(light, np.float32)
+    if lens.motion_px > 0:
+        seen = cv2.filter2D(seen, -1, _way(lens.motion_px, np.deg2rad(lens.motion_deg)))
+    if lens.defocus_px > 0:
+        seen = cv2.filter2D(seen, -1, _disk(lens.defocus_px))
+    if lens.blur_px > 0:
+        seen = cv2.GaussianBlur(seen, (0, 0), lens.blur_px)
+    if lens.halo > 0:
+        glow = cv2.GaussianBlur(seen, (0, 0), lens.halo_px)
+        seen = (1 - lens.halo) * seen + lens.halo * glow
+    return np.asarray(seen, np.float32)
+
+
+def _way(length: float, angle: float) -> NDArray[np.floating]:
+    """A straight way [px] at an angle [rad] to the vertical, by the part of it that each pixel has."""
+    reach = int(np.ceil(length / 2)) + 1
+    at = ((np.arange(512 * reach) + 0.5) / (512 * reach) - 0.5) * length
+    part = np.zeros((2 * reach + 1, 2 * reach + 1))
+    u, v = (np.rint(reach + at * turn).astype(int) for turn in (np.sin(angle), np.cos(angle)))
+    np.add.at(part, (v, u), 1.0)
+    return (part / part.sum()).astype(np.float32)
+
+
+def _disk(radius: float) -> NDArray[np.floating]:
+    """A disk of any radius [px], sampled by the part of each pixel that it covers."""
+    reach = int(np.ceil(radius + 0.5))
+    fine = (np.arange(16 * (2 * reach + 1)) + 0.5) / 16 - reach - 0.5
+    inside = np.hypot(fine[:, None], fine[None, :]) <= radius
+    part = inside.reshape(2 * reach + 1, 16, 2 * reach + 1, 16).mean(axis=(1, 3))
+    return (part / part.sum()).astype(np.float32)
+
+
+T = TypeVar("T", MuscleTruth, RulerTruth)
 
 
 class _Shows(Generic[T]):
@@ -136,7 +169,7 @@ class LinearPhoto(_Shows[T]):
     shown: T | None
 
 
-def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -> Photo[T]:
+def expose(linear: LinearPhoto[T], seed: int, *, sensor: CameraSensor | None = None) -> Photo[T]:
     """The photograph that sensor and camera program make of the light.
 
     Args:
@@ -172,7 +205,7 @@ def expose(linear: LinearPhoto[T], seed: int, *, sensor: Sensor | None = None) -
 
 
 def _read_out(
-    light: NDArray[np.floating], sensor: Sensor, random: np.random.Generator
+    light: NDArray[np.floating], sensor: CameraSensor, random: np.random.Generator
 ) -> NDArray[np.uint16]:
     """The light as 16-bit values, with the noise of its photons and of reading them."""
     values = np.empty(light.shape, np.uint16)

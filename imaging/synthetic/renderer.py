@@ -1,50 +1,16 @@
-"""From a scene to the light on the sensor, and to the photograph."""
+"""From a scene to the light on the sensor, and to the photograph: rays, what they see, the mean of many."""
+
+import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .exposure import LinearPhoto, Photo, expose
+from ..arrays import Array
+from .exposure import LinearPhoto, Photo, expose, through_lens
 from .ruler import Ruler, RulerScene
-from .scene import Lens, Scene, Setting
-from .truth import RulerTruth, Truth, true_figures
-from .world import World
-
-
-def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating]:
-    """Light behind the lens: each of its faults a convolution, the picture's border mirrored."""
-    import cv2  # noqa: PLC0415 - heavy, and needed here only
-
-    seen = np.asarray(light, np.float32)
-    if lens.motion_px > 0:
-        seen = cv2.filter2D(seen, -1, _way(lens.motion_px, np.deg2rad(lens.motion_deg)))
-    if lens.defocus_px > 0:
-        seen = cv2.filter2D(seen, -1, _disk(lens.defocus_px))
-    if lens.blur_px > 0:
-        seen = cv2.GaussianBlur(seen, (0, 0), lens.blur_px)
-    if lens.halo > 0:
-        glow = cv2.GaussianBlur(seen, (0, 0), lens.halo_px)
-        seen = (1 - lens.halo) * seen + lens.halo * glow
-    return np.asarray(seen, np.float32)
-
-
-def _way(length: float, angle: float) -> NDArray[np.floating]:
-    """A straight way [px] at an angle [rad] to the vertical, by the part of it that each pixel has."""
-    reach = int(np.ceil(length / 2)) + 1
-    at = ((np.arange(512 * reach) + 0.5) / (512 * reach) - 0.5) * length
-    part = np.zeros((2 * reach + 1, 2 * reach + 1))
-    u, v = (np.rint(reach + at * turn).astype(int) for turn in (np.sin(angle), np.cos(angle)))
-    np.add.at(part, (v, u), 1.0)
-    return (part / part.sum()).astype(np.float32)
-
-
-def _disk(radius: float) -> NDArray[np.floating]:
-    """A disk of any radius [px], sampled by the part of each pixel that it covers."""
-    reach = int(np.ceil(radius + 0.5))
-    fine = (np.arange(16 * (2 * reach + 1)) + 0.5) / 16 - reach - 0.5
-    inside = np.hypot(fine[:, None], fine[None, :]) <= radius
-    part = inside.reshape(2 * reach + 1, 16, 2 * reach + 1, 16).mean(axis=(1, 3))
-    return (part / part.sum()).astype(np.float32)
-
+from .scene import Light, Scene, Setting
+from .truth import MuscleTruth, RulerTruth, true_figures
+from .world import Hits, Shoulder, World, unit_vectors
 
 _BLOCK_ROWS = 64
 _SAMPLES, _SHIFT = 55, 34  # neighbours in Fibonacci's sequence: an even lattice in a pixel
@@ -53,20 +19,115 @@ _CLOTH_COLOUR = (0.95, 1.0, 1.08)
 _NEUTRAL = (1.0, 1.0, 1.0)
 _FIBRES, _FIBRE_LIGHT = (0.0005, 0.003), 0.6  # lengths [m], light that they send
 _STAIN = 0.15  # relative standard deviation of the cloth's folds
+_GLOSS = {"tape": (0.05, 25.0), "rod": (0.10, 60.0)}  # strength and exponent of the glare
+_FIBRE_GLOSS = 0.10
+_ROUGHNESS = 0.35  # [rad], Oren and Nayar's spread of the facets
 
 
-Sight = World | Ruler
-"""What rays can meet: both know their `span` in some rows, and what is `seen` at some places."""
+@dataclasses.dataclass(frozen=True)
+class LitWorld:
+    """The bodies of a world in a light: as a `Ruler`, it knows its span and what is seen of it."""
+
+    world: World
+    light: Light
+
+    def span(self, v_first: float, v_last: float) -> tuple[float, float]:
+        """Columns [px] within which bodies can be seen in these rows."""
+        return self.world.span(v_first, v_last)
+
+    def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
+        """What is seen at picture positions u, v [px], shape (n,).
+
+        Returns:
+            which: number of the body, -1 for the cloth, shape (n,).
+            light: linear RGB that the bodies send, zero for the cloth, shape (n, 3).
+        """
+        which, a, b, depth = self.world.met(u, v)
+        light = np.zeros((u.size, 3))
+        for number, (kind, body, albedo) in enumerate(self.world.bodies):
+            at = np.flatnonzero(which == number)
+            if at.size == 0:
+                continue
+            if isinstance(body, Shoulder):
+                light[at] = self.light.ambient * albedo
+                continue
+            hits = body.hits(a[at], b[at], depth[at])
+            sight = unit_vectors(-np.stack([a[at], b[at], np.ones(at.size)], axis=1))
+            light[at] = self._on_braid(hits, sight) if kind == "braid" else self._glossy(
+                hits, sight, albedo, *_GLOSS[kind])  # fmt: skip
+        return which, light
+
+    def _on_braid(self, hits: Hits, sight: Array) -> Array:
+        """Light of the woven surface, (n, 3)."""
+        at = self.world.weave.crossings(hits.azimuth, hits.y)
+        lean, fibre = self.world.weave.directions(at, hits.azimuth, hits.y)
+        lit = light_on_threads(self.light, unit_vectors(hits.normal + lean), sight)
+        for lamp in self.light.lamps:
+            skew = np.einsum("ij,ij->i", fibre, unit_vectors(sight + lamp.towards))
+            lit += _FIBRE_GLOSS * lamp.irradiance(hits.normal) * np.clip(1 - skew**2, 0, 1) ** 12
+        facing = np.clip(np.einsum("ij,ij->i", hits.normal, sight), 0, 1)
+        lit += self.world.muscle.sheen * (1 - facing) ** self.world.muscle.sheen_power
+        return (lit * self.world.weave.reflectance(at))[:, None] * np.array(
+            self.world.muscle.albedo
+        )
+
+    def _glossy(
+        self, hits: Hits, sight: Array, albedo: Array, gloss: float, exponent: float
+    ) -> Array:
+        """Light of a smooth coloured surface with glare (Blinn and Phong), (n, 3)."""
+        diffuse = np.full(hits.y.shape, self.light.ambient)
+        glare = np.zeros(hits.y.shape)
+        for lamp in self.light.lamps:
+            diffuse += lamp.irradiance(hits.normal)
+            half = unit_vectors(sight + lamp.towards)
+            shine = np.clip(np.einsum("ij,ij->i", hits.normal, half), 0, 1)
+            glare += lamp.strength * gloss * shine**exponent
+        return diffuse[:, None] * albedo + glare[:, None]
 
 
-def draw(sight: Sight, scene: Setting) -> NDArray[np.floating]:
+def light_on_threads(light: Light, normal: Array, sight: Array) -> Array:
+    """Light that white threads send to the camera.
+
+    Args:
+        light: the lamps, and how threads scatter.
+        normal: of the threads, shape (n, 3).
+        sight: from the surface to the camera, unit, shape (n, 3).
+
+    Returns:
+        shape (n,).
+
+    References:
+        Oren and Nayar 1994, equation 30 (the qualitative model).
+    """
+    total = np.full(normal.shape[0], light.ambient)
+    for lamp in light.lamps:
+        lit = lamp.irradiance(normal)
+        if light.reflectance == "sqrt":
+            lit = np.sqrt(lit * lamp.strength)
+        elif light.reflectance == "oren-nayar":
+            lit = lit * _oren_nayar(normal, lamp.towards, sight)
+        total += lit
+    return total
+
+
+def _oren_nayar(normal: Array, lamp: Array, sight: Array) -> Array:
+    """The factor by which a rough surface scatters more than Lambert's, shape (n,)."""
+    cos_i = np.clip(normal @ lamp, 0.05, 1)
+    cos_r = np.clip(np.einsum("ij,ij->i", normal, sight), 0.05, 1)
+    along = np.clip(sight @ lamp - cos_i * cos_r, 0, None)  # sin sin cos(delta phi)
+    s2 = _ROUGHNESS**2
+    A, B = 1 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09)
+    return A + B * along / np.maximum(cos_i, cos_r)
+
+
+def draw(sight: LitWorld | Ruler, scene: Setting) -> NDArray[np.floating]:
     """The light on the sensor of something in front of the scene's cloth, behind its lens."""
     background = cloth(scene)
     light = background.copy()
     parts = _draw_once(sight, light)
     _refine(sight, light, parts, background)
-    if isinstance(sight, World) and sight.muscle.fray:
-        _draw_fibres(sight, light)
+    if isinstance(sight, LitWorld) and sight.world.muscle.fray:
+        _draw_fibres(sight.world, light)
     if scene.light.colour != _NEUTRAL:
         light = light * np.array(scene.light.colour, np.float32)
     return through_lens(light, scene.lens)
@@ -114,7 +175,7 @@ def cloth(scene: Setting) -> NDArray[np.floating]:
     return (base + light.stray * stray)[..., None] * np.array(_CLOTH_COLOUR, np.float32)
 
 
-def _draw_once(sight: Sight, light: NDArray[np.floating]) -> NDArray[np.int8]:
+def _draw_once(sight: LitWorld | Ruler, light: NDArray[np.floating]) -> NDArray[np.int8]:
     """One ray per pixel into `light`; returns which part each pixel shows, -1 for the cloth."""
     h, w = light.shape[:2]
     parts = np.full((h, w), -1, np.int8)
@@ -134,7 +195,7 @@ def _draw_once(sight: Sight, light: NDArray[np.floating]) -> NDArray[np.int8]:
 
 
 def _refine(
-    sight: Sight,
+    sight: LitWorld | Ruler,
     light: NDArray[np.floating],
     parts: NDArray[np.int8],
     background: NDArray[np.floating],
@@ -160,7 +221,7 @@ def _refine(
         light[rows[at], columns[at]] = mean + missed[:, None] * background[rows[at], columns[at]]
 
 
-def render(scene: Scene, seed: int) -> Photo[Truth]:
+def render(scene: Scene, seed: int) -> Photo[MuscleTruth]:
     """The photograph of a scene, with the truth beside it.
 
     Args:
@@ -170,7 +231,7 @@ def render(scene: Scene, seed: int) -> Photo[Truth]:
     return expose(render_linear(scene), seed)
 
 
-def render_linear(scene: Scene) -> LinearPhoto[Truth]:
+def render_linear(scene: Scene) -> LinearPhoto[MuscleTruth]:
     """The light on the sensor. Take it once where only sensor, file or noise are to vary.
 
     Every pixel is one ray; those near an edge are the mean of 55, so that the light in them is that
@@ -178,8 +239,8 @@ def render_linear(scene: Scene) -> LinearPhoto[Truth]:
     """
     if scene.muscle is None:
         return LinearPhoto(scene, through_lens(cloth(scene), scene.lens), None)
-    world = World(scene.muscle, scene.light, scene.camera)
-    return LinearPhoto(scene, draw(world, scene), true_figures(world))
+    world = World(scene.muscle, scene.camera)
+    return LinearPhoto(scene, draw(LitWorld(world, scene.light), scene), true_figures(world))
 
 
 def render_ruler(scene: RulerScene, seed: int) -> Photo[RulerTruth]:

@@ -1,4 +1,4 @@
-"""A whole photograph before it is taken: light, lens, sensor and file."""
+"""A whole photograph before it is taken: light, lens, sensor and file; as published, or drawn at random."""
 
 import dataclasses
 import datetime
@@ -15,6 +15,7 @@ from .muscle import (
     INCH,
     PUBLISHED_CONTRACTIONS,
     REST_LENGTH,
+    TAN,
     MuscleScene,
     Tape,
     published_shape,
@@ -22,7 +23,6 @@ from .muscle import (
 )
 
 Reflectance = Literal["lambert", "oren-nayar", "sqrt"]
-_ROUGHNESS = 0.35  # [rad], Oren and Nayar's spread of the facets
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,39 +101,6 @@ class Light:
         """One hard lamp at the camera: the limb at 8 percent, where thresholds fail."""
         return cls((Lamp((0.0, -0.05, -1.0), 1.0, 0.02),), ambient=0.08)
 
-    def on_threads(self, normal: Array, sight: Array) -> Array:
-        """Light that white threads send to the camera.
-
-        Args:
-            normal: of the threads, shape (n, 3).
-            sight: from the surface to the camera, unit, shape (n, 3).
-
-        Returns:
-            shape (n,).
-
-        References:
-            Oren and Nayar 1994, equation 30 (the qualitative model).
-        """
-        total = np.full(normal.shape[0], self.ambient)
-        for lamp in self.lamps:
-            lit = lamp.irradiance(normal)
-            if self.reflectance == "sqrt":
-                lit = np.sqrt(lit * lamp.strength)
-            elif self.reflectance == "oren-nayar":
-                lit = lit * _oren_nayar(normal, lamp.towards, sight)
-            total += lit
-        return total
-
-
-def _oren_nayar(normal: Array, lamp: Array, sight: Array) -> Array:
-    """The factor by which a rough surface scatters more than Lambert's, shape (n,)."""
-    cos_i = np.clip(normal @ lamp, 0.05, 1)
-    cos_r = np.clip(np.einsum("ij,ij->i", normal, sight), 0.05, 1)
-    along = np.clip(sight @ lamp - cos_i * cos_r, 0, None)  # sin sin cos(delta phi)
-    s2 = _ROUGHNESS**2
-    A, B = 1 - 0.5 * s2 / (s2 + 0.33), 0.45 * s2 / (s2 + 0.09)
-    return A + B * along / np.maximum(cos_i, cos_r)
-
 
 PUBLISHED_PX_PER_IN = 226.63
 PUBLISHED_DISTANCE = 60 * INCH
@@ -169,7 +136,7 @@ class Lens:
 
 
 @dataclasses.dataclass(frozen=True)
-class Sensor:
+class CameraSensor:
     """What sensor and camera program make of the light.
 
     Attributes:
@@ -253,7 +220,7 @@ class Setting:
     _: dataclasses.KW_ONLY
     light: Light = dataclasses.field(default_factory=Light.side)
     lens: Lens = dataclasses.field(default_factory=Lens)
-    sensor: Sensor = dataclasses.field(default_factory=Sensor)
+    sensor: CameraSensor = dataclasses.field(default_factory=CameraSensor)
     jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)
     time: datetime.datetime | None = None
     lying: bool = False
@@ -305,3 +272,95 @@ def published_scene(
     )
     centre = ((size[1] - 1) / 2, (size[0] - 1) / 2)
     return Scene(Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre), size, muscle)
+
+
+_WHITE_THREAD = (0.75, 0.75, 0.72)
+_HUES = (222.0, 130.0, 355.0)  # blue, green, red across the seam of the circle
+_ROOM = 0.35 * INCH  # of cloth beside the muscle and beyond the tapes
+
+
+def random_scene(
+    seed: int, *, px_per_in: tuple[float, float] = (100.0, 400.0), length: float = REST_LENGTH
+) -> Scene:
+    """A scene drawn from what a laboratory may set up: no two alike, all of them measurable.
+
+    Distance 30 to 100 in, contraction 0 to 0.35, up to 3 in beside the optical axis and 2 in along
+    it, rolled by up to 3 degrees; lamps on either side, stronger on one, cloth more or less black;
+    tan, white or black-flecked threads; blue, green or red tape, as thick as the braid's end or up
+    to 0.1 in thicker; ISO 800 to 6400, a lens of 0.7 to 1.3 px, mosaic or not. The crop has its
+    own place in the frame: the optical axis is not in its middle.
+
+    Args:
+        seed: of everything.
+        px_per_in: range of the scale; small figures make small pictures.
+        length: of the muscle at rest [m].
+    """
+    random = np.random.default_rng(seed)
+    scale = random.uniform(*px_per_in) / INCH
+    contraction = random.uniform(0, 0.35)
+    shape = stroke_shape(contraction)
+    muscle = MuscleScene(
+        shape,
+        length * (1 - contraction),
+        x0=random.uniform(-3, 3) * INCH,
+        y0=random.uniform(-2, 2) * INCH,
+        roll=np.deg2rad(random.uniform(-3, 3)),
+        strands=int(np.clip(4 * round(9 * scale * INCH / 226), 8, 36)),
+        albedo=TAN if random.random() < 0.6 else _WHITE_THREAD,
+        flecks=random.choice([0.0, 0.05]),
+        weave_seed=int(random.integers(1 << 30)),
+    )
+    hue = float(random.choice(_HUES) + random.uniform(-6, 6)) % 360
+    thicker = random.uniform(0, 0.1) * INCH if random.random() < 0.5 else 0.0
+    tape = Tape(hue=hue, diameter=float(shape(0.0)) + thicker)
+    muscle = dataclasses.replace(muscle, upper=tape, lower=tape)
+    distance = random.uniform(30, 100) * INCH
+    size, centre = _crop(muscle, scale, random)
+    return Scene(
+        Camera(scale, distance, centre),
+        size,
+        muscle,
+        light=_light(random),
+        lens=Lens(blur_px=random.uniform(0.7, 1.3)),
+        sensor=CameraSensor(
+            full_well=float(random.choice([7600.0, 3800.0, 1900.0, 950.0])),
+            bayer=bool(random.random() < 0.3),
+        ),
+    )
+
+
+def _crop(
+    muscle: MuscleScene, scale: float, random: np.random.Generator
+) -> tuple[tuple[int, int], tuple[float, float]]:
+    """Size of a picture that holds the muscle, and the optical axis in it."""
+    cos, sin = np.cos(muscle.roll), np.sin(muscle.roll)
+    widest = float(muscle.diameter(np.linspace(0, 1, 101)).max())
+    tape = muscle.upper.width if muscle.upper else 0.0
+    reach = muscle.length + 2 * tape + 2 * _ROOM
+    height = 1.04 * reach * cos + widest * abs(sin)  # nearer parts look larger
+    width = 1.1 * widest + muscle.length * abs(sin) + 4 * _ROOM
+    across = cos * muscle.x0 - sin * muscle.y0
+    along = sin * muscle.x0 + cos * muscle.y0
+    size = round(height * scale), round(width * scale)
+    aside = random.uniform(-0.3, 0.3, 2) * _ROOM
+    u = (size[1] - 1) / 2 - scale * (across + aside[0])
+    v = (size[0] - 1) / 2 - scale * (along + aside[1])
+    return size, (float(u), float(v))
+
+
+def _light(random: np.random.Generator) -> Light:
+    """Two lamps, one on each side."""
+    lamps = []
+    for side in (-1, 1):
+        angle = np.deg2rad(random.uniform(40, 70))
+        direction = (side * np.sin(angle), random.uniform(-0.4, 0.1), -np.cos(angle))
+        lamps.append(Lamp(direction, random.uniform(0.5, 0.9), random.uniform(0.1, 0.4)))
+    return Light(
+        tuple(lamps),
+        ambient=random.uniform(0.05, 0.2),
+        reflectance=random.choice(["lambert", "oren-nayar", "sqrt"]),
+        cloth=random.uniform(0.003, 0.012),
+        cloth_gradient=random.uniform(-0.8, 0.8),
+        stray=random.uniform(0, 0.015),
+        stray_place=(random.choice([0.1, 0.9]), random.uniform(0.2, 0.8)),
+    )

@@ -9,7 +9,7 @@ from .world import World
 
 
 @dataclasses.dataclass(frozen=True)
-class Truth:
+class MuscleTruth:
     """What a perfect measurement of the picture would find.
 
     Attributes:
@@ -80,7 +80,7 @@ class RulerTruth:
 _POINTS = 1001
 
 
-def true_figures(world: World) -> Truth:
+def true_figures(world: World) -> MuscleTruth:
     """What a perfect measurement of this world's picture would find."""
     from scipy.integrate import simpson  # noqa: PLC0415 - keeps the import cheap
     from scipy.interpolate import CubicSpline  # noqa: PLC0415
@@ -94,7 +94,7 @@ def true_figures(world: World) -> Truth:
     D = muscle.diameter(z / world.length)
     lower = world.axis.first + muscle.length
     along = world.axis.first + z * muscle.length / world.length
-    return Truth(
+    return MuscleTruth(
         rows=rows,
         left=sides[0](rows),
         right=sides[1](rows),

@@ -1,23 +1,194 @@
-"""What the camera sees along a ray: bodies, their colours, the light on them."""
+"""What stands in front of the cloth as bodies that rays meet: braid, tapes and rods along an axis."""
 
 import colorsys
+import dataclasses
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Flags
 from ..camera.pinhole import Camera, turned
-from .bodies import Body, BodyAxis, Hits, Shoulder, unit_vectors
 from .muscle import MuscleScene, Tape, Weave
-from .scene import Light
+
+_STEPS = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class BodyAxis:
+    """The axis of a muscle: straight but for a half sine wave between the tapes.
+
+    Attributes:
+        x0, depth: of the straight line [m].
+        first, length: where the braid begins along it and how long it is [m].
+        bow, bow_depth: amplitudes [m].
+    """
+
+    x0: float
+    depth: float
+    first: float
+    length: float
+    bow: float
+    bow_depth: float
+
+    def at(self, y: Array) -> tuple[Array, Array, Array, Array]:
+        """xc, dxc/dy, zc, dzc/dy at y."""
+        x = np.clip((y - self.first) / self.length, 0, 1)
+        wave = np.sin(np.pi * x)
+        rate = np.where((x > 0) & (x < 1), np.pi / self.length * np.cos(np.pi * x), 0.0)
+        return (
+            self.x0 + self.bow * wave, self.bow * rate,
+            self.depth + self.bow_depth * wave, self.bow_depth * rate,
+        )  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Hits:
+    """Where rays meet a surface, all of shape (n,) but the normal's (n, 3).
+
+    Attributes:
+        y: position along the axis [m].
+        azimuth: about the axis [rad], 0 to the right, pi/2 towards the camera.
+        normal: outward, unit.
+    """
+
+    y: Array
+    azimuth: Array
+    normal: Array
+
+
+class Body:
+    """A pile of circles between two positions along an axis.
+
+    `cut` makes an end uneven: the lower (-1) or the upper one (1), and how much further down it lies
+    at an azimuth.
+
+    Args:
+        axis: the axis.
+        first: upper end [m].
+        last: lower end [m].
+        y: positions of the radii [m], uniform.
+        R: radii [m], shape of y.
+        offset: how much further out the outline lies on the left and on the right [m], (2, m).
+    """
+
+    def __init__(
+        self,
+        axis: BodyAxis,
+        first: float,
+        last: float,
+        y: Array,
+        R: Array,
+        offset: Array | None = None,
+    ) -> None:
+        self.first, self.last = first, last
+        self.y0, self.step = y[0], y[1] - y[0]
+        x, dx, z, dz = axis.at(y)
+        square = R**2
+        columns = square, np.gradient(square, y), x, dx, z, dz
+        self.columns = [
+            (column, None if np.ptp(column) == 0 else np.diff(column)) for column in columns
+        ]
+        self.depth_of_axis = float(z.mean())
+        self.steps = 1 if all(rise is None for _, rise in self.columns) else _STEPS
+        self.offset = None if offset is None else 2 * R * offset
+        self.largest = float(R.max())
+        self.cut: tuple[int, Callable[[Array], Array]] | None = None
+
+    @classmethod
+    def cylinder(cls, axis: BodyAxis, first: float, last: float, diameter: float) -> "Body":
+        """A round tape or rod."""
+        y = np.linspace(first, last, 64)
+        return cls(axis, first, last, y, np.full(64, diameter / 2))
+
+    def _place(self, y: Array) -> tuple[NDArray[np.intp], Array]:
+        """Entry of the table below y and the part of the way to the next."""
+        place = np.clip((y - self.y0) / self.step, 0, self.columns[0][0].size - 1 - 1e-6)
+        i = place.astype(np.intp)
+        return i, place - i
+
+    def _at(self, y: Array) -> list[Array]:
+        """R^2, its slope, xc, its slope, zc, its slope at y; a scalar where it is the same all over."""
+        i, part = self._place(y)
+        return [
+            column[0] if rise is None else column.take(i) + part * rise.take(i)
+            for column, rise in self.columns
+        ]
+
+    def _relief(self, offset: Array, right: Flags, y: Array) -> Array:
+        """What the yarns add to R^2 on the side of the body where the ray passes."""
+        i, part = self._place(y)
+        side = right.astype(np.intp)
+        return (1 - part) * offset[side, i] + part * offset[side, i + 1]
+
+    def depth(self, a: Array, b: Array) -> Array:
+        """Z where the rays (a, b), shape (n,), first meet the body [m]; inf where they miss."""
+        y = beside = b * self.depth_of_axis
+        under = depth = np.zeros_like(b)
+        for step in range(self.steps):
+            q, dq, xc, dx, zc, dz = self._at(y)
+            if step == self.steps - 1 and self.offset is not None:
+                q = q + self._relief(self.offset, a * zc > xc, beside)
+            px, sx = a - dx * b, xc - dx * y
+            pz, sz = 1 - dz * b, zc - dz * y
+            half = px * sx + pz * sz + dq * b / 2
+            square = px**2 + pz**2
+            under = half**2 - square * (sx**2 + sz**2 - q + dq * y)
+            depth = (half - np.sqrt(np.maximum(under, 0))) / square
+            y, beside = b * depth, b * half / square  # where it enters, where it is deepest inside
+        first, last = self.first, self.last
+        if self.cut is not None:
+            end, edge = self.cut
+            xc, _, zc, _ = self._at(y)[2:]
+            shift = edge(np.arctan2(zc - depth, a * depth - xc))
+            first, last = (first + shift, last) if end > 0 else (first, last + shift)
+        return np.where((under >= 0) & (y >= first) & (y <= last), depth, np.inf)
+
+    def hits(self, a: Array, b: Array, depth: Array) -> Hits:
+        """The places and normals of rays (a, b) that meet the body at this depth, shape (n,)."""
+        y = b * depth
+        _, dq, xc, dx, zc, dz = self._at(y)
+        X, Z = a * depth - xc, depth - zc
+        normal = np.stack([X, -(dq / 2 + X * dx + Z * dz), Z], axis=1)
+        return Hits(y, np.arctan2(-Z, X), unit_vectors(normal))
+
+
+class Shoulder:
+    """The flat ring between the braid and a thicker fitting: the tape's edge throws it into shade.
+
+    Args:
+        axis: the axis.
+        y: its position [m].
+        inner: radius of the braid [m].
+        outer: radius of the tape [m].
+    """
+
+    def __init__(self, axis: BodyAxis, y: float, inner: float, outer: float) -> None:
+        self.y, self.inner, self.outer = y, inner, outer
+        self.first = self.last = y
+        self.largest = outer
+        x, _, z, _ = axis.at(np.array([y]))
+        self.x, self.z = float(x[0]), float(z[0])
+
+    def depth(self, a: Array, b: Array) -> Array:
+        """Z where the rays meet it [m]; inf where they miss."""
+        with np.errstate(divide="ignore"):
+            depth = self.y / b
+        r = np.hypot(a * depth - self.x, depth - self.z)
+        return np.where((depth > 0) & (r >= self.inner) & (r <= self.outer), depth, np.inf)
+
+
+def unit_vectors(vectors: Array) -> Array:
+    """Vectors of length 1, shape (n, 3)."""
+    x, y, z = vectors.T  # a third of the time of `np.linalg.norm`, to the same bit
+    return vectors / np.sqrt(x * x + y * y + z * z)[:, None]
+
 
 _POINTS = 4097  # of the profile along the braid
 _ROD_BEYOND = 1.0  # [m] that a rod reaches beyond the tape: out of every picture
 _ROD = np.full(3, 0.012)  # reflectance
-_GLOSS = {"tape": (0.05, 25.0), "rod": (0.10, 60.0)}  # strength and exponent of the glare
-_FIBRE_GLOSS = 0.10
 
 
 class World:
@@ -25,12 +196,11 @@ class World:
 
     Args:
         muscle: the muscle.
-        light: the light.
         camera: the camera.
     """
 
-    def __init__(self, muscle: MuscleScene, light: Light, camera: Camera) -> None:
-        self.muscle, self.light, self.camera = muscle, light, camera
+    def __init__(self, muscle: MuscleScene, camera: Camera) -> None:
+        self.muscle, self.camera = muscle, camera
         y0, depth = _leaned(muscle.y0, camera.distance, muscle.tilt)
         first = y0 - muscle.length / 2
         last = first + muscle.length
@@ -63,16 +233,13 @@ class World:
 
     def _braid(self, first: float, last: float) -> Body:
         """The braid, which goes on under tapes with uneven edges as a cylinder."""
-        beyond = max(self._reach(tape, end) for tape, end in self._tapes())
+        beyond = max(self._reach(self.muscle.upper, 0), self._reach(self.muscle.lower, -1))
         if beyond == 0:
             return Body(self.axis, first, last, self.y, self.R, self.offset)
         y = np.linspace(first - beyond, last + beyond, _POINTS)
         R = np.interp(y, self.y, self.R)
         offset = np.stack([np.interp(y, self.y, side) for side in self.offset])
         return Body(self.axis, first - beyond, last + beyond, y, R, offset)
-
-    def _tapes(self) -> tuple[tuple[Tape | None, int], ...]:
-        return (self.muscle.upper, 0), (self.muscle.lower, -1)
 
     def _reach(self, tape: Tape | None, end: int) -> float:
         """How far a tape's edge may lie from its plane [m]."""
@@ -121,22 +288,21 @@ class World:
 
     def _add_fitting(self, tape: Tape | None, end: float, sign: int) -> None:
         """A tape beyond this end of the braid and the rod beyond the tape."""
-        braid = float(self.R[0 if sign < 0 else -1])
-        outer = self.edge_radius(tape, 0 if sign < 0 else -1)
+        which = 0 if sign < 0 else -1
+        braid, outer = float(self.R[which]), self.edge_radius(tape, which)
         beyond = end + sign * (0.5 * braid if tape is None else tape.width)
-        reach = self._reach(tape, 0 if sign < 0 else -1)
-        if tape is not None and reach > 0:
-            self._add_tape(tape, end, beyond, 2 * outer)
-            first, last = min(beyond, end), max(beyond, end)
-            y = np.linspace(first - reach, last + reach, 512)
-            body = Body(self.axis, first, last, y, 1.002 * np.interp(y, self.y, self.R))
-            body.cut = sign, functools.partial(tape.edge, radius=braid)
-            self.bodies[-1] = ("tape", body, self.bodies[-1][2])
-            outer = braid
-        elif tape is not None:
-            self._add_tape(tape, end, beyond, 2 * outer)
-        else:
+        if tape is None:
             self._add("rod", end, beyond, 2 * outer, _ROD)
+        else:
+            self._add_tape(tape, end, beyond, 2 * outer)
+            reach = self._reach(tape, which)
+            if reach > 0:
+                first, last = min(beyond, end), max(beyond, end)
+                y = np.linspace(first - reach, last + reach, 512)
+                body = Body(self.axis, first, last, y, 1.002 * np.interp(y, self.y, self.R))
+                body.cut = sign, functools.partial(tape.edge, radius=braid)
+                self.bodies[-1] = ("tape", body, self.bodies[-1][2])
+                outer = braid
         if outer > braid:
             self.bodies.append(("shade", Shoulder(self.axis, end, braid, outer), _ROD))
         self._add("rod", beyond, beyond + sign * _ROD_BEYOND, self.muscle.rod_diameter, _ROD)
@@ -167,12 +333,13 @@ class World:
         right = self.camera.centre[0] + scale * np.max(middle + reach)
         return float(left) - 4, float(right) + 4
 
-    def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
-        """What is seen at picture positions u, v [px], shape (n,).
+    def met(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
+        """What the rays through picture positions u, v [px], shape (n,), meet first.
 
         Returns:
             which: number of the body, -1 for the cloth, shape (n,).
-            light: linear RGB that the bodies send, zero for the cloth, shape (n, 3).
+            a, b: the rays X/Z and Y/Z in the axis' own directions, shape (n,) each.
+            depth: Z where they meet it [m], shape (n,).
         """
         a, b = turned(*self.camera.rays(u, v), -self.muscle.roll)
         b, away = _leaned(b, np.ones_like(b), self.muscle.tilt)
@@ -181,54 +348,14 @@ class World:
         which = np.full(u.shape, -1, np.int8)
         low, high = b.min() * self.axis.depth, b.max() * self.axis.depth
         for number, (_, body, _) in enumerate(self.bodies):
-            if not self._in_sight(body, low, high):
+            margin = 0.1 * max(abs(low), abs(high)) + body.largest
+            if body.last <= low - margin or body.first >= high + margin:
                 continue
             depth = body.depth(a, b)
             closer = depth < nearest
             nearest[closer] = depth[closer]
             which[closer] = number
-        light = np.zeros((u.size, 3))
-        for number, (kind, body, albedo) in enumerate(self.bodies):
-            at = np.flatnonzero(which == number)
-            if at.size == 0:
-                continue
-            if isinstance(body, Shoulder):
-                light[at] = self.light.ambient * albedo
-                continue
-            hits = body.hits(a[at], b[at], nearest[at])
-            sight = unit_vectors(-np.stack([a[at], b[at], np.ones(at.size)], axis=1))
-            light[at] = self._on_braid(hits, sight) if kind == "braid" else self._glossy(
-                hits, sight, albedo, *_GLOSS[kind])  # fmt: skip
-        return which, light
-
-    def _in_sight(self, body: Body | Shoulder, low: float, high: float) -> bool:
-        margin = 0.1 * max(abs(low), abs(high)) + body.largest
-        return body.last > low - margin and body.first < high + margin
-
-    def _on_braid(self, hits: Hits, sight: Array) -> Array:
-        """Light of the woven surface, (n, 3)."""
-        at = self.weave.crossings(hits.azimuth, hits.y)
-        lean, fibre = self.weave.directions(at, hits.azimuth, hits.y)
-        lit = self.light.on_threads(unit_vectors(hits.normal + lean), sight)
-        for lamp in self.light.lamps:
-            skew = np.einsum("ij,ij->i", fibre, unit_vectors(sight + lamp.towards))
-            lit += _FIBRE_GLOSS * lamp.irradiance(hits.normal) * np.clip(1 - skew**2, 0, 1) ** 12
-        facing = np.clip(np.einsum("ij,ij->i", hits.normal, sight), 0, 1)
-        lit += self.muscle.sheen * (1 - facing) ** self.muscle.sheen_power
-        return (lit * self.weave.reflectance(at))[:, None] * np.array(self.muscle.albedo)
-
-    def _glossy(
-        self, hits: Hits, sight: Array, albedo: Array, gloss: float, exponent: float
-    ) -> Array:
-        """Light of a smooth coloured surface with glare (Blinn and Phong), (n, 3)."""
-        diffuse = np.full(hits.y.shape, self.light.ambient)
-        glare = np.zeros(hits.y.shape)
-        for lamp in self.light.lamps:
-            diffuse += lamp.irradiance(hits.normal)
-            half = unit_vectors(sight + lamp.towards)
-            shine = np.clip(np.einsum("ij,ij->i", hits.normal, half), 0, 1)
-            glare += lamp.strength * gloss * shine**exponent
-        return diffuse[:, None] * albedo + glare[:, None]
+        return which, a, b, nearest
 
 
 def _leaned(y: Any, z: Any, tilt: float) -> tuple[Any, Any]:

@@ -2,11 +2,7 @@
 
 import dataclasses
 
-import numpy as np
-
-from ..arrays import Array
-from ..outline.smoother import correlated_points
-from .ring import Ring, plane_model
+from .ring import Ring, plane_through
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,11 +33,5 @@ def ring_lean(ring: Ring, radius: float) -> Lean:
         ring: from `find_ring`.
         radius: R of the ring [m].
     """
-    model = plane_model(radius * ring.lateral, radius)
-    inverse = np.linalg.pinv(model)
-    found = inverse @ ring.shift
-    off = ring.shift - model @ found
-    variance = float(off @ off) / max(off.size - model.shape[1], 1)
-    # Groups in the width of one thread are moved together.
-    stderr: Array = np.sqrt(np.diag(inverse @ inverse.T) * variance * correlated_points(off))
-    return Lean(float(found[2]), float(stderr[2]), float(found[0]), float(stderr[0]))
+    found, stderr = plane_through(radius * ring.lateral, ring.shift, radius)
+    return Lean(found[2], stderr[2], found[0], stderr[0])

@@ -178,23 +178,32 @@ def _plane(
     muscle is wider or narrower, which makes it another lean.
     """
     delta, where = _along(grid, lateral, t, s)
-    model = plane_model(where, radius)
-    inverse = np.linalg.pinv(model)
-    _, slope, lean = (inverse @ delta).tolist()
-    off = delta - model @ inverse @ delta
-    error = math.sqrt(float(off @ off) * correlated_points(off) / max(off.size - 3, 1))
-    shown = max(3 * error * float(np.linalg.norm(inverse[2])), _LEVEL_FRONT / radius)
+    (_, slope, lean), (*_, error) = plane_through(where, delta, radius)
+    shown = max(3 * error, _LEVEL_FRONT / radius)
     straight = float(np.ptp(_on_plane((slope, lean), where, radius))) < _STRAIGHT
     return (slope, lean), straight and abs(lean) < shown
 
 
-def plane_model(lateral: Array, radius: float) -> Array:
-    """What the edge in a plane through a cylinder is made of: place, slope across, lean; shape (n, 3).
+def plane_through(lateral: Array, shift: Array, radius: float) -> tuple[list[float], list[float]]:
+    """Place, slope across and lean of the plane in which an edge lies best, and their standard errors.
 
     Args:
         lateral: positions across the axis, shape (n,).
+        shift: of the edge along the axis there, shape (n,).
         radius: of the cylinder, in the same unit.
     """
+    model = _plane_model(lateral, radius)
+    inverse = np.linalg.pinv(model)
+    found = inverse @ shift
+    off = shift - model @ found
+    variance = float(off @ off) / max(off.size - model.shape[1], 1)
+    # Groups in the width of one thread are moved together.
+    stderr = np.sqrt(np.sum(inverse**2, axis=1) * variance * correlated_points(off))
+    return found.tolist(), stderr.tolist()
+
+
+def _plane_model(lateral: Array, radius: float) -> Array:
+    """What the edge in a plane through a cylinder is made of: place, slope across, lean; shape (n, 3)."""
     front = np.sqrt(np.maximum(radius**2 - lateral**2, 0.0))
     return np.column_stack([np.ones_like(lateral), lateral, front])
 
@@ -207,7 +216,7 @@ def _on_plane(plane: tuple[float, float], lateral: Array, radius: float) -> Arra
         lateral: positions across the axis.
         radius: of the cylinder.
     """
-    return np.asarray(plane_model(lateral, radius)[:, 1:] @ plane)
+    return np.asarray(_plane_model(lateral, radius)[:, 1:] @ plane)
 
 
 def _line(x: Array, y: Array) -> tuple[float, Array]:

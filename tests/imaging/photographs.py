@@ -1,10 +1,12 @@
-"""Photographs of rendered scenes, with the rays of a scene followed once for all its lenses and sensors."""
+"""Photographs of rendered scenes, the rays of each followed once, and lines drawn on them found again."""
 
 import dataclasses
 import functools
 
-from imaging.synthetic import Lens, LinearPhoto, Photo, Scene, Sensor, expose, render_linear
-from imaging.synthetic.renderer import through_lens
+import numpy as np
+
+from imaging.synthetic import CameraSensor, Lens, LinearPhoto, Photo, Scene, expose, render_linear
+from imaging.synthetic.exposure import through_lens
 
 OPEN = Lens(blur_px=0.0)
 
@@ -16,7 +18,17 @@ def _unblurred(scene: Scene) -> LinearPhoto:
 
 def photograph(scene: Scene, seed: int) -> Photo:
     """As `imaging.synthetic.render`, to the last bit."""
-    bare = dataclasses.replace(scene, lens=OPEN, sensor=Sensor(), jpeg=None, time=None, lying=False)
+    bare = dataclasses.replace(
+        scene, lens=OPEN, sensor=CameraSensor(), jpeg=None, time=None, lying=False
+    )
     taken = _unblurred(bare)
     light = through_lens(taken.light, scene.lens)
     return expose(dataclasses.replace(taken, scene=scene, light=light), seed)
+
+
+def marked(image, colour):
+    """v and u of the pixels of a colour, a third as bright or more: lines fade at their sides."""
+    pixels, wanted = image.astype(float), np.array(colour, float)
+    bright = np.linalg.norm(pixels, axis=2)
+    like = pixels @ wanted / np.maximum(bright, 1) / np.linalg.norm(wanted)
+    return np.nonzero((like > 0.998) & (bright > np.linalg.norm(wanted) / 3))

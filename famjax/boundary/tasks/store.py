@@ -7,7 +7,6 @@ on it, in which order, and however often it was stopped.
 
 import importlib.util
 import json
-import os
 import re
 import shutil
 import warnings
@@ -16,13 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..files import UNFINISHED, write_whole
 from ..settings import differing, some_of
 from .part_file import Damaged, check_part_files, part_bytes, read_part
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
 _FORMAT = "famjax parts 1"
-_NAME, _DRAFT = re.compile(r"(\d{6,})\.parquet"), ".unfinished"
+_NAME = re.compile(r"(\d{6,})\.parquet")
 
 Part = dict[str, Any]
 """Arrays and plain values by name; nan stays nan."""
@@ -69,7 +69,7 @@ class Store:
             (self.folder / PARTS).mkdir(parents=True, exist_ok=True)
             self._refuse_other(self.folder / MANIFEST, json.loads(text))
             if not (self.folder / MANIFEST).exists():
-                _write(self.folder / MANIFEST, text.encode())
+                write_whole(self.folder / MANIFEST, text.encode())
             self._done = self._found(self.folder / PARTS)
         except OSError as error:
             raise InputError(f"the {kind} folder {self.folder} cannot be used: {error}") from None
@@ -99,7 +99,7 @@ class Store:
             self._memory[index] = part
         else:
             try:
-                _write(self._file(index), part_bytes(part))
+                write_whole(self._file(index), part_bytes(part))
             except OSError as error:
                 raise InputError(
                     f"the {self.kind} folder {self.folder} cannot be written: {error}"
@@ -143,7 +143,7 @@ class Store:
         found = set()
         for file in sorted(parts.iterdir()):
             named = _NAME.fullmatch(file.name)
-            if file.name.endswith(_DRAFT):
+            if file.name.endswith(UNFINISHED):
                 file.unlink()
             elif named is not None and int(named[1]) < self._count:
                 try:
@@ -167,19 +167,3 @@ def keepable(folder: Path) -> Path | None:
         stacklevel=2,
     )
     return None
-
-
-def _write(file: Path, content: bytes) -> None:
-    """A file that is whole on the disk or not there."""
-    draft = file.with_name(file.name + _DRAFT)
-    with draft.open("wb") as open_draft:
-        open_draft.write(content)
-        open_draft.flush()
-        os.fsync(open_draft.fileno())
-    os.replace(draft, file)
-    if os.name == "posix":
-        folder = os.open(file.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)

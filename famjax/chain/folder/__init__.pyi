@@ -1,4 +1,4 @@
-from .cached_steps import Step as Step, run_steps as run_steps
+from .cached_steps import FolderStep as FolderStep, run_steps as run_steps
 from .cross_checks import (
     Check as Check,
     checks_table as checks_table,

@@ -14,7 +14,7 @@ MARK = "step.json"
 
 
 @dataclasses.dataclass(frozen=True)
-class Step:
+class FolderStep:
     """A step of a work.
 
     Attributes:
@@ -37,7 +37,7 @@ class Step:
 
 
 def run_steps(
-    steps: Sequence[Step],
+    steps: Sequence[FolderStep],
     folder: Path,
     *,
     only: Sequence[str] = (),
@@ -105,12 +105,12 @@ def _clear(place: Path, kept: Sequence[str]) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _say(step: Step, place: Path, tell: Callable[[str], None]) -> None:
+def _say(step: FolderStep, place: Path, tell: Callable[[str], None]) -> None:
     for line in step.says(place):
         tell(line)
 
 
-def _key(step: Step, keys: Mapping[str, str]) -> str:
+def _key(step: FolderStep, keys: Mapping[str, str]) -> str:
     """What a step is made of, as one digest."""
     content = {
         "name": step.name,

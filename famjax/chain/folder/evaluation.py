@@ -24,8 +24,8 @@ from rig.journal import read_journal, stored_calibration
 from ..isobaric_analysis import analyse
 from ..isobaric_figures import branches_csv, figures
 from ..isobaric_pictures import plot_characterisation
-from ..photographs import Outcome, measure_pictures
-from .cached_steps import Step
+from ..photographs import CampaignOutcome, measure_pictures
+from .cached_steps import FolderStep
 from .cross_checks import settle, warnings_of
 from .picture_checks import JournalTime, picture_checks
 from .record_checks import record_checks, specimen_checks
@@ -56,7 +56,7 @@ def evaluation_steps(
     executor: AnyExecutor | Literal["auto"] = "auto",
     origin: Origin,
     system: str,
-) -> list[Step]:
+) -> list[FolderStep]:
     """The steps of a folder, in their order, but for its report.
 
     Args:
@@ -79,7 +79,7 @@ def evaluation_steps(
         if name is not None
     ]
     steps = [
-        Step(RECORDS, inputs, {**about, **dataclasses.asdict(records)}, (),
+        FolderStep(RECORDS, inputs, {**about, **dataclasses.asdict(records)}, (),
              lambda place: _force(sheet, place, system), says=warnings_of),
     ]  # fmt: skip
     names = [CYLINDER, ELASTIC]
@@ -92,12 +92,12 @@ def evaluation_steps(
         shown = shown_pictures(sheet, photographs)
         given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
         steps += [
-            Step(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
+            FolderStep(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
                  {"recipe": repr(recipe), **given, **dataclasses.asdict(photographs), **about},
                  (RECORDS,),
                  lambda place: _measure(sheet, photographs, recipe, provenance, executor, place, system),
                  resumes=(PARTS,), says=warnings_of),
-            Step(SHAPE, [], about, (PICTURES,), lambda place: _shape(sheet, place)),
+            FolderStep(SHAPE, [], about, (PICTURES,), lambda place: _shape(sheet, place)),
         ]  # fmt: skip
         names += [AVERAGE, MEASURED, WORK]
     for name in names:
@@ -106,7 +106,7 @@ def evaluation_steps(
             "fit": dataclasses.asdict(sheet.fit), "turns": sheet.turns,
             "errors": dataclasses.asdict(sheet.errors), **about,
         }  # fmt: skip
-        steps.append(Step(name, [], options, after, _fitting(sheet, name, origin, system)))
+        steps.append(FolderStep(name, [], options, after, _fitting(sheet, name, origin, system)))
     return steps
 
 
@@ -162,7 +162,7 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
 
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
     """The photographs of a folder, without its ruler."""
-    from imaging.campaign import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
+    from ..picture_files import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
 
     given = sheet.folder / photographs.pictures
     without = None if photographs.ruler is None else str(sheet.folder / photographs.ruler)
@@ -180,7 +180,7 @@ def _measure(
 ) -> None:
     log, offset = sheet.records.machine_log, photographs.log_offset
 
-    def measured(*, resume: bool) -> Outcome:
+    def measured(*, resume: bool) -> CampaignOutcome:
         return measure_pictures(
             [str(sheet.folder / photographs.pictures)],
             recipe=recipe,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.chain.folder import Step, run_steps
+from famjax.chain.folder import FolderStep, run_steps
 
 
 class Work:
@@ -17,7 +17,7 @@ class Work:
         self.source.write_text("1")
         self.factor, self.fails = 2, False
 
-    def steps(self) -> list[Step]:
+    def steps(self) -> list[FolderStep]:
         def double(place: Path) -> None:
             self.ran.append("double")
             number = int(self.source.read_text()) * self.factor
@@ -31,8 +31,8 @@ class Work:
             (place / "said.txt").write_text(f"it is {number}")
 
         return [
-            Step("double", [self.source], {"factor": self.factor}, (), double),
-            Step("say", [], {}, ("double",), say),
+            FolderStep("double", [self.source], {"factor": self.factor}, (), double),
+            FolderStep("say", [], {}, ("double",), say),
         ]
 
     def run(self, **options: tuple[str, ...]) -> list[str]:

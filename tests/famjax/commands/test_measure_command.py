@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
+from famjax.chain import expand, stroke_log
 from famjax.commands.options.photographs import command_recipe, parse_scale
 from famjax.commands.options.recipe import RecipeOptions
 from imaging import ImagingError, read_recipe
-from imaging.campaign import expand
 from imaging.errors import AmbiguousRuler
 from imaging.synthetic import (
     published_ruler,
@@ -21,7 +21,6 @@ from imaging.synthetic import (
     render,
     render_ruler,
     render_sequence,
-    stroke_log,
     triangle_stroke,
 )
 

@@ -13,8 +13,8 @@ from imaging import ImagingError, read_image
 from imaging.camera import JpegHeader, find_seam, read_header
 from imaging.errors import UnreadableImage
 from imaging.synthetic import (
+    CameraSensor,
     Jpeg,
-    Sensor,
     damaged,
     published_ruler,
     published_scene,
@@ -84,7 +84,10 @@ SOUND = {
     "lying": lambda: np.ascontiguousarray(np.rot90(photo().rgb)),
     "noisy": lambda: (
         photograph(
-            dataclasses.replace(published_scene(0.2, size=SIZE), sensor=Sensor(full_well=240)), 1
+            dataclasses.replace(
+                published_scene(0.2, size=SIZE), sensor=CameraSensor(full_well=240)
+            ),
+            1,
         ).rgb
     ),
     "ruler": lambda: render_ruler(published_ruler(size=SIZE), 1).rgb,

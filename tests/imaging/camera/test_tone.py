@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imaging.camera import Tone
-from imaging.synthetic import Sensor, expose, published_scene, render_linear
+from imaging.synthetic import CameraSensor, expose, published_scene, render_linear
 
 BRACKET_S = (1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0)
 DEBEVEC = 0.06  # relative, from value 30 up: six JPEG pictures with the noise of ISO 3200
@@ -23,13 +23,20 @@ def test_srgb_has_the_values_of_the_standard():
 
 
 def test_sensor_and_tone_undo_each_other():
-    for sensor in (Sensor(), Sensor(s_curve=0.7), Sensor(gamma=0.8), Sensor(gamma=1.25)):
+    for sensor in (
+        CameraSensor(),
+        CameraSensor(s_curve=0.7),
+        CameraSensor(gamma=0.8),
+        CameraSensor(gamma=1.25),
+    ):
         encoded = sensor.encoded(sensor.tone().table)
         np.testing.assert_allclose(encoded, np.arange(256) / 255, atol=ROUNDING)
-    np.testing.assert_allclose(Sensor().tone().table, Tone.srgb().table, atol=ROUNDING)
+    np.testing.assert_allclose(CameraSensor().tone().table, Tone.srgb().table, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("sensor", [Sensor(), Sensor(s_curve=1.0), Sensor(gamma=1.25)])
+@pytest.mark.parametrize(
+    "sensor", [CameraSensor(), CameraSensor(s_curve=1.0), CameraSensor(gamma=1.25)]
+)
 def test_bracket_returns_the_camera_curve(sensor):
     light = render_linear(published_scene(size=(500, 220)))
     pictures = [

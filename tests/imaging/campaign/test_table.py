@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.chain import with_log
+from famjax.chain import stroke_log, with_log
 from fitting.records import MachineLog, synchronise
 from imaging import ImagingError, Table
 from imaging.campaign import POSITION, Row
-from imaging.synthetic import stroke_log, triangle_stroke
+from imaging.synthetic import triangle_stroke
 
 IN = 0.0254
 REST = 9.28125 * IN

@@ -10,6 +10,7 @@ from imaging import Recipe, Scale
 from imaging.camera import Camera, Silhouette, Tone, amount_of_luma
 from imaging.outline import (
     LARGEST_DISK,
+    EdgeProfile,
     Outline,
     Side,
     aligned_windows,
@@ -179,7 +180,7 @@ def test_a_smooth_cylinder_in_any_light(limb, blur):
     rows = np.arange(300)
     found = find_outline(image, table(limb), rows, left + 4, right - 5, resolution=83.0)
     box = np.sqrt(blur**2 + 1 / 12)  # a pixel averages over its width
-    assert found.blur == pytest.approx(box, rel=0.12)
+    assert found.edge.blur == pytest.approx(box, rel=0.12)
     for side, true, inward in ((found.left, left, 1), (found.right, right, -1)):
         off = inward * (side.column - true)
         tolerance = (HARSH_PX if limb < 0.1 else NOISY_PX) * max(1, blur)
@@ -192,7 +193,7 @@ def test_a_smooth_cylinder_in_any_light(limb, blur):
 def test_a_lens_out_of_focus_moves_no_edge(disk, limb):
     image, left, right = cylinder(limb, 0.5, noise=True, disk=disk, seed=4)
     found = find_outline(image, table(limb), np.arange(300), left + 3, right - 4, resolution=83.0)
-    assert found.blur == pytest.approx(np.sqrt(0.5**2 + disk**2 / 4 + 1 / 12), rel=0.05)
+    assert found.edge.blur == pytest.approx(np.sqrt(0.5**2 + disk**2 / 4 + 1 / 12), rel=0.05)
     for side, true, inward in ((found.left, left, 1), (found.right, right, -1)):
         assert abs(np.mean(inward * (side.column - true))) < DISK_PX
 
@@ -254,8 +255,8 @@ def dented(hidden, *, depth=-1.5, bow=0.0, at=(700,)):
     error = np.full(rows.size, 0.1)
     left = Side(middle - half + noise[0] - dent, error, 0.1, 0.0, 0.1, hidden)
     right = Side(middle + half + noise[1], error, 0.1, 0.0, 0.1, 0.0)
-    outline = Outline(rows, left, right, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 60.0)
-    return outline, middle - half
+    edge = EdgeProfile(1.0, 0.0, (0.1, 0.1), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+    return Outline(rows, left, right, edge, 60.0), middle - half
 
 
 @pytest.mark.parametrize("bow", [0.0, 25.0])

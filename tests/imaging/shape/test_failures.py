@@ -25,7 +25,7 @@ from imaging.errors import (
     WrongOrientation,
 )
 from imaging.quality import QualityLimits
-from imaging.synthetic import INCH, Jpeg, Lens, Sensor, Tape, damaged, published_scene
+from imaging.synthetic import INCH, CameraSensor, Jpeg, Lens, Tape, damaged, published_scene
 from tests.imaging.photographs import photograph
 
 SIZE = (1060, 440)
@@ -47,8 +47,11 @@ def recipe(**options):
 
 TAN = Tape(hue=40.0, saturation=0.35, value=0.8)
 FAILURES = {
-    "dark": (lambda: dataclasses.replace(base(), sensor=Sensor(exposure=0.012)), Underexposed),
-    "bright": (lambda: dataclasses.replace(base(), sensor=Sensor(exposure=5.0)), Overexposed),
+    "dark": (
+        lambda: dataclasses.replace(base(), sensor=CameraSensor(exposure=0.012)),
+        Underexposed,
+    ),
+    "bright": (lambda: dataclasses.replace(base(), sensor=CameraSensor(exposure=5.0)), Overexposed),
     "tape like the braid": (lambda: muscle(upper=TAN, lower=TAN), AmbiguousHue),
     "no tapes": (lambda: muscle(upper=None, lower=None), AmbiguousHue),
     "no upper tape": (lambda: muscle(upper=None), MissingFitting),

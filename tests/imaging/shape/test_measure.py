@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import imaging
+from fitting.shapes import fit_fourier
 from imaging import Recipe, Scale, measure
 from imaging.camera import Camera, Tone
 from imaging.shape import measure as measure_directly
-from imaging.synthetic import INCH, PUBLISHED_FRAME, Lens, Light, Sensor, published_scene
+from imaging.synthetic import INCH, PUBLISHED_FRAME, CameraSensor, Lens, Light, published_scene
 from tests.imaging.photographs import photograph
 
 HALF = (1325, 550)
@@ -159,8 +160,8 @@ BROKEN = {
     "disk defocus of 2.5 px": {"lens": Lens(blur_px=0.5, defocus_px=2.5)},
     "disk defocus of 3.7 px": {"lens": Lens(blur_px=0.6, defocus_px=3.7)},
     "halo": {"lens": Lens(halo=0.12, halo_px=5.0)},
-    "sharpening": {"sensor": Sensor(sharpening=0.7)},
-    "strong sharpening": {"sensor": Sensor(sharpening=1.8)},
+    "sharpening": {"sensor": CameraSensor(sharpening=0.7)},
+    "strong sharpening": {"sensor": CameraSensor(sharpening=1.8)},
     "sheen": {"muscle": {"sheen": 0.6}},
 }
 
@@ -261,7 +262,7 @@ def test_derived_figures_are_their_definitions():
     slope = np.gradient(D / 2, z)
     assert found.arc_length() == pytest.approx(np.trapezoid(np.hypot(1, slope), z), rel=1e-3)
     assert found.arc_length() > found.length
-    fit = found.fourier(3)
+    fit = fit_fourier(found.z / found.length, found.diameter, n_terms=3)
     true = photo(made).truth
     x = np.linspace(0, 1, 200)
     off = fit.diameter(x) - np.interp(x, true.z / true.length, true.diameter)
@@ -327,7 +328,7 @@ def test_blur_is_estimated_or_given():
 
 
 def test_the_right_tone_curve_undoes_the_cameras():
-    made = dataclasses.replace(scene(), sensor=Sensor(s_curve=0.8))
+    made = dataclasses.replace(scene(), sensor=CameraSensor(s_curve=0.8))
     shown = photo(made)
     truth = shown.truth
     bias = {

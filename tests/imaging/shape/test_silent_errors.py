@@ -10,10 +10,10 @@ from imaging.camera import Tone
 from imaging.errors import AmbiguousRuler, DistanceContradiction, MotionBlurred, Underexposed
 from imaging.synthetic import (
     INCH,
+    CameraSensor,
     Lamp,
     Lens,
     RulerScene,
-    Sensor,
     published_ruler,
     published_scene,
     random_scene,
@@ -79,8 +79,9 @@ def test_motion_askew_is_measured_as_wide_as_it_is_or_refused(base, way, angle):
 
 @pytest.mark.parametrize(
     "sensor",
-    [Sensor(s_curve=0.55), Sensor(s_curve=0.8), Sensor(gamma=0.75), Sensor(gamma=1.25),
-     Sensor(denoising=0.1), Sensor(denoising=0.1, sharpening=1.0)],
+    [CameraSensor(s_curve=0.55), CameraSensor(s_curve=0.8), CameraSensor(gamma=0.75),
+     CameraSensor(gamma=1.25), CameraSensor(denoising=0.1),
+     CameraSensor(denoising=0.1, sharpening=1.0)],
     ids=str,
 )  # fmt: skip
 def test_a_camera_program_that_nobody_stated_is_in_the_errors(base, sensor):

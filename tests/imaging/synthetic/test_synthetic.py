@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from famjax.chain import stroke_log
 from imaging.camera import Camera, apparent_diameter, ring_position, silhouette_from_profile
 from imaging.synthetic import (
     INCH,
     PUBLISHED_CONTRACTIONS,
+    CameraSensor,
     Jpeg,
     Lamp,
     Lens,
@@ -23,7 +25,6 @@ from imaging.synthetic import (
     MuscleScene,
     RulerScene,
     Scene,
-    Sensor,
     Tape,
     damaged,
     expose,
@@ -35,10 +36,12 @@ from imaging.synthetic import (
     render_linear,
     render_ruler,
     render_sequence,
-    stroke_log,
     stroke_shape,
     triangle_stroke,
 )
+from imaging.synthetic.exposure import through_lens
+from imaging.synthetic.renderer import draw, light_on_threads
+from imaging.synthetic.ruler import Ruler
 from imaging.synthetic.world import World
 
 RAY_PX = 1e-4  # table of 4097 radii, three steps, positions tried every 5e-5 px
@@ -71,7 +74,7 @@ def linear():
 def rim(world: World, column: float, row: float, sign: int) -> float:
     """Where rays stop meeting the braid, sought with a comb of rays about a column."""
     comb = np.arange(-0.05, 0.05, 5e-5)
-    which, _ = world.seen(column + comb, np.full(comb.size, row))
+    which, *_ = world.met(column + comb, np.full(comb.size, row))
     met = which == 0
     return column + (comb[met].max() if sign > 0 else comb[met].min())
 
@@ -89,7 +92,7 @@ def rim(world: World, column: float, row: float, sign: int) -> float:
 def test_rays_end_at_the_outline_that_is_called_true(changes):
     camera = changes.get("camera", published_scene().camera)
     shape = {name: value for name, value in changes.items() if name != "camera"}
-    world = World(small(relief=0.0, **shape).muscle, GEOMETRY, camera)
+    world = World(small(relief=0.0, **shape).muscle, camera)
     for (u, v), sign in zip(world.outline(), (-1, 1), strict=True):
         for k in (200, 1000, 2048, 3000, 3900):
             assert rim(world, u[k], v[k], sign) == pytest.approx(u[k], abs=RAY_PX)
@@ -109,7 +112,7 @@ def test_truth_of_a_straight_muscle_is_the_closed_form():
 
 
 def test_relief_moves_the_outline_about_the_mean():
-    plain, woven = (World(small(relief=h).muscle, GEOMETRY, small().camera) for h in (0.0, 5e-5))
+    plain, woven = (World(small(relief=h).muscle, small().camera) for h in (0.0, 5e-5))
     for (u, _), (u_plain, _) in zip(woven.outline(), plain.outline(), strict=True):
         offset = u - u_plain
         assert abs(offset.mean()) < 0.02 * offset.std()  # weighted by depth, not by height
@@ -159,10 +162,10 @@ def test_edge_of_the_tape_is_a_circle_in_perspective(photo):
 def test_thicker_tape_hides_a_shoulder():
     edge = Tape(diameter=1.2 * INCH)
     scene = small(upper=edge, lower=edge)
-    world = World(scene.muscle, scene.light, scene.camera)
+    world = World(scene.muscle, scene.camera)
     truth = render_linear(scene).truth
     u, v = truth.upper_edge[len(truth.upper_edge) // 2]
-    which, _ = world.seen(np.full(3, u), v + np.array([-0.05, 0.05, 1.5]))
+    which, *_ = world.met(np.full(3, u), v + np.array([-0.05, 0.05, 1.5]))
     kinds = [world.bodies[number][0] for number in which]
     assert kinds == ["tape", "shade", "braid"]
 
@@ -176,7 +179,7 @@ def test_seed_draws_the_noise_and_weave_seed_the_braid(linear):
     np.testing.assert_allclose(rewoven.truth.left, linear.truth.left, atol=1e-12)
 
 
-def flat(light: float, sensor: Sensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def flat(light: float, sensor: CameraSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Expected electrons of evenly lit cloth, and those read from two pictures of it."""
     plain = Light(lamps=(), cloth=light, cloth_gradient=0.0, stray=0.0)
     scene = dataclasses.replace(small(), muscle=None, light=plain, jpeg=None)
@@ -186,7 +189,7 @@ def flat(light: float, sensor: Sensor) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def test_noise_has_the_variance_of_its_electrons():
-    sensor = Sensor(full_well=500.0, read_noise=4.0)
+    sensor = CameraSensor(full_well=500.0, read_noise=4.0)
     expected, a, b = flat(0.3, sensor)
     variance = expected.mean() + 4.0**2
     assert np.var(a - b) / 2 == pytest.approx(variance, rel=0.03)  # 330 000 values, 8 bits
@@ -194,7 +197,7 @@ def test_noise_has_the_variance_of_its_electrons():
 
 
 def test_few_electrons_are_counted_one_by_one():
-    expected, a, _ = flat(0.006, Sensor(full_well=400.0, read_noise=0.0))
+    expected, a, _ = flat(0.006, CameraSensor(full_well=400.0, read_noise=0.0))
     assert expected.max() < 4
     for count in range(4):
         chance = np.exp(-expected) * expected**count / [1, 1, 2, 6][count]
@@ -204,7 +207,7 @@ def test_few_electrons_are_counted_one_by_one():
 
 
 def test_exposure_saturates():
-    photo = render(dataclasses.replace(small(), sensor=Sensor(exposure=6.0)), 0)
+    photo = render(dataclasses.replace(small(), sensor=CameraSensor(exposure=6.0)), 0)
     rows = photo.truth.rows[100:200].astype(int)
     middle = photo.rgb[rows, int(photo.truth.left.mean() + photo.truth.right.mean()) // 2]
     assert np.mean(middle[:, 0] >= 254) > 0.9
@@ -212,7 +215,7 @@ def test_exposure_saturates():
 
 def test_bayer_keeps_the_colours(linear):
     plain, mosaic = (
-        expose(linear, 1, sensor=Sensor(full_well=1e6, read_noise=0, bayer=bayer))
+        expose(linear, 1, sensor=CameraSensor(full_well=1e6, read_noise=0, bayer=bayer))
         for bayer in (False, True)
     )
     difference = mosaic.rgb.astype(float).mean(axis=(0, 1)) - plain.rgb.mean(axis=(0, 1))
@@ -220,7 +223,7 @@ def test_bayer_keeps_the_colours(linear):
 
 
 def test_sharpening_overshoots_at_the_outline(linear):
-    quiet = Sensor(full_well=1e7, read_noise=0)
+    quiet = CameraSensor(full_well=1e7, read_noise=0)
     soft, sharp = (
         expose(linear, 1, sensor=dataclasses.replace(quiet, sharpening=s)).rgb.astype(float)
         for s in (0.0, 2.0)
@@ -240,8 +243,6 @@ def test_sharpening_overshoots_at_the_outline(linear):
     ],
 )
 def test_point_spread_has_its_second_moment(lens, spread):
-    from imaging.synthetic.renderer import through_lens
-
     point = np.zeros((81, 81, 3), np.float32)
     point[40, 40] = 1
     seen = through_lens(point, lens)[..., 0].astype(float)
@@ -277,7 +278,7 @@ def test_surface_that_faces_the_lamp_is_brightest(reflectance):
     normal = np.stack([np.sin(angle), np.zeros(30), -np.cos(angle)], axis=1)
     sight = np.tile([0.0, 0.0, -1.0], (30, 1))
     light = Light((Lamp((0, 0, -1), 1.0, 0.05),), ambient=0.0, reflectance=reflectance)
-    seen = light.on_threads(normal, sight)
+    seen = light_on_threads(light, normal, sight)
     assert np.all(np.diff(seen) < 0)
     if reflectance == "lambert":
         np.testing.assert_allclose(seen, np.cos(angle), atol=1e-12)
@@ -339,7 +340,7 @@ def test_muscles_that_are_none_are_refused():
     with pytest.raises(ValueError, match="softness > 0"):
         Lamp((0, 0, -1), 1.0, 0.0)
     with pytest.raises(ValueError, match="never falls"):
-        Sensor(s_curve=1.5)
+        CameraSensor(s_curve=1.5)
     with pytest.raises(ValueError, match="widths >= 0"):
         Lens(motion_px=-1.0)
     with pytest.raises(ValueError, match="subsampling"):
@@ -431,9 +432,6 @@ def test_marks_of_a_ruler_cover_the_pixels_that_the_truth_says(changes):
         published_ruler(size=(1000, 300)), light=GEOMETRY, lens=SHARP, numbers=False,
         mark_width=wide, ink=(0.0, 0.0, 0.0), **changes,
     )  # fmt: skip
-    from imaging.synthetic.renderer import draw
-    from imaging.synthetic.ruler import Ruler
-
     face = Ruler(ruler)
     light, truth = draw(face, ruler), face.truth()
     for u, v in truth.marks:

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from famjax.chain import plot_table
 from imaging import Recipe, Scale, measure
-from imaging.campaign import Row, Table, measured_rows, plot_table
+from imaging.campaign import Row, Table, measured_rows
 from imaging.shape import draw_overlay
-from imaging.synthetic import INCH, Jpeg, Lens, Sensor, random_scene
+from imaging.synthetic import INCH, CameraSensor, Jpeg, Lens, random_scene
 from imaging.weave import BraidAngle, Unrolled, directions, triangle_angle
 from tests.imaging.photographs import photograph
 
@@ -53,7 +54,11 @@ CASES = {
     "24 strands": (3, {"strands": 24}),
     "blurred, noisy, JPEG 60": (
         4,
-        {"lens": Lens(blur_px=1.6), "sensor": Sensor(full_well=500.0), "jpeg": Jpeg(60, "420")},
+        {
+            "lens": Lens(blur_px=1.6),
+            "sensor": CameraSensor(full_well=500.0),
+            "jpeg": Jpeg(60, "420"),
+        },
     ),
     "lying": (5, {"lying": True}),
 }

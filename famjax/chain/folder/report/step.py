@@ -12,7 +12,7 @@ from famjax.boundary.origin import Origin
 from famjax.boundary.sentence import text_in_units
 from fitting.saved import inline_svg, page
 
-from ..cached_steps import Step
+from ..cached_steps import FolderStep
 from ..cross_checks import doubts
 from ..evaluation import REPORT, shown_pictures
 from ..sheet import SHEET, Sheet
@@ -34,14 +34,16 @@ def first_run(results: Path, now: Origin) -> Origin:
     return Origin(**json.loads(path.read_text(encoding="utf-8")))
 
 
-def report_step(sheet: Sheet, steps: Sequence[Step], *, origin: Origin, system: str) -> Step:
+def report_step(
+    sheet: Sheet, steps: Sequence[FolderStep], *, origin: Origin, system: str
+) -> FolderStep:
     """The step that writes the report of the steps before it."""
     names = [step.name for step in steps]
 
     def run(place: Path) -> None:
         _write(sheet, names, origin, system, place)
 
-    return Step(
+    return FolderStep(
         REPORT, [sheet.folder / SHEET], {"system": system}, names, run,
         says=lambda place: json.loads((place / UNKNOWN).read_text(encoding="utf-8")),
     )  # fmt: skip

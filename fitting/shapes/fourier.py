@@ -3,11 +3,10 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from ..arrays import Array
-from ..outline.smoother import correlated_points
+Array = NDArray[np.float64]
 
 _WAVES = (0.5, 4 * np.pi)
 _SCAN = 160
@@ -162,7 +161,7 @@ def _described(x: Array, y: Array, n_terms: int, symmetric: bool, w: float) -> F
     variance = float(np.sum((y - y.mean()) ** 2))
     freedom = x.size - jacobian.shape[1]
     r_squared = 1 - sse / variance if variance > 0 else 0.0
-    correlation = correlated_points(off)
+    correlation = _correlated_points(off)
     inner = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)
     return FourierFit(
         mean=float(solved[0]),
@@ -178,3 +177,12 @@ def _described(x: Array, y: Array, n_terms: int, symmetric: bool, w: float) -> F
         correlation=correlation,
         symmetric=symmetric,
     )
+
+
+def _correlated_points(off: Array) -> float:
+    """Points over which residuals are correlated, 1 + 2 sum of their autocorrelations while > 0."""
+    power = float(off @ off)
+    if power == 0:
+        return 1.0
+    lags = np.array([off[k:] @ off[: off.size - k] for k in range(1, off.size // 2)]) / power
+    return float(1 + 2 * lags[: np.argmax([*(lags <= 0), True])].sum())

@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Sequence
 
-from ..errors import ImagingError
+from imaging import ImagingError
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Files of a folder that are taken for pictures."""

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from famjax.boundary.units import factor, unit_system
+from imaging import Recipe, Table, measure
+from imaging.arrays import Image
+from imaging.camera import readable_part
+from imaging.shape import draw_overlay
 
-from ..arrays import Image
-from ..camera.read import readable_part
-from ..recipe import Recipe
-from ..shape.one_picture import measure
-from ..shape.overlay import draw_overlay
-from .plots import plot_table
-from .table import Table
-from .tiles import Tile, contact_sheet
+from .contact_sheet import Tile, contact_sheet
+from .table_plot import plot_table
+
+_QUALITY = 95  # of the overlays' JPEG files
 
 
 def write_check_pictures(
@@ -84,8 +84,7 @@ def _text(table: Table, k: int, system: str) -> str:
 
 
 def _save(path: Path, image: Image) -> Path:
-    import cv2  # noqa: PLC0415
+    from PIL import Image as Pictures  # noqa: PLC0415 -- loaded when pictures are
 
-    coded = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]
-    path.write_bytes(coded.tobytes())
+    Pictures.fromarray(image).save(path, quality=_QUALITY)
     return path

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import famjax
-from imaging.shape import fit_fourier
+from fitting.shapes import fit_fourier
 from imaging.synthetic import INCH, PUBLISHED_CONTRACTIONS, published_shape
 
 X = np.linspace(0, 1, 801)

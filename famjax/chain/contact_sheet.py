@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Image
+from imaging.arrays import Image
 
 _FACE, _GAP, _LINE = 240, 8, 15  # px: longer side of a picture, space between, line of text
 _LETTERS, _LINES = 46, 4  # of a line; of what was measured or what was wrong
