@@ -8,11 +8,9 @@ from cyclopts import Parameter
 
 from .loading import load_fitting
 from .matplotlib_import import load_matplotlib
-from .options.engine import EngineOptions
+from .options.engine import UNNAMED, EngineOptions
 from .options.whole_numbers import Seed
-from .terminal import progress_bar
-
-_UNNAMED = EngineOptions()
+from .terminal import progress
 
 
 def new(folder: Path) -> int:
@@ -47,7 +45,7 @@ def characterise(
     *,
     only: tuple[str, ...] = (),
     force: tuple[str, ...] = (),
-    engine: EngineOptions = _UNNAMED,
+    engine: EngineOptions = UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
 ) -> int:
     """Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report.
@@ -140,13 +138,10 @@ def twin(
     from famjax.chain.folder import write_twin
 
     check_output(folder)
-    with progress_bar() as progress:
-        task = progress.add_task("simulating the test", total=None)
+    with progress("simulating the test") as show:
         write_twin(
             folder, seed=seed, size=size, flawed=flawed, truth=truth,
-            progress=lambda what, done, total: progress.update(
-                task, description=what, completed=done, total=total
-            ),
+            progress=lambda what, done, total: show(done, total, what),
         )  # fmt: skip
     print(f"written: {folder}; evaluate it with: famjax characterise {folder}")
     return 0

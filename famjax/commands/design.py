@@ -2,15 +2,13 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from .loading import load_fitting
-from .options.engine import EngineOptions
-from .terminal import Output, print_rows, progress_bar
-
-_THIS_PROCESS = EngineOptions()
+from .options.engine import UNNAMED, EngineOptions
+from .terminal import Output, print_rows, progress
 
 _SHOWN = 10  # rows of a front on the terminal; all are in the file
 
@@ -30,7 +28,7 @@ def design(
     table: Literal["csv", "parquet"] = "csv",
     output: Path = Path("famjax-design"),
     units: Literal["si", "metric", "us"] = "us",
-    engine: EngineOptions = _THIS_PROCESS,
+    engine: EngineOptions = UNNAMED,
     json_: bool = False,
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
@@ -85,7 +83,6 @@ def design(
     """
     load_fitting()
     from famjax.boundary.errors import InputError
-    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
 
     from ..design.document import design_document, design_picture
@@ -99,7 +96,7 @@ def design(
             front_step=front_step, end_fittings=end_fittings, form=table, units=units, json_=json_,
             engine=engine,
         )  # fmt: skip
-    if objective or vary or engine != _THIS_PROCESS:
+    if objective or vary or engine != UNNAMED:
         raise InputError("--objective, --vary, --jobs and --dask are of a search: add --search 1e6")
     document = design_document(
         parse_requirement(require),
@@ -110,10 +107,7 @@ def design(
         tube=parse_tube(tube),
     )
     document["origin"] = Origin.of_this_command().as_dict()
-    content = json.dumps(document, indent=1, allow_nan=False).encode()
-    paths = write_all(
-        output, {"design.json": content, "design.png": design_picture(document, units)}
-    )
+    paths = place.write({"design.json": document, "design.png": design_picture(document, units)})
     if json_:
         print(json.dumps(document, allow_nan=False))
         return 0
@@ -136,7 +130,6 @@ def _search(
     form: Literal["csv", "parquet"], units: str, json_: bool, engine: EngineOptions,
 ) -> int:  # fmt: skip
     """The search of a space of designs."""
-    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
 
     from ..design.catalogue_file import load_catalogue
@@ -158,23 +151,21 @@ def _search(
     )
 
     requirement, limits = parse_search_requirement(require, end_fittings=end_fittings)
-    with progress_bar() as bar, engine.executor() as executor:
-        task = bar.add_task("candidates", total=None)
+    with progress("candidates") as show, engine.executor() as executor:
         found = search_space(
             load_catalogue(list(catalogue), bundled=bundled), requirement,
             ranges=parse_ranges(vary, requirement, limits, rest_length), limits=limits,
             about=number_of_candidates(about), objectives=objective or DEFAULT_OBJECTIVES,
             material=PolynomialMaterial(LATEX), tube=parse_tube(tube), front_step=front_step,
-            executor=executor,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            executor=executor, progress=show,
         )  # fmt: skip
     document = search_document(found, system=units)
     document["origin"] = Origin.of_this_command().as_dict()
-    files = {"design.json": json.dumps(document, indent=1, allow_nan=False).encode()}
+    files: dict[str, Any] = {"design.json": document}
     if found.feasible:
         files["design.png"] = search_picture(found, system=units)
         files[f"feasible.{form}"] = feasible_table(found, form, system=units)
-    paths = write_all(place.folder, files)
+    paths = place.write(files)
     if json_:
         print(json.dumps(document, allow_nan=False))
         return 0 if found.feasible else 1

@@ -71,8 +71,6 @@ def _installed(names: Iterable[str]) -> list[str]:
 
 def doctor() -> int:
     """Report versions, devices, precision and name clashes; exit code 1 if something is wrong."""
-    from .doctor import problems, versions
-
     print(f"famjax {__version__}")
     for name, version in versions().items():
         print(f"  {name} {version}")

@@ -10,13 +10,12 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .matplotlib_import import load_matplotlib
-from .options.engine import EngineOptions
+from .options.engine import UNNAMED, EngineOptions
 from .options.entries import parse_entries
 from .options.recipe import RecipeOptions
-from .terminal import print_rows, progress_bar
+from .terminal import print_rows, progress
 
 _UNSAID = RecipeOptions()
-_UNNAMED = EngineOptions()
 _SHOWN = 20  # pictures on the console
 
 
@@ -29,7 +28,7 @@ def measure(
     log_units: tuple[str, ...] = (),
     log_decimal: Literal[".", ","] | None = None,
     rest_length: str | None = None,
-    engine: EngineOptions = _UNNAMED,
+    engine: EngineOptions = UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
     output: Path = Path("famjax-measure"),
     resume: Annotated[bool, Parameter(negative="--no-resume")] = True,
@@ -90,12 +89,11 @@ def measure(
 
     measured: list[int] = []
     try:
-        with progress_bar() as progress, engine.executor("auto") as executor:
-            task = progress.add_task("measuring", total=None)
+        with progress("measuring") as show, engine.executor("auto") as executor:
 
-            def show(done: int, total: int) -> None:
+            def count(done: int, total: int) -> None:
                 measured.append(done)
-                progress.update(task, completed=done, total=total)
+                show(done, total)
 
             expand(photos)  # a picture that is not there is said before what its recipe lacks
             recipe, provenance = command_recipe(how)
@@ -118,7 +116,7 @@ def measure(
                 output=output,
                 resume=resume,
                 overlays=overlays,
-                progress=show,
+                progress=count,
             )
     except InputError as error:
         # What a picture was refused for has a name, which the documentation explains.
