@@ -36,7 +36,6 @@ from .report import (
     candidate_rows as candidate_rows,
     end_fitting_rows as end_fitting_rows,
     geometry_rows as geometry_rows,
-    jamming_range_rows as jamming_range_rows,
     performance_rows as performance_rows,
     safety_factor_rows as safety_factor_rows,
     tube_buckling_rows as tube_buckling_rows,
