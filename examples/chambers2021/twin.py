@@ -101,7 +101,7 @@ class Twin:
             recipe=imaging.Recipe(scale, distance=DISTANCE),
             provenance={"ruler": str(ruler)},
             log=self.folder / "machine.csv",
-            rest_length=f"{self.sheet.specimen.rest_length!r}m",
+            rest_length=self.sheet.specimen.rest_length,
             output=self.folder / "pictures",
         ).table
 

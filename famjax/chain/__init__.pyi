@@ -7,6 +7,7 @@ from .photographs import (
     measure_pictures as measure_pictures,
     with_log as with_log,
 )
+from .recipes import parse_scale as parse_scale, picture_recipe as picture_recipe
 from .simulation import (
     SimulatedTest as SimulatedTest,
     Watcher as Watcher,

@@ -10,7 +10,6 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
-from famjax.boundary.units import parse_quantity
 from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
 from imaging import ImagingError, Recipe, Table, process
 from imaging.campaign import column_name, expand, write_check_pictures
@@ -42,11 +41,11 @@ def measure_pictures(
     recipe: Recipe,
     provenance: dict[str, str],
     log: Path | None = None,
-    log_offset: str | None = None,
+    log_offset: float | None = None,
     log_columns: Mapping[str, str] | None = None,
     log_units: Mapping[str, str] | None = None,
     log_decimal: str | None = None,
-    rest_length: str | None = None,
+    rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto",
     system: str = "us",
     output: Path = Path("famjax-measure"),
@@ -58,14 +57,14 @@ def measure_pictures(
 
     Args:
         photos: files, folders and globs.
-        recipe: see `command_recipe`.
+        recipe: see `picture_recipe`.
         provenance: see `process`; the picture named as `ruler` in it is not measured.
         log: of the test machine.
-        log_offset: what the machine's clock is ahead of the first picture, `12s`, within 10 s.
+        log_offset: what the machine's clock is ahead of the first picture [s], within 10 s.
         log_columns: as `columns` of `read_machine_log`.
         log_units: as its `units`.
         log_decimal: as its `decimal`.
-        rest_length: `9.28in`; the longest measured picture if None.
+        rest_length: [m]; the longest measured picture if None.
         executor: as of `process`.
         system: units of CSV and plots.
         output: folder, made if need be.
@@ -83,7 +82,6 @@ def measure_pictures(
             log, columns=log_columns, units=log_units, decimal=log_decimal, needed=_NEEDED,
             welcome=_WELCOME,
         )  # fmt: skip
-    guess = None if log_offset is None else parse_quantity(log_offset, "time")
     table = process(
         paths,
         recipe,
@@ -91,10 +89,10 @@ def measure_pictures(
         resume=resume,
         progress=progress,
         executor=executor,
-        rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
+        rest_length=rest_length,
         provenance=provenance,
     )
-    merged = table if machine is None else _merged(table, machine, guess)
+    merged = table if machine is None else _merged(table, machine, log_offset)
     try:
         files = [
             merged.write_csv(output / "measurements.csv", system),

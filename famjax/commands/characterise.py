@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -91,7 +91,7 @@ def characterise(
     origin = first_run(results, Origin.of_this_command())
     try:
         with engine.executor("auto") as executor:
-            steps = evaluation_steps(sheet, _recipe, executor=executor, origin=origin, system=units)
+            steps = evaluation_steps(sheet, executor=executor, origin=origin, system=units)
             steps.append(report_step(sheet, steps, origin=origin, system=units))
             run_steps(
                 steps, results, only=only, force=force,
@@ -145,30 +145,3 @@ def twin(
         )  # fmt: skip
     print(f"written: {folder}; evaluate it with: famjax characterise {folder}")
     return 0
-
-
-def _recipe(photographs: Any, folder: Path) -> tuple[Any, dict[str, str]]:
-    """How the pictures of a folder are measured, read as the options of `famjax measure` are."""
-    from .options.photographs import command_recipe
-    from .options.recipe import RecipeOptions
-
-    def length(value: float | None) -> str | None:
-        return None if value is None else f"{value!r}m"
-
-    def path(name: str | None) -> Path | None:
-        return None if name is None else folder / name
-
-    return command_recipe(
-        RecipeOptions(
-            ruler=path(photographs.ruler),
-            recipe=path(photographs.recipe),
-            scale=photographs.scale,
-            distance=length(photographs.distance),
-            pitch=length(photographs.pitch),
-            ruler_placement=length(photographs.ruler_placement),
-            tape_diameter=length(photographs.tape_diameter),
-            k1=photographs.k1,
-            tone=photographs.tone,
-            orientation=photographs.orientation,
-        )
-    )

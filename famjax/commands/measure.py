@@ -85,6 +85,7 @@ def measure(
     from imaging.campaign import expand
 
     from ..boundary.errors import InputError
+    from ..boundary.units import parse_quantity
     from .options.photographs import command_recipe, set_up
 
     measured: list[int] = []
@@ -106,11 +107,11 @@ def measure(
                 recipe=recipe,
                 provenance=provenance,
                 log=log,
-                log_offset=log_offset,
+                log_offset=None if log_offset is None else parse_quantity(log_offset, "time"),
                 log_columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
                 log_units=parse_entries(log_units, "log-units", "force=kN"),
                 log_decimal=log_decimal,
-                rest_length=rest_length,
+                rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
                 executor=executor,
                 system=units,
                 output=output,

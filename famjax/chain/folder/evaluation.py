@@ -25,6 +25,7 @@ from ..isobaric_analysis import analyse
 from ..isobaric_figures import branches_csv, figures
 from ..isobaric_pictures import plot_characterisation
 from ..photographs import Outcome, measure_pictures
+from ..recipes import picture_recipe
 from .cached_steps import Step
 from .cross_checks import settle, warnings_of
 from .picture_checks import JournalTime, picture_checks
@@ -45,13 +46,9 @@ GEOMETRIES = {
 """Geometries that are fitted, and what they are."""
 FORCE_MAP = "dataset.csv"
 
-Recipes = Callable[[Photographs, Path], tuple[Any, dict[str, str]]]
-"""From the photographs' table and the folder to `imaging.Recipe` and its provenance."""
-
 
 def evaluation_steps(
     sheet: Sheet,
-    recipes: Recipes,
     *,
     executor: AnyExecutor | Literal["auto"] = "auto",
     origin: Origin,
@@ -61,7 +58,6 @@ def evaluation_steps(
 
     Args:
         sheet: of the folder.
-        recipes: reads how pictures are measured.
         executor: what measures the pictures, as of `imaging.process`.
         origin: of the first run of the folder, for the files.
         system: of units in pictures and tables.
@@ -85,10 +81,7 @@ def evaluation_steps(
     names = [CYLINDER, ELASTIC]
     photographs = sheet.photographs
     if photographs is not None:
-        for name in (photographs.ruler, photographs.recipe):
-            if name is not None:
-                sheet.path(name)
-        recipe, provenance = recipes(photographs, sheet.folder)
+        recipe, provenance = _recipe(sheet, photographs)
         shown = shown_pictures(sheet, photographs)
         given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
         steps += [
@@ -160,6 +153,27 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     settle(record_checks(sheet, journal, found), place)
 
 
+def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]]:
+    """How the pictures of a folder are measured, and where that comes from."""
+    from imaging.camera import Tone  # noqa: PLC0415 -- OpenCV, where there are pictures
+
+    ruler, recipe = (
+        None if name is None else sheet.path(name)
+        for name in (photographs.ruler, photographs.recipe)
+    )
+    reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
+    choices = {
+        name: getattr(photographs, name)
+        for name in ("distance", "tape_diameter", "k1", "orientation")
+    } | {"tone": None if photographs.tone is None else Tone.srgb()}
+    given, chosen = (
+        {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
+    )
+    return picture_recipe(
+        ruler=ruler, recipe=recipe, scale=photographs.scale, reading=given, choices=chosen
+    )
+
+
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
     """The photographs of a folder, without its ruler."""
     from imaging.campaign import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
@@ -178,7 +192,7 @@ def _measure(
     place: Path,
     system: str,
 ) -> None:
-    log, offset = sheet.records.machine_log, photographs.log_offset
+    log = sheet.records.machine_log
 
     def measured(*, resume: bool) -> Outcome:
         return measure_pictures(
@@ -186,8 +200,8 @@ def _measure(
             recipe=recipe,
             provenance=dict(provenance),
             log=None if log is None else sheet.path(log),
-            log_offset=None if offset is None else f"{offset}s",
-            rest_length=f"{sheet.specimen.rest_length!r}m",
+            log_offset=photographs.log_offset,
+            rest_length=sheet.specimen.rest_length,
             executor=executor,
             system=system,
             output=place,
