@@ -5,6 +5,7 @@ from .attendant import (
     Situation as Situation,
     Start as Start,
 )
+from .camera_command import CameraCommand as CameraCommand
 from .operator import (
     JOURNAL as JOURNAL,
     ports as ports,

@@ -11,6 +11,7 @@ from .sensors import (
     load_cell as load_cell,
     pressure_transducer as pressure_transducer,
 )
+from .server import RigServer as RigServer
 from .simulated_rig import (
     CIRCUITS as CIRCUITS,
     SimulatedRig as SimulatedRig,

@@ -10,9 +10,7 @@ from .asking import confirm, known_port, tell_preconditions
 from .problems import rig_problems
 
 if TYPE_CHECKING:
-    from rig.control import Plan, Start
-
-    from .camera_command import CameraCommand
+    from rig.control import CameraCommand, Plan, Start
 
 
 def rig_run(
@@ -65,11 +63,10 @@ def rig_run(
         Of the values: si, metric or us.
     """
     from rig import Link, read_plan
-    from rig.control import JOURNAL, duration, prepare, record_test
+    from rig.control import JOURNAL, CameraCommand, duration, prepare, record_test
     from rig.link import serial_opener
 
-    from .attended import attended, clock, new_monitor
-    from .camera_command import CameraCommand
+    from .attended import attended, clock
 
     with rig_problems():
         test = read_plan(plan)
@@ -83,7 +80,7 @@ def rig_run(
             print(f"lasts {clock(duration(test.plan, first))}, besides the device's answers")
             return 0
         confirm(f"{clock(duration(test.plan, first))} of strokes and rests", yes=yes)
-        with attended(new_monitor(calibration, units)) as attendant:
+        with attended(calibration, units) as attendant:
             output.mkdir(parents=True, exist_ok=True)
             with Link(serial_opener(port, baud)) as link:
                 record_test(

@@ -114,9 +114,7 @@ def rig_serve(
     import time
 
     from rig.calibration import write_calibration
-    from rig.simulation import CIRCUITS, SimulatedRig
-
-    from .server import RigServer
+    from rig.simulation import CIRCUITS, RigServer, SimulatedRig
 
     with rig_problems():
         simulated = SimulatedRig(CIRCUITS[circuit](), baud=baud, seed=seed)

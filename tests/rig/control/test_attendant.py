@@ -9,10 +9,10 @@ import pytest
 
 from famjax.chain import Watcher, analyse
 from famjax.chain.journals import table
-from famjax.commands.rig.camera_command import CameraCommand
 from fitting.records import read_machine_log
 from rig.control import (
     Attendant,
+    CameraCommand,
     Control,
     Isobaric,
     LoadChange,

@@ -14,11 +14,10 @@ from pathlib import Path
 import pytest
 from rig_commands import calibrated, run, write_plan
 
-from famjax.commands.rig.server import RigServer
 from rig import audit, read_journal
 from rig.calibration import write_calibration
 from rig.journal import stored_calibration
-from rig.simulation import PneumaticCircuit, SimulatedRig
+from rig.simulation import PneumaticCircuit, RigServer, SimulatedRig
 
 
 @pytest.mark.parametrize("circuit", ["air", "water"])

@@ -7,7 +7,7 @@ import os
 import socket
 from pathlib import Path
 
-from rig import RigError
+from ..errors import RigError
 
 _CHUNK = 4096
 
@@ -60,7 +60,7 @@ class PtyLine(_Line):
 
     def __init__(self, link: str | Path | None) -> None:
         try:
-            import pty  # noqa: F401 -- tells whether there are any
+            import pty  # noqa: F401, PLC0415 -- tells whether there are any
         except ImportError:
             raise RigError("there are no pseudo-terminals on this system: take tcp") from None
         self._link = Path(link) if link is not None else None
@@ -70,7 +70,7 @@ class PtyLine(_Line):
 
     def restore(self) -> None:
         """Connect again."""
-        import tty
+        import tty  # noqa: PLC0415 -- not on Windows
 
         if self._open is not None:
             return

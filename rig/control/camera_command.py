@@ -4,7 +4,7 @@ import shlex
 import shutil
 import subprocess
 
-from rig import RigError
+from ..errors import RigError
 
 NAME = "{name}"
 """Stands in the command for a photograph's name."""

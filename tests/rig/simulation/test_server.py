@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 import serial
 
-from famjax.commands.rig.server import RigServer
 from rig import RigError
 from rig.protocol import Ack, Sample, Splitter, parse
-from rig.simulation import SimulatedRig
+from rig.simulation import RigServer, SimulatedRig
 
 PATIENCE = 10.0  # s, for what takes milliseconds on an idle machine
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")

@@ -4,10 +4,9 @@ import threading
 import time
 from pathlib import Path
 
-from rig import RigError
-from rig.simulation import SimulatedRig
-
+from ..errors import RigError
 from .serial_line import PtyLine, TcpLine
+from .simulated_rig import SimulatedRig
 
 _SLICE = 0.004  # s between two exchanges of bytes
 _CATCH_UP = 0.25  # s that the rig may lag; on a busy machine the rest is left out, and counted
