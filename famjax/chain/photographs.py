@@ -10,6 +10,7 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
+from famjax.boundary.units import finite_or_none
 from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
 from imaging import ImagingError, Recipe, Table, process
 from imaging.campaign import column_name, expand, write_check_pictures
@@ -186,7 +187,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
 def as_document(outcome: Outcome, system: str) -> dict[str, Any]:
     """For JSON: what is not known is null."""
     table = outcome.table
-    names = {name: column_name(name, system) for name in table.columns}
+    columns = {column_name(name, system): table.in_units(name, system) for name in table.columns}
     return {
         "pictures": len(table),
         "ok": int(table.ok.sum()),
@@ -200,12 +201,7 @@ def as_document(outcome: Outcome, system: str) -> dict[str, Any]:
                 "error": table.error[k],
                 "warnings": table.warnings[k] if table.warnings else "",
             }
-            | {
-                shown: None
-                if math.isnan(value := table.in_units(name, system)[k])
-                else float(value)
-                for name, shown in names.items()
-            }
+            | {name: finite_or_none(values[k]) for name, values in columns.items()}
             for k, path in enumerate(table.path)
         ],
     }
