@@ -128,8 +128,6 @@ class CatalogueBladder:
     coefficients_source: Text | None = None
 
     def __post_init__(self) -> None:
-        if (self.coefficients is None) != (self.coefficients_source is None):
-            raise CatalogueError("coefficients must stand together with coefficients_source")
         _check_wall(self.diameter, self.thickness)
 
     @property
@@ -169,9 +167,6 @@ class CatalogueTube:
     supported_length: Positive | None = None
 
     def __post_init__(self) -> None:
-        for name in ("modulus", "yield_stress"):
-            if (getattr(self, name) is None) != (getattr(self, f"{name}_source") is None):
-                raise CatalogueError(f"{name} must stand together with {name}_source")
         free, supported = self.free_length, self.supported_length
         if free is not None and supported is not None and supported > free:
             raise CatalogueError(

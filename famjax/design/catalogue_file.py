@@ -137,12 +137,16 @@ def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list
     """What one table of a file offers: a row for every pair of the sizes that it lists."""
     cls, sizes = _KINDS[kind]
     named = f" ({fields['name']!r})" if "name" in fields else ""
-    return [
-        from_entries(
-            cls, {"source": source, **entries}, _FORM, where=f"{where}{named}: ", error=CatalogueError
-        )
-        for entries in ([fields] if not sizes else _of_each_size(kind, fields, sizes))
-    ]  # fmt: skip
+    rows = []
+    for entries in _of_each_size(kind, fields, sizes) if sizes else [fields]:
+        given = {"source": source, **entries}
+        row = from_entries(cls, given, _FORM, where=f"{where}{named}: ", error=CatalogueError)
+        for name in vars(row):
+            figure = name.removesuffix("_source")
+            if figure != name and (getattr(row, figure) is None) != (getattr(row, name) is None):
+                raise CatalogueError(f"{where}{named}: {figure} must stand together with {name}")
+        rows.append(row)
+    return rows
 
 
 def _of_each_size(
