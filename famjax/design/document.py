@@ -14,8 +14,7 @@ from .catalogue import Catalogue
 from .catalogue_file import load_catalogue
 from .catalogue_search import Candidate, Requirement, search
 from .combination import Feasibility, bladder_material, feasibility
-from .end_fitting import size_end_fittings
-from .report import (
+from .design_rows import (
     braid_angle_rows,
     candidate_rows,
     end_fitting_rows,
@@ -24,6 +23,7 @@ from .report import (
     safety_factor_rows,
     tube_buckling_rows,
 )
+from .end_fitting import size_end_fittings
 from .safety import safety_factors
 from .swage_tube import TubeOptions, assumption_notes, tube_strengths
 

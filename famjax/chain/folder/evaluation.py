@@ -28,9 +28,9 @@ from ..photographs import Outcome, measure_pictures
 from ..recipes import picture_recipe
 from .cached_steps import Step
 from .cross_checks import settle, warnings_of
+from .folder_errors import clock_moves, shared_errors, write_shared
 from .picture_checks import JournalTime, picture_checks
 from .record_checks import record_checks, specimen_checks
-from .shared_errors import clock_moves, shared_errors, write_shared
 from .sheet import RESULTS, Photographs, Sheet
 
 RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
