@@ -89,17 +89,13 @@ def characterise(
     results = folder / RESULTS
     results.mkdir(exist_ok=True)
     origin = first_run(results, Origin.of_this_command())
-    try:
-        with engine.executor("auto") as executor:
-            steps = evaluation_steps(sheet, executor=executor, origin=origin, system=units)
-            steps.append(report_step(sheet, steps, origin=origin, system=units))
-            run_steps(
-                steps, results, only=only, force=force,
-                tell=lambda text: print(text, file=sys.stderr, flush=True),
-            )  # fmt: skip
-    except KeyboardInterrupt:
-        print("famjax: stopped; run the same command again to go on", file=sys.stderr)
-        return 130
+    with engine.executor("auto") as executor:
+        steps = evaluation_steps(sheet, executor=executor, origin=origin, system=units)
+        steps.append(report_step(sheet, steps, origin=origin, system=units))
+        run_steps(
+            steps, results, only=only, force=force,
+            tell=lambda text: print(text, file=sys.stderr, flush=True),
+        )  # fmt: skip
     report = results / "report" / "report.html"
     if report.exists():
         print("written:", report)
