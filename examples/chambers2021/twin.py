@@ -100,7 +100,7 @@ class Twin:
             [str(self.folder / "photographs")],
             recipe=imaging.Recipe(scale, distance=DISTANCE),
             provenance={"ruler": str(ruler)},
-            log=self.folder / "machine.csv",
+            log=read_machine_log(self.folder / "machine.csv", **chain.LOG_OF_PICTURES),
             rest_length=self.sheet.specimen.rest_length,
             output=self.folder / "pictures",
         ).table

@@ -2,6 +2,7 @@ from .isobaric_analysis import Analysis as Analysis, analyse as analyse
 from .isobaric_figures import figures as figures, table_rows as table_rows
 from .isobaric_pictures import plot_characterisation as plot_characterisation
 from .photographs import (
+    LOG_OF_PICTURES as LOG_OF_PICTURES,
     Outcome as Outcome,
     as_document as as_document,
     measure_pictures as measure_pictures,

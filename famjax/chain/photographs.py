@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,13 +11,16 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import finite_or_none
-from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
+from fitting.records import MachineLog, SyncError, Synchronisation, synchronise
 from imaging import ImagingError, Recipe, Table, process
 from imaging.campaign import column_name, expand, write_check_pictures
 from imaging.shape import write_recipe
 
-_NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")
-"""Of the machine's log."""
+LOG_OF_PICTURES: dict[str, Any] = {
+    "needed": ("time", "displacement"),
+    "welcome": ("force", "pressure"),
+}
+"""What `read_machine_log` is to find where a log gives pictures their force."""
 _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 
@@ -41,11 +44,8 @@ def measure_pictures(
     *,
     recipe: Recipe,
     provenance: dict[str, str],
-    log: Path | None = None,
+    log: MachineLog | None = None,
     log_offset: float | None = None,
-    log_columns: Mapping[str, str] | None = None,
-    log_units: Mapping[str, str] | None = None,
-    log_decimal: str | None = None,
     rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto",
     system: str = "us",
@@ -60,11 +60,8 @@ def measure_pictures(
         photos: files, folders and globs.
         recipe: see `picture_recipe`.
         provenance: see `process`; the picture named as `ruler` in it is not measured.
-        log: of the test machine.
+        log: of the test machine, see `LOG_OF_PICTURES`.
         log_offset: what the machine's clock is ahead of the first picture [s], within 10 s.
-        log_columns: as `columns` of `read_machine_log`.
-        log_units: as its `units`.
-        log_decimal: as its `decimal`.
         rest_length: [m]; the longest measured picture if None.
         executor: as of `process`.
         system: units of CSV and plots.
@@ -77,12 +74,6 @@ def measure_pictures(
         ImagingError: input that cannot be used.
     """
     paths = expand(photos, without=provenance.get("ruler"))
-    machine = None
-    if log is not None:
-        machine = read_machine_log(
-            log, columns=log_columns, units=log_units, decimal=log_decimal, needed=_NEEDED,
-            welcome=_WELCOME,
-        )  # fmt: skip
     table = process(
         paths,
         recipe,
@@ -93,7 +84,7 @@ def measure_pictures(
         rest_length=rest_length,
         provenance=provenance,
     )
-    merged = table if machine is None else _merged(table, machine, log_offset)
+    merged = table if log is None else _merged(table, log, log_offset)
     try:
         files = [
             merged.write_csv(output / "measurements.csv", system),
@@ -103,7 +94,7 @@ def measure_pictures(
         ]
     except OSError as error:
         raise ImagingError(f"a file cannot be written: {error}", path=output) from None
-    complete = bool(table.ok.all()) and (machine is None or "log_time" in merged.columns)
+    complete = bool(table.ok.all()) and (log is None or "log_time" in merged.columns)
     return Outcome(merged, files, complete)
 
 

@@ -80,7 +80,8 @@ def measure(
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     load_matplotlib()
-    from famjax.chain import as_document, measure_pictures
+    from famjax.chain import LOG_OF_PICTURES, as_document, measure_pictures
+    from fitting.records import read_machine_log
     from imaging import ImagingError
     from imaging.campaign import expand
 
@@ -102,15 +103,19 @@ def measure(
             provenance["set_up"] = "; ".join(
                 f"{row['what']}: {row['value']} ({row['source']})" for row in setting
             )
+            machine = None
+            if log is not None:
+                machine = read_machine_log(
+                    log, columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
+                    units=parse_entries(log_units, "log-units", "force=kN"), decimal=log_decimal,
+                    **LOG_OF_PICTURES,
+                )  # fmt: skip
             outcome = measure_pictures(
                 photos,
                 recipe=recipe,
                 provenance=provenance,
-                log=log,
+                log=machine,
                 log_offset=None if log_offset is None else parse_quantity(log_offset, "time"),
-                log_columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
-                log_units=parse_entries(log_units, "log-units", "force=kN"),
-                log_decimal=log_decimal,
                 rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
                 executor=executor,
                 system=units,

@@ -24,7 +24,7 @@ from rig.journal import read_journal, stored_calibration
 from ..isobaric_analysis import analyse
 from ..isobaric_figures import branches_csv, figures
 from ..isobaric_pictures import plot_characterisation
-from ..photographs import Outcome, measure_pictures
+from ..photographs import LOG_OF_PICTURES, Outcome, measure_pictures
 from ..recipes import picture_recipe
 from .cached_steps import Step
 from .cross_checks import settle, warnings_of
@@ -192,14 +192,15 @@ def _measure(
     place: Path,
     system: str,
 ) -> None:
-    log = sheet.records.machine_log
+    path = sheet.records.machine_log
+    log = None if path is None else read_machine_log(sheet.path(path), **LOG_OF_PICTURES)
 
     def measured(*, resume: bool) -> Outcome:
         return measure_pictures(
             [str(sheet.folder / photographs.pictures)],
             recipe=recipe,
             provenance=dict(provenance),
-            log=None if log is None else sheet.path(log),
+            log=log,
             log_offset=photographs.log_offset,
             rest_length=sheet.specimen.rest_length,
             executor=executor,
@@ -218,9 +219,8 @@ def _measure(
             f"no picture of {photographs.pictures} could be measured ({reasons}): see "
             f"{place / 'measurements.csv'}, or leave [photographs] out"
         )
-    machine = None if log is None else read_machine_log(sheet.path(log))
     checks = picture_checks(
-        sheet, photographs, outcome.table, machine, _journal_time(sheet), read_map(sheet).length
+        sheet, photographs, outcome.table, log, _journal_time(sheet), read_map(sheet).length
     )
     settle(checks, place)
 
