@@ -22,12 +22,11 @@ from pathlib import Path
 import jax
 import numpy as np
 from file_faults import FAULTS, Fault, Sheet
-from rich.progress import Progress
 from sound_maps import random_map
 
 import fitting
 from famjax.boundary.errors import InputError
-from famjax.commands.fits.steps import Steps
+from famjax.commands.fits.steps import judged as judgement_of
 from fitting import ForceData
 
 MUST_SHOW = ("units", "absolute", "sign", "mixed", "outliers", "thick wall", "wrong bore")
@@ -62,13 +61,12 @@ class Row:
 def judged(path: Path) -> tuple[str, float, str]:
     """Level, misfit [%] and suspicions of a file, as bare `famjax fit` has them."""
     try:
-        steps = Steps(fitting.read_csv(path), {"starts": 16, "seed": 0}, Progress(disable=True))
-        steps.choose()
-        steps.judge()
+        choice = fitting.choose(fitting.read_csv(path), starts=16, seed=0)
+        judgement = judgement_of(choice.chosen, choice, lambda *_: None)
     except InputError as error:
         return "refused", np.nan, str(error)
-    told = " ".join(one.sentence for one in steps.judgement.suspicions)
-    return steps.judgement.level, steps.result.errors.rmse_percent, told
+    told = " ".join(one.sentence for one in judgement.suspicions)
+    return judgement.level, choice.chosen.errors.rmse_percent, told
 
 
 def row(path: Path, data: ForceData, fault: Fault | None) -> Row:

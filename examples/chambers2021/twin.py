@@ -100,8 +100,8 @@ class Twin:
             [str(self.folder / "photographs")],
             recipe=imaging.Recipe(scale, distance=DISTANCE),
             provenance={"ruler": str(ruler)},
-            log=self.folder / "machine.csv",
-            rest_length=f"{self.sheet.specimen.rest_length!r}m",
+            log=read_machine_log(self.folder / "machine.csv", **chain.LOG_OF_PICTURES),
+            rest_length=self.sheet.specimen.rest_length,
             output=self.folder / "pictures",
         ).table
 

@@ -4,7 +4,6 @@ import dataclasses
 import datetime
 import shlex
 import sys
-from collections.abc import Sequence
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,15 +19,10 @@ class Origin:
     command: str
 
     @classmethod
-    def of_this_command(cls, arguments: Sequence[str] | None = None) -> "Origin":
-        """That of the running `famjax` command: now, and its arguments.
-
-        Args:
-            arguments: behind `famjax`; those of the process unless given.
-        """
-        given = sys.argv[1:] if arguments is None else arguments
+    def of_this_command(cls) -> "Origin":
+        """That of the running `famjax` command: now, and its arguments."""
         now = datetime.datetime.now(datetime.UTC).astimezone()
-        return cls(now.isoformat(timespec="seconds"), shlex.join(["famjax", *given]))
+        return cls(now.isoformat(timespec="seconds"), shlex.join(["famjax", *sys.argv[1:]]))
 
     def as_dict(self) -> dict[str, str]:
         """For JSON."""

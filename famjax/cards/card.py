@@ -147,10 +147,6 @@ class MuscleCard:
         ]
         return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
 
-    def with_draws(self, draws: Draws | None) -> "MuscleCard":
-        """The card with another sample, or none."""
-        return dataclasses.replace(self, draws=draws)
-
     def cut(self, rest_length: float) -> "MuscleCard":
         """The card of another muscle of the series: `famjax.cut_to_length`, the same contractions.
 

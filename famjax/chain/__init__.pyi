@@ -5,12 +5,14 @@ from .isobaric_figures import figures as figures, table_rows as table_rows
 from .isobaric_pictures import plot_characterisation as plot_characterisation
 from .log_of_stroke import StrokeLog as StrokeLog, stroke_log as stroke_log
 from .photographs import (
+    LOG_OF_PICTURES as LOG_OF_PICTURES,
     CampaignOutcome as CampaignOutcome,
     as_document as as_document,
     measure_pictures as measure_pictures,
     with_log as with_log,
 )
 from .picture_files import expand as expand
+from .recipes import parse_scale as parse_scale, picture_recipe as picture_recipe
 from .simulation import (
     SimulatedTest as SimulatedTest,
     Watcher as Watcher,

@@ -17,7 +17,6 @@ from fitting.records import (
     characterise,
     combine,
 )
-from rig.calibration import Calibration
 from rig.errors import RigError
 from rig.journal import Record
 from rig.protocol import TICK_HZ
@@ -64,7 +63,6 @@ def analyse(
     log: MachineLog,
     *,
     rest_length: float,
-    calibration: Calibration | None = None,
     sync_column: str | None = None,
     near: tuple[float, float] | None = None,
     skip_cycles: int = 0,
@@ -82,7 +80,6 @@ def analyse(
         journal: read back.
         log: of the test machine.
         rest_length: L0 [m].
-        calibration: of the sensors; None takes that in the journal.
         sync_column: column of the log with the rig's sync pulses; None aligns by load.
         near: offset of the clocks [s] and how far it may be off [s], where it is known roughly.
         skip_cycles: first strokes at each pressure that are left out.
@@ -99,7 +96,7 @@ def analyse(
     """
     if log.force is None:
         raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
-    columns = table(journal, calibration)
+    columns = table(journal)
     known = np.isfinite(columns["time_s"])
     if known.sum() < 2:
         raise RigError(f"{journal.path} has no clock notes: its records have no time of the host")

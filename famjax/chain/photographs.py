@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
-from famjax.boundary.units import parse_quantity
-from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
+from famjax.boundary.units import finite_or_none
+from fitting.records import MachineLog, SyncError, Synchronisation, synchronise
 from imaging import ImagingError, Recipe, Table, process
 from imaging.campaign import column_name
 from imaging.shape import write_recipe
@@ -19,8 +19,11 @@ from imaging.shape import write_recipe
 from .check_pictures import write_check_pictures
 from .picture_files import expand
 
-_NEEDED, _WELCOME = ("time", "displacement"), ("force", "pressure")
-"""Of the machine's log."""
+LOG_OF_PICTURES: dict[str, Any] = {
+    "needed": ("time", "displacement"),
+    "welcome": ("force", "pressure"),
+}
+"""What `read_machine_log` is to find where a log gives pictures their force."""
 _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 
@@ -44,12 +47,9 @@ def measure_pictures(
     *,
     recipe: Recipe,
     provenance: dict[str, str],
-    log: Path | None = None,
-    log_offset: str | None = None,
-    log_columns: Mapping[str, str] | None = None,
-    log_units: Mapping[str, str] | None = None,
-    log_decimal: str | None = None,
-    rest_length: str | None = None,
+    log: MachineLog | None = None,
+    log_offset: float | None = None,
+    rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto",
     system: str = "us",
     output: Path = Path("famjax-measure"),
@@ -61,14 +61,11 @@ def measure_pictures(
 
     Args:
         photos: files, folders and globs.
-        recipe: see `command_recipe`.
+        recipe: see `picture_recipe`.
         provenance: see `process`; the picture named as `ruler` in it is not measured.
-        log: of the test machine.
-        log_offset: what the machine's clock is ahead of the first picture, `12s`, within 10 s.
-        log_columns: as `columns` of `read_machine_log`.
-        log_units: as its `units`.
-        log_decimal: as its `decimal`.
-        rest_length: `9.28in`; the longest measured picture if None.
+        log: of the test machine, see `LOG_OF_PICTURES`.
+        log_offset: what the machine's clock is ahead of the first picture [s], within 10 s.
+        rest_length: [m]; the longest measured picture if None.
         executor: as of `process`.
         system: units of CSV and plots.
         output: folder, made if need be.
@@ -80,13 +77,6 @@ def measure_pictures(
         ImagingError: input that cannot be used.
     """
     paths = expand(photos, without=provenance.get("ruler"))
-    machine = None
-    if log is not None:
-        machine = read_machine_log(
-            log, columns=log_columns, units=log_units, decimal=log_decimal, needed=_NEEDED,
-            welcome=_WELCOME,
-        )  # fmt: skip
-    guess = None if log_offset is None else parse_quantity(log_offset, "time")
     table = process(
         paths,
         recipe,
@@ -94,10 +84,10 @@ def measure_pictures(
         resume=resume,
         progress=progress,
         executor=executor,
-        rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
+        rest_length=rest_length,
         provenance=provenance,
     )
-    merged = table if machine is None else _merged(table, machine, guess)
+    merged = table if log is None else _merged(table, log, log_offset)
     try:
         files = [
             merged.write_csv(output / "measurements.csv", system),
@@ -107,7 +97,7 @@ def measure_pictures(
         ]
     except OSError as error:
         raise ImagingError(f"a file cannot be written: {error}", path=output) from None
-    complete = bool(table.ok.all()) and (machine is None or "log_time" in merged.columns)
+    complete = bool(table.ok.all()) and (log is None or "log_time" in merged.columns)
     return CampaignOutcome(merged, files, complete)
 
 
@@ -191,7 +181,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
 def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
     """For JSON: what is not known is null."""
     table = outcome.table
-    names = {name: column_name(name, system) for name in table.columns}
+    columns = {column_name(name, system): table.in_units(name, system) for name in table.columns}
     return {
         "pictures": len(table),
         "ok": int(table.ok.sum()),
@@ -205,12 +195,7 @@ def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
                 "error": table.error[k],
                 "warnings": table.warnings[k] if table.warnings else "",
             }
-            | {
-                shown: None
-                if math.isnan(value := table.in_units(name, system)[k])
-                else float(value)
-                for name, shown in names.items()
-            }
+            | {name: finite_or_none(values[k]) for name, values in columns.items()}
             for k, path in enumerate(table.path)
         ],
     }

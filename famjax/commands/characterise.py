@@ -2,17 +2,15 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from .loading import load_fitting
 from .matplotlib_import import load_matplotlib
-from .options.engine import EngineOptions
+from .options.engine import UNNAMED, EngineOptions
 from .options.whole_numbers import Seed
-from .terminal import progress_bar
-
-_UNNAMED = EngineOptions()
+from .terminal import progress
 
 
 def new(folder: Path) -> int:
@@ -47,7 +45,7 @@ def characterise(
     *,
     only: tuple[str, ...] = (),
     force: tuple[str, ...] = (),
-    engine: EngineOptions = _UNNAMED,
+    engine: EngineOptions = UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
 ) -> int:
     """Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report.
@@ -91,17 +89,13 @@ def characterise(
     results = folder / RESULTS
     results.mkdir(exist_ok=True)
     origin = first_run(results, Origin.of_this_command())
-    try:
-        with engine.executor("auto") as executor:
-            steps = evaluation_steps(sheet, _recipe, executor=executor, origin=origin, system=units)
-            steps.append(report_step(sheet, steps, origin=origin, system=units))
-            run_steps(
-                steps, results, only=only, force=force,
-                tell=lambda text: print(text, file=sys.stderr, flush=True),
-            )  # fmt: skip
-    except KeyboardInterrupt:
-        print("famjax: stopped; run the same command again to go on", file=sys.stderr)
-        return 130
+    with engine.executor("auto") as executor:
+        steps = evaluation_steps(sheet, executor=executor, origin=origin, system=units)
+        steps.append(report_step(sheet, steps, origin=origin, system=units))
+        run_steps(
+            steps, results, only=only, force=force,
+            tell=lambda text: print(text, file=sys.stderr, flush=True),
+        )  # fmt: skip
     report = results / "report" / "report.html"
     if report.exists():
         print("written:", report)
@@ -140,40 +134,10 @@ def twin(
     from famjax.chain.folder import write_twin
 
     check_output(folder)
-    with progress_bar() as progress:
-        task = progress.add_task("simulating the test", total=None)
+    with progress("simulating the test") as show:
         write_twin(
             folder, seed=seed, size=size, flawed=flawed, truth=truth,
-            progress=lambda what, done, total: progress.update(
-                task, description=what, completed=done, total=total
-            ),
+            progress=lambda what, done, total: show(done, total, what),
         )  # fmt: skip
     print(f"written: {folder}; evaluate it with: famjax characterise {folder}")
     return 0
-
-
-def _recipe(photographs: Any, folder: Path) -> tuple[Any, dict[str, str]]:
-    """How the pictures of a folder are measured, read as the options of `famjax measure` are."""
-    from .options.photographs import command_recipe
-    from .options.recipe import RecipeOptions
-
-    def length(value: float | None) -> str | None:
-        return None if value is None else f"{value!r}m"
-
-    def path(name: str | None) -> Path | None:
-        return None if name is None else folder / name
-
-    return command_recipe(
-        RecipeOptions(
-            ruler=path(photographs.ruler),
-            recipe=path(photographs.recipe),
-            scale=photographs.scale,
-            distance=length(photographs.distance),
-            pitch=length(photographs.pitch),
-            ruler_placement=length(photographs.ruler_placement),
-            tape_diameter=length(photographs.tape_diameter),
-            k1=photographs.k1,
-            tone=photographs.tone,
-            orientation=photographs.orientation,
-        )
-    )

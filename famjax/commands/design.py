@@ -7,10 +7,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .loading import load_fitting
-from .options.engine import EngineOptions
-from .terminal import Output, print_rows, progress_bar
-
-_THIS_PROCESS = EngineOptions()
+from .options.engine import UNNAMED, EngineOptions
+from .terminal import Output, print_rows, progress
 
 _SHOWN = 10  # rows of a front on the terminal; all are in the file
 
@@ -30,7 +28,7 @@ def design(
     table: Literal["csv", "parquet"] = "csv",
     output: Path = Path("famjax-design"),
     units: Literal["si", "metric", "us"] = "us",
-    engine: EngineOptions = _THIS_PROCESS,
+    engine: EngineOptions = UNNAMED,
     json_: bool = False,
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
@@ -84,122 +82,89 @@ def design(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from famjax.boundary.errors import InputError
-    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
 
-    from ..design.document import design_document, design_picture
-    from .options.designs import parse_requirement, parse_tube
+    place, rest_length, code = Output(output), rest_length_mm / 1e3, 0
+    files: dict[str, bytes] = {}
+    tables: dict[str, list[dict]] = {}
+    said: list[str] = []
+    if search is None:
+        from famjax.boundary.errors import InputError
 
-    place = Output(output)
-    if search is not None:
-        return _search(
-            place, search, require, vary, objective,
-            catalogue=catalogue, bundled=bundled, tube=tube, rest_length=rest_length_mm / 1e3,
-            front_step=front_step, end_fittings=end_fittings, form=table, units=units, json_=json_,
-            engine=engine,
+        from ..design.document import design_document, design_picture
+        from .options.designs import parse_requirement, parse_tube
+
+        if objective or vary or engine != UNNAMED:
+            raise InputError(
+                "--objective, --vary, --jobs and --dask are of a search: add --search 1e6"
+            )
+        document = design_document(
+            parse_requirement(require), catalogue, bundled=bundled, rest_length=rest_length,
+            system=units, tube=parse_tube(tube),
         )  # fmt: skip
-    if objective or vary or engine != _THIS_PROCESS:
-        raise InputError("--objective, --vary, --jobs and --dask are of a search: add --search 1e6")
-    document = design_document(
-        parse_requirement(require),
-        catalogue,
-        bundled=bundled,
-        rest_length=rest_length_mm / 1e3,
-        system=units,
-        tube=parse_tube(tube),
-    )
+        files["design.png"] = design_picture(document, units)
+        tables = {
+            "Braid angle of each braid on each bladder": document["braid_angles"],
+            "Candidates, the best first": document["candidates"],
+            "End-fittings that enter the bladder's bore": [
+                row for row in document["end_fittings"] if row["feasible"]
+            ],
+            "Buckling of the swage tubes in the die": document["tube_buckling"],
+            "Safety factors of tested muscles": document["safety_factors"],
+        }
+    else:
+        from ..design.catalogue_file import load_catalogue
+        from ..design.document import LATEX
+        from ..design.space import (
+            feasible_table,
+            search_document,
+            search_picture,
+            search_space,
+            summary,
+        )
+        from ..design.space.limits import DEFAULT_OBJECTIVES
+        from ..materials import PolynomialMaterial
+        from .options.designs import (
+            number_of_candidates,
+            parse_ranges,
+            parse_search_requirement,
+            parse_tube,
+        )
+
+        requirement, limits = parse_search_requirement(require, end_fittings=end_fittings)
+        with progress("candidates") as show, engine.executor() as executor:
+            found = search_space(
+                load_catalogue(list(catalogue), bundled=bundled), requirement,
+                ranges=parse_ranges(vary, requirement, limits, rest_length), limits=limits,
+                about=number_of_candidates(search), objectives=objective or DEFAULT_OBJECTIVES,
+                material=PolynomialMaterial(LATEX), tube=parse_tube(tube), front_step=front_step,
+                executor=executor, progress=show,
+            )  # fmt: skip
+        document, said = search_document(found, system=units), ["", *summary(found, system=units)]
+        if found.feasible:
+            files["design.png"] = search_picture(found, system=units)
+            files[f"feasible.{table}"] = feasible_table(found, table, system=units)
+            tables = {
+                "Refined designs": _narrow(document["refined"]),
+                "Front, the most balanced first": _narrow(document["front"][:_SHOWN]),
+            }
+        else:
+            code = 1
     document["origin"] = Origin.of_this_command().as_dict()
-    content = json.dumps(document, indent=1, allow_nan=False).encode()
-    paths = write_all(
-        output, {"design.json": content, "design.png": design_picture(document, units)}
-    )
+    paths = place.write({"design.json": document, **files})
     if json_:
         print(json.dumps(document, allow_nan=False))
-        return 0
-    print_rows("Braid angle of each braid on each bladder", document["braid_angles"])
-    print_rows("Candidates, the best first", document["candidates"])
-    usable = [row for row in document["end_fittings"] if row["feasible"]]
-    print_rows("End-fittings that enter the bladder's bore", usable)
-    print_rows("Buckling of the swage tubes in the die", document["tube_buckling"])
-    print_rows("Safety factors of tested muscles", document["safety_factors"])
-    for note in document["notes"]:
-        print("note:", note)
+        return code
+    for title, rows in tables.items():
+        print_rows(title, rows)
+    for line in (*said, *(f"note: {note}" for note in document["notes"])):
+        print(line)
     place.tell(paths)
-    return 0
-
-
-def _search(
-    place: Output, about: float, require: tuple[str, ...], vary: tuple[str, ...],
-    objective: tuple[str, ...], *, catalogue: tuple[Path, ...], bundled: bool,
-    tube: tuple[str, ...], rest_length: float, front_step: float, end_fittings: bool,
-    form: Literal["csv", "parquet"], units: str, json_: bool, engine: EngineOptions,
-) -> int:  # fmt: skip
-    """The search of a space of designs."""
-    from famjax.boundary.files import write_all
-    from famjax.boundary.origin import Origin
-
-    from ..design.catalogue_file import load_catalogue
-    from ..design.document import LATEX
-    from ..design.space import (
-        feasible_table,
-        search_document,
-        search_picture,
-        search_space,
-        summary,
-    )
-    from ..design.space.limits import DEFAULT_OBJECTIVES
-    from ..materials import PolynomialMaterial
-    from .options.designs import (
-        number_of_candidates,
-        parse_ranges,
-        parse_search_requirement,
-        parse_tube,
-    )
-
-    requirement, limits = parse_search_requirement(require, end_fittings=end_fittings)
-    with progress_bar() as bar, engine.executor() as executor:
-        task = bar.add_task("candidates", total=None)
-        found = search_space(
-            load_catalogue(list(catalogue), bundled=bundled), requirement,
-            ranges=parse_ranges(vary, requirement, limits, rest_length), limits=limits,
-            about=number_of_candidates(about), objectives=objective or DEFAULT_OBJECTIVES,
-            material=PolynomialMaterial(LATEX), tube=parse_tube(tube), front_step=front_step,
-            executor=executor,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
-        )  # fmt: skip
-    document = search_document(found, system=units)
-    document["origin"] = Origin.of_this_command().as_dict()
-    files = {"design.json": json.dumps(document, indent=1, allow_nan=False).encode()}
-    if found.feasible:
-        files["design.png"] = search_picture(found, system=units)
-        files[f"feasible.{form}"] = feasible_table(found, form, system=units)
-    paths = write_all(place.folder, files)
-    if json_:
-        print(json.dumps(document, allow_nan=False))
-        return 0 if found.feasible else 1
-    if found.feasible:
-        print_rows("Refined designs", _narrow(document["refined"]))
-        print_rows("Front, the most balanced first", _narrow(document["front"][:_SHOWN]))
-    print()
-    for sentence in summary(found, system=units):
-        print(sentence)
-    for note in document["notes"]:
-        print("note:", note)
-    place.tell(paths)
-    return 0 if found.feasible else 1
+    return code
 
 
 def _narrow(rows: list[dict]) -> list[dict]:
     """Rows for the terminal; the rest of their columns is in the file."""
-    left = (
-        "start",
-        "feasibility",
-        "tube",
-        "nominal_diameter",
-        "blocked_force",
-        "burst",
-        "pull",
-        "thread",
-    )
+    left = ("start", "feasibility", "tube", "nominal_diameter", "blocked_force", "burst", "pull",
+            "thread")  # fmt: skip
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]

@@ -2,7 +2,6 @@
 
 import importlib.metadata
 import platform
-from collections.abc import Iterable
 from pathlib import Path
 
 from .. import __version__
@@ -56,7 +55,9 @@ def problems() -> list[str]:
                 f"the distribution {', '.join(foreign)} also installs a package {name!r} and may "
                 "have overwritten famjax's: uninstall it and install famjax again"
             )
-    cameras = _installed(["opencv-python", "opencv-contrib-python", "opencv-python-headless"])
+    there = {str(one.metadata["Name"]).lower() for one in importlib.metadata.distributions()}
+    known = ("opencv-python", "opencv-contrib-python", "opencv-python-headless")
+    cameras = [name for name in known if name in there]
     if len(cameras) > 1:
         found.append(
             f"{' and '.join(cameras)} both own the package cv2: keep opencv-python-headless only"
@@ -64,15 +65,8 @@ def problems() -> list[str]:
     return found
 
 
-def _installed(names: Iterable[str]) -> list[str]:
-    present = {str(d.metadata["Name"]).lower() for d in importlib.metadata.distributions()}
-    return [name for name in names if name in present]
-
-
 def doctor() -> int:
     """Report versions, devices, precision and name clashes; exit code 1 if something is wrong."""
-    from .doctor import problems, versions
-
     print(f"famjax {__version__}")
     for name, version in versions().items():
         print(f"  {name} {version}")

@@ -10,13 +10,12 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .matplotlib_import import load_matplotlib
-from .options.engine import EngineOptions
+from .options.engine import UNNAMED, EngineOptions
 from .options.entries import parse_entries
 from .options.recipe import RecipeOptions
-from .terminal import print_rows, progress_bar
+from .terminal import print_rows, progress
 
 _UNSAID = RecipeOptions()
-_UNNAMED = EngineOptions()
 _SHOWN = 20  # pictures on the console
 
 
@@ -29,7 +28,7 @@ def measure(
     log_units: tuple[str, ...] = (),
     log_decimal: Literal[".", ","] | None = None,
     rest_length: str | None = None,
-    engine: EngineOptions = _UNNAMED,
+    engine: EngineOptions = UNNAMED,
     units: Literal["si", "metric", "us"] = "us",
     output: Path = Path("famjax-measure"),
     resume: Annotated[bool, Parameter(negative="--no-resume")] = True,
@@ -81,20 +80,21 @@ def measure(
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     load_matplotlib()
-    from famjax.chain import as_document, expand, measure_pictures
+    from famjax.chain import LOG_OF_PICTURES, as_document, expand, measure_pictures
+    from fitting.records import read_machine_log
     from imaging import ImagingError
 
     from ..boundary.errors import InputError
+    from ..boundary.units import parse_quantity
     from .options.photographs import command_recipe, set_up
 
     measured: list[int] = []
     try:
-        with progress_bar() as progress, engine.executor("auto") as executor:
-            task = progress.add_task("measuring", total=None)
+        with progress("measuring") as show, engine.executor("auto") as executor:
 
-            def show(done: int, total: int) -> None:
+            def count(done: int, total: int) -> None:
                 measured.append(done)
-                progress.update(task, completed=done, total=total)
+                show(done, total)
 
             expand(photos)  # a picture that is not there is said before what its recipe lacks
             recipe, provenance = command_recipe(how)
@@ -102,22 +102,26 @@ def measure(
             provenance["set_up"] = "; ".join(
                 f"{row['what']}: {row['value']} ({row['source']})" for row in setting
             )
+            machine = None
+            if log is not None:
+                machine = read_machine_log(
+                    log, columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
+                    units=parse_entries(log_units, "log-units", "force=kN"), decimal=log_decimal,
+                    **LOG_OF_PICTURES,
+                )  # fmt: skip
             outcome = measure_pictures(
                 photos,
                 recipe=recipe,
                 provenance=provenance,
-                log=log,
-                log_offset=log_offset,
-                log_columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
-                log_units=parse_entries(log_units, "log-units", "force=kN"),
-                log_decimal=log_decimal,
-                rest_length=rest_length,
+                log=machine,
+                log_offset=None if log_offset is None else parse_quantity(log_offset, "time"),
+                rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
                 executor=executor,
                 system=units,
                 output=output,
                 resume=resume,
                 overlays=overlays,
-                progress=show,
+                progress=count,
             )
     except InputError as error:
         # What a picture was refused for has a name, which the documentation explains.

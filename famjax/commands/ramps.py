@@ -58,7 +58,6 @@ def ramps(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import parse_specimen
     from fitting.ramps import parse_atmosphere, ramps_command
@@ -79,8 +78,7 @@ def ramps(
     origin = Origin.of_this_command()
     summary["origin"] = origin.as_dict()
     files["map.csv"] = "\n".join(origin.comments()).encode() + b"\n" + files["map.csv"]
-    files["ramps.json"] = json.dumps(summary, indent=1, allow_nan=False).encode()
-    paths = write_all(output, files)
+    paths = place.write({**files, "ramps.json": summary})
     if json_:
         print(json.dumps(summary, allow_nan=False))
         return 0

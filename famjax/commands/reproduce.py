@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from .loading import load_fitting
-from .terminal import print_rows, progress_bar
+from .terminal import print_rows, progress
 
 
 def reproduce(
@@ -39,12 +39,7 @@ def reproduce(
     from importlib import import_module
 
     benchmark = import_module("reproduce")
-    with progress_bar(every=0.0) as progress:
-        task = progress.add_task("reproducing", total=None)
-
-        def show(done: int, total: int, name: str) -> None:
-            progress.update(task, completed=done, total=total, description=name)
-
+    with progress("reproducing", every=0.0) as show:
         found = benchmark.reproduce(output, show, synthetic=not json_)
     rows = [row.as_dict() for row in found]
     if json_:

@@ -1,7 +1,9 @@
 """What the commands show on a terminal: tables, and how far a long command is."""
 
+import contextlib
+import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import monotonic
 from typing import Any, Literal
@@ -12,7 +14,7 @@ from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, Task, Ta
 from rich.table import Table
 from rich.text import Text
 
-from famjax.boundary.files import check_output
+from famjax.boundary.files import check_output, write_all
 
 _EVERY = 15.0  # seconds between lines
 
@@ -30,6 +32,20 @@ def progress_bar(every: float = _EVERY) -> Progress:
         columns = (*Progress.get_default_columns(), MofNCompleteColumn(), _Rate())
         return Progress(*columns, console=console, transient=True)
     return _Lines(every, console)
+
+
+Show = Callable[..., None]
+"""Called with what is done, of what and, where that changes, what is under way."""
+
+
+@contextlib.contextmanager
+def progress(what: str, every: float = _EVERY) -> Iterator[Show]:
+    """A `progress_bar` of one work, while it lasts."""
+    with progress_bar(every) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total, what=None: bar.update(
+            task, completed=done, total=total, description=what
+        )
 
 
 class _Rate(ProgressColumn):
@@ -75,6 +91,22 @@ class Output:
         check_output(folder)
         self.folder = folder
         self._there = set(folder.iterdir()) if folder.is_dir() else set()
+
+    def write(self, files: Mapping[str, Any]) -> list[Path]:
+        """Write files by their names, whole or none: bytes as they are, all else as JSON.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        return write_all(
+            self.folder,
+            {
+                name: one
+                if isinstance(one, bytes)
+                else json.dumps(one, indent=1, allow_nan=False).encode()
+                for name, one in files.items()
+            },
+        )
 
     def tell(self, paths: Iterable[Path]) -> None:
         """Print what was written, and which files of an earlier time it took the place of."""

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._compiled import compiled
+from .._each import at_each
 from .._types import Given, Real, RealArray, as_number, as_real
 from .crossing import bracketed
 from .outcome import Answer, Outcome
@@ -240,9 +241,7 @@ def _passage(
         code = sweep.code(start, end, jnp.all(known | (times == 0)))
         return Passage(jnp.where(code == Outcome.FEASIBLE, jnp.sum(times), jnp.nan), code)
 
-    starts, ends = jnp.broadcast_arrays(start, end)
-    found = jax.vmap(one)(starts.ravel(), ends.ravel())
-    return jax.tree.map(lambda leaf: leaf.reshape(starts.shape), found)
+    return at_each(one, start, end)
 
 
 @compiled
@@ -279,6 +278,4 @@ def _after(
         code = jnp.where(time >= 0, code, Outcome.NO_STATE)
         return LinePressure(jnp.where(code == Outcome.FEASIBLE, pressure, jnp.nan), code)
 
-    starts, times = jnp.broadcast_arrays(start, time)
-    found = jax.vmap(one)(starts.ravel(), times.ravel())
-    return jax.tree.map(lambda leaf: leaf.reshape(starts.shape), found)
+    return at_each(one, start, time)

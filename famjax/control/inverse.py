@@ -1,12 +1,13 @@
 """The pressure at which a muscle of a given length pulls with a given force."""
 
+import functools
 from typing import Protocol, runtime_checkable
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .._compiled import compiled
+from .._each import at_each
 from .._types import Real, RealArray, as_real
 from .crossing import first_crossing
 from .outcome import Answer, Outcome
@@ -80,11 +81,7 @@ def pressure_for_force(
 def _inverse(
     muscle: HasForce, force: RealArray, length: RealArray, low: RealArray, high: RealArray
 ) -> InversePressure:
-    forces, lengths, lows, highs = jnp.broadcast_arrays(force, length, low, high)
-    shape = forces.shape
-    flat = (one.ravel() for one in (forces, lengths, lows, highs))
-    found = jax.vmap(lambda *one: inverse_pressure(muscle, *one))(*flat)
-    return jax.tree.map(lambda leaf: leaf.reshape(shape), found)
+    return at_each(functools.partial(inverse_pressure, muscle), force, length, low, high)
 
 
 def inverse_pressure(

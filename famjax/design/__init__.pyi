@@ -20,6 +20,15 @@ from .combination import (
     fam_angle as fam_angle,
     feasibility as feasibility,
 )
+from .design_rows import (
+    braid_angle_rows as braid_angle_rows,
+    candidate_rows as candidate_rows,
+    end_fitting_rows as end_fitting_rows,
+    geometry_rows as geometry_rows,
+    performance_rows as performance_rows,
+    safety_factor_rows as safety_factor_rows,
+    tube_buckling_rows as tube_buckling_rows,
+)
 from .end_fitting import (
     EndFitting as EndFitting,
     bladder_compression as bladder_compression,
@@ -30,16 +39,6 @@ from .end_fitting import (
     size_end_fittings as size_end_fittings,
     swaged_bore as swaged_bore,
     swaged_thickness as swaged_thickness,
-)
-from .report import (
-    braid_angle_rows as braid_angle_rows,
-    candidate_rows as candidate_rows,
-    end_fitting_rows as end_fitting_rows,
-    geometry_rows as geometry_rows,
-    jamming_range_rows as jamming_range_rows,
-    performance_rows as performance_rows,
-    safety_factor_rows as safety_factor_rows,
-    tube_buckling_rows as tube_buckling_rows,
 )
 from .safety import (
     SafetyFactor as SafetyFactor,

@@ -2,15 +2,40 @@
 
 import dataclasses
 import math
+from typing import Annotated
 
+from msgspec import Meta
+
+from .. import units
 from ..boundary.errors import InputError
+from ..boundary.toml_file import Positive, Text
 
 NOMINAL_ANGLE = math.pi / 4
 """Braid angle [rad] at which a braid has its nominal diameter: 45 deg."""
 
+_ANGLE_AGREEMENT = (
+    0.5 * units.DEGREE
+)  # diameters are printed to 0.01 in: 0.15 deg on the small braid
+
+_Size = Annotated[Positive, Meta(description="a number > 0 and finite or a list of them")]
+_Pair = Annotated[
+    tuple[Positive, Positive], Meta(description="two numbers in brackets, > 0 and finite")
+]
+_Coefficients = Annotated[
+    tuple[float, ...],
+    Meta(min_length=1, description="a list of numbers, the first that of the strain itself"),
+]
+
 
 class CatalogueError(InputError):
     """What is wrong with a catalogue file or an option, where, and what to write instead."""
+
+
+def _check_wall(diameter: float, thickness: float) -> None:
+    if not 2 * thickness < diameter:
+        raise CatalogueError(
+            f"a wall of {thickness:.4g} m closes a tube of {diameter:.4g} m; check the two units"
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,26 +47,63 @@ class CatalogueBraid:
         nominal_diameter: [m], that at 45 deg.
         thickness: t_braid [m], two threads crossing.
         diameter_range: smallest and largest diameter [m], where the braid jams.
-        boundary_range: the same or wider [m]: what lies between the two is usable by its source,
-            but outside its jamming range.
-        angle_range: angles [rad] at the ends of `diameter_range` as printed, or None.
         source: where the row comes from.
+        boundary_range: the same, unless given, or wider [m]: what lies between the two is usable by
+            its source, but outside its jamming range.
+        angle_range: angles [rad] at the ends of `diameter_range` as printed, or None.
         made_to_order_range: least and greatest nominal diameter [m] to which it is woven on order, or
             None where it is sold as it is. The angles at which it jams stay those of the row.
         n_threads: n [-], of both families, or None: the file does not say.
         breaking_load: of one thread [N], or None.
     """
 
-    name: str
-    nominal_diameter: float
-    thickness: float
-    diameter_range: tuple[float, float]
-    boundary_range: tuple[float, float]
-    angle_range: tuple[float, float] | None
-    source: str
-    made_to_order_range: tuple[float, float] | None = None
-    n_threads: float | None = None
-    breaking_load: float | None = None
+    name: Text
+    nominal_diameter: Positive
+    thickness: Positive
+    diameter_range: _Pair
+    source: Text
+    boundary_range: _Pair | None = None
+    angle_range: _Pair | None = None
+    made_to_order_range: _Pair | None = None
+    n_threads: Positive | None = None
+    breaking_load: Positive | None = None
+
+    def __post_init__(self) -> None:
+        nominal = self.nominal_diameter
+        smallest, largest = self.diameter_range
+        straight = nominal / math.cos(NOMINAL_ANGLE)
+        if not smallest < nominal < largest < straight:
+            raise CatalogueError(
+                "diameter_range must be [smallest, largest] with the nominal diameter between them "
+                f"and less than nominal / cos(45 deg) = {straight:.4g} m, at which the threads lie "
+                f"all round; got [{smallest:.4g}, {largest:.4g}] m about {nominal:.4g} m"
+            )
+        if self.boundary_range is None:
+            object.__setattr__(self, "boundary_range", self.diameter_range)
+        outer_smallest, outer_largest = self.boundary_range or self.diameter_range
+        if not outer_smallest <= smallest < largest <= outer_largest < straight:
+            raise CatalogueError(
+                f"boundary_range must contain diameter_range and end below {straight:.4g} m; got "
+                f"[{outer_smallest:.4g}, {outer_largest:.4g}] m about [{smallest:.4g}, "
+                f"{largest:.4g}] m"
+            )
+        for diameter, angle in zip(self.diameter_range, self.angle_range or (), strict=False):
+            implied = math.acos(diameter / straight)
+            if abs(implied - angle) > _ANGLE_AGREEMENT:
+                raise CatalogueError(
+                    f"angle_range gives {angle / units.DEGREE:.2f} deg at {diameter:.4g} m, where "
+                    f"the nominal diameter at 45 deg implies {implied / units.DEGREE:.2f} deg from "
+                    "the circumference; correct one of them (angles from the axis are 90 deg minus "
+                    "these)"
+                )
+        woven = self.made_to_order_range
+        if woven is not None and not woven[0] <= nominal <= woven[1]:
+            raise CatalogueError(
+                "made_to_order_range must be [least, greatest] nominal diameter, with that of the row "
+                f"between them; got [{woven[0]:.4g}, {woven[1]:.4g}] m about {nominal:.4g} m"
+            )
+        if (self.n_threads is None) != (self.breaking_load is None):
+            raise CatalogueError("n_threads must stand together with breaking_load")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,12 +120,15 @@ class CatalogueBladder:
         coefficients_source: where they come from, or None.
     """
 
-    name: str
-    diameter: float
-    thickness: float
-    source: str
-    coefficients: tuple[float, ...] | None = None
-    coefficients_source: str | None = None
+    name: Text
+    diameter: _Size
+    thickness: _Size
+    source: Text
+    coefficients: _Coefficients | None = None
+    coefficients_source: Text | None = None
+
+    def __post_init__(self) -> None:
+        _check_wall(self.diameter, self.thickness)
 
     @property
     def bore(self) -> float:
@@ -80,26 +145,34 @@ class CatalogueTube:
         outer_diameter: [m], before swaging.
         thickness: wall [m], before swaging.
         swage_reduction: of the outer diameter [m], in the die.
+        source: where the row comes from.
         modulus: Young's modulus [Pa], or None.
         modulus_source: where the modulus comes from, or None.
         yield_stress: [Pa], or None.
         yield_stress_source: where the yield stress comes from, or None.
         free_length: [m], free to bend while it is pushed through the die, or None.
         supported_length: [m], what a support leaves free of it, or None.
-        source: where the row comes from.
     """
 
-    name: str
-    outer_diameter: float
-    thickness: float
-    swage_reduction: float
-    modulus: float | None
-    modulus_source: str | None
-    yield_stress: float | None
-    yield_stress_source: str | None
-    free_length: float | None
-    supported_length: float | None
-    source: str
+    name: Text
+    outer_diameter: _Size
+    thickness: _Size
+    swage_reduction: Positive
+    source: Text
+    modulus: Positive | None = None
+    modulus_source: Text | None = None
+    yield_stress: Positive | None = None
+    yield_stress_source: Text | None = None
+    free_length: Positive | None = None
+    supported_length: Positive | None = None
+
+    def __post_init__(self) -> None:
+        free, supported = self.free_length, self.supported_length
+        if free is not None and supported is not None and supported > free:
+            raise CatalogueError(
+                f"supported_length, {supported:.4g} m, exceeds free_length, {free:.4g} m"
+            )
+        _check_wall(self.outer_diameter - self.swage_reduction, self.thickness)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,19 +183,23 @@ class CatalogueTest:
         name: unique in the catalogue.
         bladder: name of the bladder.
         braid: name of the braid.
+        source: where the row comes from.
         burst_pressure: gauge pressure [Pa] at which it burst.
         burst_force: pull [N] at which it burst.
         tensile_force: pull [N] that broke it without pressure.
-        source: where the row comes from.
     """
 
-    name: str
-    bladder: str
-    braid: str
-    burst_pressure: float | None
-    burst_force: float | None
-    tensile_force: float | None
-    source: str
+    name: Text
+    bladder: Text
+    braid: Text
+    source: Text
+    burst_pressure: Positive | None = None
+    burst_force: Positive | None = None
+    tensile_force: Positive | None = None
+
+    def __post_init__(self) -> None:
+        if self.burst_pressure is None and self.burst_force is None and self.tensile_force is None:
+            raise CatalogueError("a test needs burst_pressure, burst_force or tensile_force")
 
 
 @dataclasses.dataclass(frozen=True)

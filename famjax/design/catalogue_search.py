@@ -16,6 +16,8 @@ from ..materials.abstract_material import AbstractMaterial
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
 from .combination import Combination, Feasibility, bladder_material, fam_angle, feasibility
 
+_Pair = tuple[CatalogueBladder, CatalogueBraid]
+
 
 @dataclasses.dataclass(frozen=True)
 class Requirement:
@@ -135,90 +137,64 @@ def search(
     Returns:
         One candidate for each bladder and braid.
     """
-    pairs = [(bladder, braid) for bladder in catalogue.bladders for braid in catalogue.braids]
-    fits = [feasibility(bladder.diameter, braid) for bladder, braid in pairs]
-    at_work = [
-        pair for pair, fit in zip(pairs, fits, strict=True) if fit is not Feasibility.INFEASIBLE
-    ]
-    numbers = iter(_of_each_rubber(at_work, requirement, material))
-    candidates = [
-        _candidate(
-            pair, fit, _NOTHING if fit is Feasibility.INFEASIBLE else next(numbers), requirement
-        )
-        for pair, fit in zip(pairs, fits, strict=True)
-    ]
-    return sorted(candidates, key=_rank)
-
-
-_NOTHING = {
-    "blocked_force": math.nan,
-    "force": math.nan,
-    "usable_contraction": math.nan,
-    "jams": False,
-    "outer_diameter": math.nan,
-}
+    fits = {
+        (bladder, braid): feasibility(bladder.diameter, braid)
+        for bladder in catalogue.bladders
+        for braid in catalogue.braids
+    }
+    at_work = [pair for pair, fit in fits.items() if fit is not Feasibility.INFEASIBLE]
+    numbers = _of_each_rubber(at_work, requirement, material)
+    found = (_candidate(pair, fit, numbers.get(pair), requirement) for pair, fit in fits.items())
+    return sorted(found, key=_rank)
 
 
 def _of_each_rubber(
-    pairs: Sequence[tuple[CatalogueBladder, CatalogueBraid]],
-    requirement: Requirement,
-    material: AbstractMaterial | None,
-) -> list[dict[str, Any]]:
-    """The numbers of each pair, in their order; those of one rubber together."""
-    found: dict[int, dict[str, Any]] = {}
-    for rubber in dict.fromkeys(bladder.coefficients for bladder, _ in pairs):
-        of_it = [k for k, (bladder, _) in enumerate(pairs) if bladder.coefficients == rubber]
-        numbers = _numbers(
-            [Combination.of(*pairs[k]) for k in of_it], requirement,
-            bladder_material(pairs[of_it[0]][0], material),
-        )  # fmt: skip
-        found |= dict(zip(of_it, numbers, strict=True))
-    return [found[k] for k in range(len(pairs))]
-
-
-def _numbers(
-    combinations: Sequence[Combination],
-    requirement: Requirement,
-    material: AbstractMaterial | None,
-) -> list[dict[str, Any]]:
-    """The numbers of each candidate, as Python values."""
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *combinations)
+    pairs: Sequence[_Pair], requirement: Requirement, material: AbstractMaterial | None
+) -> dict[_Pair, dict[str, Any]]:
+    """The numbers of each pair as Python values; those of one rubber together."""
     demand = (
         as_real(requirement.pressure),
         as_real(requirement.contraction),
         as_real(requirement.force_contraction),
     )
-    columns = _performance(stacked, demand, material)
-    lists = {name: np.asarray(column).tolist() for name, column in columns.items()}
-    return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+    found: dict[_Pair, dict[str, Any]] = {}
+    for rubber in dict.fromkeys(bladder.coefficients for bladder, _ in pairs):
+        of_it = [pair for pair in pairs if pair[0].coefficients == rubber]
+        combinations = (Combination.of(*pair) for pair in of_it)
+        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *combinations)
+        columns = _performance(stacked, demand, bladder_material(of_it[0][0], material))
+        lists = (np.asarray(column).tolist() for column in columns.values())
+        for pair, *row in zip(of_it, *lists, strict=True):
+            found[pair] = dict(zip(columns, row, strict=True))
+    return found
 
 
 def _candidate(
-    pair: tuple[CatalogueBladder, CatalogueBraid],
-    fit: Feasibility,
-    numbers: dict[str, Any],
-    requirement: Requirement,
+    pair: _Pair, fit: Feasibility, numbers: dict[str, Any] | None, requirement: Requirement
 ) -> Candidate:
+    """A pair with its numbers, None where the braid does not fit, held against the requirement."""
     bladder, braid = pair
-    if fit is Feasibility.INFEASIBLE:
-        end = min(braid.diameter_range, key=lambda limit: abs(limit - bladder.diameter))
-        failures = [Failure("braid", end, bladder.diameter)]
-    else:
-        met = {
-            "force": numbers["force"] >= requirement.force,
-            "contraction": numbers["usable_contraction"] >= requirement.contraction,
-            # Not known, hence not failed, where there is no contraction to be reached.
-            "largest_diameter": not numbers["outer_diameter"] > requirement.largest_diameter,
-        }
-        found = {**numbers, "contraction": numbers["usable_contraction"]}
-        found["largest_diameter"] = numbers["outer_diameter"]
-        failures = [
-            Failure(name, getattr(requirement, name), found[name])
-            for name, holds in met.items()
-            if not holds
-        ]
     angle = float(fam_angle(bladder.diameter, braid.nominal_diameter))
-    return Candidate(bladder, braid, fit, angle, **numbers, failures=tuple(failures))
+    if numbers is None:
+        end = min(braid.diameter_range, key=lambda limit: abs(limit - bladder.diameter))
+        failure = Failure("braid", end, bladder.diameter)
+        nothing = math.nan
+        return Candidate(
+            bladder, braid, fit, angle, nothing, nothing, nothing, False, nothing, (failure,)
+        )
+    force, usable, width = (
+        numbers[name] for name in ("force", "usable_contraction", "outer_diameter")
+    )
+    held = (
+        ("force", force, force >= requirement.force),
+        ("contraction", usable, usable >= requirement.contraction),
+        # Not known, hence not failed, where there is no contraction to be reached.
+        ("largest_diameter", width, not width > requirement.largest_diameter),
+    )
+    failures = tuple(
+        Failure(name, getattr(requirement, name), found) for name, found, met in held if not met
+    )
+    return Candidate(bladder, braid, fit, angle, **numbers, failures=failures)
 
 
 def _rank(candidate: Candidate) -> tuple[bool, int, bool, float, float]:

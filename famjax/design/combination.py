@@ -75,7 +75,8 @@ def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
 
     if within(braid.diameter_range):
         return Feasibility.FEASIBLE
-    return Feasibility.BOUNDARY if within(braid.boundary_range) else Feasibility.INFEASIBLE
+    wider = within(braid.boundary_range or braid.diameter_range)
+    return Feasibility.BOUNDARY if wider else Feasibility.INFEASIBLE
 
 
 def bladder_material(

@@ -1,6 +1,5 @@
 """What `famjax design` computes, as one document of rows, and its picture."""
 
-import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -8,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from .. import units
+from ..boundary.files import as_png
 from ..boundary.units import unit_system
 from ..materials.polynomial import PolynomialMaterial
 from .catalogue import Catalogue
 from .catalogue_file import load_catalogue
 from .catalogue_search import Candidate, Requirement, search
 from .combination import Feasibility, bladder_material, feasibility
-from .end_fitting import size_end_fittings
-from .report import (
+from .design_rows import (
     braid_angle_rows,
     candidate_rows,
     end_fitting_rows,
@@ -24,6 +23,7 @@ from .report import (
     safety_factor_rows,
     tube_buckling_rows,
 )
+from .end_fitting import size_end_fittings
 from .safety import safety_factors
 from .swage_tube import TubeOptions, assumption_notes, tube_strengths
 
@@ -115,11 +115,9 @@ def _end_fittings(catalogue: Catalogue, system: str) -> list[dict[str, Any]]:
 def design_picture(document: dict[str, Any], system: str) -> bytes:
     """Force and outer diameter against contraction of every combination, as PNG."""
     from matplotlib import colormaps  # noqa: PLC0415
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 -- slow to load
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415 -- slow to load
 
     figure = Figure(figsize=(11, 5.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
     force, length = unit_system(system)["force"], unit_system(system)["length"]
     pairs = dict.fromkeys((row["bladder"], row["braid"]) for row in document["performance"])
@@ -143,6 +141,4 @@ def design_picture(document: dict[str, Any], system: str) -> bytes:
     figure.legend(
         *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7
     )
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=130)
-    return picture.getvalue()
+    return as_png(figure)

@@ -8,4 +8,4 @@ from .tabulate import (
     table_errors as table_errors,
     tabulated as tabulated,
 )
-from .targets import TARGETS as TARGETS, Target as Target, export as export
+from .targets import TARGETS as TARGETS, export as export

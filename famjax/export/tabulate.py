@@ -51,16 +51,15 @@ class TableErrors:
     states: int
 
 
-def tabulated(muscle: SafeMuscle, *, close: float = CLOSE) -> dict[str, Any]:
+def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
     """The table of a safe muscle's static map, as `TabulatedPull` takes it: plain lists, SI.
 
     Nodes are put where they are needed: a cell is halved as long as the cubic between its ends is
-    off by more than `close` of the largest force, anywhere along the other axis. A model that is
+    off by more than `CLOSE` of the largest force, anywhere along the other axis. A model that is
     affine in the pressure needs two pressures.
 
     Args:
         muscle: the safe muscle. Its hysteresis is left out.
-        close: largest error of the interpolation along either axis [-].
 
     Raises:
         InputError: more nodes would be needed than a table may have, or JAX is in float32.
@@ -74,7 +73,7 @@ def tabulated(muscle: SafeMuscle, *, close: float = CLOSE) -> dict[str, Any]:
     nodes = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
     scale = float(np.abs(_slopes(model, *np.meshgrid(*nodes.values()))[0]).max())
     while True:
-        split = {name: _too_wide(model, nodes, name, close * scale) for name in nodes}
+        split = {name: _too_wide(model, nodes, name, CLOSE * scale) for name in nodes}
         if not any(wide.any() for wide in split.values()):
             break
         for name, wide in split.items():
@@ -83,7 +82,7 @@ def tabulated(muscle: SafeMuscle, *, close: float = CLOSE) -> dict[str, Any]:
             if len(nodes[name]) > _MOST[name]:
                 raise InputError(
                     f"the model is not smooth enough for a table: more than {_MOST[name]} "
-                    f"{name}s would be needed for {close:g} of the largest force; export the model "
+                    f"{name}s would be needed for {CLOSE:g} of the largest force; export the model "
                     "itself, --to jax or --to mjx"
                 )
     L, P = np.meshgrid(nodes["length"], nodes["pressure"], indexing="ij")
@@ -116,18 +115,17 @@ def check_float64() -> None:
         )
 
 
-def table_errors(muscle: SafeMuscle, pull: TabulatedPull, *, seed: int = 0) -> TableErrors:
+def table_errors(muscle: SafeMuscle, pull: TabulatedPull) -> TableErrors:
     """How far a table is from the muscle it was made of; see `TableErrors`.
 
     Args:
         muscle: the safe muscle.
         pull: its table.
-        seed: of the random states.
     """
     (L0, L1), (P0, P1) = (
         np.asarray(getattr(muscle.region, name), float) for name in ("length", "pressure")
     )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     half = _STATES // 2
     L = np.concatenate([rng.uniform(L0, L1, half), rng.uniform(0, 2 * L1, half)])
     P = np.concatenate([rng.uniform(P0, P1, half), rng.uniform(0, _LIMIT * P1, half)])

@@ -1,6 +1,5 @@
 """What a muscle can be exported to."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -14,31 +13,17 @@ from .sources import c_files, matlab_files
 from .stablehlo import jax_files
 from .subject import Subject
 
-
-@dataclasses.dataclass(frozen=True)
-class Target:
-    """Something that a muscle is exported to.
-
-    Attributes:
-        makes: what, in a sentence.
-        files: content by the file's name.
-    """
-
-    makes: str
-    files: Callable[[Subject], dict[str, bytes]]
-
-
-TARGETS = {
-    "c": Target("C99 of force, stiffness and inverse, in double or float", c_files),
-    "csv": Target("force, stiffness and area over length and pressure", csv_files),
-    "mat": Target("the same as a .mat file, for lookup tables", mat_files),
-    "matlab": Target("functions for MATLAB, Octave and Simulink", matlab_files),
-    "mujoco": Target("XML of a hanging load, and the callback in Python", mujoco_files),
-    "mjx": Target("the model inside MJX's step, to be differentiated", mjx_files),
-    "opensim": Target("OpenSim's McKibbenActuator: the ideal braid alone", opensim_files),
-    "jax": Target("the model as StableHLO with its derivative", jax_files),
+TARGETS: dict[str, Callable[[Subject], dict[str, bytes]]] = {
+    "c": c_files,
+    "csv": csv_files,
+    "mat": mat_files,
+    "matlab": matlab_files,
+    "mujoco": mujoco_files,
+    "mjx": mjx_files,
+    "opensim": opensim_files,
+    "jax": jax_files,
 }
-"""By the name that `famjax export --to` takes."""
+"""What makes the files, content by name, by the name that `famjax export --to` takes."""
 
 
 def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path]:
@@ -64,5 +49,5 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
     check_output(folder)
     files: dict[str, bytes] = {}
     for name in dict.fromkeys(to):
-        files |= TARGETS[name].files(subject)
+        files |= TARGETS[name](subject)
     return write_all(folder, files)

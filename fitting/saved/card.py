@@ -1,5 +1,7 @@
 """The muscle card of a saved fit."""
 
+import dataclasses
+
 import numpy as np
 
 from famjax.boundary.errors import InputError
@@ -43,7 +45,7 @@ def card_of(
         hysteresis=fit.hysteresis,
         provenance=_provenance(document, origin),
     )
-    return card.with_draws(_draws(card, document, count, seed))
+    return dataclasses.replace(card, draws=_draws(card, document, count, seed))
 
 
 def _draws(card: MuscleCard, document: dict, count: int, seed: int) -> Draws | None:

@@ -5,7 +5,7 @@ import importlib
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -173,9 +173,8 @@ class _Dask(Engine):
         return True
 
 
-@contextlib.contextmanager
-def opened(executor: AnyExecutor, count: int) -> Iterator[Engine]:
-    """An executor of any kind, in use.
+def engine_of(executor: Any, count: int) -> Engine:
+    """An executor of any kind, in use; to be closed.
 
     Args:
         executor: see `AnyExecutor`.
@@ -185,14 +184,6 @@ def opened(executor: AnyExecutor, count: int) -> Iterator[Engine]:
         InputError: what is given takes no tasks, or would fork.
         RuntimeError: processes cannot start.
     """
-    engine = _engine(executor, count)
-    try:
-        yield engine
-    finally:
-        engine.close()
-
-
-def _engine(executor: Any, count: int) -> Engine:
     if executor is None:
         return Engine(_Here(), 1)
     if isinstance(executor, int):
@@ -206,8 +197,8 @@ def _engine(executor: Any, count: int) -> Engine:
             "executor must be None, a number of processes, a dask client or have `submit` as the "
             f"executors of concurrent.futures have; got {type(executor).__name__}"
         )
-    pool = _is_pool(executor)
-    if pool and _context(executor).get_start_method() == "fork":
+    pool = _pool(executor)
+    if pool is not None and pool._mp_context.get_start_method() == "fork":
         raise InputError(
             "processes must be spawned: a fork of a process that has used JAX or OpenCV can hang. "
             'Give ProcessPoolExecutor(n, mp_context=multiprocessing.get_context("spawn")), or the '
@@ -215,18 +206,14 @@ def _engine(executor: Any, count: int) -> Engine:
         )
     workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
     engine = Engine(executor, workers)
-    engine.child = pool
+    engine.child = pool is not None
     if "submitit" in sys.modules:
         engine.deaths += (sys.modules["submitit"].core.utils.UncompletedJobError,)
     return engine
 
 
-def _is_pool(executor: Any) -> bool:
-    """Whether it is a process pool of `concurrent.futures`, whose module is loaded if it is."""
+def _pool(executor: Any) -> Any:
+    """A process pool of `concurrent.futures`, whose module is loaded if it is one; else None."""
     process: Any = sys.modules.get("concurrent.futures.process")
-    return process is not None and isinstance(executor, process.ProcessPoolExecutor)
-
-
-def _context(pool: Any) -> Any:
-    """How a process pool starts its processes."""
-    return pool._mp_context
+    is_pool = process is not None and isinstance(executor, process.ProcessPoolExecutor)
+    return executor if is_pool else None

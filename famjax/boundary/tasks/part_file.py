@@ -22,22 +22,13 @@ class Damaged(InputError):  # noqa: N818 -- the name says what it is
     """A file that is not what was written."""
 
 
-def check_part_files() -> None:
-    """Raise unless parts can be kept in files, before any work is done.
-
-    Raises:
-        InputError: pyarrow is not installed.
-    """
-    _arrow()
-
-
 def part_bytes(part: dict[str, Any]) -> bytes:
     """The file of a part; the same part has the same bytes.
 
     Raises:
         InputError: a value that cannot be kept, or pyarrow is not installed.
     """
-    arrow, parquet = _arrow()
+    arrow, parquet = arrow_modules()
     columns, about = {}, {}
     for name, value in part.items():
         columns[name], about[name] = _column(name, value, arrow)
@@ -65,7 +56,7 @@ def read_part(file: Path) -> dict[str, Any]:
         OSError: it cannot be read.
         InputError: pyarrow is not installed.
     """
-    arrow, parquet = _arrow()
+    arrow, parquet = arrow_modules()
     content = file.read_bytes()
     try:
         reader = parquet.ParquetFile(io.BytesIO(content), page_checksum_verification=True)
@@ -77,7 +68,12 @@ def read_part(file: Path) -> dict[str, Any]:
         raise Damaged(f"{file} is damaged ({reason})") from None
 
 
-def _arrow() -> tuple[Any, Any]:
+def arrow_modules() -> tuple[Any, Any]:
+    """What writes parts, `pyarrow` and its `parquet`.
+
+    Raises:
+        InputError: it is not installed.
+    """
     arrow, parquet = (import_extra(name, "tables") for name in ("pyarrow", "pyarrow.parquet"))
     return arrow, parquet
 

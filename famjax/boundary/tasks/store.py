@@ -17,7 +17,7 @@ from typing import Any
 from ..errors import InputError
 from ..files import UNFINISHED, write_whole
 from ..settings import differing, some_of
-from .part_file import Damaged, check_part_files, part_bytes, read_part
+from .part_file import Damaged, arrow_modules, part_bytes, read_part
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
@@ -63,7 +63,7 @@ class Store:
         head = {"format": _FORMAT, "kind": kind, "parts": count, "settings": settings}
         if names is not None:
             head["names"] = list(names)
-        check_part_files()
+        arrow_modules()  # or there is nothing to keep parts with, which is said before the work
         text = json.dumps(head, indent=1, allow_nan=False) + "\n"
         try:
             (self.folder / PARTS).mkdir(parents=True, exist_ok=True)

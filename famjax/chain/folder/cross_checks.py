@@ -20,7 +20,6 @@ Verdict = Literal["agrees", "doubtful", "contradicts", "not known"]
 DOUBT, REFUSAL = 2.0, 5.0
 """Standard errors beyond which a figure is doubtful, and beyond which the work stops."""
 
-_WARNING = "warning: "
 _ANYTHING = (-math.inf, math.inf)
 _RATIOS = {
     "inches and mm": 25.4, "inches and cm": 2.54, "cm and mm": 10.0, "m and mm": 1000.0,
@@ -141,9 +140,15 @@ def read_checks(place: Path) -> list[Check]:
     return found
 
 
+def doubts(places: Sequence[Path]) -> list[str]:
+    """A sentence for each check of several steps that is doubtful or could not be made."""
+    checks = [one for place in places for one in read_checks(place)]
+    return [one.sentence() for one in checks if one.verdict != AGREES]
+
+
 def warnings_of(place: Path) -> list[str]:
-    """A sentence for each check of a step that is doubtful or could not be made."""
-    return [f"warning: {one.sentence()}" for one in read_checks(place) if one.verdict != AGREES]
+    """The same of one step, as they are printed."""
+    return [f"warning: {said}" for said in doubts([place])]
 
 
 def checks_table(places: Sequence[Path], system: str = "metric") -> list[PageTable]:
@@ -156,11 +161,6 @@ def checks_table(places: Sequence[Path], system: str = "metric") -> list[PageTab
     title = "What two sources say of one thing, and what it must be by their standard errors."
     header = ("what", "expected", "found", "verdict")
     return [PageTable(title, header, rows, text=True)] if rows else []
-
-
-def doubts(places: Sequence[Path]) -> list[str]:
-    """The same sentences as `warnings_of`, of several steps, without the word."""
-    return [line.removeprefix(_WARNING) for place in places for line in warnings_of(place)]
 
 
 def _finite(value: Any) -> Any:

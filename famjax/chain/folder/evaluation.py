@@ -24,12 +24,13 @@ from rig.journal import read_journal, stored_calibration
 from ..isobaric_analysis import analyse
 from ..isobaric_figures import branches_csv, figures
 from ..isobaric_pictures import plot_characterisation
-from ..photographs import CampaignOutcome, measure_pictures
+from ..photographs import LOG_OF_PICTURES, CampaignOutcome, measure_pictures
+from ..recipes import picture_recipe
 from .cached_steps import FolderStep
 from .cross_checks import settle, warnings_of
+from .folder_errors import clock_moves, shared_errors, write_shared
 from .picture_checks import JournalTime, picture_checks
 from .record_checks import record_checks, specimen_checks
-from .shared_errors import clock_moves, shared_errors, write_shared
 from .sheet import RESULTS, Photographs, Sheet
 
 RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
@@ -45,13 +46,9 @@ GEOMETRIES = {
 """Geometries that are fitted, and what they are."""
 FORCE_MAP = "dataset.csv"
 
-Recipes = Callable[[Photographs, Path], tuple[Any, dict[str, str]]]
-"""From the photographs' table and the folder to `imaging.Recipe` and its provenance."""
-
 
 def evaluation_steps(
     sheet: Sheet,
-    recipes: Recipes,
     *,
     executor: AnyExecutor | Literal["auto"] = "auto",
     origin: Origin,
@@ -61,7 +58,6 @@ def evaluation_steps(
 
     Args:
         sheet: of the folder.
-        recipes: reads how pictures are measured.
         executor: what measures the pictures, as of `imaging.process`.
         origin: of the first run of the folder, for the files.
         system: of units in pictures and tables.
@@ -85,10 +81,7 @@ def evaluation_steps(
     names = [CYLINDER, ELASTIC]
     photographs = sheet.photographs
     if photographs is not None:
-        for name in (photographs.ruler, photographs.recipe):
-            if name is not None:
-                sheet.path(name)
-        recipe, provenance = recipes(photographs, sheet.folder)
+        recipe, provenance = _recipe(sheet, photographs)
         shown = shown_pictures(sheet, photographs)
         given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
         steps += [
@@ -160,6 +153,27 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     settle(record_checks(sheet, journal, found), place)
 
 
+def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]]:
+    """How the pictures of a folder are measured, and where that comes from."""
+    from imaging.camera import Tone  # noqa: PLC0415 -- OpenCV, where there are pictures
+
+    ruler, recipe = (
+        None if name is None else sheet.path(name)
+        for name in (photographs.ruler, photographs.recipe)
+    )
+    reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
+    choices = {
+        name: getattr(photographs, name)
+        for name in ("distance", "tape_diameter", "k1", "orientation")
+    } | {"tone": None if photographs.tone is None else Tone.srgb()}
+    given, chosen = (
+        {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
+    )
+    return picture_recipe(
+        ruler=ruler, recipe=recipe, scale=photographs.scale, reading=given, choices=chosen
+    )
+
+
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
     """The photographs of a folder, without its ruler."""
     from ..picture_files import expand  # noqa: PLC0415 -- OpenCV, where there are pictures
@@ -178,16 +192,17 @@ def _measure(
     place: Path,
     system: str,
 ) -> None:
-    log, offset = sheet.records.machine_log, photographs.log_offset
+    path = sheet.records.machine_log
+    log = None if path is None else read_machine_log(sheet.path(path), **LOG_OF_PICTURES)
 
     def measured(*, resume: bool) -> CampaignOutcome:
         return measure_pictures(
             [str(sheet.folder / photographs.pictures)],
             recipe=recipe,
             provenance=dict(provenance),
-            log=None if log is None else sheet.path(log),
-            log_offset=None if offset is None else f"{offset}s",
-            rest_length=f"{sheet.specimen.rest_length!r}m",
+            log=log,
+            log_offset=photographs.log_offset,
+            rest_length=sheet.specimen.rest_length,
             executor=executor,
             system=system,
             output=place,
@@ -204,9 +219,8 @@ def _measure(
             f"no picture of {photographs.pictures} could be measured ({reasons}): see "
             f"{place / 'measurements.csv'}, or leave [photographs] out"
         )
-    machine = None if log is None else read_machine_log(sheet.path(log))
     checks = picture_checks(
-        sheet, photographs, outcome.table, machine, _journal_time(sheet), read_map(sheet).length
+        sheet, photographs, outcome.table, log, _journal_time(sheet), read_map(sheet).length
     )
     settle(checks, place)
 

@@ -166,17 +166,18 @@ class Sheet:
         return path
 
 
-_RECORDS = Form(kinds={"near": "time", "zero_displacement": "length"})
-_PHOTOGRAPHS = Form(
-    kinds=dict.fromkeys(("distance", "pitch", "ruler_placement", "tape_diameter"), "length")
-    | {"log_offset": "time"}
+_FORM = Form(
+    {
+        **SHARED_ERRORS.kinds,
+        **dict.fromkeys(("near", "log_offset"), "time"),
+        **dict.fromkeys(
+            ("zero_displacement", "distance", "pitch", "ruler_placement", "tape_diameter"), "length"
+        ),
+    }
 )
-_FORMS: dict[str, tuple[Any, Form]] = {
-    "records": (Records, _RECORDS),
-    "photographs": (Photographs, _PHOTOGRAPHS),
-    "fit": (Fit, Form()),
-    "errors": (SharedErrors, SHARED_ERRORS),
-}
+_TABLES: dict[str, Any] = {
+    "records": Records, "photographs": Photographs, "fit": Fit, "errors": SharedErrors,
+}  # fmt: skip
 
 
 def read_sheet(folder: Path) -> Sheet:
@@ -189,7 +190,7 @@ def read_sheet(folder: Path) -> Sheet:
     if not path.exists():
         raise InputError(f"{folder} has no {SHEET}: `famjax new {folder}` writes one to fill in")
     content = read_toml(path, "sheet")
-    unknown = content.keys() - {"specimen", *_FORMS}
+    unknown = content.keys() - {"specimen", *_TABLES}
     missing = {"specimen", "records"} - content.keys()
     if unknown or missing or not all(isinstance(table, dict) for table in content.values()):
         raise InputError(
@@ -197,8 +198,8 @@ def read_sheet(folder: Path) -> Sheet:
             f"[photographs], [fit] and [errors]; got {', '.join(content) or 'none'}"
         )
     tables = {
-        name: from_entries(kind, content[name], form, where=f"{path}: [{name}]: ")
-        for name, (kind, form) in _FORMS.items()
+        name: from_entries(kind, content[name], _FORM, where=f"{path}: [{name}]: ")
+        for name, kind in _TABLES.items()
         if name in content
     }
     entries = dict(content["specimen"])

@@ -1,7 +1,6 @@
 """What a twin is made from: a muscle, a test, a rig and a camera, as a file that a person can edit."""
 
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -202,33 +201,15 @@ _SIZES: dict[str, tuple[tuple[float, ...], int, float, int, int]] = {
 }
 """Set pressures [psi], cycles, stroke [in], pictures, rows."""
 
-_FORMS: dict[str, tuple[Any, Form]] = {
-    "muscle": (
-        TwinMuscle,
-        Form(
-            {
-                "coefficients": "pressure",
-                "deadband": "pressure",
-                "rest_length": "length",
-                "bladder_diameter": "length",
-                "wall_thickness": "length",
-                "braid_thickness": "length",
-            }
-        ),
-    ),
-    "rig": (
-        TwinRig,
-        Form(
-            {"pressures": "pressure", "stroke": "length", "rate": "rate"}
-            | dict.fromkeys(("settle", "clock_ahead", "lost"), "time")
-        ),
-    ),
-    "camera": (
-        TwinCamera,
-        Form(dict.fromkeys(("jitter", "clock_ahead"), "time") | {"ruler_offset": "length"}),
-    ),
-    "errors": (TwinErrors, SHARED_ERRORS),
-}
+_FORM = Form(
+    {
+        **SHARED_ERRORS.kinds,
+        **dict.fromkeys(("coefficients", "deadband", "pressures"), "pressure"),
+        **dict.fromkeys(("stroke", "ruler_offset"), "length"),
+        **dict.fromkeys(("settle", "clock_ahead", "lost", "jitter"), "time"),
+        "rate": "rate",
+    }
+)
 
 
 def drawn_truth(seed: int, size: Literal["small", "large"], *, flawed: bool) -> Truth:
@@ -265,19 +246,13 @@ def read_truth(path: Path, drawn: Truth) -> Truth:
         InputError: what is wrong with the file, with the place.
     """
     content = read_toml(path, "truth")
-    if unknown := content.keys() - _FORMS.keys():
+    if unknown := content.keys() - {field.name for field in dataclasses.fields(Truth)}:
         raise InputError(
             f"{path}: a truth has the tables [muscle], [rig], [camera] and [errors], all or some; got "
             f"{', '.join(sorted(unknown))}"
         )
-    parts = {}
-    for name, (kind, form) in _FORMS.items():
-        given = content.get(name, {})
-        if not isinstance(given, dict):
-            raise InputError(f"{path}: [{name}] must be a table, got {given!r}")
-        entries = _merged(given, getattr(drawn, name), form)
-        parts[name] = from_entries(kind, entries, form, where=f"{path}: [{name}]: ")
-    found = Truth(**parts)
+    entries = {name: _merged(content.get(name, {}), part) for name, part in vars(drawn).items()}
+    found = from_entries(Truth, entries, _FORM, where=f"{path}: ")
     _check(found, path)
     return found
 
@@ -288,26 +263,22 @@ def truth_text(truth: Truth, seed: int, command: str) -> str:
         f"# What this twin was made from, with the noise of seed {seed}. No evaluation reads it.\n"
     )
     again = f"# Edit it, and make another: {command}\n\n"
-    tables = {name: to_entries(getattr(truth, name), form) for name, (_, form) in _FORMS.items()}
-    return head + again + toml_text(tables).lstrip("\n")
+    return head + again + toml_text(to_entries(truth, _FORM)).lstrip("\n")
 
 
-def _merged(given: Mapping[str, Any], drawn: Any, form: Form) -> dict[str, Any]:
-    """The entries given, and those drawn of the fields that they do not name, in whatever unit."""
-    named = {
-        field.name
-        for field in dataclasses.fields(drawn)
-        for key in given
-        if key == field.name or (field.name in form.kinds and key.startswith(f"{field.name}_"))
-    }
+def _merged(given: Any, drawn: Any) -> Any:
+    """The entries of a table, and those drawn of the fields that they do not name, in whatever unit."""
+    if not isinstance(given, dict):
+        return given
     kept = {
-        form.key(field.name): getattr(drawn, field.name)
+        _FORM.key(field.name): getattr(drawn, field.name)
         for field in dataclasses.fields(drawn)
-        if field.name not in named
+        if not any(
+            key == field.name or (field.name in _FORM.kinds and key.startswith(f"{field.name}_"))
+            for key in given
+        )
     }
-    return {key: list(one) if isinstance(one, tuple) else one for key, one in kept.items()} | dict(
-        given
-    )
+    return {key: list(one) if isinstance(one, tuple) else one for key, one in kept.items()} | given
 
 
 def _check(truth: Truth, path: Path) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from famjax.units import PSI
 from fitting.records import ClockMap, fit_clock
-from rig.calibration import READINGS, Calibration
+from rig.calibration import READINGS
 from rig.journal import Record, stored_calibration
 from rig.protocol import TICK_HZ, TICKS
 
@@ -19,12 +19,11 @@ UNIT_OF = {name: name.rpartition("_")[2] for name in COLUMNS_IN_UNITS} | dict.fr
 """Columns of a table and their units; "1" for counts and codes."""
 
 
-def table(record: Record, calibration: Calibration | None = None) -> dict[str, NDArray[Any]]:
+def table(record: Record) -> dict[str, NDArray[Any]]:
     """The columns of `UNIT_OF`, one row for each record, neglecting the shortest latency of the line.
 
     Args:
-        record: a journal read back.
-        calibration: of the sensors; None takes that in the journal.
+        record: a journal read back, with the calibration of its sensors.
 
     Returns:
         Arrays of shape (n,): time on the host's clock, as that of the notes, nan in a boot too short
@@ -36,7 +35,7 @@ def table(record: Record, calibration: Calibration | None = None) -> dict[str, N
     Raises:
         RigError: there is no calibration.
     """
-    calibration = calibration or stored_calibration(record)
+    calibration = stored_calibration(record)
     known, governing = [settings for _, settings in record.settings], record.governing()
     scale = READINGS / np.array([*(s.ticks_per_record for s in known), READINGS])[governing]
     set_point = np.array([*(s.law.set_point_psi for s in known), np.nan])[governing] * PSI

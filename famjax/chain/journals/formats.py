@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from famjax.boundary.extras import import_extra
-from rig.calibration import Calibration
 from rig.errors import RigError
 from rig.journal import Record, read_journal
 
@@ -17,14 +16,14 @@ if TYPE_CHECKING:
     import xarray
 
 
-def to_xarray(record: Record, calibration: Calibration | None = None) -> "xarray.Dataset":
+def to_xarray(record: Record) -> "xarray.Dataset":
     """The table as a dataset over time, with the unit of each variable as its attribute.
 
     Raises:
         RigError: xarray is not installed, or as `table`.
     """
     xarray = import_extra("xarray", "tables", RigError)
-    columns = table(record, calibration)
+    columns = table(record)
     variables = {
         name: ("time_s", values, {"units": UNIT_OF[name]})
         for name, values in columns.items()
@@ -34,20 +33,20 @@ def to_xarray(record: Record, calibration: Calibration | None = None) -> "xarray
     return xarray.Dataset(variables, coordinates, attrs={"source": record.path.name})
 
 
-def write_netcdf(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
+def write_netcdf(record: Record, path: str | Path) -> None:
     """Write the table as NetCDF 3, the unit of each variable as its attribute.
 
     Raises:
         RigError: as `to_xarray`.
     """
-    dataset = to_xarray(record, calibration)
+    dataset = to_xarray(record)
     small = {name: v.astype(np.int32) for name, v in dataset.items() if v.dtype.kind == "i"}
     dataset.assign({n: v.assign_attrs(dataset[n].attrs) for n, v in small.items()}).to_netcdf(
         path, engine="scipy", format="NETCDF3_64BIT"
     )
 
 
-def write_parquet(record: Record, path: str | Path, calibration: Calibration | None = None) -> None:
+def write_parquet(record: Record, path: str | Path) -> None:
     """Write the table as Parquet, the unit of each column in its name and its metadata.
 
     Raises:
@@ -56,7 +55,7 @@ def write_parquet(record: Record, path: str | Path, calibration: Calibration | N
     arrow, parquet = (
         import_extra(name, "tables", RigError) for name in ("pyarrow", "pyarrow.parquet")
     )
-    columns = table(record, calibration)
+    columns = table(record)
     fields = [
         arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": UNIT_OF[name]})
         for name, values in columns.items()

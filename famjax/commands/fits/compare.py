@@ -6,11 +6,10 @@ from pathlib import Path
 
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
-from ..options.engine import EngineOptions
+from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Seed, Starts
-from ..terminal import Output, print_rows, progress_bar
+from ..terminal import Output, print_rows, progress
 
-_THIS_PROCESS = EngineOptions()
 _COLUMNS = {
     "model": "label",
     "n parameters": "n_parameters",
@@ -33,7 +32,7 @@ def compare(
     starts: Starts = 32,
     seed: Seed = 0,
     output: Path = Path("famjax-compare"),
-    engine: EngineOptions = _THIS_PROCESS,
+    engine: EngineOptions = UNNAMED,
     json_: bool = False,
 ) -> int:
     """Fit every published static force model, and famjax's own, to one force map.
@@ -68,7 +67,7 @@ def compare(
     """
     fitting = load_fitting()
     load_matplotlib()
-    from famjax.boundary.files import as_png, make_output, write_all
+    from famjax.boundary.files import as_png, make_output
     from famjax.boundary.origin import Origin
     from famjax.boundary.tasks import keepable
     from famjax.commands.options.fits import parse_specimen
@@ -80,12 +79,7 @@ def compare(
     )
     make_output(output)
     kept = keepable(output / "rows")
-    with progress_bar() as progress, engine.executor() as executor:
-        task = progress.add_task("comparing", total=None)
-
-        def show(done: int, total: int, name: str) -> None:
-            progress.update(task, completed=done, total=total, description=name)
-
+    with progress("comparing") as show, engine.executor() as executor:
         table = fitting.compare(
             measured, models or None, starts=starts, seed=seed, executor=executor, resume=kept,
             progress=show,
@@ -96,10 +90,7 @@ def compare(
         "starts": starts,
         "seed": seed,
     }
-    content = json.dumps(document, indent=1, allow_nan=False).encode()
-    paths = write_all(
-        output, {"compare.json": content, "compare.png": as_png(plot_comparison(table))}
-    )
+    paths = place.write({"compare.json": document, "compare.png": as_png(plot_comparison(table))})
     if kept is not None:
         shutil.rmtree(kept)
     if json_:

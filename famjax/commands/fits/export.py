@@ -1,13 +1,12 @@
 """`famjax export`."""
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..loading import load_fitting, warn_unidentified
+from ..loading import load_fitting, schema_of, warn_unidentified
 
 Name = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]
 
@@ -81,7 +80,7 @@ def _subject(muscle: str, length: float | None):
     from famjax.export import Subject, made_of, read_subject
 
     origin, path = Origin.of_this_command(), Path(muscle)
-    if not _is_fit(path):
+    if not schema_of(path).startswith("famjax-fit/"):
         return read_subject(muscle, length=length, origin=origin)
     from fitting.saved import card_of, load_fit
 
@@ -89,12 +88,3 @@ def _subject(muscle: str, length: float | None):
     return Subject.of_card(
         card, length=length, origin=made_of(path.name, path.read_bytes(), origin)
     )
-
-
-def _is_fit(path: Path) -> bool:
-    """Whether a file is a fit's; of any other the reader of cards says what is wrong."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(found, dict) and str(found.get("schema")).startswith("famjax-fit/")

@@ -1,7 +1,6 @@
 """What `famjax fit --hysteresis` and `famjax predict --history` add to their commands."""
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -107,7 +106,12 @@ def print_history(
     """
     from famjax.boundary.errors import InputError
     from famjax.boundary.sentence import Quantity, Sentence, in_units as in_words
-    from famjax.commands.options.answers import answer_units, in_units, print_answers
+    from famjax.commands.options.answers import (
+        answer_units,
+        in_units,
+        print_answers,
+        print_as_json,
+    )
     from fitting.hysteresis import read_history
     from fitting.saved import hysteresis_error, predict_history
 
@@ -120,7 +124,7 @@ def print_history(
     rows = predict_history(saved, moves)
     asked = answer_units(units, *([f"1{moves.units[kind]}"] for kind in ("length", "pressure")))
     if as_json:
-        print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
+        print_as_json(rows, units, asked)
         return 0
     print_answers("Force along the history", in_units(rows, asked), units)
     if any(row["slack"] for row in rows):

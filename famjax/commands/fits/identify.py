@@ -9,17 +9,20 @@ from rich.console import Console
 
 from ..loading import load_fitting, load_map, look_here
 from ..matplotlib_import import load_matplotlib
-from ..options.engine import EngineOptions
+from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Order, Replicates, Seed, Starts
-from ..terminal import Output, print_table, progress_bar
+from ..terminal import Output, print_table, progress
 from .hysteresis import load_ramps, one_map, with_hysteresis
 
 if TYPE_CHECKING:
+    from fitting import Identification
+    from fitting.choice import Choice
     from fitting.evidence import Evidence
+    from fitting.verdict import Judgement
 
-    from .steps import Steps
 
-_THIS_PROCESS = EngineOptions()
+_LARGE = 2000
+"""Readings from which other processes choose sooner than this one, see `fitting.choose`."""
 
 
 def fit(
@@ -54,7 +57,7 @@ def fit(
     seed: Seed = 0,
     output: Path = Path("famjax-fit"),
     units: Literal["si", "metric", "us"] = "metric",
-    engine: EngineOptions = _THIS_PROCESS,
+    engine: EngineOptions = UNNAMED,
     json_: bool = False,
 ) -> int:
     """Identify a muscle from a measured force map.
@@ -176,7 +179,7 @@ def fit(
     from famjax.commands.options.own_parts import own_parts, taking_part
     from fitting.saved import write_fit
 
-    from .steps import Steps
+    from .steps import gathered, judged
 
     place = Output(output)
     if posterior:
@@ -213,8 +216,13 @@ def fit(
         from .measured_shape import with_shape
 
         measured, options, surface = with_shape(measured, shape, options)
-    with progress_bar() as progress, engine.executor() as executor:
-        steps = Steps(measured, options, progress, executor)
+    identifying = f"identifying {measured.specimen.name}"
+    with progress(identifying) as show, engine.executor() as executor:
+
+        def tell(what: str, done: int, total: int) -> None:
+            show(done, total, what)
+
+        choice = None
         if (
             law is None
             and order is None
@@ -223,37 +231,52 @@ def fit(
             and shape is None
             and not parts
         ):
-            steps.choose()
-        else:
-            steps.identify(
-                law=law or "polynomial", order=order, dependence=dependence, censored=censored
+            large = measured.force.size >= _LARGE
+            choice = fitting.choose(
+                measured, **options, executor=executor if large else None, progress=tell
             )
-        steps.gather(
-            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior,
-            errors=stated, surface=surface,
+            result = choice.chosen
+        else:
+            result = fitting.identify(
+                measured, **options, law=law or "polynomial", order=order, dependence=dependence,
+                censored=censored, progress=show,
+            )  # fmt: skip
+        evidence = gathered(
+            result, choice, options, validation=validate, profiles=profile, replicates=bootstrap,
+            posterior=posterior, errors=stated, surface=surface, executor=executor, progress=tell,
         )  # fmt: skip
-        steps.judge()
-        evidence = steps.evidence if pairs is None else with_hysteresis(steps.evidence, pairs)
-        judged = {"choice": steps.choice, "judgement": steps.judgement}
-        paths = write_fit(steps.result, output, units, evidence, Origin.of_this_command(), **judged)
+        judgement = judged(result, choice, tell)
+        if pairs is not None:
+            evidence = with_hysteresis(evidence, pairs)
+        paths = write_fit(
+            result, output, units, evidence, Origin.of_this_command(), choice=choice,
+            judgement=judgement,
+        )  # fmt: skip
     if json_:
-        summary = fitting.saved.summary_as_dict(steps.result, units, evidence, **judged)
+        summary = fitting.saved.summary_as_dict(
+            result, units, evidence, choice=choice, judgement=judgement
+        )
         print(json.dumps(summary, allow_nan=False))
     else:
-        _print_fit(steps, units, evidence)
+        _print_fit(result, choice, evidence, judgement, units)
         place.tell(paths)
-    return 0 if steps.judgement.passed else 1
+    return 0 if judgement.passed else 1
 
 
-def _print_fit(steps: "Steps", units: str, evidence: "Evidence") -> None:
+def _print_fit(
+    result: "Identification",
+    choice: "Choice | None",
+    evidence: "Evidence",
+    judgement: "Judgement",
+    units: str,
+) -> None:
     from fitting.saved import notes, tables, verdict
 
-    result = steps.result
     print(f"{result.data.specimen.name}  ({result.data.source})")
-    for title, header, rows in tables(result, units, evidence, steps.choice):
+    for title, header, rows in tables(result, units, evidence, choice):
         print_table(title, header, rows)
     console = Console(highlight=False)
     console.print()
-    for warning in notes(result, evidence, steps.choice, steps.judgement, units):
+    for warning in notes(result, evidence, choice, judgement, units):
         console.print(f"note: {warning}", markup=False)
-    console.print(verdict(result, steps.judgement, units), style="bold", markup=False)
+    console.print(verdict(result, judgement, units), style="bold", markup=False)

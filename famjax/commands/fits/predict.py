@@ -1,6 +1,5 @@
 """`famjax predict`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -61,12 +60,13 @@ def predict(
     fitting = load_fitting()
     import numpy as np
 
-    from famjax.boundary.units import parse_quantities, quantity_unit
+    from famjax.boundary.units import parse_quantities, parse_quantity, quantity_unit
     from famjax.commands.options.answers import (
         answer_units,
         force_and_onset,
         in_units,
         print_answers,
+        print_as_json,
     )
 
     look_here()
@@ -81,6 +81,7 @@ def predict(
             others={"length": length, "pressure": pressure, "onset": onset,
                     "rest-length": rest_length, "length-std": length_std},
         )  # fmt: skip
+    lengths = np.array(parse_quantities(length, "length"))
     if force:
         if pressure or onset or rest_length is not None or length_std is not None:
             raise fitting.InputError(
@@ -88,34 +89,28 @@ def predict(
                 "--onset, --rest-length and --length-std"
             )
         rows = fitting.saved.pressures_for(
-            saved, np.array(parse_quantities(length, "length")),
-            np.array(parse_quantities(force, "force")),
-        )  # fmt: skip
-        asked = {**answer_units(units, length, pressure)}
-        if units is None:
-            asked["force"] = quantity_unit(force[0])
-        if json_:
-            print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
-            return 0
-        print_answers("Pressure", in_units(rows, asked), units)
-        return 0
-    other = None if rest_length is None else parse_quantities((rest_length,), "length")[0]
-    spread = 0.0 if length_std is None else parse_quantities((length_std,), "length")[0]
-    rows = fitting.predict(
-        saved,
-        np.array(parse_quantities(length, "length")),
-        np.array(parse_quantities(pressure, "pressure")),
-        onset=onset,
-        rest_length=other,
-        length_std=spread,
-    )
-    asked = answer_units(units, length, pressure)
+            saved, lengths, np.array(parse_quantities(force, "force"))
+        )
+    else:
+        rows = fitting.predict(
+            saved,
+            lengths,
+            np.array(parse_quantities(pressure, "pressure")),
+            onset=onset,
+            rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
+            length_std=0.0 if length_std is None else parse_quantity(length_std, "length"),
+        )
+    asked = {**answer_units(units, length, pressure)}
+    if force and units is None:
+        asked["force"] = quantity_unit(force[0])
     if json_:
-        print(json.dumps(rows if units is None else in_units(rows, asked), allow_nan=False))
+        print_as_json(rows, units, asked)
         return 0
-    for title, chosen in force_and_onset(in_units(rows, asked)).items():
+    shown = in_units(rows, asked)
+    for title, chosen in ({"Pressure": shown} if force else force_and_onset(shown)).items():
         print_answers(title, chosen, units)
-    _print_notes(saved, other=other is not None, forces=bool(pressure))
+    if not force:
+        _print_notes(saved, other=rest_length is not None, forces=bool(pressure))
     return 0
 
 

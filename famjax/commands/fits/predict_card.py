@@ -1,11 +1,10 @@
 """`famjax predict` of a muscle that is a card, or bundled."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..loading import warn_unidentified
+from ..loading import schema_of, warn_unidentified
 from ..terminal import print_rows
 
 
@@ -16,11 +15,7 @@ def is_card(muscle: str) -> bool:
     path = Path(muscle)
     if not path.exists():
         return bundled_name(muscle) is not None
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(found, dict) and str(found.get("schema")).startswith("famjax-card/")
+    return schema_of(path).startswith("famjax-card/")
 
 
 def predict_by_card(
@@ -49,7 +44,12 @@ def predict_by_card(
     from famjax.boundary.errors import InputError
     from famjax.boundary.units import parse_quantities
     from famjax.cards import read_card
-    from famjax.commands.options.answers import answer_units, force_and_onset, in_units
+    from famjax.commands.options.answers import (
+        answer_units,
+        force_and_onset,
+        in_units,
+        print_as_json,
+    )
     from famjax.muscles import bundled_card
 
     asked = [name for name, value in others.items() if value]
@@ -84,7 +84,7 @@ def predict_by_card(
         ]  # fmt: skip
     asked_units = answer_units(units, length, pressure)
     if as_json:
-        print(json.dumps(rows if units is None else in_units(rows, asked_units), allow_nan=False))
+        print_as_json(rows, units, asked_units)
         return 0
     for title, chosen in force_and_onset(in_units(rows, asked_units)).items():
         print_rows(f"{title} of {card.name}", chosen)

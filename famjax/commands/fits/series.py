@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Literal
 
 from ..loading import load_fitting, load_map
-from ..options.engine import EngineOptions
+from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Seed, Starts
-from ..terminal import Output, print_rows, progress_bar
-
-_THIS_PROCESS = EngineOptions()
+from ..terminal import Output, print_rows, progress
 
 
 def series(
@@ -23,7 +21,7 @@ def series(
     seed: Seed = 0,
     output: Path = Path("famjax-series"),
     units: Literal["si", "metric", "us"] = "metric",
-    engine: EngineOptions = _THIS_PROCESS,
+    engine: EngineOptions = UNNAMED,
     json_: bool = False,
 ) -> int:
     """Identify several muscles of a series together, to predict those of other lengths.
@@ -65,19 +63,13 @@ def series(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import write_all
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import as_parameters, parse_bounds, parse_free
     from fitting.choice import DEFAULT_LAWS
 
     place = Output(output)
     maps = [load_map(one, {}) for one in data]
-    with progress_bar() as progress, engine.executor() as executor:
-        task = progress.add_task("identifying", total=None)
-
-        def show(name: str, done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total, description=name)
-
+    with progress("identifying") as show, engine.executor() as executor:
         found = fitting.identify_series(
             maps,
             laws=law or DEFAULT_LAWS,
@@ -87,17 +79,16 @@ def series(
             starts=starts,
             seed=seed,
             executor=executor,
-            progress=show,
+            progress=lambda name, done, total: show(done, total, name),
         )
     document = fitting.saved.series_as_dict(found, Origin.of_this_command())
-    content = json.dumps(document, indent=1, allow_nan=False).encode()
-    (path,) = write_all(output, {"fit.json": content})
+    paths = place.write({"fit.json": document})
     if json_:
         print(json.dumps(document["series"] | {"parameters": document["parameters"]}))
     else:
         values = fitting.saved.summary_as_dict(found.specimens[0], units)["parameters"]
         _print_series(document, values, units)
-        place.tell([path])
+        place.tell(paths)
     return 0 if found.specimens[0].converged else 1
 
 

@@ -6,11 +6,9 @@ from typing import Literal
 
 from ..loading import load_fitting, load_map
 from ..matplotlib_import import load_matplotlib
-from ..options.engine import EngineOptions
+from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Replicates, Seed, SweptOrders
-from ..terminal import Output, print_rows, progress_bar
-
-_THIS_PROCESS = EngineOptions()
+from ..terminal import Output, print_rows, progress
 
 
 def sweep(
@@ -33,7 +31,7 @@ def sweep(
     specimen: tuple[str, ...] = (),
     output: Path = Path("famjax-sweep"),
     units: Literal["si", "metric", "us"] = "metric",
-    engine: EngineOptions = _THIS_PROCESS,
+    engine: EngineOptions = UNNAMED,
     json_: bool = False,
 ) -> int:
     """Fit every permutation of order, pressure dependence and constraint at one geometry.
@@ -87,8 +85,7 @@ def sweep(
     measured = load_map(data, parse_specimen(specimen))
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
     missing = [name for name, text in given.items() if text is None]
-    with progress_bar() as progress, engine.executor() as executor:
-        task = progress.add_task("identifying the geometry", total=None)
+    with progress("identifying the geometry") as show, engine.executor() as executor:
         if len(missing) == len(given):
             found = fitting.identify(measured, seed=seed)
             shape = found.muscle.geometry
@@ -119,9 +116,7 @@ def sweep(
             executor=executor,
             output=output,
             units=units,
-            progress=lambda done, total: progress.update(
-                task, description="sweeping", completed=done, total=total
-            ),
+            progress=lambda done, total: show(done, total, "sweeping"),
         )
     if json_:
         print(json.dumps(document, allow_nan=False))

@@ -1,5 +1,6 @@
 """Answers in the units of their question."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -65,6 +66,13 @@ def force_and_onset(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, 
         "Onset": [row for row in rows if "slack" not in row],
     }
     return {title: chosen for title, chosen in tables.items() if chosen}
+
+
+def print_as_json(
+    rows: Sequence[Mapping[str, Any]], system: str | None, units: Mapping[str, str]
+) -> None:
+    """Answers as one JSON list, in SI unless a unit system is asked for."""
+    print(json.dumps(rows if system is None else in_units(rows, units), allow_nan=False))
 
 
 def print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | None) -> None:

@@ -60,3 +60,7 @@ class EngineOptions:
             ) from None
         with client:
             yield client
+
+
+UNNAMED = EngineOptions()
+"""Where the options name nothing."""

@@ -1,23 +1,14 @@
 """The options of `famjax measure`: pictures, and the recipe by which to measure them."""
 
-import dataclasses
-import hashlib
-import math
-import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from famjax.boundary.units import factor, parse_quantity
-from imaging import ImagingError, Recipe, Scale, calibrate_ruler, read_image, read_recipe
+from famjax.chain import picture_recipe
+from imaging import ImagingError, Recipe
 from imaging.camera import Tone
 
 from .recipe import RecipeOptions
-
-REFERENCE_FRAME = (5568, 3712)
-"""Width and height [px] of the frames of the reference work's camera."""
-
-_SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
 def command_recipe(options: RecipeOptions) -> tuple[Recipe, dict[str, str]]:
@@ -30,7 +21,6 @@ def command_recipe(options: RecipeOptions) -> tuple[Recipe, dict[str, str]]:
     Raises:
         ImagingError: no scale or two, or an option that cannot be read.
     """
-    recipe, ruler, scale = options.recipe, options.ruler, options.scale
     reading: dict[str, Any] = {}
     if options.pitch is not None:
         reading["pitch"] = _length(options.pitch, "pitch")
@@ -38,47 +28,15 @@ def command_recipe(options: RecipeOptions) -> tuple[Recipe, dict[str, str]]:
         reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
     if options.ruler_placement is not None:
         reading["placement_stderr"] = parse_quantity(options.ruler_placement, "length")
-    if reading and ruler is None:
-        raise ImagingError(
-            "pitch, expected scale and ruler placement say how a ruler is read; there is no ruler"
-        )
-    choices: dict[str, Any] = {
+    choices = {
         name: read(text, name)
         for name, read in _READ.items()
         if (text := getattr(options, name)) is not None
     }
-    base = None if recipe is None else read_recipe(recipe)
-    provenance = {} if recipe is None else {"recipe_file": str(recipe)}
-    if "crop_offset" in choices and "frame_size" not in choices and base is None:
-        choices["frame_size"] = REFERENCE_FRAME
-        provenance["frame_size"] = (
-            "assumed: {} x {} px, the reference work's camera; say --frame-size for another"
-        ).format(*REFERENCE_FRAME)
-    if ruler is not None and scale is not None:
-        raise ImagingError("the scale is given twice, by ruler and by number; keep one")
-    if scale is not None:
-        choices["scale"] = parse_scale(scale)
-    elif base is None and ruler is None:
-        raise ImagingError(
-            "the scale is needed: give the photograph of a ruler, a number such as "
-            "226.63+-0.02 px/in, or a recipe that has one"
-        )
-    elif base is None:
-        choices["scale"] = Scale.manual(1.0)  # until the ruler is read
-    try:
-        found = Recipe(**choices) if base is None else dataclasses.replace(base, **choices)
-        if ruler is not None:
-            found = dataclasses.replace(found, ruler=dataclasses.replace(found.ruler, **reading))
-            found = dataclasses.replace(found, scale=_ruler_scale(ruler, found))
-            read = dataclasses.replace(found.ruler, pitch=found.scale.pitch)
-            found = dataclasses.replace(found, ruler=read)
-            digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
-            provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
-    except ImagingError:
-        raise
-    except ValueError as error:
-        raise ImagingError(f"the options do not make a recipe: {error}") from None
-    return found, provenance
+    return picture_recipe(
+        ruler=options.ruler, recipe=options.recipe, scale=options.scale, reading=reading,
+        choices=choices,
+    )  # fmt: skip
 
 
 def set_up(recipe: Recipe, options: RecipeOptions, inch: bool) -> list[dict[str, str]]:
@@ -124,43 +82,6 @@ def set_up(recipe: Recipe, options: RecipeOptions, inch: bool) -> list[dict[str,
     curve = "sRGB" if recipe.tone_curve == Tone.srgb() else "of the recipe"
     rows.append(("tone curve", curve, tone))
     return [dict(zip(("what", "value", "source"), row, strict=True)) for row in rows]
-
-
-def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
-    """The scale of the ruler, photographed as the muscle was, or in the whole frame."""
-    image = read_image(ruler)
-    height, width = image.shape[:2]
-    whole = (width, height) == recipe.frame_size
-    try:
-        return calibrate_ruler(
-            image,
-            **dataclasses.asdict(recipe.ruler),
-            distance=recipe.camera_distance,
-            centre=None if whole else recipe.camera(width, height).centre,
-            k1=recipe.k1,
-            tone=recipe.tone_curve,
-        )
-    except ImagingError as error:
-        raise error.at(ruler) from None
-
-
-def parse_scale(text: str) -> Scale:
-    """A scale by hand. Without `+-` its standard error is that of rounding to the digits given.
-
-    >>> round(parse_scale("226.63 px/in").stderr * 0.0254, 6)
-    0.002887
-    """
-    match = _SCALE.fullmatch(text)
-    if match is None:
-        raise ImagingError(
-            f"a scale is a number with its error and unit, 226.63+-0.02 px/in, got {text!r}"
-        )
-    number, stderr, unit = match.groups()
-    if stderr is None:
-        decimals = len(number.partition(".")[2])
-        stderr = str(10.0**-decimals / math.sqrt(12))
-    px_per_m = parse_quantity(f"{number} {unit}", "scale")
-    return Scale.manual(px_per_m, parse_quantity(f"{stderr} {unit}", "scale"))
 
 
 def _length(text: str, name: str) -> float:

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from rig.calibration import Calibration
 from rig.control import Attendant, Request, Situation
 
 from ..keys import Keys, has_keys, single_keys
@@ -38,8 +39,9 @@ def clock(seconds: float) -> str:
 
 
 @contextlib.contextmanager
-def attended(monitor: Monitor) -> Iterator[Attendant]:
+def attended(calibration: Calibration, units: str) -> Iterator[Attendant]:
     """Who attends a run here: a person at a terminal, or a script's log."""
+    monitor = Monitor(calibration, units, every=_COLUMN)
     if not has_keys():
         yield _Log(monitor)
         return
@@ -48,11 +50,6 @@ def attended(monitor: Monitor) -> Iterator[Attendant]:
         Live(console=Console(highlight=False), auto_refresh=False, transient=True) as live,
     ):
         yield _Person(monitor, keys, live)
-
-
-def new_monitor(calibration, units: str) -> Monitor:
-    """A view of one look each."""
-    return Monitor(calibration, units, every=_COLUMN)
 
 
 class _Log(Attendant):

@@ -68,7 +68,7 @@ def rig_run(
     from rig.control import JOURNAL, duration, prepare, record_test
     from rig.link import serial_opener
 
-    from .attended import attended, clock, new_monitor
+    from .attended import attended, clock
     from .camera_command import CameraCommand
 
     with rig_problems():
@@ -83,7 +83,7 @@ def rig_run(
             print(f"lasts {clock(duration(test.plan, first))}, besides the device's answers")
             return 0
         confirm(f"{clock(duration(test.plan, first))} of strokes and rests", yes=yes)
-        with attended(new_monitor(calibration, units)) as attendant:
+        with attended(calibration, units) as attendant:
             output.mkdir(parents=True, exist_ok=True)
             with Link(serial_opener(port, baud)) as link:
                 record_test(

@@ -5,7 +5,7 @@ from typing import Literal
 
 from ..loading import load_fitting
 from ..options.whole_numbers import Seed
-from ..terminal import progress_bar
+from ..terminal import progress
 from .characterise import report_test
 from .problems import rig_problems
 
@@ -51,16 +51,9 @@ def rig_simulate(
     with rig_problems():
         test = read_plan(plan)
         muscle, specimen = _simulated_muscle(fit)
-        with progress_bar() as progress:
-            task = progress.add_task("simulating", total=None)
+        with progress("simulating") as show:
             done = simulate(
-                test,
-                output,
-                muscle=muscle,
-                specimen=specimen,
-                baud=baud,
-                seed=seed,
-                progress=lambda now, total: progress.update(task, completed=now, total=total),
+                test, output, muscle=muscle, specimen=specimen, baud=baud, seed=seed, progress=show
             )
         return report_test(done.analysis, [*done.paths], output, units, json_)
 

@@ -24,11 +24,9 @@ def search_picture(found: SpaceSearch, *, system: str = "si") -> bytes:
         found: from `search_space`, with something feasible.
         system: "si", "metric" or "us".
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 -- slow to load
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415 -- slow to load
 
     figure = Figure(figsize=(12, 5.8), layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     size = 16 if len(found.front["pair"]) <= _CROWDED else 5
     for axes in (left, right):

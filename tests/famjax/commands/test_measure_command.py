@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from famjax.chain import expand, stroke_log
-from famjax.commands.options.photographs import command_recipe, parse_scale
+from famjax.chain import expand, parse_scale, stroke_log
+from famjax.commands.options.photographs import command_recipe
 from famjax.commands.options.recipe import RecipeOptions
 from imaging import ImagingError, read_recipe
 from imaging.errors import AmbiguousRuler

@@ -103,6 +103,12 @@ def test_threads_and_nominal_diameters_made_to_order_are_read(tmp_path):
     assert threads == [(None, None), (144, pytest.approx(59.3 * units.LBF)), (None, None)]
 
 
+def test_a_row_has_a_name_and_a_source_of_its_own_where_it_says_so(tmp_path):
+    text = BLADDER.replace("[1, 2]", "1")
+    (bladder,) = read(tmp_path, text + 'name = "natural"\nsource = "a drawer"\n').bladders
+    assert (bladder.name, bladder.source) == ("natural", "a drawer")
+
+
 def test_the_rubber_of_a_bladder_is_read(tmp_path):
     more = 'coefficients_MPa = [1.5, -0.4]\ncoefficients_source = "own tensile test"\n'
     for bladder in read(tmp_path, BLADDER + more).bladders:

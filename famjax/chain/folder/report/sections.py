@@ -13,7 +13,7 @@ from .bladder_charts import law_charts, strain_charts
 from .chart import Chart, Drawing
 from .error_tables import error_tables, onset_tables
 from .force_charts import actuation_charts, pressure_charts, term_charts
-from .photographs import photograph_figure
+from .photograph_figure import photograph_figure
 from .shape_charts import shape_charts
 from .source import Source
 from .tables import failed_pictures, geometry_tables, setup_table, specimen_table, test_table

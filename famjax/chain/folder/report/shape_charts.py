@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from famjax.boundary.units import factor
+from fitting.shapes import Pictures, ShapeSurface
 
 from ..evaluation import CYLINDER
 from .chart import AxisQuantity, Chart, PlottedSeries, shades
@@ -20,13 +21,12 @@ def shape_charts(source: Source) -> list[Chart]:
     """Profiles at five contractions, mean and middle diameter, volume; none without photographs."""
     if source.surface is None or source.pictures is None:
         return []
-    return [_profiles(source), _diameters(source), _volume(source)]
+    return [
+        draw(source, source.surface, source.pictures) for draw in (_profiles, _diameters, _volume)
+    ]
 
 
-def _profiles(source: Source) -> Chart:
-    surface, pictures = source.surface, source.pictures
-    assert surface is not None
-    assert pictures is not None
+def _profiles(source: Source, surface: ShapeSurface, pictures: Pictures) -> Chart:
     unit = source.unit("length")
     x = np.linspace(0, 1, surface.diameters.shape[-1])
     shown = np.linspace(0, x.size - 1, _CIRCLES).round().astype(int)
@@ -60,10 +60,7 @@ def _at(lengths: np.ndarray, diameters: np.ndarray, length: float) -> np.ndarray
     return CubicSpline(lengths[::-1], diameters[..., ::-1, :], axis=-2)(length)
 
 
-def _diameters(source: Source) -> Chart:
-    surface, pictures = source.surface, source.pictures
-    assert surface is not None
-    assert pictures is not None
+def _diameters(source: Source, surface: ShapeSurface, pictures: Pictures) -> Chart:
     rest = source.sheet.specimen.rest_length
     middle = surface.diameters.shape[-1] // 2
     c, taken = 1 - surface.lengths / rest, 1 - pictures.length / rest
@@ -96,10 +93,7 @@ def _diameters(source: Source) -> Chart:
     )  # fmt: skip
 
 
-def _volume(source: Source) -> Chart:
-    surface, pictures = source.surface, source.pictures
-    assert surface is not None
-    assert pictures is not None
+def _volume(source: Source, surface: ShapeSurface, pictures: Pictures) -> Chart:
     rest = source.sheet.specimen.rest_length
     unit = source.unit("volume")
     scale = factor(unit, "volume")

@@ -12,8 +12,10 @@ from PIL import Image
 
 from famjax.boundary.units import to_si
 from fitting.saved import pdf_file
+from fitting.shapes import Pictures
 
 from ..evaluation import PICTURES, shown_pictures
+from ..sheet import Photographs
 from .chart import Drawing
 from .source import Source, picture_rows
 
@@ -33,9 +35,10 @@ class _Shown:
 
 def photograph_figure(source: Source) -> list[Drawing]:
     """Three photographs with the outline that was measured; none without photographs."""
-    if source.pictures is None or source.sheet.photographs is None:
+    photographs, pictures = source.sheet.photographs, source.pictures
+    if photographs is None or pictures is None:
         return []
-    shown = _overlays(source)
+    shown = _overlays(source, photographs, pictures)
     if not shown:
         return []
     of = source.pressure(source.pressures[source.middle])
@@ -49,48 +52,43 @@ def photograph_figure(source: Source) -> list[Drawing]:
     return [Drawing("photographs", caption, _svg(shown), _pdf(shown), table)]
 
 
-def _overlays(source: Source) -> list[_Shown]:
+def _overlays(source: Source, photographs: Photographs, pictures: Pictures) -> list[_Shown]:
     """The chosen pictures, measured once more for the lines."""
     from imaging import measure, read_recipe  # noqa: PLC0415 -- OpenCV, where there are pictures
     from imaging.camera import read_image  # noqa: PLC0415
     from imaging.shape import draw_overlay  # noqa: PLC0415
 
-    assert source.pictures is not None
-    assert source.sheet.photographs is not None
     recipe = read_recipe(source.results / PICTURES / "recipe.toml")
-    files = {path.name: path for path in shown_pictures(source.sheet, source.sheet.photographs)}
+    files = {path.name: path for path in shown_pictures(source.sheet, photographs)}
     found = []
-    for k in _chosen(source):
-        name = Path(source.pictures.names[k]).name
+    for k in _chosen(source, pictures):
+        name = Path(pictures.names[k]).name
         image = read_image(files[name])
         lines = max(2, round(2 * max(image.shape) / _HEIGHT))
         drawn = draw_overlay(image, measure(image, recipe).trace, thickness=lines)
-        contraction = 1 - source.pictures.length[k] / source.sheet.specimen.rest_length
+        contraction = 1 - pictures.length[k] / source.sheet.specimen.rest_length
         found.append(_Shown(name, float(contraction), drawn))
     return _alike(found)
 
 
-def _chosen(source: Source) -> list[int]:
+def _chosen(source: Source, pictures: Pictures) -> list[int]:
     """Pictures of least, middle and most contraction among those at the middle pressure."""
-    assert source.pictures is not None
-    lengths = source.pictures.length
-    level = _levels(source)
-    near = np.flatnonzero(level == source.middle)
+    lengths = pictures.length
+    near = np.flatnonzero(_levels(source, pictures) == source.middle)
     near = near if near.size else np.arange(lengths.size)
     ordered = near[np.argsort(-lengths[near])]
     return [int(ordered[k]) for k in sorted({0, ordered.size // 2, ordered.size - 1})]
 
 
-def _levels(source: Source) -> np.ndarray:
+def _levels(source: Source, pictures: Pictures) -> np.ndarray:
     """Number of the pressure of each picture; -1 where neither pressure nor force tell it.
 
     Where the machine's log has no pressure, it is that of the isobar nearest in force.
     """
-    assert source.pictures is not None
-    pressure, length = source.pictures.pressure, source.pictures.length
+    pressure, length = pictures.pressure, pictures.length
     off = np.abs(pressure[:, None] - source.pressures)
     if not np.isfinite(pressure).all():
-        force = _forces(source)
+        force = _forces(source, pictures)
         model = source.best.states
         known = [
             np.interp(1 - length / model.rest_length, model.contraction, row) for row in model.force
@@ -99,12 +97,11 @@ def _levels(source: Source) -> np.ndarray:
     return np.where(np.isfinite(off).all(axis=1), np.argmin(off, axis=1), -1)
 
 
-def _forces(source: Source) -> np.ndarray:
+def _forces(source: Source, pictures: Pictures) -> np.ndarray:
     """Force [N] when each picture was taken; nan where the log does not tell it."""
-    assert source.pictures is not None
     unit = source.unit("force")
     by_name = {row["path"]: row.get(f"force_{unit}", "") for row in picture_rows(source)}
-    found = [by_name.get(name, "") for name in source.pictures.names]
+    found = [by_name.get(name, "") for name in pictures.names]
     return np.array([to_si(float(text), unit, "force") if text else np.nan for text in found])
 
 

@@ -3,11 +3,12 @@
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
+from contextlib import closing
 from types import TracebackType
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ..errors import InputError
-from .executors import AnyExecutor, Engine, opened
+from .executors import AnyExecutor, Engine, engine_of
 from .store import Store
 from .worker import Call, Host
 
@@ -79,7 +80,7 @@ def run_tasks(
     run = _Run(items, kept, progress, names, len(items) - len(waiting))
     run.tell()
     if waiting:
-        with opened(executor, len(waiting)) as engine:
+        with closing(engine_of(executor, len(waiting))) as engine:
             call = Call(function, Host.here(child=engine.child), threads=threads)
             run.all_of(waiting, engine, call)
     for index, why in run.refused.items():

@@ -58,32 +58,6 @@ def braid_angle_rows(
     ]
 
 
-def jamming_range_rows(catalogue: Catalogue, *, system: str = "si") -> list[Row]:
-    """The angles at the ends of each braid's jamming range: printed, and implied by its diameters.
-
-    Args:
-        catalogue: from `load_catalogue`.
-        system: "si", "metric" or "us".
-
-    Returns:
-        Rows of braid, diameter, implied angle and printed angle (None where there is none).
-    """
-    return [
-        {
-            "braid": braid.name,
-            **entry("diameter", diameter, "length", system),
-            **entry(
-                "implied_angle", float(fam_angle(diameter, braid.nominal_diameter)), "angle", system
-            ),
-            **entry("printed_angle", printed, "angle", system),
-        }
-        for braid in catalogue.braids
-        for diameter, printed in zip(
-            braid.diameter_range, braid.angle_range or (math.nan, math.nan), strict=True
-        )
-    ]
-
-
 def geometry_rows(catalogue: Catalogue, rest_length: float, *, system: str = "si") -> list[Row]:
     """The initial geometry of every bladder and braid that fit at an active length L0 [m]."""
     rows = []
