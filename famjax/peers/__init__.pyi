@@ -1,3 +1,4 @@
+from .abstract_peer import PeerModel as PeerModel
 from .bolen import Bolen as Bolen
 from .braid_alone import ChouHannaford as ChouHannaford, Gaylord as Gaylord
 from .empirical import (
@@ -14,6 +15,5 @@ from .force_balance import (
 )
 from .hunt import Hunt as Hunt
 from .martens import Martens as Martens
-from .model import PeerModel as PeerModel
 from .sarosi import Sarosi as Sarosi
 from .tondu_lopez import Kerscher as Kerscher, TonduLopez as TonduLopez

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
-from .model import PeerModel, around_rest, at_positive
+from .abstract_peer import PeerModel, around_rest, at_positive
 
 # Of F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
 _PUBLISHED = {

@@ -12,7 +12,7 @@ from ..braids.inextensible import (
     diameter_from_length,
 )
 from ..parameters import parameter
-from .model import PeerModel, braid_range, known
+from .abstract_peer import PeerModel, braid_range, known
 
 
 class Gaylord(PeerModel):

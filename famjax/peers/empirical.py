@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
-from .model import PeerModel, around_rest, at_positive, known
+from .abstract_peer import PeerModel, around_rest, at_positive, known
 
 
 class Wickramatunge(PeerModel):

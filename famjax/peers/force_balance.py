@@ -9,7 +9,7 @@ from ..materials.plain_power import PlainPowerMaterial
 from ..materials.polynomial import PolynomialMaterial
 from ..muscle import Muscle
 from ..profiles.assumed_shapes import kothera_length
-from .model import PeerModel, at_positive
+from .abstract_peer import PeerModel, at_positive
 
 
 def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:

@@ -11,8 +11,8 @@ from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
+from .abstract_peer import PeerModel, at_positive
 from .falling_root import falling_root
-from .model import PeerModel, at_positive
 
 _STEEP = math.pi / 2 - 0.01  # rad; the tangent is 100 there, beyond every pressure in use
 

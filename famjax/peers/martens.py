@@ -9,8 +9,8 @@ from .._types import Given, Real, RealArray
 from ..braids.inextensible import Braid
 from ..parameters import parameter
 from ..units import DEGREE, MEGAPASCAL
+from .abstract_peer import PeerModel, braid_range
 from .braid_alone import Gaylord
-from .model import PeerModel, braid_range
 
 _NOMINAL_ANGLE = 28.6 * DEGREE  # thread to axis
 _WALL = 1.8e-3  # m

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ..units import BAR
-from .model import PeerModel, around_rest, at_positive
+from .abstract_peer import PeerModel, around_rest, at_positive
 
 # Contraction in per cent and pressure in bar.
 _PUBLISHED = {

@@ -8,8 +8,8 @@ from ..braids.inextensible import Braid
 from ..parameters import parameter
 from ..profiles.assumed_shapes import tondu_lopez_length
 from ..units import BAR
+from .abstract_peer import PeerModel, around_rest, at_positive
 from .braid_alone import Gaylord
-from .model import PeerModel, around_rest, at_positive
 
 
 class TonduLopez(PeerModel):

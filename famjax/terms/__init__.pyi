@@ -1,4 +1,4 @@
-from .abstract import AbstractForceTerm as AbstractForceTerm, SumOfTerms as SumOfTerms
+from .abstract_term import AbstractForceTerm as AbstractForceTerm, SumOfTerms as SumOfTerms
 from .bladder_wall import (
     BladderAxial as BladderAxial,
     BladderHoop as BladderHoop,

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool
 from .._types import Real, RealArray, as_real
 from ..geometries.dimensions import Dimensions
 from ..materials.abstract_material import AbstractMaterial
-from .abstract import AbstractForceTerm
+from .abstract_term import AbstractForceTerm
 
 
 def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) -> RealArray:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..geometries.dimensions import Dimensions
 from ..parameters import Parametrised, number, parameter
-from .abstract import AbstractForceTerm
+from .abstract_term import AbstractForceTerm
 
 
 def smooth_sign(velocity: Real, reference_velocity: Real) -> RealArray:

@@ -6,7 +6,7 @@ from .._types import Given, Real, RealArray
 from ..braids.gaylord import gaylord_force
 from ..geometries.dimensions import Dimensions
 from ..parameters import parameter
-from .abstract import AbstractForceTerm
+from .abstract_term import AbstractForceTerm
 
 HIGHEST_DEADBAND = 200e3
 """End of the range [Pa] of a deadband that is identified."""

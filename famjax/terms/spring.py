@@ -6,7 +6,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray
 from ..geometries.dimensions import Dimensions
 from ..parameters import parameter
-from .abstract import AbstractForceTerm
+from .abstract_term import AbstractForceTerm
 
 
 class Spring(AbstractForceTerm):

@@ -19,7 +19,7 @@ from ..geometries.dimensions import AbstractGeometry, Dimensions
 from ..geometries.meridian import Meridian
 from ..parameters import parameter
 from ..profiles.family import AbstractProfileFamily
-from .abstract import AbstractForceTerm
+from .abstract_term import AbstractForceTerm
 from .pressurised_braid import HIGHEST_DEADBAND
 
 

@@ -1,4 +1,4 @@
-"""The brightness across the limb of a lit body under blur: the model that edges are fitted with."""
+"""How brightness rises across the blurred edge of a lit body: the model that edges are fitted with."""
 
 import functools
 

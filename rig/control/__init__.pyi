@@ -5,6 +5,12 @@ from .attendant import (
     Situation as Situation,
     Start as Start,
 )
+from .limits_and_gains import (
+    Control as Control,
+    Guards as Guards,
+    RigSettings as RigSettings,
+    floor_counts as floor_counts,
+)
 from .operator import (
     JOURNAL as JOURNAL,
     ports as ports,
@@ -32,12 +38,6 @@ from .plan_run import (
     run as run,
 )
 from .rig import Rig as Rig
-from .settings import (
-    Control as Control,
-    Guards as Guards,
-    RigSettings as RigSettings,
-    floor_counts as floor_counts,
-)
 from .tripped import (
     acknowledge as acknowledge,
     device_status as device_status,

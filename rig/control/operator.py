@@ -13,11 +13,11 @@ from ..journal.reader import Record, read_journal
 from ..journal.writer import Journal
 from ..link.abstract_link import AbstractLink
 from .attendant import Attendant, Start
+from .limits_and_gains import check_feed_forward
 from .plan import duration, next_block
 from .plan_file import PlanFile
 from .plan_run import Machine, check_plan, run
 from .rig import Rig
-from .settings import check_feed_forward
 
 JOURNAL = "test.fam"
 """Name of a test's journal in its folder."""

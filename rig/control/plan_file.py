@@ -11,8 +11,8 @@ from msgspec import Meta
 from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
 
 from ..errors import RigError
+from .limits_and_gains import JUMP_LIMIT, Control, Guards, RigSettings
 from .plan import Isobaric
-from .settings import JUMP_LIMIT, Control, Guards, RigSettings
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,8 +14,8 @@ from ..link.abstract_link import AbstractLink
 from ..link.events import Lost, Reset, Silent
 from ..protocol.control_law import TICK_HZ
 from ..protocol.messages import DRIVEN, FAULTS, RUN, STATES, TRIP, Sample
-from .set_up import greet, set_up
-from .settings import JUMP_LIMIT, Control, Guards, RigSettings
+from .limits_and_gains import JUMP_LIMIT, Control, Guards, RigSettings
+from .send_settings import greet, set_up
 from .tripped import at_trip
 
 LOOK = 0.05

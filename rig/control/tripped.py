@@ -8,7 +8,7 @@ from ..errors import RigError
 from ..fault import ADVICE, RigFault
 from ..link.abstract_link import AbstractLink
 from ..protocol.messages import FAULTS, TRIP, DeviceStatus
-from .settings import floor_counts
+from .limits_and_gains import floor_counts
 
 _PSI = UNITS["pressure"]["psi"]
 REST_PRESSURE = 5 * _PSI

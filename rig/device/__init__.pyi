@@ -6,5 +6,5 @@ from .core import (
     Memory as Memory,
     firmware_folder as firmware_folder,
 )
-from .guards import Latch as Latch
 from .host_line import ARGUMENTS as ARGUMENTS
+from .state_machine import Latch as Latch

@@ -7,7 +7,15 @@ from pathlib import Path
 from ..protocol.control_law import TICK_HZ
 from ..protocol.lines import crc16, frame
 from ..protocol.messages import DRIVEN, PROTOCOL, STATES, Sample
-from .guards import (
+from .host_line import (
+    ARGUMENTS,
+    LINE_LIMIT,
+    body_of,
+    read_numbers,
+    read_request,
+    split_command,
+)
+from .state_machine import (
     COUNTER,
     NUMBER,
     OK,
@@ -16,14 +24,6 @@ from .guards import (
     WATCHDOG,
     DeviceControl,
     Latch,
-)
-from .host_line import (
-    ARGUMENTS,
-    LINE_LIMIT,
-    body_of,
-    read_numbers,
-    read_request,
-    split_command,
 )
 
 FIRMWARE = 2

@@ -1,4 +1,4 @@
-"""The device's configuration for a test: gains, limits in counts, transducer, guards."""
+"""What a device is given before a test: trip and jump limit in counts, guards, gains, transducer."""
 
 import dataclasses
 import math

@@ -7,7 +7,7 @@ from ..errors import RigError
 from ..fault import RigFault
 from ..link.abstract_link import AbstractLink
 from ..protocol.messages import PROTOCOL
-from .settings import RigSettings
+from .limits_and_gains import RigSettings
 from .tripped import refuse_tripped, unseen, watch_rest
 
 HELLOS = 5

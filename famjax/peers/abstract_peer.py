@@ -1,4 +1,7 @@
-"""What every static force model of another author is here, and what several of them share."""
+"""Base class of published static force models, and what several of them share.
+
+A new one has its parameters as fields, `force(length, pressure)` and `length_range()`, where it holds.
+"""
 
 import math
 
