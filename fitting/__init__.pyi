@@ -8,6 +8,7 @@ from . import (
     families as families,
     hysteresis as hysteresis,
     posterior as posterior,
+    prediction as prediction,
     ramps as ramps,
     records as records,
     rubber as rubber,
@@ -34,13 +35,13 @@ from .evidence.resampling import bootstrap as bootstrap
 from .evidence.validation import validate as validate
 from .families.parameters import Parameter as Parameter
 from .posterior.sampling import sample as sample
+from .prediction.forces import predict as predict
 from .saved.fit_plot import (
     plot_fit as plot_fit,
     plot_isobars as plot_isobars,
     plot_law as plot_law,
     plot_residuals as plot_residuals,
 )
-from .saved.prediction import predict as predict
 from .saved.report import write_fit as write_fit
 from .saved.saved_fit import load_fit as load_fit
 from .search.identification import identify as identify, identify_together as identify_together

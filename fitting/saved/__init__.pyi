@@ -13,8 +13,6 @@ from .fit_plot import (
     plot_law as plot_law,
     plot_residuals as plot_residuals,
 )
-from .history import hysteresis_error as hysteresis_error, predict_history as predict_history
-from .inverse import pressures_for as pressures_for
 from .page import (
     PageTable as PageTable,
     inline_svg as inline_svg,
@@ -22,7 +20,6 @@ from .page import (
     pdf_file as pdf_file,
     svg_file as svg_file,
 )
-from .prediction import predict as predict
 from .report import (
     html_report as html_report,
     notes as notes,

@@ -113,7 +113,7 @@ def print_history(
         print_as_json,
     )
     from fitting.hysteresis import read_history
-    from fitting.saved import hysteresis_error, predict_history
+    from fitting.prediction import hysteresis_error, predict_history
 
     given = [f"--{name}" for name, value in others.items() if value]
     if given:

@@ -88,7 +88,7 @@ def predict(
                 "--force asks for a pressure, and takes --length alone beside it: leave out --pressure, "
                 "--onset, --rest-length and --length-std"
             )
-        rows = fitting.saved.pressures_for(
+        rows = fitting.prediction.pressures_for(
             saved, lengths, np.array(parse_quantities(force, "force"))
         )
     else:

@@ -11,8 +11,8 @@ from famjax.__main__ import main
 from famjax.terms import MaxwellSlip, SlipElements
 from fitting import load_fit
 from fitting.hysteresis import History
-from fitting.saved import predict_history
-from fitting.saved.prediction import static_rows
+from fitting.prediction import predict_history
+from fitting.prediction.forces import static_rows
 
 # For the fit that all of these read, which then only one stage of CI makes.
 pytestmark = pytest.mark.slow

@@ -9,7 +9,8 @@ import pytest
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
 from famjax.cards import read_card
-from fitting.saved import card_of, load_fit, predict
+from fitting.prediction import predict
+from fitting.saved import card_of, load_fit
 
 # For the fit that all of these read, which then only one stage of CI makes.
 pytestmark = pytest.mark.slow

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.saved.prediction import static_rows
+from fitting.prediction.forces import static_rows
 
 from .chart import AxisQuantity, Chart, PlottedSeries, shades
 from .shape_charts import CONTRACTION

@@ -8,8 +8,8 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none
 
 from ..hysteresis.history_file import History
-from .prediction import NORMAL_95, static_rows
-from .saved_fit import SavedFit
+from ..saved.saved_fit import SavedFit
+from .forces import NORMAL_95, static_rows
 
 
 def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:

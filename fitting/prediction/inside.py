@@ -7,7 +7,7 @@ import numpy as np
 import famjax
 from famjax.boundary.sentence import Quantity, Sentence
 
-from .saved_fit import SavedFit
+from ..saved.saved_fit import SavedFit
 
 _FARTHEST = 3.4
 """Times as long, of the muscles with which predictions from one specimen were tried: 83 and 281 mm."""

@@ -10,8 +10,8 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none
 from famjax.control import Outcome, pressure_for_force
 
-from .reach import reach_of
-from .saved_fit import SavedFit
+from ..saved.saved_fit import SavedFit
+from .inside import reach_of
 
 
 def pressures_for(

@@ -10,8 +10,9 @@ import pytest
 import famjax
 from fitting import predict
 from fitting.evidence.pull import ROWS, pull
-from fitting.saved import SavedFit, pressures_for
-from fitting.saved.onset import onset_pressure
+from fitting.prediction import pressures_for
+from fitting.prediction.onset import onset_pressure
+from fitting.saved import SavedFit
 
 LENGTHS = np.linspace(0.23, 0.29, 7)  # at rest the law has a kink
 

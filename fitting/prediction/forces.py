@@ -12,9 +12,9 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none
 
 from ..evidence.pull import Pull, pull
+from ..saved.saved_fit import SavedFit
+from .inside import reach_of
 from .onset import measured_onset, onset_pressure
-from .reach import reach_of
-from .saved_fit import SavedFit
 
 NORMAL_95 = 1.96
 """Standard deviations on either side that hold 95 %."""
