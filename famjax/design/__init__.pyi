@@ -8,7 +8,7 @@ from .catalogue import (
 )
 from .catalogue_file import load_catalogue as load_catalogue
 from .catalogue_search import (
-    Candidate as Candidate,
+    DesignCandidate as DesignCandidate,
     Failure as Failure,
     Requirement as Requirement,
     search as search,

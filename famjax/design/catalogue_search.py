@@ -66,7 +66,7 @@ class Failure:
 
 
 @dataclasses.dataclass(frozen=True)
-class Candidate:
+class DesignCandidate:
     """A combination held against a requirement.
 
     Attributes:
@@ -101,7 +101,7 @@ def _performance(
     demand: tuple[RealArray, RealArray, RealArray],
     material: AbstractMaterial | None,
 ) -> dict[str, Float[Array, " combinations"]]:
-    """The numbers of `Candidate` for stacked combinations."""
+    """The numbers of `DesignCandidate` for stacked combinations."""
     pressure, contraction, force_contraction = demand
 
     def one(combination: Combination) -> dict[str, RealArray]:
@@ -119,7 +119,7 @@ def _performance(
 
 def search(
     catalogue: Catalogue, requirement: Requirement, *, material: AbstractMaterial | None = None
-) -> list[Candidate]:
+) -> list[DesignCandidate]:
     """Every combination of the catalogue held against a requirement, the best first.
 
     Those that meet it come first: feasible before boundary, then the smallest outer diameter at the
@@ -171,7 +171,7 @@ def _of_each_rubber(
 
 def _candidate(
     pair: _Pair, fit: Feasibility, numbers: dict[str, Any] | None, requirement: Requirement
-) -> Candidate:
+) -> DesignCandidate:
     """A pair with its numbers, None where the braid does not fit, held against the requirement."""
     bladder, braid = pair
     angle = float(fam_angle(bladder.diameter, braid.nominal_diameter))
@@ -179,7 +179,7 @@ def _candidate(
         end = min(braid.diameter_range, key=lambda limit: abs(limit - bladder.diameter))
         failure = Failure("braid", end, bladder.diameter)
         nothing = math.nan
-        return Candidate(
+        return DesignCandidate(
             bladder, braid, fit, angle, nothing, nothing, nothing, False, nothing, (failure,)
         )
     force, usable, width = (
@@ -194,10 +194,10 @@ def _candidate(
     failures = tuple(
         Failure(name, getattr(requirement, name), found) for name, found, met in held if not met
     )
-    return Candidate(bladder, braid, fit, angle, **numbers, failures=failures)
+    return DesignCandidate(bladder, braid, fit, angle, **numbers, failures=failures)
 
 
-def _rank(candidate: Candidate) -> tuple[bool, int, bool, float, float]:
+def _rank(candidate: DesignCandidate) -> tuple[bool, int, bool, float, float]:
     """Sorting key of `search`."""
     unfit = candidate.feasibility is Feasibility.INFEASIBLE
     if candidate.failures:

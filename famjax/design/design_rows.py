@@ -11,7 +11,7 @@ from .._types import RealArray
 from ..boundary.units import Row, entry, factor, unit_system
 from ..materials.abstract_material import AbstractMaterial
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
-from .catalogue_search import Candidate
+from .catalogue_search import DesignCandidate
 from .combination import Combination, Feasibility, fam_angle, feasibility
 from .end_fitting import EndFitting
 from .safety import SafetyFactor
@@ -131,7 +131,7 @@ def _force_and_diameter(
     )
 
 
-def candidate_rows(candidates: Iterable[Candidate], *, system: str = "si") -> list[Row]:
+def candidate_rows(candidates: Iterable[DesignCandidate], *, system: str = "si") -> list[Row]:
     """The candidates of a search, in their order, with what each of them fails.
 
     Args:

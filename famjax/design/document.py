@@ -12,7 +12,7 @@ from ..boundary.units import unit_system
 from ..materials.polynomial import PolynomialMaterial
 from .catalogue import Catalogue
 from .catalogue_file import load_catalogue
-from .catalogue_search import Candidate, Requirement, search
+from .catalogue_search import DesignCandidate, Requirement, search
 from .combination import Feasibility, bladder_material, feasibility
 from .design_rows import (
     braid_angle_rows,
@@ -74,7 +74,7 @@ def design_document(
 
 
 def _performance(
-    candidates: Iterable[Candidate], pressure: float, system: str
+    candidates: Iterable[DesignCandidate], pressure: float, system: str
 ) -> list[dict[str, Any]]:
     """Force and diameter over contraction, to zero force or to jamming, of every pair that fits."""
     latex = PolynomialMaterial(LATEX)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from .._types import Real, RealArray
 from ..braids.thread import thread_tension
 from .catalogue import Catalogue, CatalogueTest
-from .catalogue_search import Candidate, Requirement
+from .catalogue_search import DesignCandidate, Requirement
 
 Failing = Literal["burst_pressure", "burst_force", "tensile_force"]
 """The numbers of a `CatalogueTest`."""
@@ -97,7 +97,7 @@ class SafetyFactor:
 
 
 def safety_factors(
-    catalogue: Catalogue, requirement: Requirement, candidates: Iterable[Candidate]
+    catalogue: Catalogue, requirement: Requirement, candidates: Iterable[DesignCandidate]
 ) -> list[SafetyFactor]:
     """The safety factors of every tested muscle of the catalogue.
 

@@ -1,7 +1,7 @@
 from .apart import Apart as Apart, take_apart as take_apart
 from .declared import (
     Declared as Declared,
-    Quantity as Quantity,
+    WithUnit as WithUnit,
     number as number,
     parameter as parameter,
 )

@@ -23,7 +23,7 @@ _KINDS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity:
+class WithUnit:
     """What every declared number says of itself.
 
     Attributes:
@@ -34,7 +34,7 @@ class Quantity:
 
 
 @dataclasses.dataclass(frozen=True)
-class Declared(Quantity):
+class Declared(WithUnit):
     """A number that can be identified.
 
     Attributes:
@@ -136,15 +136,15 @@ def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
     Returns:
         The field, for the body of an `equinox.Module`.
     """
-    return _field(Quantity(unit), default)
+    return _field(WithUnit(unit), default)
 
 
-def declaration(field: dataclasses.Field[Any]) -> Quantity | None:
+def declaration(field: dataclasses.Field[Any]) -> WithUnit | None:
     """What a field says of its number; None for a field that holds something else."""
     return field.metadata.get(QUANTITY)
 
 
-def _field(quantity: Quantity, default: Any) -> Any:
+def _field(quantity: WithUnit, default: Any) -> Any:
     given = {} if default is dataclasses.MISSING else {"default": default}
     return eqx.field(converter=_real_or_none, metadata={QUANTITY: quantity}, **given)
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .numpy_rules import RULES, Shape
-from .tape import NESTED, Step, Tape
+from .tape import NESTED, OperationTape, Step
 
 _VANISHING = {
     "mul": slice(None), "dot_general": slice(None), "div": slice(1), "select_n": slice(1, None),
@@ -19,12 +19,12 @@ _NEUTRAL = {"mul": _EITHER, "add": _EITHER, "add_any": _EITHER, "sub": ((1, 0),)
 
 
 def with_held(
-    tape: Tape,
+    tape: OperationTape,
     always: Mapping[int, np.ndarray],
     turns: Sequence[Mapping[int, np.ndarray]],
     once: Sequence[int],
     each: Sequence[int],
-) -> Tape:
+) -> OperationTape:
     """The tape with some of its inputs held.
 
     What the values make constant is computed here, and products with zeros are left out. So a
@@ -52,10 +52,12 @@ def with_held(
         own = slots | to.placed(turn)
         to.follow(along, own)
         outputs += [own.get(tape.outputs[k], tape.outputs[k]) for k in each]
-    return Tape(tape.inputs, tuple(outputs), tuple(to.shapes), to.constants, tuple(to.steps))
+    return OperationTape(
+        tape.inputs, tuple(outputs), tuple(to.shapes), to.constants, tuple(to.steps)
+    )
 
 
-def _needed(tape: Tape, places: Sequence[int]) -> list[Step]:
+def _needed(tape: OperationTape, places: Sequence[int]) -> list[Step]:
     """The steps that some results take."""
     wanted, steps = {tape.outputs[k] for k in places}, []
     for step in reversed(tape.steps):
@@ -81,7 +83,7 @@ def _split(steps: list[Step], varying: set[int]) -> tuple[list[Step], list[Step]
 class _Simplified:
     """Steps of a tape with other inputs; an operation on constants is a constant."""
 
-    def __init__(self, tape: Tape) -> None:
+    def __init__(self, tape: OperationTape) -> None:
         self._inputs = tape.inputs
         self.shapes, self.constants = list(tape.shapes), dict(tape.constants)
         self.steps: list[Step] = []

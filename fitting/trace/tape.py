@@ -60,7 +60,7 @@ class Step:
 
 
 @dataclasses.dataclass(frozen=True)
-class Tape:
+class OperationTape:
     """A function as operations on numbered slots.
 
     Attributes:
@@ -86,7 +86,7 @@ class Tape:
         return _runner(self, outputs)
 
 
-def record(function: Callable[..., Any], *examples: Any) -> Tape:
+def record(function: Callable[..., Any], *examples: Any) -> OperationTape:
     """The tape of a function of arrays.
 
     Raises:
@@ -178,11 +178,13 @@ class _Recorder:
             raise UnknownPrimitiveError(primitive.name) from error
 
 
-def _tape(closed: Any) -> Tape:
+def _tape(closed: Any) -> OperationTape:
     to = _Recorder()
     inputs = [to.slot(var.aval.shape) for var in closed.jaxpr.invars]
     outputs = to.follow(closed.jaxpr, closed.consts, inputs)
-    return Tape(tuple(inputs), tuple(outputs), tuple(to.shapes), to.constants, tuple(to.steps))
+    return OperationTape(
+        tuple(inputs), tuple(outputs), tuple(to.shapes), to.constants, tuple(to.steps)
+    )
 
 
 def _params(name: str, params: dict[str, Any]) -> dict[str, Any]:
@@ -222,7 +224,7 @@ def _simple(value: Any) -> Any:
     return np.dtype(value).str
 
 
-def _uses(tape: Tape, outputs: Iterable[int]) -> set[int]:
+def _uses(tape: OperationTape, outputs: Iterable[int]) -> set[int]:
     """The places of the arguments on which some results depend."""
     wanted = {tape.outputs[place] for place in outputs}
     for step in reversed(tape.steps):
@@ -252,7 +254,9 @@ def _asked_of_loop(step: Step, wanted: set[int]) -> Step:
     return Step(step.name, inputs, step.outputs, params)
 
 
-def _varying(tape: Tape, steps: Sequence[Step], values: list[Any], fixed: set[int]) -> list[_Work]:
+def _varying(
+    tape: OperationTape, steps: Sequence[Step], values: list[Any], fixed: set[int]
+) -> list[_Work]:
     """The steps on what varies; the others are done at once."""
     varying: list[_Work] = []
     seconds: dict[int, int] = {}  # whether a choice is the second case, by the slot that it reads
@@ -307,7 +311,7 @@ def _placed(
     return work
 
 
-def _runner(tape: Tape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
+def _runner(tape: OperationTape, outputs: Sequence[int]) -> Callable[..., list[np.ndarray]]:
     """The tape as a function of its inputs, with nothing done that is not asked for."""
     wanted = {tape.outputs[place] for place in outputs}
     needed: list[Step] = []

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from .numpy_rules import RULES
-from .tape import Step, Tape
+from .tape import OperationTape, Step
 
 _PACKAGES = ("famjax", "fitting")
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "numpy", "optimistix")
@@ -51,7 +51,7 @@ def identity(*parts: Any) -> str | None:
     return hashlib.sha256(f"{_sources()} {text}".encode()).hexdigest()
 
 
-def load(key: str | None) -> Tape | None:
+def load(key: str | None) -> OperationTape | None:
     """The tape of this identity, if it is there."""
     if not _folders or key is None:
         return None
@@ -61,7 +61,7 @@ def load(key: str | None) -> Tape | None:
         return None
 
 
-def save(key: str | None, tape: Tape) -> None:
+def save(key: str | None, tape: OperationTape) -> None:
     """Keep a tape; where the folder cannot be written it is not kept."""
     if not _folders or key is None:
         return
@@ -117,9 +117,9 @@ def _sources() -> str:
     return digest.hexdigest()
 
 
-def _document(tape: Tape) -> dict[str, Any]:
+def _document(tape: OperationTape) -> dict[str, Any]:
     def plain(value: Any) -> Any:
-        return {"tape": _document(value)} if isinstance(value, Tape) else value
+        return {"tape": _document(value)} if isinstance(value, OperationTape) else value
 
     return {
         "inputs": tape.inputs,
@@ -142,7 +142,7 @@ def _document(tape: Tape) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _tape(document: dict[str, Any]) -> Tape:
+def _tape(document: dict[str, Any]) -> OperationTape:
     def read(value: Any) -> Any:
         if isinstance(value, list):
             return tuple(read(part) for part in value)
@@ -154,7 +154,7 @@ def _tape(document: dict[str, Any]) -> Tape:
     )
     if not RULES.keys() >= {step.name for step in steps}:
         raise ValueError("a tape of other rules")
-    return Tape(
+    return OperationTape(
         inputs=tuple(document["inputs"]),
         outputs=tuple(document["outputs"]),
         shapes=tuple(tuple(shape) for shape in document["shapes"]),

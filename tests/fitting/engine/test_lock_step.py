@@ -23,7 +23,7 @@ from fitting.search.multi_start import latin_hypercube
 from fitting.search.posing import pose_one
 from fitting.trace import tape_store
 from fitting.trace.held import with_held
-from fitting.trace.tape import Tape, UnknownPrimitiveError, record
+from fitting.trace.tape import OperationTape, UnknownPrimitiveError, record
 
 ROUNDING = 1e-13  # of the largest value: operations in another order
 WELL_CONDITIONED = 1e-12  # of the box: parameters that the readings determine
@@ -195,7 +195,7 @@ def test_a_refusal_is_the_same_on_a_tape_and_compiled(folder):
     tape = record(function, np.ones(3))
     tape_store.save("refusal", tape)
     for one in (tape, tape_store.load("refusal")):
-        assert isinstance(one, Tape)
+        assert isinstance(one, OperationTape)
         np.testing.assert_allclose(one.run(np.full((3, 1), 2.0))[1], 8.0)
         with pytest.raises(RuntimeError, match="must be positive"):
             one.run(np.array([[1.0, 2.0], [1.0, -1.0], [1.0, 2.0]]))
@@ -222,7 +222,7 @@ def test_a_kept_tape_computes_the_same(folder):
     key = tape_store.identity("loop", (6,))
     tape_store.save(key, tape)
     again = tape_store.load(key)
-    assert isinstance(again, Tape)
+    assert isinstance(again, OperationTape)
     x, y = np.linspace(0.2, 0.9, 30).reshape(6, 5), np.linspace(1.1, 2, 5)
     np.testing.assert_array_equal(again.run(x, y)[0], tape.run(x, y)[0])
 
