@@ -386,6 +386,7 @@ def reconstruction(loaded: ModuleType) -> ModuleType:
     return importlib.import_module("reconstruction")
 
 
+@pytest.mark.slow
 def test_reconstruction_meets_the_printed_ends(reconstruction: ModuleType) -> None:
     isobars = reconstruction.reconstruct(noise_lbf=0)
     forces = (180, 403, 628, 850, 1058)

@@ -189,6 +189,7 @@ def test_codes_and_the_nearest_state(festo: famjax.Muscle) -> None:
     assert int(short.torque_range(0.0).code) == Outcome.SLACK
 
 
+@pytest.mark.slow
 def test_slack_muscles_pull_with_nothing(festo: famjax.Muscle) -> None:
     pair = _pair(festo, festo)
     flexor, extensor = pair.pulls(0.5, 4e5, 0.0)

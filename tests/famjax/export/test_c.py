@@ -63,6 +63,7 @@ def test_code_is_small(real: str, dmsp_20: Subject, tmp_path: Path) -> None:
     assert "alloc" not in symbols.stdout
 
 
+@pytest.mark.slow
 @needs_avr
 def test_c_for_an_avr(dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["c"], tmp_path)

@@ -158,6 +158,7 @@ def test_a_stopped_plan_goes_on_where_it_was(tmp_path: Path) -> None:
     assert audit(found).sound
 
 
+@pytest.mark.slow
 def test_parts_of_a_recording_may_have_other_clocks(tmp_path: Path) -> None:
     """Resumed after the computer was started again: the second part's time begins anew."""
     path, plan = tmp_path / "two.fam", Isobaric((20 * PSI, 40 * PSI), 1, 0.01, 0.01, settle=1.0)

@@ -203,6 +203,7 @@ def test_refined_designs_keep_to_everything_and_are_better(made_to_order):
         assert air.end["force"] == pytest.approx(ASKED.force, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_finer_grid_comes_near_to_what_is_refined():
     coarse = found_with(catalogue=two_pairs(), about=400, refined_pairs=2)
     fine = found_with(catalogue=two_pairs(), about=40_000, chunk=8192)
