@@ -8,12 +8,13 @@ from jaxtyping import Float, Int
 from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
 
+MOST_APART = 40
+"""Levels at most that are left out one by one; more of them in so many groups of neighbours."""
+
 _CLEAR = 8.0  # times wider is the narrowest gap between levels than the widest one within
 _WITHIN = 0.02  # of the whole range: the widest gap within a level that is taken without asking
 _FINEST = 1e-4  # of the whole range: narrower gaps are all alike
 _SHARED = 1.5  # readings for each level that was found: fewer, and it is chance
-MOST_APART = 40
-"""Levels at most that are left out one by one; more of them in so many groups of neighbours."""
 _NOMINAL = 2.0  # readings for each value: values that repeat exactly are nominal
 _FRACTION = 0.75  # of the readings alone on their level: no levels are to be seen
 

@@ -14,7 +14,8 @@ Explanation = tuple[str, float]
 
 _SHARED = 2e-3  # of the largest force: readings that stand at one limit, and its noise
 _FEWEST_SHARED, _MOST_SHARED = 3, 0.5  # readings at a limit, and part of all
-_PULLED_LESS = 0.25  # of them at most: the fit of the others reaches far beyond these
+_LESS = 2.0  # times the misfit below the limit: a pull that contradicts a full load cell
+_PULLED_LESS = 0.25  # of them at most do: the fit of the others reaches far beyond its readings
 _OUTLYING = 5.0  # robust standard deviations
 _MOST = 0.25  # of the readings may be outliers
 _OF_A_LENGTH = 0.6  # of the readings of one length are no outliers
@@ -53,7 +54,7 @@ def at_a_limit(data: ForceData) -> Explanation | None:
         return None
     errors = errors_of(trial, data)
     misfit = float(np.sqrt(np.mean(errors[~full] ** 2))) / limit
-    less = errors[full] < -2 * max(misfit, _SHARED) * limit
+    less = errors[full] < -_LESS * max(misfit, _SHARED) * limit
     if less.mean() > _PULLED_LESS:
         return None
     return (
