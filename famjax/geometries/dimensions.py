@@ -129,6 +129,11 @@ class AbstractGeometry(Parametrised):
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction."""
 
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m] at which some derivative of the dimensions jumps; none if all are smooth."""
+        return jnp.zeros(0)
+
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
         """Volume V [m3] of the fluid: that of the braid's outline less the rubber's.
 

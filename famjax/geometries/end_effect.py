@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from .._compiled import compiled_method
 from .._types import Given, Real, RealArray, as_real
@@ -47,6 +47,12 @@ class EndEffectGeometry(AbstractGeometry):
             for end in self.cylinder.length_range()
         )
         return shortest, longest
+
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m], those of the cylinder mapped back."""
+        lengths = self.cylinder.breakpoints
+        return tondu_lopez_length(lengths, self.rest_length, 1 / self.end_factor)
 
     @property
     def rest_length(self) -> RealArray:

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from .._compiled import compiled_method
 from .._each import at_each
@@ -80,6 +80,11 @@ class MeasuredGeometry(AbstractGeometry):
         return self.family.length_range()
 
     @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m] of the profiles, between which the family interpolates."""
+        return self.family.lengths
+
+    @property
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction: the bladder's."""
         return self.bladder.rest_length
@@ -121,6 +126,11 @@ class AverageDiameterGeometry(AbstractGeometry):
     def length_range(self) -> tuple[RealArray, RealArray]:
         """The family's: the measured lengths, and its margin of extrapolation beyond."""
         return self.family.length_range()
+
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m] of the profiles, between which the family interpolates."""
+        return self.family.lengths
 
     @property
     def rest_length(self) -> RealArray:

@@ -12,6 +12,9 @@ from .paths import PathFunctions, PathTable
 MATTERS = 1e-4
 """Slack per largest coefficient above which a dip stays inactive by the last steps."""
 
+PER_PATH = 2
+"""Dips that are looked at on each path."""
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +36,12 @@ class Dips:
     slack: Float[AnyArray, "b k"]
     moves: Bool[AnyArray, "b k"]
     station: Bool[AnyArray, "b k"]
+
+    @classmethod
+    def none(cls, s: Float[AnyArray, "b k"]) -> "Dips":
+        """Places without a dip, for a search to start with."""
+        off = namespace(s).zeros(s.shape, bool)
+        return cls(off * 1, s, s + np.inf, off, off)
 
     @property
     def matters(self) -> Bool[AnyArray, "b k"]:
@@ -98,26 +107,29 @@ class Constraint:
         return (self.on_y @ y[:, None, :, None])[..., 0]
 
     def dips(self, y: Float[AnyArray, "b n"]) -> Dips:
-        """Where the constraint is weakest: of each path the two weakest local minima at most."""
+        """Where the constraint is weakest: of each path the weakest local minima."""
         assert self.table is not None
         assert self.stations is not None
         xp, E = namespace(y), self.coefficients(y)
         least, s, inside = self.table.minima(E)
         beside = xp.pad(least, ((0, 0), (0, 0), (1, 1)), constant_values=np.inf)
         local = (least < beside[..., :-2]) & (least <= beside[..., 2:])
-        depth = xp.where(local, least, np.inf)
-        first = depth.argmin(axis=2)
-        others = xp.where(np.arange(depth.shape[2]) == first[..., None], np.inf, depth)
-        cell = xp.concatenate([first, others.argmin(axis=2)], axis=1)
-        b, paths = first.shape
-        slack = xp.concatenate([depth.min(axis=2), others.min(axis=2)], axis=1)
+        depth, found = xp.where(local, least, np.inf), []
+        for _ in range(PER_PATH):
+            lowest = depth.min(axis=2)
+            there = (depth == lowest[..., None]) & (depth < np.inf)
+            at = xp.where(there, s, 1.0).min(axis=2)
+            here = there & (s == at[..., None])
+            found.append((lowest, at, (here & inside).any(axis=2)))
+            depth = xp.where(here, np.inf, depth)
+        slack, s, inside = (xp.concatenate(each, axis=1) for each in zip(*found, strict=True))
         largest = abs(E).max(axis=(1, 2))
         there = of_each(largest > 0) & (slack < np.inf)
         slack = xp.where(there, slack / of_each(xp.where(largest > 0, largest, 1.0)), np.inf)
-        every, path = np.arange(b)[:, None], np.tile(np.arange(paths), 2)
-        s = s[every, path, cell]
+        path = np.tile(np.arange(E.shape[1]), PER_PATH)
         station = (self.stations[:, path] == s[..., None]).any(axis=2)
-        dips = Dips(path + 0 * cell, s, slack, inside[every, path, cell], station)
+        every, path = np.arange(len(E))[:, None], path + xp.zeros(s.shape, int)
+        dips = Dips(path, s, slack, inside, station)
         order = xp.argsort(xp.where(station, np.inf, slack), axis=1)
         return jax.tree.map(lambda leaf: leaf[every, order], dips)
 

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from .active_set import NearestPoint, nearest_of_each
 from .arrays import AnyArray, fixed, loop, namespace, of_each
-from .constraint import Constraint, Dips, length, unit
+from .constraint import PER_PATH, Constraint, Dips, length, unit
 from .objectives import AbstractObjective, Model
 from .small_dense import cholesky, inverse_lower
 from .status import Status
@@ -93,22 +93,17 @@ def minimise(
     """
     still, (b, n) = fixed((objective, constraint)), start.shape
     xp = namespace(start)
-    nowhere = xp.zeros((b, 0))
     near = _Near(
         y=fixed(start),
         rows=(xp.zeros((b, n), int), xp.zeros((b, n), bool)),
         found=xp.zeros((b, _SPARE if exchange else 0, n)),
         filled=xp.zeros(b, int),
-        dips=Dips(
-            nowhere.astype(int), nowhere, nowhere, nowhere.astype(bool), nowhere.astype(bool)
-        ),
+        dips=Dips.none(xp.zeros((b, PER_PATH * constraint.on_y.shape[1] * exchange))),
         loose=xp.full(b, _LOOSE),
         steps=xp.zeros(b, int),
         status=xp.full(b, int(Status.OPTIMAL)),
         done=xp.zeros(b, bool),
     )
-    if exchange:
-        near = dataclasses.replace(near, dips=constraint.dips(near.y))
     if exchange or not objective.quadratic:
         near = loop(lambda at: ~at.done & (at.steps < _STEPS), _towards, still, near)
     dips = near.dips

@@ -13,7 +13,7 @@ References:
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
@@ -56,14 +56,17 @@ class PathFunctions:
     terms: Float[AnyArray, "1 paths pieces 3 terms order"]
 
     @classmethod
-    def of(cls, evaluate: Evaluate, paths: int) -> "PathFunctions":
+    def of(
+        cls, evaluate: Evaluate, corners: Sequence[Float[np.ndarray, " corners"]]
+    ) -> "PathFunctions":
         """The functions that the samples belong to.
 
         Args:
             evaluate: takes the samples.
-            paths: number of paths.
+            corners: positions of the corners that are known, of each path. Others are found by
+                halving, which takes many samples.
         """
-        pending = [[(k / _AT_ONCE, 1 / _AT_ONCE) for k in range(_AT_ONCE)] for _ in range(paths)]
+        paths, pending = len(corners), [_between(known) for known in corners]
         found: list[list[tuple[float, float, np.ndarray]]] = [[] for _ in range(paths)]
         size = 0.0
         while any(pending):
@@ -172,6 +175,17 @@ class PathTable:
         dips = dips & (at < ends)
         s = xp.where(dips, start + inside * width, xp.where(f0 <= f1, start, end))
         return xp.where(dips, at, ends), s, dips
+
+
+def _between(corners: Float[np.ndarray, " corners"]) -> list[tuple[float, float]]:
+    """Start and width of the pieces between corners, of four at least."""
+    inner = np.sort(corners[(corners > _NARROWEST) & (corners < 1 - _NARROWEST)])
+    apart = np.diff(inner, prepend=0.0) > _NARROWEST
+    edges = np.concatenate([[0.0], inner[apart], [1.0]])
+    while edges.size <= _AT_ONCE:
+        widest = np.argmax(np.diff(edges))
+        edges = np.insert(edges, widest + 1, (edges[widest] + edges[widest + 1]) / 2)
+    return list(zip(edges[:-1].tolist(), np.diff(edges).tolist(), strict=True))
 
 
 def _even(grids: list[np.ndarray]) -> Float[np.ndarray, "paths nodes"]:

@@ -78,6 +78,8 @@ class Aside(NamedTuple):
         path_modulus: along the paths [Pa] at x0, shape (paths, stations); nan without a bladder.
         slope: tangent modulus [Pa] at the same shares of the largest strain, same shape.
         largest_strain: magnitude [-] along each path, shape (paths,).
+        strains: along the axis, then around it at each station of the muscle [-], along the paths,
+            shape (paths, stations, strains).
         rest: L0 [m], where every path starts, shape ().
         path_end: where each path ends [m], shape (paths,).
     """
@@ -86,6 +88,7 @@ class Aside(NamedTuple):
     path_modulus: Float[Array, "paths stations"]
     slope: Float[Array, "paths stations"]
     largest_strain: Float[Array, " paths"]
+    strains: Float[Array, "paths stations strains"]
     rest: Float[Array, ""]
     path_end: Float[Array, " paths"]
 
@@ -147,6 +150,7 @@ def response(
         path_modulus=values if constraint == "drucker" else paths.modulus(middle),
         slope=values if constraint == "slope" else paths.slope(middle),
         largest_strain=paths.largest,
+        strains=paths.in_all_directions(),
         rest=jnp.asarray(rest, float),
         path_end=end,
     )
@@ -293,6 +297,11 @@ class _Paths(eqx.Module):
         if constraint == "slope":
             return self.slope(model)
         return jnp.zeros((self.shares.shape[0], 0))
+
+    def in_all_directions(self) -> Float[Array, "paths stations strains"]:
+        if self.strains is None:
+            return jnp.zeros((*self.shares.shape, 0))
+        return jnp.concatenate([self.strains.axial[..., :1], self.strains.hoop], axis=-1)
 
     def modulus(self, model: Any) -> Float[Array, "paths stations"]:
         if self.strains is None:

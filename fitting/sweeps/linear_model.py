@@ -20,6 +20,8 @@ from ..engine.program import Program
 from ..engine.response import MapInputs
 
 _POINTS = 1024  # readings that one call takes
+_ROUNDS = 20  # at most, in which the signs of strains are followed to where they change
+_ROUNDED = 1e-14  # strain that is rounding
 
 
 class FixedGeometry(AbstractFamily):
@@ -85,6 +87,7 @@ class LinearModel:
         path_end: Float[np.ndarray, " paths"],
     ) -> None:
         self.order, self.rest_length = order, float(geometry.rest_length)
+        self._breakpoints = np.asarray(geometry.breakpoints)
         self._paths, at = pressure.size, np.full(_POINTS, self.rest_length)
         self._inputs = MapInputs(
             length=at,
@@ -131,8 +134,43 @@ class LinearModel:
 
         def evaluate(s: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k order"]:
             strain = self._largest_strain[:, None, None] * s[: self._paths, :, None]
-            at = dataclasses.replace(self._inputs, stations=s[self._paths :])
-            modulus = self._call(at, "rows")[0].rows[: self._paths]
+            modulus = self._along(s[self._paths :], "rows")
             return np.concatenate([n * strain ** (n - 1), modulus])
 
-        return PathFunctions.of(evaluate, 2 * self._paths)
+        rest, end = self.rest_length, self._inputs.path_end[:, None]
+        breaks = (rest - self._breakpoints) / (rest - end)
+        corners = [np.append(*both) for both in zip(self._corners(), breaks, strict=True)]
+        return PathFunctions.of(evaluate, [np.zeros(0)] * self._paths + corners)
+
+    def _along(self, s: Float[np.ndarray, "paths k"], field: str) -> Float[np.ndarray, "paths k f"]:
+        """A field of the results at `SAMPLES` shares of each path."""
+        value, _, aside = self._call(dataclasses.replace(self._inputs, stations=s), field)
+        found = value.rows if field == "rows" else aside.strains
+        return found[: self._paths]
+
+    def _corners(self) -> list[Float[np.ndarray, " corners"]]:
+        """Where along each path a strain changes its sign: the tangents of a law have a corner there.
+
+        Of many on one path the last are not looked for.
+        """
+        s = np.tile(np.linspace(0, 1, SAMPLES), (self._paths, 1))
+        strains = self._along(s, "strains")
+        path, cell, which = np.nonzero(strains[:, :-1] * strains[:, 1:] < 0)
+        place = np.arange(path.size) - np.searchsorted(path, path)
+        path, cell, which, place = (v[place < SAMPLES] for v in (path, cell, which, place))
+        low, high = s[path, cell], s[path, cell + 1]
+        f_low, f_high = strains[path, cell, which], strains[path, cell + 1, which]
+        root, before = low, np.full(path.shape, -1)
+        for _ in range(_ROUNDS * bool(path.size)):
+            root = (low * f_high - high * f_low) / (f_high - f_low)
+            s[path, place] = root
+            f = self._along(s, "strains")[path, place, which]
+            if np.abs(f).max() <= _ROUNDED:
+                break
+            # The Illinois method: an end that stays twice counts half.
+            beyond = f * f_high > 0
+            less = np.where(beyond == before, 0.5, 1.0)
+            low, f_low = np.where(beyond, low, root), np.where(beyond, f_low * less, f)
+            high, f_high = np.where(beyond, root, high), np.where(beyond, f, f_high * less)
+            before = beyond
+        return [root[path == k] for k in range(self._paths)]

@@ -11,7 +11,7 @@ from jax.test_util import check_grads
 
 from famjax import Bladder, Braid, Muscle, PolynomialMaterial, path_modulus
 from famjax.braids import AbstractBraid, ElasticBraid, LinearThread, gaylord_force
-from famjax.geometries import AverageDiameterGeometry, MeasuredGeometry
+from famjax.geometries import AverageDiameterGeometry, EndEffectGeometry, MeasuredGeometry
 from famjax.profiles import Cylinder, MeasuredFamily
 
 EXACT = 1e-12
@@ -219,6 +219,18 @@ def test_range_is_the_familys(geometry: MeasuredGeometry | AverageDiameterGeomet
     beyond = geometry.dimensions(shortest - 0.01, 100.0)
     assert bool(jnp.isnan(beyond.radius) & jnp.isnan(beyond.thickness))
     assert float(geometry.rest_length) == L0
+
+
+def test_breakpoints_are_where_the_splines_of_the_shape_meet(
+    geometry: MeasuredGeometry | AverageDiameterGeometry,
+) -> None:
+    """The third derivative of the hoop strain jumps at the middle profile, and between none."""
+    inside = np.sort(np.asarray(geometry.breakpoints))[2]  # a spline has no knot next to its ends
+    third = jax.jacfwd(jax.jacfwd(jax.jacfwd(lambda L: geometry.dimensions(L, 100.0).hoop_strain)))
+    before, after, further = (third(inside + d * L0) for d in (-1e-9, 1e-9, 3e-9))
+    assert float(jnp.max(jnp.abs(after - before))) > 1e3 * float(jnp.max(jnp.abs(further - after)))
+    ends = EndEffectGeometry(geometry, 1.1)
+    np.testing.assert_allclose(L0 - ends.breakpoints, (L0 - geometry.breakpoints) / 1.1, rtol=1e-12)
 
 
 def test_float32(measured: MeasuredGeometry) -> None:

@@ -25,13 +25,14 @@ FINE = 2000
 
 POWERS = np.arange(1, ORDER + 1)
 NUMPY, JAX = np.asarray, jnp.asarray
+NONE = np.zeros(0)  # corners that are known
 KINDS = ("sum_of_squares", "mean_rmse", "huber")
 
 
 def slopes(order: int) -> PathFunctions:
     """The slope of a polynomial law over strains from 0 to 1."""
     powers = np.arange(1, order + 1)
-    return PathFunctions.of(lambda s: powers * s[..., None] ** (powers - 1), 1)
+    return PathFunctions.of(lambda s: powers * s[..., None] ** (powers - 1), [NONE])
 
 
 def readings(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -242,14 +243,17 @@ def test_functions_are_those_that_were_sampled() -> None:
     """A smooth one with its derivatives, and one with a corner."""
     s = np.linspace(0, 1, 1001)
     path = np.zeros(s.size, int)
-    smooth = PathFunctions.of(lambda s: np.exp(6 * s)[..., None], 1)
+    smooth = PathFunctions.of(lambda s: np.exp(6 * s)[..., None], [NONE])
     for k, row in enumerate(smooth.rows(path, s, 2)):
         exact = 6**k * np.exp(6 * s)
         np.testing.assert_allclose(row[:, 0], exact, atol=1e-10 * exact.max(), rtol=0)
-    corner = PathFunctions.of(lambda s: np.abs(s - 0.3)[..., None], 1)
+    corner = PathFunctions.of(lambda s: np.abs(s - 0.3)[..., None], [NONE])
     np.testing.assert_allclose(corner.rows(path, s)[0][:, 0], np.abs(s - 0.3), atol=1e-9)
     least, at, _ = corner.table().minima(np.ones((1, 1)))
     assert at[0, least[0].argmin()] == pytest.approx(0.3, abs=1e-9)  # narrowest piece
+    known = PathFunctions.of(lambda s: np.abs(s - 0.3)[..., None], [np.array([0.3, 0.3, 1.0])])
+    np.testing.assert_allclose(known.rows(path, s)[0][:, 0], np.abs(s - 0.3), atol=1e-15)
+    assert known.start.size == 4 < corner.start.size
 
 
 @pytest.mark.parametrize("seed", range(3))

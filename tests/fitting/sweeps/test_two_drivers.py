@@ -98,3 +98,18 @@ def test_nothing_is_violated_between_the_stations(which: str) -> None:
         assert least.min() > -1e-9
         touching.append(least)
     assert (np.min(touching, axis=0) < 1e-6).sum() > 2
+
+
+def test_corners_of_the_paths_are_found_where_the_hoop_strain_is_zero() -> None:
+    """So no piece is halved for them: each path has the corner as an edge, and few pieces."""
+    geometry = geometries()["corner"]
+    readings = arrange(measured(geometry, 1), REST, FORMS.orders[-1])
+    functions = designed(geometry, readings).functions
+    paths = len(readings.pressure)
+    start, width = functions.start[0, paths:], functions.width[0, paths:]
+    assert (start < 1).sum(axis=1).max() <= 8
+    assert width.min() > 1e-3
+    for own, pressure, end in zip(start, readings.pressure, readings.path_end, strict=True):
+        length = REST + np.minimum(own, 1) * (end - REST)
+        hoop = famjax.materials.path_strains(geometry, length, pressure).hoop
+        assert np.abs(hoop).min() < 1e-13
