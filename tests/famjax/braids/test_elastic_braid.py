@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from slow_cases import slow_after
 
 import famjax
 from famjax.braids import AbstractThread, ElasticBraid, LinearThread, ToeThread
@@ -223,7 +224,7 @@ def test_given_force_with_a_toe_meets_bisection(pressure: float, modulus: float)
     )
 
 
-@pytest.mark.parametrize("make", [linear, toe])
+@pytest.mark.parametrize("make", slow_after(1, [linear, toe]))
 def test_given_gaylords_force_both_solves_agree(make: Callable[[], ElasticBraid]) -> None:
     one, pressure = make(), np.array([20.0, 100.0, 200.0])
     state = one.stretch(8.5, pressure).elastic
@@ -253,7 +254,7 @@ def solver(law: str) -> tuple[Callable, Callable]:
     return jax.jit(jax.vmap(solve)), jax.jit(jax.vmap(jax.grad(solve, argnums=range(5))))
 
 
-@pytest.mark.parametrize("law", ["linear", "toe"])
+@pytest.mark.parametrize("law", slow_after(1, ["linear", "toe"]))
 @pytest.mark.parametrize("argument", range(5), ids=["L", "P", "B0", "N", "modulus"])
 def test_derivatives_match_differences_on_the_whole_grid(argument: int, law: str) -> None:
     batched, slopes = solver(law)
@@ -461,7 +462,7 @@ def test_vmap_and_jit_equal_a_loop() -> None:
     assert one.thread_length(lengths[:, None], pressures).shape == (5, 5)
 
 
-@pytest.mark.parametrize("make", [linear, toe])
+@pytest.mark.parametrize("make", slow_after(1, [linear, toe]))
 def test_float32_stays_float32(make: Callable[[], ElasticBraid]) -> None:
     exact = make()
     single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), exact)

@@ -8,6 +8,7 @@ import pytest
 from jax.test_util import check_grads
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
+from slow_cases import slow_after
 
 from famjax import Bladder
 from famjax.geometries import Meridian, maximum_diameter, quadrature
@@ -164,7 +165,7 @@ def every(table_4_3: dict[float, Case]) -> dict[str, Case]:
     return dict(zip(MEASURED, table_4_3.values(), strict=True)) | SYNTHETIC
 
 
-@pytest.mark.parametrize("name", [*MEASURED, *SYNTHETIC])
+@pytest.mark.parametrize("name", slow_after(3, [*MEASURED, *SYNTHETIC]))
 def test_default_order_against_much_higher_order(name: str, every: dict[str, Case]) -> None:
     profile, L = every[name]
     np.testing.assert_allclose(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 from scipy.integrate import quad
+from slow_cases import slow_after
 
 import famjax
 from famjax.materials import (
@@ -144,7 +145,7 @@ def test_stress_is_stretch_times_slope_of_the_energy(
     assert float(stored(1.0, 1.0)) == 0.0
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("law", slow_after(3, LAWS.values()), ids=LAWS)
 def test_jit_vmap_and_loop_agree(law: famjax.materials.AbstractMaterial) -> None:
     z, c = np.linspace(-0.3, 0.1, 5), np.linspace(0.0, 1.8, 5)
     eager = np.stack(law.stresses(z, c, 0.0))
@@ -157,7 +158,7 @@ def test_jit_vmap_and_loop_agree(law: famjax.materials.AbstractMaterial) -> None
     assert jnp.broadcast_shapes(*(s.shape for s in grid)) == (5, 5)
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("law", slow_after(3, LAWS.values()), ids=LAWS)
 def test_derivatives_in_strains_and_parameters(law: famjax.materials.AbstractMaterial) -> None:
     arrays, static = eqx.partition(law, eqx.is_array)
 
@@ -182,7 +183,7 @@ def test_float32_stays_and_is_as_exact_as_it_can_be(law: famjax.materials.Abstra
         np.testing.assert_allclose(got, want, rtol=SINGLE, atol=SINGLE)
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("law", slow_after(3, LAWS.values()), ids=LAWS)
 def test_bladder_force_is_the_slope_of_the_stored_energy(
     law: famjax.materials.AbstractMaterial, festo: famjax.Muscle
 ) -> None:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float
+from slow_cases import slow_after
 
 import famjax
 from famjax import peers
@@ -165,6 +166,13 @@ def test_unreachable_members_spoil_nothing(muscle: famjax.Muscle) -> None:
     np.testing.assert_allclose(along, difference, rtol=1e-5, atol=1e-5 * np.abs(along).max())
 
 
+@pytest.mark.parametrize(
+    "muscle",
+    slow_after(
+        len(GEOMETRIES) - 2, sorted(GEOMETRIES, key=lambda name: name in ("elastic", "measured"))
+    ),
+    indirect=True,
+)
 def test_jit_equals_eager_and_vmap_a_loop(muscle: famjax.Muscle) -> None:
     eager = muscle.force(GOOD, P)
     np.testing.assert_allclose(jax.jit(muscle.force)(GOOD, P), eager, rtol=EXACT)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 from scipy.interpolate import CubicSpline
+from slow_cases import slow_after
 
 from famjax import Braid
 from famjax.braids import AbstractBraid, diameter_from_length
@@ -61,7 +62,7 @@ def _diameter(family: AbstractProfileFamily, x: object, length: object, pressure
     return family.diameter(x, length, pressure)
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 5, 8])
+@pytest.mark.parametrize("count", slow_after(3, [2, 3, 4, 5, 8]))
 @pytest.mark.parametrize("braid", [INELASTIC, ELASTIC], ids=["inelastic", "elastic"])
 def test_exact_at_the_measured_states(count: int, braid: AbstractBraid) -> None:
     family = _family(np.linspace(0, 0.35, count), braid)

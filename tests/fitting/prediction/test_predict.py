@@ -6,6 +6,7 @@ from collections.abc import Callable
 import jax
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 import famjax
 from fitting import predict
@@ -52,7 +53,7 @@ def test_the_onset_is_that_of_the_muscle(
 
 
 @pytest.mark.parametrize("rest_length", [None, 0.25])
-@pytest.mark.parametrize("compliance", [0.0, 2e-6])
+@pytest.mark.parametrize("compliance", slow_after(2, [0.0, 2e-6]))
 def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
     compliance: float, rest_length: float | None
 ) -> None:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from slow_cases import slow_after
 
 from imaging import ImagingError, read_image
 from imaging.camera import JpegHeader, find_seam, read_header
@@ -109,7 +110,7 @@ def horizon(blur):
     return np.clip(cv2.GaussianBlur(rgb, (0, 0), blur), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("progressive", slow_after(1, [False, True]))
 @pytest.mark.parametrize("name", SOUND)
 def test_sound_files_of_any_quality_are_read(tmp_path, name, progressive):
     rgb, path = SOUND[name](), tmp_path / "sound.jpg"

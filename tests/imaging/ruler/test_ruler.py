@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 from imaging import Scale, calibrate_ruler
 from imaging.camera import apparent_diameter
@@ -121,7 +122,7 @@ TWO_EDGES = {
 }
 
 
-@pytest.mark.parametrize("case", TWO_EDGES)
+@pytest.mark.parametrize("case", slow_after(3, TWO_EDGES))
 def test_two_edges_that_differ_are_ambiguous_until_a_scale_is_expected(base, case):
     scene = dataclasses.replace(base, edge="both", **TWO_EDGES[case])
     photo = render_ruler(scene, 12)
@@ -154,7 +155,7 @@ def test_longer_marks_and_numbers_make_no_second_scale(base, changes):
 
 
 @pytest.mark.parametrize(("width", "longest"), [(0.8, 0.42), (0.9, 0.42), (0.9, 0.25), (1.0, 0.25)])
-@pytest.mark.parametrize("rotation", [0.235, 0.25, 0.265])
+@pytest.mark.parametrize("rotation", slow_after(1, [0.235, 0.25, 0.265]))
 def test_an_edge_that_changes_its_column_as_often_as_numbers_come_is_no_number(
     base, rotation, width, longest
 ):

@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import pytest
+from slow_cases import slow_after
 
 from imaging import Recipe, Scale, measure
 from imaging.errors import MotionBlurred, NoMuscle
@@ -51,7 +52,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("seed", slow_after(1, [1, 4]))
 @pytest.mark.parametrize("case", CASES)
 def test_it_is_measured_within_its_own_errors(case, seed):
     made = scene(seed, **CASES[case])

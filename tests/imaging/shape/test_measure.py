@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 import imaging
 from fitting.shapes import fit_fourier
@@ -189,7 +190,7 @@ def test_the_error_grows_with_what_the_lens_model_cannot_say():
     assert told[1][1] > 2 * told[0][1]
 
 
-@pytest.mark.parametrize("hue", [222.0, 130.0, 355.0])
+@pytest.mark.parametrize("hue", slow_after(1, [222.0, 130.0, 355.0]))
 def test_the_dark_rim_of_a_thick_tape_is_no_edge_of_the_braid(hue):
     """The rims are 0.4 px wide in the picture, in the shade, and belong to the tapes."""
     off = []
@@ -298,7 +299,7 @@ def test_colours_in_the_wrong_order_measure_the_same():
     assert wrong.mean_diameter == pytest.approx(right.mean_diameter, abs=0.1 / made.camera.px_per_m)
 
 
-@pytest.mark.parametrize("hue", [0.0, 352.0, 120.0])
+@pytest.mark.parametrize("hue", slow_after(1, [0.0, 352.0, 120.0]))
 def test_tapes_of_any_hue(hue):
     made = scene()
     tape = dataclasses.replace(made.muscle.upper, hue=hue)

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 from imaging import Recipe, Scale, calibrate_ruler, measure
 from imaging.camera import Tone
@@ -91,7 +92,7 @@ def test_a_camera_program_that_nobody_stated_is_in_the_errors(base, sensor):
     assert stated.mean_diameter_stderr < 0.6 * found.mean_diameter_stderr
 
 
-@pytest.mark.parametrize(("sheen", "power"), [(0.6, 3.0), (0.6, 8.0), (1.2, 5.0)])
+@pytest.mark.parametrize(("sheen", "power"), slow_after(1, [(0.6, 3.0), (0.6, 8.0), (1.2, 5.0)]))
 def test_a_glossy_rim_is_in_the_errors(base, sheen, power):
     rim = changed(base, muscle={"sheen": sheen, "sheen_power": power})
     found, truth = measured(rim, **STATED)
@@ -132,7 +133,8 @@ def leaning(scene, upper, lower):
 
 
 @pytest.mark.parametrize(
-    ("upper", "lower"), [(1.5, -1.0), (-2.0, 0.5), (0.0, 2.5), (-3.0, 3.0), (2.0, 2.5)]
+    ("upper", "lower"),
+    slow_after(2, [(1.5, -1.0), (-2.0, 0.5), (0.0, 2.5), (-3.0, 3.0), (2.0, 2.5)]),
 )
 def test_tapes_that_lean_in_depth_are_measured_by_their_middles(base, upper, lower):
     found, truth = measured(leaning(base, upper, lower), **STATED)
@@ -150,7 +152,7 @@ def test_a_distance_by_tapes_is_as_uncertain_as_hands_wind_them(base):
     assert sigmas(found, truth) < 3
 
 
-@pytest.mark.parametrize("distance", [20.0, 35.0, 90.0])
+@pytest.mark.parametrize("distance", slow_after(2, [20.0, 35.0, 90.0]))
 def test_a_distance_that_nobody_stated_is_that_of_the_tapes_arcs(base, distance):
     found, truth = measured(
         changed(base, camera={"distance": distance * INCH}), **STATED, distance=None
@@ -173,7 +175,8 @@ def ruler(**changes):
 
 
 @pytest.mark.parametrize(
-    ("pitch", "per_number", "marks"), [(INCH / 8, 8, 89), (INCH / 16, 16, 177), (INCH / 16, 16, 97)]
+    ("pitch", "per_number", "marks"),
+    slow_after(1, [(INCH / 8, 8, 89), (INCH / 16, 16, 177), (INCH / 16, 16, 97)]),
 )
 def test_the_pitch_is_read_off_the_numbers(pitch, per_number, marks):
     shot = render_ruler(ruler(pitch=pitch, per_number=per_number, marks=marks), 1)
@@ -196,7 +199,7 @@ def test_a_pitch_that_nothing_tells_is_asked_for():
         calibrate_ruler(render_ruler(blank, 1).rgb)
 
 
-@pytest.mark.parametrize("k1", [-0.05, 0.03])
+@pytest.mark.parametrize("k1", slow_after(1, [-0.05, 0.03]))
 def test_the_lens_distortion_is_read_off_the_ruler(base, k1):
     near = changed(base, camera={"k1": k1, "distance": 20 * INCH})
     shown = RulerScene(near.camera, near.size, rotation_deg=0.5)
@@ -223,7 +226,7 @@ def test_a_ruler_whose_place_nobody_stated_is_warned_of(base):
     assert sigmas(found, truth) < 3
 
 
-@pytest.mark.parametrize("seed", [1, 19, 42])
+@pytest.mark.parametrize("seed", slow_after(1, [1, 19, 42]))
 def test_one_lamp_beside_the_camera_is_in_the_error(seed):
     """Its light falls off towards the limbs otherwise than a root, and threads throw shades there."""
     random = np.random.default_rng(seed)

@@ -6,6 +6,7 @@ import functools
 import cv2
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 from imaging import ImagingError, Recipe, Scale, measure
 from imaging.camera import Tone
@@ -51,7 +52,7 @@ def covered(part, colour, above=None, below=0, lower=False):
 @pytest.mark.parametrize("lower", [False, True])
 @pytest.mark.parametrize("colour", [SKIN, GREY, GLARE])
 @pytest.mark.parametrize("part", [0.25, 0.5, 0.75])
-@pytest.mark.parametrize("below", [-3, 0, 2, 8])
+@pytest.mark.parametrize("below", slow_after(2, [-3, 0, 2, 8]))
 def test_a_covered_tape_gives_the_right_length_or_an_error(part, below, colour, lower):
     found = measured_or_refused(covered(part, colour, below=below, lower=lower))
     if isinstance(found, ImagingError):

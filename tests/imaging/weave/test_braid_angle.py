@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 from famjax.chain import plot_table
 from imaging import Recipe, Scale, measure
@@ -64,7 +65,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", slow_after(3, CASES))
 def test_the_angle_is_that_of_the_strands(case):
     seed, changes = CASES[case]
     made = scene(seed, **changes)

@@ -6,6 +6,7 @@ import math
 import jax
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 from famjax import PolynomialMaterial, units
 from famjax.design import (
@@ -291,7 +292,7 @@ def test_a_pressure_that_does_not_move_the_bladder_makes_no_design():
     json.dumps(search_document(found), allow_nan=False)
 
 
-@pytest.mark.parametrize("longest", [18 * INCH, 0.3, 1 / 3])
+@pytest.mark.parametrize("longest", slow_after(1, [18 * INCH, 0.3, 1 / 3]))
 def test_a_length_at_its_limit_keeps_to_it(longest):
     ranges = SearchRanges((longest / 4, longest), RANGES.pressure)
     found = found_with(ranges=ranges, limits=SearchLimits(longest_length=longest), about=600)
