@@ -56,15 +56,13 @@ class PathFunctions:
     terms: Float[AnyArray, "1 paths pieces 3 terms order"]
 
     @classmethod
-    def of(
-        cls, evaluate: Evaluate, corners: Sequence[Float[np.ndarray, " corners"]]
-    ) -> "PathFunctions":
+    def of(cls, evaluate: Evaluate, corners: Sequence[np.ndarray]) -> "PathFunctions":
         """The functions that the samples belong to.
 
         Args:
             evaluate: takes the samples.
-            corners: positions of the corners that are known, of each path. Others are found by
-                halving, which takes many samples.
+            corners: positions of the corners that are known, of each path as many as it has. Others
+                are found by halving, which takes many samples.
         """
         paths, pending = len(corners), [_between(known) for known in corners]
         found: list[list[tuple[float, float, np.ndarray]]] = [[] for _ in range(paths)]

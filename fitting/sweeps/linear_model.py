@@ -148,7 +148,7 @@ class LinearModel:
         found = value.rows if field == "rows" else aside.strains
         return found[: self._paths]
 
-    def _corners(self) -> list[Float[np.ndarray, " corners"]]:
+    def _corners(self) -> list[np.ndarray]:
         """Where along each path a strain changes its sign: the tangents of a law have a corner there.
 
         Of many on one path the last are not looked for.
