@@ -80,9 +80,11 @@ def test_motion_askew_is_measured_as_wide_as_it_is_or_refused(base, way, angle):
 
 @pytest.mark.parametrize(
     "sensor",
-    [CameraSensor(s_curve=0.55), CameraSensor(s_curve=0.8), CameraSensor(gamma=0.75),
-     CameraSensor(gamma=1.25), CameraSensor(denoising=0.1),
-     CameraSensor(denoising=0.1, sharpening=1.0)],
+    slow_after(3, [
+        CameraSensor(s_curve=0.8), CameraSensor(gamma=0.75),
+        CameraSensor(denoising=0.1, sharpening=1.0), CameraSensor(s_curve=0.55),
+        CameraSensor(gamma=1.25), CameraSensor(denoising=0.1),
+    ]),
     ids=str,
 )  # fmt: skip
 def test_a_camera_program_that_nobody_stated_is_in_the_errors(base, sensor):
