@@ -5,8 +5,8 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from slow_cases import slow_after
 from skimage.filters import threshold_otsu
+from slow_cases import slow_after
 
 from imaging import Recipe, Scale, measure
 from imaging.errors import AmbiguousHue
