@@ -23,6 +23,7 @@ from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings
 from ..evidence.spread import muscle_spread
 from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
+from ..verdict.series_judgement import judge_series
 from .saved_fit import SCHEMA
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
@@ -231,7 +232,11 @@ def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, An
     pressures = np.concatenate([one.pressure for one in data])
     predicted = series.left_out.group_rmse
     return {
-        **fit_as_dict(series.specimens[0], origin=origin),
+        **fit_as_dict(
+            series.specimens[0],
+            origin=origin,
+            judgement=judge_series(series.specimens, series.left_out),
+        ),
         "averaged_with": _averaged([one[0] for one in series.others]),
         "series": {
             "law": series.law,

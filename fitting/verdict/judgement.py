@@ -18,7 +18,8 @@ from .suspicion import Suspicion, counted
 Level = Literal["identified", "identified with doubts", "not identified"]
 
 _MISFIT = 5.0  # % of the largest force: no muscle of rubber and threads is missed by so much
-_POOR = 2.0  # %, likewise: a muscle may be, but a good fit is four times better
+POOR = 2.0
+"""Misfit [%], likewise: a muscle may be, but a good fit is four times better."""
 _PULL = 0.1  # of the largest force, pulled where the readings are slack
 _NOISE = 3.0  # standard deviations of the readings
 _MOST_OUTLIERS = 0.25  # of the readings
@@ -83,7 +84,7 @@ def judge(
             f"rubber and threads is missed by more than {_MISFIT:g} %. Check units, signs and "
             "columns, and the specimen's rest length, bore and wall."
         )
-    elif misfit > _POOR:
+    elif misfit > POOR:
         doubts.append(f"The model misses the readings by {misfit:.3g} % of the largest force.")
     pulled = errors.max_slack_force
     if pulled > _PULL * errors.max_force:
@@ -104,9 +105,9 @@ def judge(
         )
     doubts += [
         *_of_one_pressure(result),
-        *_of_bounds(result),
+        *of_bounds(result),
         *_of_residuals(result, misfit),
-        *_of_ridges(result),
+        *of_ridges(result),
     ]
     for kind, one in (left_out or {}).items():
         percent = 100 * one.rmse / errors.max_force
@@ -121,10 +122,10 @@ def judge(
                 )
             )
     if grave:
-        return Judgement("not identified", (*grave, *doubts), tuple(suspicions), _unchecked(result))
+        return Judgement("not identified", (*grave, *doubts), tuple(suspicions), unchecked(result))
     unsure = doubts or "rest_length" in result.data.assumed
     level = "identified with doubts" if unsure else "identified"
-    return Judgement(level, tuple(doubts), tuple(suspicions), _unchecked(result))
+    return Judgement(level, tuple(doubts), tuple(suspicions), unchecked(result))
 
 
 def _of_one_pressure(result: Identification) -> list[str]:
@@ -152,7 +153,7 @@ _CHECKS = {
 """What an assumed value of the specimen leaves open, the gravest first."""
 
 
-def _unchecked(result: Identification) -> str:
+def unchecked(result: Identification) -> str:
     """What the description of the specimen leaves open."""
     left = [check for name, check in _CHECKS.items() if name in result.data.assumed]
     if not left:
@@ -173,7 +174,8 @@ def _judge_outliers(kept: np.ndarray, rmse: float, grave: list[str], doubts: lis
     (doubts if count <= _MOST_OUTLIERS * kept.size else grave).append(sentence)
 
 
-def _of_bounds(result: Identification) -> list[str]:
+def of_bounds(result: Identification) -> list[str]:
+    """Geometry that is at a bound, and a law that is not stable."""
     found = []
     stopped = [e.name for e in result.estimates if e.at_bound and e.name in _GEOMETRY]
     if stopped:
@@ -212,7 +214,7 @@ def _of_residuals(result: Identification, misfit: float) -> list[str]:
     return found
 
 
-def _of_ridges(result: Identification) -> list[str]:
+def of_ridges(result: Identification) -> list[str]:
     """Parameters of the geometry of which only a combination is known."""
     condition = result.certificate.condition
     if not condition <= CONDITION_LIMIT:

@@ -2,12 +2,17 @@
 
 import json
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+from rich.console import Console
 
 from ..loading import load_fitting, load_map
 from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Seed, Starts
 from ..terminal import Output, print_rows, progress
+
+if TYPE_CHECKING:
+    from fitting.verdict import Judgement
 
 
 def series(
@@ -30,7 +35,8 @@ def series(
     without a deadband and a compliant rig, is judged by the specimens it predicts from the others;
     of those that are as good the plainest is kept, and predictions are the mean of it and of up to
     two more of its law. Writes `fit.json`, which
-    `famjax predict fit.json --rest-length 132mm` reads.
+    `famjax predict fit.json --rest-length 132mm` reads, and prints a verdict; the exit code is 1
+    where nothing was identified.
 
     Parameters
     ----------
@@ -66,6 +72,7 @@ def series(
     from famjax.boundary.origin import Origin
     from famjax.commands.options.fits import as_parameters, parse_bounds, parse_free
     from fitting.choice import DEFAULT_LAWS
+    from fitting.verdict import judge_series
 
     place = Output(output)
     maps = [load_map(one, {}) for one in data]
@@ -81,15 +88,18 @@ def series(
             executor=executor,
             progress=lambda name, done, total: show(done, total, name),
         )
+    judgement = judge_series(found.specimens, found.left_out)
     document = fitting.saved.series_as_dict(found, Origin.of_this_command())
     paths = place.write({"fit.json": document})
     if json_:
-        print(json.dumps(document["series"] | {"parameters": document["parameters"]}))
+        said = {key: document[key] for key in ("verdict", "reasons", "parameters")}
+        print(json.dumps(document["series"] | said))
     else:
         values = fitting.saved.summary_as_dict(found.specimens[0], units)["parameters"]
         _print_series(document, values, units)
+        _print_verdict(judgement, found.left_out.rmse, units)
         place.tell(paths)
-    return 0 if found.specimens[0].converged else 1
+    return 0 if judgement.passed else 1
 
 
 def _print_series(document: dict, values: dict, system: str) -> None:
@@ -117,3 +127,22 @@ def _print_series(document: dict, values: dict, system: str) -> None:
     )  # fmt: skip
     for warning in document["warnings"]:
         print(f"note: {warning}")
+
+
+def _print_verdict(judgement: "Judgement", left_out_rmse: float, system: str) -> None:
+    """The level with the gravest reason, then how well specimens predict one another."""
+    from famjax.boundary.sentence import Quantity, in_units
+
+    first, *others = [in_units(one, system) for one in judgement.reasons] or [""]
+    console = Console(highlight=False)
+    for other in (*others, in_units(judgement.unchecked, system)):
+        if other:
+            console.print(f"note: {other}", markup=False)
+    predicted = Quantity(left_out_rmse, "force", 3).in_units(system)
+    said = (
+        f"{judgement.level.capitalize()}: {first}" if first else f"{judgement.level.capitalize()}."
+    )
+    console.print(
+        f"{said} RMSE of specimens predicted from the others: {predicted}.",
+        style="bold", markup=False,
+    )  # fmt: skip

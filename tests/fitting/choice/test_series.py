@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 import famjax
 import fitting
 from famjax.__main__ import main
+from famjax.boundary.sentence import in_units
 from fitting import (
     ForceData,
     Identification,
@@ -27,6 +28,7 @@ from fitting import (
 from fitting.choice import Series
 from fitting.evidence.spread import muscle_spread
 from fitting.saved import series_as_dict
+from fitting.verdict import judge_series
 
 pytestmark = pytest.mark.slow
 
@@ -279,3 +281,28 @@ class NeverCut(famjax.geometries.AbstractGeometry):
         return self.inner.length_range()
 
     rest_length = property(lambda self: self.inner.rest_length)
+
+
+def test_its_verdict_is_that_of_all_specimens(series: Series, saved: Path) -> None:
+    """Specimens of one make, and one of them in another unit."""
+    judged = judge_series(series.specimens, series.left_out)
+    assert judged.passed
+    assert json.loads(saved.read_text())["verdict"] == judged.level
+    in_lbf = specimen(SEEN[1], 8)
+    in_lbf = dataclasses.replace(in_lbf, force=in_lbf.force / 4.448)
+    wrong = identify_series([specimen(SEEN[0], 7), in_lbf], laws=LAWS)
+    judged = judge_series(wrong.specimens, wrong.left_out)
+    assert not judged.passed
+    assert "270 mm" in judged.reasons[0] or "90 mm" in judged.reasons[0]
+    assert "another make" in judged.reasons[0]
+
+
+def test_specimens_that_differ_are_a_doubt(series: Series) -> None:
+    """Two in a jig with wrong lengths; what differs is said in the unit that is asked for."""
+    off = [specimen(SEEN[0], 7, stretch=-1e-3), specimen(SEEN[1], 8)]
+    found = identify_series(off, laws=LAWS)
+    judged = judge_series(found.specimens, found.left_out)
+    assert judged.level == "identified with doubts"
+    assert "The specimens differ" in judged.reasons[0]
+    assert " N" in judged.reasons[0]
+    assert " lbf" in in_units(judged.reasons[0], "us")
