@@ -45,7 +45,7 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
         doubts.append(
             Sentence(
                 f"The specimens differ: the model of all misses {name} by {missed[worst]:.3g} % of its "
-                f"largest force, and {other}, predicted from the others, by ",
+                f"largest force; predicted from the others, {other} is missed by ",
                 Quantity(float(predicted[most]), "force", 3),
                 ". A muscle never measured differs as much; the band of its prediction says so.",
             )
