@@ -74,60 +74,57 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
     line, marks = strip.line, strip.marks
     first, last = int(marks.number.min()), int(marks.number.max())
     face = max(float(np.percentile(line.profile(light), 80)), 1e-6)
-    counts: Counter[int] = Counter()
-    for away in np.arange(-_REACH, _REACH + _STEP, _STEP) * line.pitch:
-        ink = _ink(_beside(light, line, away), marks.coefficients, first, last) / face
-        period = _period(ink)
-        if period is not None:
-            counts[period] += 1
+    away = np.arange(-_REACH, _REACH + _STEP, _STEP) * line.pitch
+    ink = _ink(_beside(light, line, away), marks.coefficients, first, last) / face
+    counts = Counter(period for period in _periods(ink) if period)
     most = max(counts.values(), default=0)
     return max((one for one, n in counts.items() if n >= max(2, _SUPPORT * most)), default=None)
 
 
-def _beside(light: Single, line: Line, away: float) -> Array:
-    """Light along a line so far across from another [px], three pixels wide.
+def _beside(light: Single, line: Line, away: Array) -> Array:
+    """Light along lines so far across from another [px], three pixels wide, shape (lines, samples).
 
     Between pixels: a line of the nearest ones goes up and down an edge that it lies along, in steps as
     regular as a ruler's numbers.
     """
     at = np.arange(line.samples)
-    across = away + np.arange(-1.0, 2.0)[:, None]
+    across = (away[:, None] + np.arange(-1.0, 2.0)).reshape(-1, 1)
     u, v = (
         (line.origin[i] + at * line.along[i] + across * line.across[i]).astype(np.float32)
         for i in (0, 1)
     )
     seen = cv2.remap(light, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(seen, float).mean(axis=0)
+    return np.asarray(seen, float).reshape(away.size, 3, -1).mean(axis=1)
 
 
-def _ink(profile: Array, fit: Array, first: int, last: int) -> Array:
-    """Ink about each mark's place, the mean of what differs from most of the line."""
+def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
+    """Ink about each mark's place, the mean of what differs from most of its line, (lines, marks)."""
     a, b, c = fit
     at = (np.arange(first - 0.5, last + 1) * b + a) / (1 + c * np.arange(first - 0.5, last + 1))
-    edges = np.clip(np.sort(np.rint(at)).astype(int), 0, profile.size)
-    inside = profile[edges[0] : max(edges[-1], edges[0] + 1)]
-    total = np.concatenate([[0.0], np.cumsum(np.abs(profile - float(np.median(inside))))])
-    ink = np.diff(total[edges]) / np.maximum(np.diff(edges), 1)
-    return ink if b > 0 else ink[::-1]
+    edges = np.clip(np.sort(np.rint(at)).astype(int), 0, profiles.shape[1])
+    inside = profiles[:, edges[0] : max(edges[-1], edges[0] + 1)]
+    differs = np.abs(profiles - np.median(inside, axis=1, keepdims=True))
+    total = np.pad(np.cumsum(differs, axis=1), ((0, 0), (1, 0)))
+    ink = np.diff(total[:, edges], axis=1) / np.maximum(np.diff(edges), 1)
+    return ink if b > 0 else ink[:, ::-1]
 
 
-def _period(ink: Array) -> int | None:
-    """The shortest period that explains the ink about the marks; None where none does."""
-    if not ink.max() > 0:
-        return None
-    ink = np.minimum(ink, 0.7 * float(np.sort(ink)[-_FEWEST:].min()))  # an 8 is no more than a 1
-    explained = {}
-    for n in _PERIODS:
-        if ink.size < _FEWEST * n:
-            continue
-        whole = ink[: ink.size // n * n].reshape(-1, n)
-        free = whole.size - n
-        left = float(np.sum((whole - whole.mean(axis=0)) ** 2)) / max(free, 1)
-        spread = float(np.var(whole)) * whole.size / (whole.size - 1)
-        mean = whole.mean(axis=0)
-        if spread > 0 and np.ptp(mean) > _INK / 4:
-            explained[n] = 1 - left / spread
-    best = max(explained.values(), default=0.0)
-    if best < _CLEAR:
-        return None
-    return min(n for n, part in explained.items() if part >= _AS_CLEAR * best)
+def _periods(ink: Array) -> list[int | None]:
+    """The shortest period that explains the ink about the marks of each line; None where none does."""
+    most = np.sort(ink, axis=1)[:, -_FEWEST:].min(axis=1, keepdims=True)
+    ink = np.minimum(ink, 0.7 * most)  # an 8 is no more than a 1
+    known = [n for n in _PERIODS if ink.shape[1] >= _FEWEST * n]
+    explained = np.zeros((len(ink), len(known)))
+    for k, n in enumerate(known):
+        whole = ink[:, : ink.shape[1] // n * n].reshape(len(ink), -1, n)
+        mean, size = whole.mean(axis=1, keepdims=True), whole[0].size
+        left = np.sum((whole - mean) ** 2, axis=(1, 2)) / max(size - n, 1)
+        spread = np.var(whole, axis=(1, 2)) * size / (size - 1)
+        seen = (spread > 0) & (np.ptp(mean[:, 0], axis=1) > _INK / 4)
+        explained[seen, k] = 1 - left[seen] / spread[seen]
+    best = explained.max(axis=1, initial=0.0)
+    near = explained >= np.maximum(_AS_CLEAR * best, 1e-300)[:, None]
+    return [
+        known[int(np.argmax(row))] if clear >= _CLEAR else None
+        for row, clear in zip(near, best, strict=True)
+    ]

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
-from scipy.ndimage import map_coordinates, uniform_filter1d
+from scipy.ndimage import map_coordinates
 
 from ..arrays import Array, Flags, Image, Indices, Single
 
@@ -125,7 +125,8 @@ def _upright(luma: Image, turn: float) -> tuple[Single, Array]:
 
 def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
     """Score, middle column, width and pitch of the runs of columns that repeat along the rows."""
-    strips = uniform_filter1d(upright, _STRIP, axis=1)[:, _STRIP // 2 :: _STRIP // 2].T
+    means = cv2.blur(upright, (_STRIP, 1), borderType=cv2.BORDER_REFLECT)
+    strips = np.asarray(means)[:, _STRIP // 2 :: _STRIP // 2].T
     slope = np.diff(strips, axis=1)
     slope = slope - slope.mean(axis=1, keepdims=True)
     lags = np.arange(int(_PITCHES[0]), min(int(_PITCHES[1]), slope.shape[1] // 4))
