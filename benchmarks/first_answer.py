@@ -280,8 +280,11 @@ class Machine:
             self.run((str(INPUTS), str(inputs), self.data, kind), None)
 
     def _environment(self, cache: Path | None, library: bool) -> dict[str, str]:
-        """This tree first, and a cache of its own; a user's is not touched."""
-        ours = {"FAMJAX_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR"}
+        """This tree first, and a cache of its own; a user's is not touched.
+
+        What Python has compiled of this tree it keeps, as on a user's machine.
+        """
+        ours = {"FAMJAX_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"}
         given = {key: value for key, value in os.environ.items() if key not in ours}
         path = [str(ROOT), str(HERE), *filter(None, [given.get("PYTHONPATH")])]
         given["PYTHONPATH"] = os.pathsep.join(path)

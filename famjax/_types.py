@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -22,6 +23,9 @@ else:
 """The array of a declared field: the constructor takes whatever `as_real` makes one of."""
 
 
+_NOTHING = np.zeros(())
+
+
 def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
     """The values (also nested lists) as a floating array: integers are promoted, float32 stays float32."""
     array = jnp.asarray(values)
@@ -34,10 +38,16 @@ def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
     Left "weak", as it is, a muscle of Python floats would be compiled apart from the same one read from a
     file, every program twice. What is made within a trace takes on the precision of what it meets.
     """
+    if in_trace():
+        return as_real(values)
+    if isinstance(values, float | int | np.number | np.ndarray):
+        # What NumPy converts takes no program of JAX's, which each takes a hundredth of a second.
+        array = np.array(values)
+        return jax.device_put(array if array.dtype.kind == "f" else array.astype(float))
     array = as_real(values)
-    return jnp.asarray(array, array.dtype) if array.weak_type and not in_trace() else array
+    return jnp.asarray(array, array.dtype) if array.weak_type else array
 
 
 def in_trace() -> bool:
-    """Whether JAX traces what is made here, as within `jax.jit`."""
-    return isinstance(jnp.zeros(()), Tracer)
+    """Whether JAX traces what is made here, as within `jax.jit`; nothing is compiled to know it."""
+    return isinstance(jax.device_put(_NOTHING), Tracer)

@@ -3,10 +3,10 @@
 import dataclasses
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from .. import terms
+from .._types import as_number
 from ..boundary.errors import InputError
 from ..muscle import Muscle
 from .card_parts import (
@@ -155,7 +155,7 @@ def _number(value: Any, annotation: Any, where: str) -> Any:
     if annotation is float or annotation == tuple[float, ...]:
         plain = numbers.astype(float).tolist()
         return tuple(plain) if isinstance(plain, list) else plain
-    array = jnp.asarray(numbers, float)
+    array = as_number(numbers.astype(float))
     if not isinstance(array, annotation):
         raise InputError(
             f"{where} of the muscle card must be numbers of shape ({annotation.dim_str.strip()}), "

@@ -7,6 +7,7 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._types import Real, RealArray, as_real
@@ -132,7 +133,7 @@ class AbstractGeometry(Parametrised):
     @property
     def breakpoints(self) -> Float[Array, " lengths"]:
         """Active lengths [m] at which some derivative of the dimensions jumps; none if all are smooth."""
-        return jnp.zeros(0)
+        return jnp.asarray(np.zeros(0))  # which compiles nothing
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
         """Volume V [m3] of the fluid: that of the braid's outline less the rubber's.

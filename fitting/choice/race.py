@@ -15,7 +15,8 @@ from famjax.boundary.tasks import AnyExecutor
 from ..data.force_data import ForceData
 from ..engine.descent import End, descend_many
 from ..engine.problem import Problem
-from ..evidence.left_out import LeftOut, grouped, groups_of, leave_out_each
+from ..evidence.leave_out import grouped, groups_of, leave_out_each
+from ..evidence.left_out import LeftOut
 from ..evidence.refit import force_error
 from ..search.multi_start import best_of, latin_hypercube
 from ..search.posing import Posed, pose_one

@@ -15,7 +15,8 @@ from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hyste
 from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
 from ..posterior.result import Posterior
 from ..search.result import Identification
-from .left_out import LeftOut, groups_of, leave_out_each
+from .leave_out import groups_of, leave_out_each
+from .left_out import LeftOut
 from .likelihood import LEVELS, Profile, profile
 from .model_error import ModelError, model_error
 from .resampling import Bootstrap, bootstrap

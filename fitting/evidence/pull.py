@@ -1,4 +1,4 @@
-"""The force of an identified muscle with its error band, by one small program for any question.
+"""The force of an identified muscle with its error band, by one small tape for any question.
 
 The linear theory (delta method): the numbers of the muscle vary along directions of one standard
 deviation each, independent of one another, and the force with them; see `muscle_spread`.
@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
-from famjax.compile_options import quick_jit
 from famjax.muscle import flatten
 
+from ..trace.in_numpy import in_numpy
+
 ROWS = 65
-"""Rows that the program computes at once; fewer are filled up, more are computed in parts."""
+"""Rows that the tape computes at once; fewer are filled up, more are computed in parts."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,18 +64,19 @@ def pull(
     if spread is None:
         numbers = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
         spread = np.zeros((0, sum(np.size(one) for one in numbers)))
-    gives_way = bool(np.asarray(mounted.compliance).any())
+    rig = "gives way" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
     parts = []
     for start in range(0, len(length), ROWS):
         L, P = length[start : start + ROWS], pressure[start : start + ROWS]
         lengths, pressures = (np.pad(values, (0, ROWS - len(values)), "edge") for values in (L, P))
-        found = _pull(mounted, of, spread, np.asarray(length_std), lengths, pressures, gives_way)
-        parts.append([np.asarray(values)[: len(L)] for values in found])
+        found = in_numpy(
+            _pull, mounted, of, spread, np.asarray(length_std), lengths, pressures, rig
+        )
+        parts.append([values[: len(L)] for values in found])
     return Pull(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-@quick_jit
 def _pull(
     mounted: famjax.MountedMuscle,
     rest_length: Array | np.ndarray | None,
@@ -82,7 +84,7 @@ def _pull(
     length_std: Array | np.ndarray,
     length: Array | np.ndarray,
     pressure: Array | np.ndarray,
-    gives_way: bool,
+    rig: str,
 ) -> tuple[Array, Array, Array]:
     flat, unflat = flatten(mounted)
 
@@ -94,7 +96,7 @@ def _pull(
     def force(flat: Array, length: Array) -> Array:
         changed = unflat(flat)
         one = alone(changed)
-        if gives_way:
+        if rig == "gives way":
             return changed.with_muscle(one).force(length, pressure)
         return one.force(length, pressure)
 
@@ -103,8 +105,9 @@ def _pull(
 
     # One direction more: all lengths together by their standard deviation.
     directions = jnp.concatenate([spread, jnp.zeros((1, flat.size))])
-    lengths = jnp.zeros((len(directions), len(length))).at[-1].set(length_std)
+    last = jnp.broadcast_to(length_std, (1, len(length)))
+    lengths = jnp.concatenate([jnp.zeros((len(spread), len(length))), last])
     found, slopes = jax.vmap(along, out_axes=(None, 0))(directions, lengths)
     std = jnp.sqrt(jnp.sum(slopes**2, axis=0))
-    muscle_force = alone(mounted).force(length, pressure) if gives_way else found
+    muscle_force = alone(mounted).force(length, pressure) if rig == "gives way" else found
     return found, muscle_force, std

@@ -15,7 +15,8 @@ from ..engine.problem import Problem
 from ..search.multi_start import latin_hypercube
 from ..search.result import Identification
 from ..trace import run_fits
-from .left_out import LeftOut, group_of_each
+from .leave_out import group_of_each
+from .left_out import LeftOut
 from .refit import Refit, refit
 
 GROUPS = ("pressure", "length", "specimen")

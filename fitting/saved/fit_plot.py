@@ -179,7 +179,7 @@ def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, 
     pressures = (
         np.zeros(1) if nodes is None else nodes[sorted({0, len(nodes) // 2, len(nodes) - 1})]
     )
-    stresses = in_numpy(law_stress, material, strain, pressures[:, None])
+    (stresses,) = in_numpy(law_stress, material, strain, pressures[:, None])
     if nodes is not None:
         labels = [f"at {pressure / 1e3:.4g} kPa" for pressure in pressures]
     else:

@@ -13,15 +13,16 @@ from . import tape_store
 from .tape import UnknownPrimitiveError, record
 
 
-def in_numpy(function: Callable[..., Any], *arguments: Any) -> np.ndarray:
+def in_numpy(function: Callable[..., Any], *arguments: Any) -> list[np.ndarray]:
     """What a function returns, by its tape; one with an operation that has no rule is compiled.
 
     Args:
-        function: of a module's own level, by whose name its tape is kept; it returns an array.
-        arguments: modules and arrays.
+        function: of a module's own level, by whose name its tape is kept; it returns an array or
+            several.
+        arguments: modules, arrays and words.
 
     Returns:
-        The array.
+        The arrays.
     """
     leaves, treedef = jax.tree.flatten(arguments)
     arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
@@ -32,11 +33,11 @@ def in_numpy(function: Callable[..., Any], *arguments: Any) -> np.ndarray:
         def of_arrays(*values: Any) -> Any:
             given = iter(values)
             filled = [next(given) if eqx.is_array_like(leaf) else leaf for leaf in leaves]
-            return function(*jax.tree.unflatten(treedef, filled))
+            return jax.tree.leaves(function(*jax.tree.unflatten(treedef, filled)))
 
         try:
             tape = record(of_arrays, *arrays)
         except UnknownPrimitiveError:
-            return np.asarray(quick_jit(function)(*arguments))
+            return [np.asarray(one) for one in jax.tree.leaves(quick_jit(function)(*arguments))]
         tape_store.save(key, tape)
-    return tape.run(*(array[..., None] for array in arrays))[0][..., 0]
+    return [found[..., 0] for found in tape.run(*(array[..., None] for array in arrays))]

@@ -106,12 +106,16 @@ def _described(value: Any) -> Any:
 
 @functools.cache
 def _sources() -> str:
-    """A digest of the code that is traced and of what traces it."""
+    """A digest of the code that is traced and of what traces it.
+
+    Of a file its size and time, by which Python itself knows whether what it has compiled is of it.
+    """
     digest = hashlib.sha256()
     root = Path(__file__).parents[2]
     for package in _PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
-            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+            known = path.stat()
+            digest.update(f"{path.relative_to(root)} {known.st_size} {known.st_mtime_ns}".encode())
     for name in _LIBRARIES:
         digest.update(f"{name} {importlib.metadata.version(name)}".encode())
     return digest.hexdigest()

@@ -3,18 +3,21 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import fitting
 from fitting.evidence import Move, drawn_moves, moves_of
 from fitting.families import Parameter
+
+if TYPE_CHECKING:
+    from fitting.shapes import ShapeSurface
 
 TURNS = "turns"
 
 
 def with_shape(
     data: fitting.ForceData, pictures: Path, options: Mapping[str, Any]
-) -> tuple[fitting.ForceData, dict[str, Any], fitting.shapes.ShapeSurface]:
+) -> tuple[fitting.ForceData, dict[str, Any], "ShapeSurface"]:
     """The map with notes on the shape, the options of a fit with that geometry, and the shape.
 
     The turns of the threads are identified unless they are named: the force tells them, and the
@@ -43,7 +46,7 @@ def with_shape(
 def shared_moves(
     data: fitting.ForceData,
     errors: fitting.data.SharedErrors,
-    surface: fitting.shapes.ShapeSurface | None,
+    surface: "ShapeSurface | None",
 ) -> dict[str, list[Move]]:
     """What errors that all readings share move: those that are stated, and that of a measured shape.
 

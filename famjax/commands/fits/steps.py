@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import fitting
 from famjax.boundary.tasks import AnyExecutor
@@ -11,6 +11,9 @@ from fitting.evidence import Evidence, gather, left_out_kinds
 from fitting.verdict import Judgement, doubtful, judge, suspect
 
 from .measured_shape import shared_moves
+
+if TYPE_CHECKING:
+    from fitting.shapes import ShapeSurface
 
 Tell = Callable[[str, int, int], None]
 """Called with what is under way, what is done of it, and what there is to do."""
@@ -23,7 +26,7 @@ def gathered(
     *,
     validation: bool,
     errors: fitting.data.SharedErrors,
-    surface: fitting.shapes.ShapeSurface | None,
+    surface: "ShapeSurface | None",
     executor: AnyExecutor,
     progress: Tell,
     **asked: Any,

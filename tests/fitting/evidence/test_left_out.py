@@ -9,7 +9,8 @@ from scipy.special import stdtrit
 
 from fitting import ForceData, Identification, identify, validate
 from fitting.evidence import ModelError
-from fitting.evidence.left_out import LeftOut, leave_out_each
+from fitting.evidence.leave_out import leave_out_each
+from fitting.evidence.left_out import LeftOut
 from fitting.evidence.model_error import model_error, spline_variance, student
 
 
