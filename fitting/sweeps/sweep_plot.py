@@ -6,7 +6,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from famjax.boundary.units import factor, unit_system
 
@@ -16,6 +18,8 @@ _COLOURS = {"none": "C0", "positive": "C3", "slope": "C1", "drucker": "C2"}
 _SHADES = mpl.colormaps["viridis"]
 _LENGTHS = 120
 _ABOVE = 1.0  # of panels: where titles come to lie; not to seek a place for them saves a tenth
+_TOP = 1.07  # times what is largest, to which an axis reaches
+_NAMED = 8  # isobars in a legend at most; their colours go by the pressure
 
 
 def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
@@ -36,22 +40,29 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
     force = factor(unit, "force")
     rows = rows_of(found, data)
     forms = list(dict.fromkeys(row.dependence for row in rows))
+    orders = sorted({row.order for row in rows})
     panels = (
         ("rmse", f"mean RMSE, {unit}", force),
         ("mae", f"mean MAE, {unit}", force),
         ("blocked_error", f"blocked force error, {unit}", force),
         ("free_contraction_error", "free contraction error", 1.0),
     )
-    figure, axes = _panels(len(panels), len(forms), (3.4, 2.25), top=0.75, sharey="row")
-    for line, (name, label, scale) in zip(axes, panels, strict=True):
-        for one, form in zip(line, forms, strict=True):
-            _draw_by_order(one, [r for r in rows if r.dependence == form], name, scale)
-        line[0].set(ylabel=label, ylim=(0, None))
-    for one, form in zip(axes[0], forms, strict=True):
-        one.set_title(f"{form} in pressure", fontsize=10, y=_ABOVE)
-    for one in axes[-1]:
-        one.set(xlabel="order of the law")
-    axes[0, 0].set_xticks(sorted({row.order for row in rows}))  # of all panels, which share them
+    # One panel for each error, in which the forms stand side by side: it is drawn in half the time that
+    # a panel for each of them takes.
+    figure, axes = _panels(len(panels), 1, (3.4 * len(forms), 2.25), top=0.75, sharey=False)
+    at = [[k * (len(orders) + 1) + n for n in range(len(orders))] for k in range(len(forms))]
+    places = dict(zip(forms, (dict(zip(orders, one, strict=True)) for one in at), strict=True))
+    for one, (name, label, scale) in zip(axes[:, 0], panels, strict=True):
+        _draw_by_order(one, rows, places, name, scale)
+        one.set(ylabel=label, ylim=(0, _TOP * _largest(rows, name, scale)))
+    last = axes[-1, 0]
+    last.set_xticks([x for of in at for x in of], orders * len(forms))
+    last.set(xlabel="order of the law", xlim=(-0.6, at[-1][-1] + 0.6))
+    for form, of in zip(forms, at, strict=True):
+        axes[0, 0].text(
+            (of[0] + of[-1]) / 2, 1.03, f"{form} in pressure", ha="center", fontsize=10,
+            transform=axes[0, 0].get_xaxis_transform(),
+        )  # fmt: skip
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=4, frameon=False)
     return figure
@@ -80,25 +91,29 @@ def plot_curves(
     levels = found.pressures[data]
     shades = _SHADES(np.linspace(0, 0.9, levels.size))
     contraction, braid, bladder = _isobars(found, data)
+    at = [readings.loaded & (readings.pressures.level == level) for level in levels]
+    measured = np.concatenate([np.flatnonzero(of) for of in at])
+    spots = (1 - readings.length / readings.specimen.rest_length)[measured]
+    colours = np.repeat(shades, [of.sum() for of in at], axis=0)
     for one, row in zip(axes, chosen, strict=True):
-        for k, (level, E, shade) in enumerate(zip(levels, row.coefficients, shades, strict=True)):
-            at = readings.loaded & (readings.pressures.level == level)
-            one.plot(
-                1 - readings.length[at] / readings.specimen.rest_length,
-                readings.force[at] / force,
-                ".",
-                color=shade,
-                ms=2,
-            )
-            label = f"{level / pressure:.4g} {units['pressure']}"
-            F = braid[k] + bladder[k, :, : E.size] @ E
-            one.plot(contraction[k], F / force, color=shade, lw=1, label=label)
+        F = [braid[k] + bladder[k, :, : E.size] @ E for k, E in enumerate(row.coefficients)]
+        curves = np.stack([contraction, np.array(F) / force], axis=-1)
+        one.add_collection(LineCollection(list(curves), colors=shades, lw=1))
+        one.scatter(spots, readings.force[measured] / force, s=4, c=colours, lw=0)
         name = f"{row.dependence}, order {row.order}, {row.constraint}"
         error = f"RMSE {row.rmse / force:.3g} {units['force']}"
         one.set_title(f"{name}\n{error}", fontsize=9, y=_ABOVE)
-        one.set(xlabel="contraction", ylim=(0, None))
-    axes[0].set(ylabel=f"force, {units['force']}")
-    axes[0].legend(frameon=False, fontsize=7, ncols=2)
+        one.set(xlabel="contraction")
+    axes[0].set(
+        ylabel=f"force, {units['force']}",
+        ylim=(0, _TOP * float(readings.force[measured].max()) / force),
+    )
+    named = np.unique(np.linspace(0, levels.size - 1, _NAMED).round().astype(int))[::-1]
+    axes[0].legend(
+        [Line2D([], [], color=tuple(shades[k])) for k in named],
+        [f"{levels[k] / pressure:.4g} {units['pressure']}" for k in named],
+        frameon=False, fontsize=7,
+    )  # fmt: skip
     return figure
 
 
@@ -126,19 +141,35 @@ def _panels(
     return figure, axes
 
 
-def _draw_by_order(axes: Axes, rows: list[SweepRow], name: str, scale: float) -> None:
-    for constraint in dict.fromkeys(row.constraint for row in rows):
-        same = [row for row in rows if row.constraint == constraint]
-        axes.plot(
-            [row.order for row in same],
-            [getattr(row, name) / scale for row in same],
-            "o-",
-            ms=3.5,
-            lw=1,
-            color=_COLOURS[constraint],
-            label=constraint,
-        )
+def _draw_by_order(
+    axes: Axes, rows: list[SweepRow], places: dict[str, dict[int, int]], name: str, scale: float
+) -> None:
+    """Lines over the orders, one for each constraint and form; without a fit there is a gap."""
+    named = set()
+    for form, of in places.items():
+        for constraint in dict.fromkeys(row.constraint for row in rows):
+            same = [r for r in rows if (r.dependence, r.constraint) == (form, constraint)]
+            axes.plot(
+                [of[row.order] for row in same],
+                [getattr(row, name) / scale for row in same],
+                "o-",
+                ms=3.5,
+                lw=1,
+                color=_COLOURS[constraint],
+                label=None if constraint in named else constraint,
+            )
+            named.add(constraint)
+        known = {r.order for r in rows if r.dependence == form and np.isfinite(getattr(r, name))}
+        for order in of.keys() - known:
+            axes.text(of[order], 0.05, "no fit", ha="center", fontsize=7, color="0.4",
+                      transform=axes.get_xaxis_transform())  # fmt: skip
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def _largest(rows: list[SweepRow], name: str, scale: float) -> float:
+    """The largest error of all rows; 1 where there is none."""
+    known = [getattr(row, name) / scale for row in rows if np.isfinite(getattr(row, name))]
+    return max(known, default=0.0) or 1.0
 
 
 def _isobars(found: Sweep, data: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -328,11 +328,17 @@ def test_pictures_and_table(swept: Sweep) -> None:
     from fitting.sweeps.sweep_plot import plot_curves, plot_errors
 
     errors = plot_errors(swept)
-    assert len(errors.axes) == 12
-    assert all(len(axes.lines) == 4 for axes in errors.axes)
+    assert len(errors.axes) == 4
+    assert all(len(axes.lines) == 3 * 4 for axes in errors.axes)  # forms, constraints
+    for axes in errors.axes:
+        assert axes.get_ylim()[1] > max(np.nanmax(line.get_ydata()) for line in axes.lines)
     curves = plot_curves(swept, list(swept.rows[:2]), "us")
     assert len(curves.axes) == 2
-    assert len(curves.axes[0].lines) == 6
+    lines, readings = curves.axes[0].collections
+    levels = swept.pressures[0].size
+    assert len(lines.get_paths()) == levels
+    assert len(readings.get_offsets()) == DATA.loaded.sum()
+    assert len(curves.axes[0].get_legend().get_texts()) == min(levels, 8)
     line = table_row(swept.rows[-1], "us")
     assert line["left_out_rmse_lbf"] is None
     assert line["rmse_lbf"] == pytest.approx(swept.rows[-1].rmse / 4.4482216152605)
