@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from .lean_imports import load_matplotlib, load_scipy
 from .loading import load_fitting
-from .matplotlib_import import load_matplotlib
 from .options.engine import UNNAMED, EngineOptions
 from .options.whole_numbers import Seed
 from .terminal import progress
@@ -74,6 +74,7 @@ def characterise(
         Of tables and pictures: si, metric or us.
     """
     load_fitting()
+    load_scipy()
     load_matplotlib()
     from famjax.boundary.origin import Origin
     from famjax.chain.folder import (

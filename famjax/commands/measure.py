@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from .matplotlib_import import load_matplotlib
+from .lean_imports import load_matplotlib, load_scipy
 from .options.engine import UNNAMED, EngineOptions
 from .options.entries import parse_entries
 from .options.recipe import RecipeOptions
@@ -79,6 +79,7 @@ def measure(
     """
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    load_scipy()
     load_matplotlib()
     from famjax.chain import LOG_OF_PICTURES, as_document, expand, measure_pictures
     from fitting.records import read_machine_log

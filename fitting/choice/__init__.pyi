@@ -6,7 +6,6 @@ from .ranking import Tried as Tried
 from .report import choice_as_dict as choice_as_dict, choice_table as choice_table
 from .series import (
     DEFAULT_LAWS as DEFAULT_LAWS,
-    SERIES_LAWS as SERIES_LAWS,
     Series as Series,
     identify_series as identify_series,
 )

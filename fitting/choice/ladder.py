@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..data.force_data import ForceData, check_maps
-from ..families.laws import Law, law_named
+from ..families.laws import Law, LawGiven, law_named
 from ..families.parameters import Parameter
 
 EXPONENT_PRIOR = (0.0, 5.0)
@@ -172,8 +172,7 @@ def _candidate(
         parameters[name] = Parameter()
     if "rest_length" in free:
         parameters["rest_length"] = Parameter(min=rest - rounding, max=rest + rounding, unit="m")
-    if law == "ogden":
-        parameters["ogden_exponent"] = Parameter(prior=EXPONENT_PRIOR)
+    parameters |= believed(law)
     if not deadband:
         parameters["deadband_pressure"] = _held(0.0, "Pa")
     if "end_length" in said.names:
@@ -199,18 +198,34 @@ class _Said:
         return {*self.bounds, *self.parameters}
 
 
-def law_of(law: str) -> Law:
-    """The family of a law of the ladder."""
-    return law_named(LAWS[law]["law"], LAWS[law].get("order"))
+def options_of(law: LawGiven) -> dict[str, Any]:
+    """Law and order, as `identify` takes them: a name of the ladder, or whatever a law may be given as."""
+    return LAWS.get(law, {"law": law}) if isinstance(law, str) else {"law": law}
 
 
-def numbers_of(law: str) -> int:
+def law_of(law: LawGiven) -> Law:
+    """The family of a law.
+
+    Raises:
+        InputError: no such law, or nothing that can be identified by what is given.
+    """
+    options = options_of(law)
+    return law_named(options["law"], options.get("order"))
+
+
+def believed(law: LawGiven) -> dict[str, Parameter]:
+    """What is known of the law's parameters, whatever the muscle."""
+    known = {"ogden_exponent": Parameter(prior=EXPONENT_PRIOR)}
+    return {name: one for name, one in known.items() if name in law_of(law).shape}
+
+
+def numbers_of(law: LawGiven) -> int:
     """How many numbers of law and geometry the readings have to determine.
 
     A shape parameter of the law is one, unless it has a prior, which is as good as a reading.
     """
     made = law_of(law)
-    return _GEOMETRY + len(made.coefficients) + len({*made.shape} - {"ogden_exponent"})
+    return _GEOMETRY + len(made.coefficients) + len(made.shape.keys() - believed(law))
 
 
 def _rows(law: str) -> set[str]:

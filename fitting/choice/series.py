@@ -20,22 +20,22 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..data.force_data import ForceData
-from ..evidence.left_out import LeftOut, leave_out_each
+from ..evidence.leave_out import leave_out_each
+from ..evidence.left_out import LeftOut
 from ..evidence.pull import pull
 from ..evidence.spread import muscle_spread
+from ..families.laws import LawGiven
 from ..families.parameters import Parameter
 from ..search.identification import solve
 from ..search.posing import Geometry, Posed, pose_together
 from ..search.result import Identification
 from ..trace import run_fits
-from .ladder import EXPONENT_PRIOR, LAWS, Candidate, numbers_of
+from .ladder import Candidate, believed, law_of, numbers_of, options_of
 from .race import descended, rmse_of
 from .ranking import Tried, first_on_ladder, ranked
 
-SERIES_LAWS = ("linear", "mooney-rivlin", "ogden", "cubic", "saturating")
-"""Names of the laws that a series may have, in the order in which they are believed."""
-
 DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
+"""Laws of a series, in the order in which they are believed."""
 
 BETWEEN = 0.02
 """Standard deviation, in parts of the largest force, by which specimens of a series differ. All
@@ -128,7 +128,7 @@ class Series:
 def identify_series(
     data: Sequence[ForceData],
     *,
-    laws: Sequence[str] = DEFAULT_LAWS,
+    laws: Sequence[LawGiven] = DEFAULT_LAWS,
     parameters: Mapping[str, Parameter] | None = None,
     constraint: str = "drucker",
     box: str = "physical",
@@ -153,7 +153,8 @@ def identify_series(
 
     Args:
         data: force maps of two specimens or more, with different names, measured in one rig.
-        laws: names of `SERIES_LAWS`, in the order in which they are believed.
+        laws: in the order in which they are believed, each as `identify` takes one: a name,
+            `module:Class`, a class or a material; "linear" and "cubic" are polynomials.
         parameters: as in `identify`; what is named here is not varied. `end_length` is the dead
             length of rounded ends, the same at every length.
         constraint: on the coefficients.
@@ -179,8 +180,12 @@ def identify_series(
     _check(data, laws, geometry)
     own = {k: v for k, v in (("geometry", geometry), ("terms", terms)) if v is not None}
     alike = [_counting_alike(one, data) for one in data]
-    families = _families(laws, dict(parameters or {}), own)
+    said = dict(parameters or {})
+    families = [rigs for rank, law in enumerate(laws) for rigs in _families(law, rank, said, own)]
     rigs = [rig for family in families for rig in family]
+    if len({one.name for one in rigs}) < len(rigs):
+        names = ", ".join(dict.fromkeys(one.law for one in rigs))
+        raise InputError(f"each law of a series is tried once: got one of {names} twice")
     settings = {
         "version": famjax.__version__,
         "data": [one.sha256 for one in data],
@@ -210,9 +215,9 @@ def identify_series(
             found.append(_alike(sound))
     if not found:
         raise InputError(
-            f"none of the laws {', '.join(laws)} has a force at every reading without each of the "
-            "specimens: the others do not determine the parameters. Fix some (end_length, "
-            "series_compliance), or give more specimens"
+            f"none of the families {', '.join(one.name for one in rigs)} has a force at every reading "
+            "without each of the specimens: the others do not determine the parameters. Fix some "
+            "(end_length, series_compliance), or give more specimens"
         )
     largest = max(one.max_force for one in data)
     tried, order = ranked(
@@ -296,18 +301,15 @@ def _rmse(judged: Sequence[_Judged]) -> float:
     return float(np.sqrt(np.mean([one.rmse**2 for one in judged])))
 
 
-def _check(data: Sequence[ForceData], laws: Sequence[str], geometry: Geometry | None) -> None:
+def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geometry | None) -> None:
     if len(data) < 2:
         raise InputError(
             f"a series needs the force maps of two specimens or more, got {len(data)}. One is fitted by "
             "famjax fit (identify), and tells of another length by famjax predict --rest-length "
             "(cut_to_length)"
         )
-    unknown = [law for law in laws if law not in SERIES_LAWS]
-    if unknown or not laws:
-        raise InputError(
-            f"laws of a series are {', '.join(SERIES_LAWS)}, got {unknown[0] if unknown else 'none'}"
-        )
+    if not laws:
+        raise InputError(f"a series needs a law, such as {', '.join(DEFAULT_LAWS)}; got none")
     if len({one.specimen.rest_length for one in data}) < 2:
         raise InputError(
             "all specimens have one rest length: they say nothing of another. Give specimens of "
@@ -322,30 +324,29 @@ def _check(data: Sequence[ForceData], laws: Sequence[str], geometry: Geometry | 
 
 
 def _families(
-    laws: Sequence[str], said: Mapping[str, Parameter], own: Mapping[str, Any]
+    law: LawGiven, rank: int, said: Mapping[str, Parameter], own: Mapping[str, Any]
 ) -> list[tuple[Candidate, ...]]:
-    """Laws with and without a deadband, each in a rigid rig and in one that gives way.
+    """A law with and without a deadband, each in a rigid rig and in one that gives way.
 
     What a user says of deadband or rig is not varied; a user's own geometry and terms are in all.
     """
+    name = law if isinstance(law, str) else law_of(law).name
+    rigs = [{}] if "series_compliance" in said else [{}, {"series_compliance": Parameter()}]
     found = []
-    for rank, law in enumerate(laws):
-        for deadband in (True,) if "deadband_pressure" in said else (True, False):
-            base = {} if deadband else {"deadband_pressure": _NO_DEADBAND}
-            if law == "ogden":
-                base["ogden_exponent"] = Parameter(prior=EXPONENT_PRIOR)
-            rigs = [{}] if "series_compliance" in said else [{}, {"series_compliance": Parameter()}]
-            found.append(
-                tuple(
-                    Candidate(
-                        law=law, free=tuple(rig), deadband=deadband, options={**LAWS[law], **own},
-                        bounds={}, parameters={**base, **rig, **said},
-                        unknowns=numbers_of(law) + deadband + len(rig),
-                        rank=(rank, 1 - deadband, 0),
-                    )
-                    for rig in rigs
+    for deadband in (True,) if "deadband_pressure" in said else (True, False):
+        base = believed(law) | ({} if deadband else {"deadband_pressure": _NO_DEADBAND})
+        found.append(
+            tuple(
+                Candidate(
+                    law=name, free=tuple(rig), deadband=deadband,
+                    options={**options_of(law), **own}, bounds={},
+                    parameters={**base, **rig, **said},
+                    unknowns=numbers_of(law) + deadband + len(rig),
+                    rank=(rank, 1 - deadband, 0),
                 )
-            )  # fmt: skip
+                for rig in rigs
+            )
+        )  # fmt: skip
     return found
 
 

@@ -25,7 +25,7 @@ from .cross_validation import (
 )
 from .fit import fit_and_cross_validate_peer, forces_of
 from .hocking import ANGLE, fit_hocking_wereley, hocking_orders
-from .own_models import OWN, identified_row
+from .own_models import OWN, identified_row, own_model
 from .peer_family import Model, PeerContext, PeerFamily, Values
 from .published import peer_families
 from .row import ComparisonRow
@@ -35,10 +35,12 @@ if TYPE_CHECKING:
 
 _LEFT_OUT: tuple[Groups, Groups] = ("pressure", "length")
 
-OwnModel: TypeAlias = tuple[str, int, FitAndPredict] | tuple[str, Mapping[str, Any]] | PeerFamily
+OwnModel: TypeAlias = (
+    tuple[str, int, FitAndPredict] | tuple[str, Mapping[str, Any]] | PeerFamily | str
+)
 """A model of one's own: (name, number of parameters, what fits a map and returns the force of length
 and pressure); or (name, options of `identify`), such as `("gent", {"law": Gent})`; or a family of
-peers, see `PeerFamily.of`."""
+peers, see `PeerFamily.of`; or `module:Class` of a whole model, a law, a geometry or a force term."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -134,6 +136,9 @@ def compare(
         raise InputError(f"unknown model {unknown[0]!r}; known for this map are {', '.join(known)}")
     for groups in _LEFT_OUT:
         check_groups(data, groups)
+    for model in own:
+        if isinstance(model, str):
+            own_model(model, data)
     tasks = [_Task(model, data, starts, seed) for model in (*chosen, *own)]
     names = [task.name for task in tasks]
     settings = {
@@ -200,12 +205,12 @@ class _Task:
     """One row of the table.
 
     Attributes:
-        model: a known name, or a model of one's own.
+        model: a known name without a colon, or a model of one's own.
         data: the force map.
         starts, seed: of the fits.
     """
 
-    model: str | OwnModel
+    model: OwnModel
     data: ForceData
     starts: int
     seed: int
@@ -221,6 +226,8 @@ class _Task:
 def _row(task: _Task) -> dict[str, Any]:
     """The row of a task, made plain."""
     model, data, starts, seed = task.model, task.data, task.starts, task.seed
+    if isinstance(model, str) and ":" in model:
+        model = own_model(model, data)
     if isinstance(model, str):
         row = _known_row(model, data, starts, seed)
     elif isinstance(model, PeerFamily):

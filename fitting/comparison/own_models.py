@@ -1,4 +1,7 @@
-"""famjax's own models in the league table: identified in the physical box, Drucker-stable."""
+"""Models in the league table that are not of other authors: famjax's own, and those of a user.
+
+famjax's are identified in the physical box, Drucker-stable.
+"""
 
 import dataclasses
 from collections.abc import Mapping
@@ -6,14 +9,19 @@ from typing import Any
 
 import numpy as np
 
+import famjax
+from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData
-from ..evidence.left_out import LeftOut, leave_out_each
+from ..evidence.leave_out import leave_out_each
+from ..evidence.left_out import LeftOut
 from ..evidence.validation import singles
 from ..families.parameters import Parameter
 from ..search.identification import identify
+from ..search.own_parts import own_parts, taking_part
 from ..search.result import Identification
+from .peer_family import PeerFamily
 from .row import ComparisonRow
 
 _LEFT_OUT = ("pressure", "length")
@@ -32,6 +40,36 @@ OWN: Mapping[str, tuple[str, dict[str, Any]]] = {
     ),
 }
 """Label and options of `identify` by name."""
+
+
+def own_model(path: str, data: ForceData) -> tuple[str, dict[str, Any]] | PeerFamily:
+    """A model of a user's own by the class that it is, or the part of one.
+
+    Args:
+        path: `module:Class` of a whole model with declared parameters, derived from
+            `famjax.AbstractMuscle`; or of a law, a geometry or a force term, which is identified with
+            what else a muscle has.
+        data: the map.
+
+    Returns:
+        A peer, or a name and options of `identify`.
+
+    Raises:
+        InputError: no such class, or one that cannot be fitted by its class alone.
+    """
+    kind = class_named(path, famjax.parameters.Parametrised, "model")
+    if issubclass(kind, famjax.AbstractMuscle):
+        fields = {one.name for one in dataclasses.fields(kind)}
+        known = {"rest_length": data.specimen.rest_length} if "rest_length" in fields else {}
+        try:
+            return PeerFamily.of(kind.template(**known), path)
+        except ValueError as error:
+            raise InputError(f"{path} cannot be fitted by its class alone: {error}") from None
+    if issubclass(kind, famjax.materials.AbstractMaterial):
+        return path, {"law": path}
+    is_geometry = issubclass(kind, famjax.geometries.AbstractGeometry)
+    parts, declared = own_parts([data], *((path, ()) if is_geometry else (None, (path,))))
+    return path, {**parts, "parameters": taking_part(declared, {})}
 
 
 def identified_row(

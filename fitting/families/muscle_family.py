@@ -28,6 +28,28 @@ class _NearestNode(famjax.materials.PressurePolynomialMaterial):
         return self.node_coefficients[jnp.argmin(distance, axis=-1)]
 
 
+def assembled(
+    geometry: famjax.geometries.AbstractGeometry,
+    material: famjax.materials.AbstractMaterial,
+    deadband: famjax.Real,
+    further: famjax.terms.SumOfTerms | None,
+) -> famjax.Muscle:
+    """A muscle with force terms besides those that every muscle has.
+
+    Args:
+        geometry: of the muscle.
+        material: of its bladder.
+        deadband: P_d [Pa]; of no account where further terms have one of their own.
+        further: the terms, or None.
+    """
+    if further is None:
+        return famjax.Muscle(geometry, material, deadband)
+    wall = famjax.terms.BladderWall(material)
+    if "deadband_pressure" in further.declared():  # they have a pressure term of their own
+        return famjax.Muscle(geometry, wall + further)
+    return famjax.Muscle(geometry, wall + famjax.terms.PressurisedBraid(deadband) + further)
+
+
 class MuscleFamily(AbstractFamily):
     """Muscles of a specimen.
 
@@ -99,14 +121,12 @@ class MuscleFamily(AbstractFamily):
             kind = _NearestNode if self.nearest else famjax.materials.PressurePolynomialMaterial
             coefficients = jnp.stack([values[name] for name in self.linear])
             material = kind(self.nodes, coefficients.reshape(len(self.nodes), -1))
-        geometry, deadband = self.source.geometry(values), values["deadband_pressure"]
-        if self.terms is None:
-            return famjax.Muscle(geometry, material, deadband)
-        wall = famjax.terms.BladderWall(material)
-        further = self.terms.with_parameters({name: values[name] for name in self.of_terms})
-        if "deadband_pressure" in self.of_terms:  # they have a pressure term of their own
-            return famjax.Muscle(geometry, wall + further)
-        return famjax.Muscle(geometry, wall + famjax.terms.PressurisedBraid(deadband) + further)
+        further = None
+        if self.terms is not None:
+            further = self.terms.with_parameters({name: values[name] for name in self.of_terms})
+        return assembled(
+            self.source.geometry(values), material, values["deadband_pressure"], further
+        )
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """L0 [m] at which every path starts."""

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 import famjax
+from famjax.boundary.class_path import class_path
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 
@@ -22,7 +23,6 @@ from .fits import solve
 from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
 from .linear_model import LinearModel
 from .readings import Readings, arrange
-from .replicates import Chunk, chunk_sums
 from .result import Sweep, SweepRow
 from .scores import score
 
@@ -38,6 +38,7 @@ def sweep(
     geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
     *,
     deadband: float | Sequence[float] = 0.0,
+    terms: famjax.terms.AbstractForceTerm | None = None,
     orders: Sequence[int] = (1, 2, 3, 4),
     dependences: Sequence[str] = DEPENDENCES,
     constraints: Sequence[str] = CONSTRAINTS,
@@ -58,6 +59,8 @@ def sweep(
         data: one force map, or several.
         geometry: of all of them, or one for each; nothing of it is identified.
         deadband: P_d [Pa], of all or one for each.
+        terms: force terms besides braid and bladder, the same for all maps; nothing of them is
+            identified.
         orders: of the law, 1 to 4.
         dependences: of the coefficients on pressure, among "fixed", "linear" and "free".
         constraints: among "none", "positive", "slope" and "drucker".
@@ -95,8 +98,9 @@ def sweep(
     deadbands = _one_each(deadband, int | float, len(maps), "deadband")
     forms = Forms.of(orders, dependences, constraints)
     check_options(objective, bootstrap, seed)
+    further = None if terms is None else famjax.terms.SumOfTerms((terms,))
     tasks = [
-        _Task(one, shape, float(dead), forms, objective)
+        _Task(one, shape, float(dead), further, forms, objective)
         for one, shape, dead in zip(maps, geometries, deadbands, strict=True)
     ]
     settings = {
@@ -106,6 +110,7 @@ def sweep(
         "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in maps],
         "geometry": [_fingerprint(shape) for shape in geometries],
         "deadband_Pa": [float(dead) for dead in deadbands],
+        "terms": None if further is None else _named(further),
         "orders": list(forms.orders),
         "dependences": list(forms.dependences),
         "constraints": list(forms.constraints),
@@ -123,8 +128,14 @@ def sweep(
                 progress(done, len(parts))
             store.keep(index, tasks[k].fits())
             done += 1
-    chunks = _Chunks(tasks, parts, seed, single=single)
-    run_tasks(chunk_sums, chunks, executor=executor, store=store, progress=progress)
+    if bootstrap:
+        from .replicates import Chunks, chunk_sums  # noqa: PLC0415 -- of JAX, which the fits are not
+
+        designs = [task.designed for task in tasks]
+        chunks = Chunks(designs, forms, parts, seed, size=_CHUNK, single=single)
+        run_tasks(chunk_sums, chunks, executor=executor, store=store, progress=progress)
+    elif progress is not None:
+        progress(len(parts), len(parts))
     each, rows = len(parts) // len(maps), []
     for k, task in enumerate(tasks):
         rows += task.rows(store[index] for index in range(k * each, (k + 1) * each))
@@ -148,11 +159,13 @@ class _Given:
     Attributes:
         key: equal where all of it is; deadband [Pa] and highest order at its end.
         geometry: of the muscle.
+        further: force terms besides braid and bladder, or None.
         readings: of the force map.
     """
 
     key: tuple[Any, ...]
     geometry: famjax.geometries.AbstractGeometry = dataclasses.field(compare=False)
+    further: famjax.terms.SumOfTerms | None = dataclasses.field(compare=False)
     readings: Readings = dataclasses.field(compare=False)
 
 
@@ -160,7 +173,9 @@ class _Given:
 def _linear(given: _Given) -> tuple[LinearModel, Callable[[], Design]]:
     """The model and the design of some readings, which several sweeps of them share."""
     (*_, deadband, order), readings = given.key, given.readings
-    model = LinearModel(given.geometry, deadband, order, readings.pressure, readings.path_end)
+    model = LinearModel(
+        given.geometry, deadband, order, readings.pressure, readings.path_end, given.further
+    )
     return model, functools.cache(lambda: Design.of(model, readings))
 
 
@@ -172,6 +187,7 @@ class _Task:
         data: ForceData,
         geometry: famjax.geometries.AbstractGeometry,
         deadband: float,
+        further: famjax.terms.SumOfTerms | None,
         forms: Forms,
         objective: str,
     ) -> None:
@@ -179,28 +195,21 @@ class _Task:
         highest = forms.orders[-1]
         self.readings = arrange(data, float(geometry.rest_length), highest)
         key = (
-            jax.tree.structure(geometry), _fingerprint(geometry),
+            jax.tree.structure((geometry, further)), _fingerprint((geometry, further)),
             _fingerprint(vars(self.readings)), deadband, highest,
         )  # fmt: skip
-        self.model, self._designed = _linear(_Given(key, geometry, self.readings))
+        self.model, self.designed = _linear(_Given(key, geometry, further, self.readings))
 
     def fits(self) -> dict[str, np.ndarray]:
         """All fits with their scores."""
-        fits, square = solve(self._design, self.forms, self._objective, leave_out=True)
-        scores = score(self._design, self.model, self.readings, fits.coefficients, self.forms)
+        design = self.designed()
+        fits, square = solve(design, self.forms, self._objective, leave_out=True)
+        scores = score(design, self.model, self.readings, fits.coefficients, self.forms)
         return {
             **{f"fits.{name}": np.asarray(leaf) for name, leaf in vars(fits).items()},
             **{f"scores.{name}": np.asarray(leaf) for name, leaf in vars(scores).items()},
             "left_out_N2": np.asarray(square),
         }
-
-    @property
-    def _design(self) -> Design:
-        return self._designed()
-
-    def chunk(self) -> Chunk:
-        """Replicates of its fits, without a seed."""
-        return Chunk.of(self._design, self.forms)
 
     def rows(self, parts: Iterable[dict[str, np.ndarray]]) -> Iterator[SweepRow]:
         """The rows of the finished parts: the fits, then chunks of replicates."""
@@ -276,43 +285,6 @@ def _spread(chunks: Iterable[dict[str, np.ndarray]], shape: tuple[int, ...]) -> 
     return np.where(enough, np.sqrt(np.maximum(variance, 0)), np.nan)
 
 
-class _Chunks(Sequence[Chunk | None]):
-    """What each part of a sweep is made of, put together when it is asked for: one map is in memory.
-
-    Args:
-        tasks: of the maps.
-        parts: index of the map, and replicates (first, count); those without are fits.
-        seed: of the replicates.
-        single: see `sweep`.
-    """
-
-    def __init__(
-        self,
-        tasks: Sequence[_Task],
-        parts: Sequence[tuple[int, _Part | None]],
-        seed: int,
-        *,
-        single: bool,
-    ) -> None:
-        self._tasks, self._parts, self._seed, self._single = tasks, parts, seed, single
-        self._last: tuple[int, Chunk] | None = None
-
-    def __len__(self) -> int:
-        return len(self._parts)
-
-    def __getitem__(self, index: Any) -> Any:
-        k, part = self._parts[index]
-        if part is None:
-            return None
-        if self._last is None or self._last[0] != k:
-            self._last = k, self._tasks[k].chunk()
-        first, count = part
-        seed = (self._seed, k, first)
-        return dataclasses.replace(
-            self._last[1], seed=seed, size=_CHUNK, count=count, single=self._single
-        )
-
-
 def _parts(bootstrap: int) -> list[_Part | None]:
     """The fits, then replicates (first, count) in chunks."""
     firsts = range(0, bootstrap, _CHUNK)
@@ -346,8 +318,13 @@ def check_options(objective: str, bootstrap: int, seed: int) -> None:
         )
 
 
+def _named(terms: famjax.terms.SumOfTerms) -> list[str]:
+    """The classes of terms, and the hash of their numbers."""
+    return [*(class_path(type(one)) for one in terms.terms), _fingerprint(terms)]
+
+
 def _fingerprint(tree: Any) -> str:
-    """Hash of the numbers of a geometry, or of a tree of arrays."""
+    """Hash of the numbers of geometries and terms, or of a tree of arrays."""
     digest = hashlib.sha256(type(tree).__name__.encode())
     for leaf in jax.tree.leaves(tree):
         digest.update(np.ascontiguousarray(leaf, "<f8").tobytes())

@@ -18,6 +18,7 @@ from ..convex.paths import SAMPLES, PathFunctions
 from ..engine.family import AbstractFamily, Values
 from ..engine.program import Program
 from ..engine.response import MapInputs
+from ..families.muscle_family import assembled
 
 _POINTS = 1024  # readings that one call takes
 _ROUNDS = 20  # at most, in which the signs of strains are followed to where they change
@@ -25,31 +26,37 @@ _ROUNDED = 1e-14  # strain that is rounding
 
 
 class FixedGeometry(AbstractFamily):
-    """Muscles of one geometry and deadband with a polynomial law.
+    """Muscles of one geometry, deadband and further terms with a polynomial law.
 
     Attributes:
         nonlinear, linear: no parameters but the coefficients.
         geometry: of all of them.
         deadband: P_d [Pa].
+        further: force terms besides braid and bladder, or None.
     """
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
     linear: tuple[str, ...] = eqx.field(static=True)
     geometry: famjax.geometries.AbstractGeometry
     deadband: Float[np.ndarray, ""]
+    further: famjax.terms.SumOfTerms | None
 
     @classmethod
     def of(
-        cls, geometry: famjax.geometries.AbstractGeometry, deadband: float, order: int
+        cls,
+        geometry: famjax.geometries.AbstractGeometry,
+        deadband: float,
+        order: int,
+        further: famjax.terms.SumOfTerms | None,
     ) -> "FixedGeometry":
         """Those with a law of that order."""
         names = tuple(f"E_{n}" for n in range(1, order + 1))
-        return cls((), names, geometry, np.asarray(deadband, float))
+        return cls((), names, geometry, np.asarray(deadband, float), further)
 
     def build(self, values: Values) -> famjax.Muscle:
         """The muscle of these coefficients."""
         law = famjax.PolynomialMaterial(jnp.stack([values[name] for name in self.linear]))
-        return famjax.Muscle(self.geometry, law, self.deadband)
+        return assembled(self.geometry, law, self.deadband, self.further)
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """L0 [m] at which every path starts."""
@@ -68,7 +75,7 @@ class FixedGeometry(AbstractFamily):
 
 
 class LinearModel:
-    """F = braid force + sum_n E_n column_n, and the functions whose sum must not be negative.
+    """F = force without the bladder + sum_n E_n column_n, and what must not become negative.
 
     Args:
         geometry: of the muscle.
@@ -76,6 +83,7 @@ class LinearModel:
         order: highest of the law.
         pressure: of the actuation paths [Pa], shape (paths,).
         path_end: shortest length [m] of each path, shape (paths,).
+        further: force terms besides braid and bladder.
     """
 
     def __init__(
@@ -85,6 +93,7 @@ class LinearModel:
         order: int,
         pressure: Float[np.ndarray, " paths"],
         path_end: Float[np.ndarray, " paths"],
+        further: famjax.terms.SumOfTerms | None = None,
     ) -> None:
         self.order, self.rest_length = order, float(geometry.rest_length)
         self._breakpoints = np.asarray(geometry.breakpoints)
@@ -98,7 +107,7 @@ class LinearModel:
             path_end=path_end,
             stations=np.tile(np.linspace(0, 1, SAMPLES), (pressure.size, 1)),
         )
-        family = FixedGeometry.of(geometry, deadband, order)
+        family = FixedGeometry.of(geometry, deadband, order, further)
         self._program = Program(family, "drucker", self._inputs)
         value, _, aside = self._call(self._inputs, "derived", "largest_strain")
         self.shortest_length = float(value.derived[0])
@@ -111,7 +120,7 @@ class LinearModel:
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... order"]]:
-        """Force [N] of the braid, and of the bladder per coefficient [N/Pa], broadcast shape."""
+        """Force [N] without the bladder, and of it per coefficient [N/Pa], broadcast shape."""
         shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))
         L, P = (np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (length, pressure))
         braid, columns = np.empty(L.size), np.empty((L.size, self.order))

@@ -8,6 +8,8 @@ the points where the fit to all readings, which the host has found, touches the 
 
 import dataclasses
 import functools
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -132,6 +134,48 @@ class Chunk:
             found.append(Programmes.of(of, free(of, forms.orders), forms, len(of.target)))
         A, target = np.asarray(of.A * of.weight[..., None]), np.asarray(of.target * of.weight)
         return cls(tuple(found), A, target, np.asarray(of.there))
+
+
+class Chunks(Sequence[Chunk | None]):
+    """What each part of a sweep is made of, put together when it is asked for: one map is in memory.
+
+    Args:
+        designs: what returns the linear problem of each map.
+        forms: of the laws.
+        parts: index of the map, and replicates (first, count); those without are fits.
+        seed: of the replicates.
+        size: of a chunk, see `Chunk`.
+        single: see `sweep`.
+    """
+
+    def __init__(
+        self,
+        designs: Sequence[Callable[[], Design]],
+        forms: Forms,
+        parts: Sequence[tuple[int, tuple[int, int] | None]],
+        seed: int,
+        *,
+        size: int,
+        single: bool,
+    ) -> None:
+        self._designs, self._forms, self._parts, self._seed = designs, forms, parts, seed
+        self._size, self._single = size, single
+        self._last: tuple[int, Chunk] | None = None
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def __getitem__(self, index: Any) -> Any:
+        k, part = self._parts[index]
+        if part is None:
+            return None
+        if self._last is None or self._last[0] != k:
+            self._last = k, Chunk.of(self._designs[k](), self._forms)
+        first, count = part
+        return dataclasses.replace(
+            self._last[1], seed=(self._seed, k, first), size=self._size, count=count,
+            single=self._single,
+        )  # fmt: skip
 
 
 def chunk_sums(chunk: Chunk) -> dict[str, np.ndarray]:

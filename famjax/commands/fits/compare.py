@@ -4,8 +4,8 @@ import json
 import shutil
 from pathlib import Path
 
-from ..loading import load_fitting, load_map
-from ..matplotlib_import import load_matplotlib
+from ..lean_imports import load_matplotlib
+from ..loading import load_fitting, load_map, look_here
 from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Seed, Starts
 from ..terminal import Output, print_rows, progress
@@ -26,6 +26,7 @@ def compare(
     data: str = "DMSP-20-300",
     *,
     models: tuple[str, ...] = (),
+    own: tuple[str, ...] = (),
     specimen: tuple[str, ...] = (),
     pressure_tolerance: str | None = None,
     length_tolerance: str | None = None,
@@ -48,6 +49,9 @@ def compare(
         CSV file or the name of a bundled map, as for `famjax fit`.
     models
         Names of the models, repeatable; all unless given. An unknown one prints those there are.
+    own
+        A model of your own beside them, module:Class, repeatable: a whole model, or a law, a geometry
+        or a force term that is identified with the rest of a muscle. `--own my_model:Gent`.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     pressure_tolerance
@@ -74,6 +78,7 @@ def compare(
     from fitting.comparison import plot_comparison
 
     place = Output(output)
+    look_here()
     measured = load_map(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
@@ -81,7 +86,7 @@ def compare(
     kept = keepable(output / "rows")
     with progress("comparing") as show, engine.executor() as executor:
         table = fitting.compare(
-            measured, models or None, starts=starts, seed=seed, executor=executor, resume=kept,
+            measured, models or None, own=own, starts=starts, seed=seed, executor=executor, resume=kept,
             progress=show,
         )  # fmt: skip
     document = {

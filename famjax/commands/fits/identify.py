@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from ..lean_imports import load_matplotlib
 from ..loading import load_fitting, load_map, look_here
-from ..matplotlib_import import load_matplotlib
 from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Order, Replicates, Seed, Starts
 from ..terminal import Output, print_table, progress
@@ -176,8 +176,8 @@ def fit(
         parse_priors,
         parse_specimen,
     )
-    from famjax.commands.options.own_parts import own_parts, taking_part
     from fitting.saved import write_fit
+    from fitting.search.own_parts import own_parts, taking_part
 
     from .steps import gathered, judged
 
@@ -196,8 +196,8 @@ def fit(
         if hysteresis
         else (load_map(one_map(data), known, **tolerances), None)
     )
-    parts, declared = own_parts(measured, geometry, term)
-    kinds = parameter_kinds(law) if bounds or free or prior else {}
+    parts, declared = own_parts([measured], geometry, term)
+    kinds = parameter_kinds(*filter(None, [law])) if bounds or free or prior else {}
     kinds |= {name: one.kind for name, one in declared.items()}
     kinds |= {} if shape is None else {"turns": "number"}
     options = parts | {

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rich.console import Console
 
-from ..loading import load_fitting, load_map
+from ..loading import load_fitting, load_map, look_here
 from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Seed, Starts
 from ..terminal import Output, print_rows, progress
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 
 def series(
     *data: str,
-    law: tuple[Literal["linear", "mooney-rivlin", "ogden", "cubic", "saturating"], ...] = (),
+    law: tuple[str, ...] = (),
     free: tuple[str, ...] = (),
     bounds: tuple[str, ...] = (),
     constraint: Literal["none", "positive", "slope", "drucker"] = "drucker",
     box: Literal["physical", "open"] = "physical",
+    geometry: str | None = None,
+    term: tuple[str, ...] = (),
     starts: Starts = 8,
     seed: Seed = 0,
     output: Path = Path("famjax-series"),
@@ -44,7 +46,8 @@ def series(
         CSV files of the force maps, as for `famjax fit`, one of each specimen, with the lines
         `# specimen: name = ...` and `# specimen: rest_length_mm = ...`.
     law
-        Laws to try, repeatable; linear, mooney-rivlin and ogden unless given.
+        Laws to try, repeatable; linear, mooney-rivlin and ogden unless given. As for `famjax fit`,
+        module:Class for one of your own too; linear and cubic are polynomials.
     free
         Parameters that take part in all families besides braid diameter and angle, repeatable:
         series_compliance, with it series_exponent, deadband_pressure, end_length, braid_compliance.
@@ -55,6 +58,12 @@ def series(
         none, positive, slope or drucker, as for `famjax fit`.
     box
         physical or open, as for `famjax fit`.
+    geometry
+        A geometry of your own around the cylinder, module:Class, as for `famjax fit`. It needs a method
+        cut_to_length, by which muscles of other lengths have it.
+    term
+        A force term of your own beside braid and bladder, module:Class, repeatable, as for
+        `famjax fit`.
     starts
         Number of starts of each fit.
     seed
@@ -70,22 +79,34 @@ def series(
     """
     fitting = load_fitting()
     from famjax.boundary.origin import Origin
-    from famjax.commands.options.fits import as_parameters, parse_bounds, parse_free
+    from famjax.commands.options.fits import (
+        as_parameters,
+        parameter_kinds,
+        parse_bounds,
+        parse_free,
+    )
     from fitting.choice import DEFAULT_LAWS
+    from fitting.search.own_parts import own_parts, taking_part
     from fitting.verdict import judge_series
 
     place = Output(output)
+    look_here()
     maps = [load_map(one, {}) for one in data]
+    parts, declared = own_parts(maps, geometry, term)
+    kinds = parameter_kinds(*(one for one in law if ":" in one))
+    kinds |= {name: one.kind for name, one in declared.items()}
+    said = parse_free(free, kinds) | as_parameters(parse_bounds(bounds, kinds), kinds)
     with progress("identifying") as show, engine.executor() as executor:
         found = fitting.identify_series(
             maps,
             laws=law or DEFAULT_LAWS,
-            parameters=parse_free(free) | as_parameters(parse_bounds(bounds)),
+            parameters=said | taking_part(declared, said),
             constraint=constraint,
             box=box,
             starts=starts,
             seed=seed,
             executor=executor,
+            **parts,
             progress=lambda name, done, total: show(done, total, name),
         )
     judgement = judge_series(found.specimens, found.left_out)

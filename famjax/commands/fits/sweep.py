@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import Literal
 
-from ..loading import load_fitting, load_map
-from ..matplotlib_import import load_matplotlib
+from ..lean_imports import load_matplotlib
+from ..loading import load_fitting, load_map, look_here
 from ..options.engine import UNNAMED, EngineOptions
 from ..options.whole_numbers import Replicates, Seed, SweptOrders
 from ..terminal import Output, print_rows, progress
@@ -17,6 +17,8 @@ def sweep(
     braid_diameter: str | None = None,
     braid_angle: str | None = None,
     deadband: str | None = None,
+    geometry: str | None = None,
+    term: tuple[str, ...] = (),
     order: SweptOrders = (1, 2, 3, 4),
     dependence: tuple[Literal["fixed", "linear", "free"], ...] = ("fixed", "linear", "free"),
     constraint: tuple[Literal["none", "positive", "slope", "drucker"], ...] = (
@@ -50,6 +52,11 @@ def sweep(
         Braid angle at rest from the circumference with its unit, `63deg`.
     deadband
         Pressure before the muscle acts with its unit, `43kPa`.
+    geometry
+        A geometry of your own around the cylinder, module:Class, as for `famjax fit`; its numbers are
+        identified with the standard law.
+    term
+        A force term of your own beside braid and bladder, module:Class, repeatable; as --geometry.
     order
         Orders of the law, repeatable, 1 to 4.
     dependence
@@ -78,35 +85,48 @@ def sweep(
 
     from famjax.boundary.units import parse_quantity
     from famjax.commands.options.fits import parse_specimen
+    from fitting.search.own_parts import own_parts, taking_part
     from fitting.sweeps import check_options, sweep_command
 
     place = Output(output)
     check_options(objective, bootstrap, seed)
     measured = load_map(data, parse_specimen(specimen))
+    look_here()
+    parts, declared = own_parts([measured], geometry, term)
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
     missing = [name for name, text in given.items() if text is None]
+    if len(missing) < len(given) and (missing or parts):
+        raise fitting.InputError(
+            f"the geometry needs {', '.join(given)} together, or none of them to identify it"
+            + (f"; missing: {', '.join(missing)}" if missing else ", as with --geometry and --term")
+        )
     with progress("identifying the geometry") as show, engine.executor() as executor:
-        if len(missing) == len(given):
-            found = fitting.identify(measured, seed=seed)
-            shape = found.muscle.geometry
-            dead = found.estimate("deadband_pressure").value
-        elif missing:
-            raise fitting.InputError(
-                f"the geometry needs {', '.join(given)} together, or none of them to identify it; "
-                f"missing: {', '.join(missing)}"
+        if missing:
+            found = fitting.identify(
+                measured, **parts, parameters=taking_part(declared, {}), seed=seed
             )
+            shape, terms = found.muscle.geometry, parts.get("terms")
+            dead = found.estimate("deadband_pressure").value
+            if terms is not None:
+                terms = terms.with_parameters(
+                    {name: found.estimate(name).value for name in terms.declared()}
+                )
         else:
-            shape = fitting.families.EstimatedSource(measured.specimen).geometry(
-                {
-                    "braid_diameter": parse_quantity(str(braid_diameter), "length"),
-                    "braid_angle": parse_quantity(str(braid_angle), "angle"),
-                }
+            shape, terms = (
+                fitting.families.EstimatedSource(measured.specimen).geometry(
+                    {
+                        "braid_diameter": parse_quantity(str(braid_diameter), "length"),
+                        "braid_angle": parse_quantity(str(braid_angle), "angle"),
+                    }
+                ),
+                None,
             )
             dead = parse_quantity(str(deadband), "pressure")
         document, paths = sweep_command(
             [measured],
             shape,
             deadband=dead,
+            terms=terms,
             orders=order,
             dependences=dependence,
             constraints=constraint,

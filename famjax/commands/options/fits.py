@@ -17,10 +17,10 @@ Kinds = Mapping[str, str]
 """Kind of unit of every parameter by name."""
 
 
-def parameter_kinds(law: LawGiven | None = None) -> dict[str, str]:
-    """Kinds of unit of all parameters that a fit may have: of every known law, and of the one given."""
+def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
+    """Kinds of unit of all parameters that a fit may have: of every known law, and of those given."""
     kinds = dict(KINDS)
-    for one in (*known_laws(), *([] if law is None else [law])):
+    for one in (*known_laws(), *laws):
         made = law_named(one, None)
         kinds |= {name: entry.kind for name, entry in {**made.shape, **made.coefficients}.items()}
     return kinds
@@ -78,9 +78,8 @@ def parse_bounds(
     return bounds
 
 
-def as_parameters(bounds: dict[str, tuple[float, float]]) -> dict[str, Parameter]:
+def as_parameters(bounds: Mapping[str, tuple[float, float]], kinds: Kinds) -> dict[str, Parameter]:
     """Bounds in SI as parameters."""
-    kinds = parameter_kinds()
     return {
         name: Parameter(min=low, max=high, unit=si_unit(kinds.get(name, "stress")))
         for name, (low, high) in bounds.items()

@@ -176,6 +176,16 @@ def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
     assert result.estimate("spring_rate").stderr >= 0
     assert fitting.saved.summary_as_dict(result, "us")["parameters"]["spring_rate"]["unit"] == "N/m"
     saved(result, tmp_path)
+    known = fitting.sweep(data, CYLINDER, deadband=30e3, terms=spring + Coulomb(5.0), orders=(3,))
+    fixed = next(row for row in known.rows if (row.dependence, row.constraint) == ("fixed", "none"))
+    assert fixed.coefficients[0] == pytest.approx([4e6, -6e6, 6e6], rel=1e-6)
+    without = fitting.sweep(data, CYLINDER, deadband=30e3, orders=(3,), constraints=("none",))
+    assert (
+        min(row.rmse for row in without.rows) > 1.0
+    )  # N: the polynomial does not stand for a spring
+    own = [("spring", {"terms": ReturnSpring(0.0), "parameters": {"spring_rate": Parameter()}})]
+    (row,) = fitting.compare(data, [], own=own, starts=STARTS).rows
+    assert row.lolo_rmse < 3.0  # N; the friction is not among them
 
 
 @pytest.mark.slow

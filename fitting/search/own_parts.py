@@ -1,25 +1,26 @@
-"""A geometry and force terms of a user's own, named by module:Class on the command line."""
+"""A geometry and force terms of a user's own, named by `module:Class`, with what they declare."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import fitting
 from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 from famjax.geometries import AbstractGeometry
 from famjax.parameters import Declared
 from famjax.terms import AbstractForceTerm
-from fitting.families import Parameter
-from fitting.search.posing import source_of
+
+from ..data.force_data import ForceData
+from ..families.parameters import Parameter
+from .posing import source_of
 
 
 def own_parts(
-    data: fitting.ForceData, geometry: str | None, terms: Sequence[str]
+    data: Sequence[ForceData], geometry: str | None, terms: Sequence[str]
 ) -> tuple[dict[str, Any], dict[str, Declared]]:
-    """The options of `fitting.identify` that these classes are, and the numbers that they declare.
+    """The options of `identify` that these classes are, and the numbers that they declare.
 
     Args:
-        data: the map.
+        data: the maps, which have one set of parts.
         geometry: module:Class of a geometry around the estimated one, or None.
         terms: module:Class of each force term.
 
@@ -34,7 +35,8 @@ def own_parts(
     declared: dict[str, Declared] = {}
     if geometry is not None:
         options["geometry"] = class_named(geometry, AbstractGeometry, "geometry")
-        declared |= source_of(data, options["geometry"], ()).declared
+        for one in data:
+            declared |= source_of(one, options["geometry"], ()).declared
     for path in terms:
         try:
             term = class_named(path, AbstractForceTerm, "force term").template()
