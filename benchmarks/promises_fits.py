@@ -421,7 +421,7 @@ FITS: tuple[Promise, ...] = (
     *(
         _of(2, "optimum of an independent solver", from_independent_optimum,
             "fitting.identify(data, order=, constraint=) and Clarabel at its geometry", data,
-            "relative difference of the objective, orders up to 4 that the lengths determine x 4 constraints", 1e-6)
+            "relative difference of the objective, orders that are determined x 4 constraints", 1e-6)
         for data in (A1, A2)
     ),
     _of(2, "units of the file", units_of_the_file, "fitting.identify(fitting.read_csv(file))", A1,
