@@ -1,11 +1,19 @@
 """Classes of a user's own, named by where they are: `module:Class`."""
 
 import importlib
+import inspect
+from typing import Any
 
 from .errors import InputError
 
+_FAILURES = (
+    ArithmeticError, AttributeError, ImportError, LookupError, NameError, OSError, RuntimeError,
+    SyntaxError, TypeError, ValueError,
+)  # fmt: skip
+"""What a module of somebody else may raise while it is imported."""
 
-def class_path(cls: type) -> str:
+
+def class_path(cls: Any) -> str:
     """`module:Class`, by which a class of a user's own is found again."""
     return f"{cls.__module__}:{cls.__qualname__}"
 
@@ -22,15 +30,35 @@ def class_named(path: str, base: type, what: str) -> type:
         InputError: no such module or class, or a class of something else.
     """
     module, _, name = path.partition(":")
+    where = "give module:Class, with the module in the folder that you start from or installed"
+    if not module or not name or module.startswith("."):
+        raise InputError(f"the {what} is module:Class, got {path!r}: {where}")
     try:
-        found = importlib.import_module(module)
+        found: Any = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is not None and f"{module}.".startswith(f"{error.name}."):
+            raise InputError(f"the {what} {path!r} was not found ({error}): {where}") from None
+        raise InputError(f"the module {module} of the {what} {path!r} imports what is not there: "
+                         f"{error}") from None  # fmt: skip
+    except _FAILURES as error:
+        raise InputError(
+            f"the module {module} of the {what} {path!r} could not be imported: "
+            f"{type(error).__name__}: {error}. Mend it so that `python -c 'import {module}'` works"
+        ) from None
+    try:
         for part in name.split("."):
             found = getattr(found, part)
-    except (ImportError, AttributeError) as error:
-        raise InputError(
-            f"the {what} {path!r} was not found ({error}): give module:Class, with the module in "
-            "the folder that you start from or installed"
-        ) from None
+    except AttributeError as error:
+        if module == "__main__":
+            where = (
+                "it is of the script or notebook that wrote this: put the class into a module of its "
+                "own, and import it there"
+            )
+        raise InputError(f"the {what} {path!r} was not found ({error}): {where}") from None
     if not (isinstance(found, type) and issubclass(found, base)):
-        raise InputError(f"the {what} {path!r} must be a class derived from famjax.{base.__name__}")
+        room = ".".join(base.__module__.split(".")[:2])
+        raise InputError(f"the {what} {path!r} must be a class derived from {room}.{base.__name__}")
+    if inspect.isabstract(found):
+        lacks = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
+        raise InputError(f"the {what} {path!r} is abstract: it must have {lacks}")
     return found

@@ -107,9 +107,18 @@ class AbstractGeometry(Parametrised):
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape.
 
-        Nan where the muscle cannot be. There the derivatives of what is computed on the way should
-        be numbers, so that in a batch they do not spoil those of the others.
+        Nan where the muscle cannot be. Whether there, too, the derivatives of what is computed on the
+        way are numbers, so that in a batch they do not spoil those of the others, `keeps_apart` says.
         """
+
+    @property
+    def keeps_apart(self) -> bool:
+        """Whether states that cannot be leave the derivatives of all others as they are, see `dimensions`.
+
+        A muscle asks the dimensions of a geometry that does not say so twice, the second time with
+        the rest length in the place of lengths that it cannot have.
+        """
+        return False
 
     def dimensions_with_rates(self, length: Real, pressure: Real) -> Dimensions:
         """The dimensions with their `rates`, the derivatives in the length at constant pressure."""

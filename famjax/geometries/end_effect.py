@@ -40,6 +40,11 @@ class EndEffectGeometry(AbstractGeometry):
         shortened = tondu_lopez_length(at, self.rest_length, self.end_factor)
         return self.cylinder.dimensions(shortened, pressure).unless(positive)
 
+    @property
+    def keeps_apart(self) -> bool:
+        """Whether the cylinder does."""
+        return self.cylinder.keeps_apart
+
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m], those of the cylinder mapped back."""
         shortest, longest = (
@@ -65,9 +70,11 @@ class EndEffectGeometry(AbstractGeometry):
         Its slope in the length is then the cylinder's, as the virtual work of the pressure wants,
         and at rest the ends count as the cylinder does.
         """
-        at = self.dimensions(length, pressure)
-        rest = self.cylinder.dimensions(self.rest_length, jnp.zeros(()))
-        return rest.volume + (at.volume - rest.volume) / self.end_factor - at.bladder_volume
+        found = self.dimensions(length, pressure)
+        reached = found.reached
+        at, rest = found.where(reached), self.cylinder.dimensions(self.rest_length, jnp.zeros(()))
+        volume = rest.volume + (at.volume - rest.volume) / self.end_factor - at.bladder_volume
+        return jnp.where(reached, volume, jnp.nan)
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
         """Those of the cylinder, mapped back: rounded ends shift both lengths."""

@@ -94,6 +94,11 @@ class EstimatedGeometry(AbstractGeometry):
             at, radius, angle, thread_length, self.braid, self.bladder, reached
         )
 
+    @property
+    def keeps_apart(self) -> bool:
+        """States that cannot be are masked before anything is computed of them."""
+        return True
+
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
         inset = 0.0 if self.bladder.embedded else self.braid.thickness

@@ -75,6 +75,11 @@ class MeasuredGeometry(AbstractGeometry):
             thread_length=thread_length,
         ).unless(reached)
 
+    @property
+    def keeps_apart(self) -> bool:
+        """States that cannot be are masked before anything is computed of them."""
+        return True
+
     def length_range(self) -> tuple[RealArray, RealArray]:
         """The family's: the measured lengths, and its margin of extrapolation beyond."""
         return self.family.length_range()
@@ -122,6 +127,11 @@ class AverageDiameterGeometry(AbstractGeometry):
         return cylinder_dimensions(
             length, radius, angle, thread_length, self.braid, self.bladder, reached
         )
+
+    @property
+    def keeps_apart(self) -> bool:
+        """States that cannot be are masked before anything is computed of them."""
+        return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """The family's: the measured lengths, and its margin of extrapolation beyond."""

@@ -116,7 +116,10 @@ class AbstractMuscle(Parametrised):
         Raises:
             RuntimeError: the force has no zero, and `throw`.
         """
-        return 1 - self.length_at_load(0.0, pressure, throw=throw) / self.rest_length
+        length, rest = self.length_at_load(0.0, pressure, throw=throw), self.rest_length
+        known = jnp.isfinite(length)
+        # Nan divided by the rest length would spoil the derivative of all others in it.
+        return jnp.where(known, 1 - jnp.where(known, length, 0.0) / rest, jnp.nan)
 
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
         """Gauge pressure [Pa] at which the force leaves zero at a held length: the onset.
@@ -143,6 +146,7 @@ def _force(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> Re
 
 @compiled
 def _stiffness(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
+    check_one_muscle(muscle)
     force, stiffness = at_each(jax.value_and_grad(muscle.force), length, pressure)
     return jnp.where(jnp.isnan(force), jnp.nan, stiffness)
 
@@ -151,6 +155,7 @@ def _stiffness(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -
 def _length_at_load(
     muscle: AbstractMuscle, load: RealArray, pressure: RealArray
 ) -> tuple[RealArray, Bool[Array, "..."]]:
+    check_one_muscle(muscle)
     shortest, longest = muscle.length_range()
 
     def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
@@ -165,6 +170,8 @@ def _length_at_load(
 def _onset_pressure(
     muscle: AbstractMuscle, length: RealArray, highest: RealArray
 ) -> tuple[RealArray, Bool[Array, "..."]]:
+    check_one_muscle(muscle)
+
     def one(length: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
         none = jnp.zeros_like(top)
         return longest_equilibrium(lambda pressure: muscle.force(length, pressure), none, top, none)

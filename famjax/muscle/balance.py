@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -61,6 +62,11 @@ class Muscle(AbstractMuscle):
         Raises:
             ValueError: no terms, something else than terms, or a deadband beside terms.
         """
+        if not isinstance(geometry, AbstractGeometry):
+            raise ValueError(
+                "the geometry of a muscle is derived from famjax.geometries.AbstractGeometry, such as "
+                f"famjax.EstimatedGeometry(braid, bladder); got {_kind(geometry)}"
+            )
         self.geometry = geometry
         if isinstance(terms, AbstractMaterial):
             deadband = 0.0 if deadband_pressure is None else deadband_pressure
@@ -149,8 +155,18 @@ def _pull(
     check_one_muscle(geometry, terms)  # a stack of muscles was never constructed
     length, pressure = jnp.broadcast_arrays(length, pressure)
     rated = any(term.uses_rates for term in terms.terms)
-    at = (geometry.dimensions_with_rates if rated else geometry.dimensions)(length, pressure)
+    dimensions = geometry.dimensions_with_rates if rated else geometry.dimensions
+    at = dimensions(length, pressure)
+    if not geometry.keeps_apart:
+        # A geometry of a user's own is asked once more, of states that there are, for the same reason.
+        there = at.reached & jnp.isfinite(pressure)
+        length = jnp.where(there, length, jax.lax.stop_gradient(geometry.rest_length))
+        at = dimensions(length, jnp.where(there, pressure, 0.0)).unless(there)
     # Terms see numbers everywhere: what is nan would spoil the derivatives of all others in a batch.
     reached = at.reached & (length > 0) & jnp.isfinite(pressure)
     force = terms.force(at.where(reached), jnp.where(reached, pressure, 0.0))
     return jnp.where(reached, force, jnp.nan)
+
+
+def _kind(value: object) -> str:
+    return f"the class {value.__name__}" if isinstance(value, type) else f"a {type(value).__name__}"

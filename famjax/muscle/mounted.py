@@ -90,8 +90,10 @@ class MountedMuscle(AbstractMuscle):
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
         """Volume V [m3] of the fluid, at the length that the mountings leave the muscle."""
-        own = as_real(length) - self.gives_way(self.force(length, pressure))
-        return self.muscle.volume(own, pressure)
+        force = self.force(length, pressure)
+        known = jnp.isfinite(force)
+        own = as_real(length) - self.gives_way(jnp.where(known, force, 0.0))
+        return jnp.where(known, self.muscle.volume(own, pressure), jnp.nan)
 
     def declared(self) -> dict[str, Declared]:
         """The compliance's declaration and the muscle's, none of them linear.

@@ -183,6 +183,8 @@ def _places(module: eqx.Module) -> dict[str, _Place]:
                     if isinstance(module, Parametrised)
                     else entry_name(spec, field.name, index)
                 )
+                if name in found:
+                    name = f"{field.name}.{name}"
                 found[name] = _Place(spec.entry(name, index), field.name, None, index)
         for at, child in _children(value):
             label = field.name if at is None else f"{field.name}_{at + 1}"

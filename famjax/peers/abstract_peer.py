@@ -3,13 +3,20 @@
 A new one has its parameters as fields, `force(length, pressure)` and `length_range()`, where it holds.
 """
 
+import functools
 import math
+from collections.abc import Callable
+from typing import Any, TypeVar
 
+import jax
 import jax.numpy as jnp
 
-from .._types import Real, RealArray
+from .._types import Real, RealArray, as_real
 from ..braids.inextensible import NEUTRAL_ANGLE, AbstractBraid
 from ..muscle import AbstractMuscle
+
+_Force = TypeVar("_Force", bound=Callable[..., Any])
+_ANY_PRESSURE = 1e5  # Pa, at which every model has a force
 
 
 class PeerModel(AbstractMuscle):
@@ -45,6 +52,19 @@ def known(rest_length: RealArray | None, model: AbstractMuscle) -> RealArray:
     return rest_length
 
 
-def at_positive(length: Real, force: RealArray) -> RealArray:
-    """The force [N], nan where the length is not positive."""
-    return jnp.where(jnp.asarray(length) > 0, force, jnp.nan)
+def where_it_holds(formula: _Force) -> _Force:
+    """A model's force, nan where length or pressure are no numbers, or the length is not positive.
+
+    The formula is asked of other numbers there: nan itself would spoil, in reverse mode, the derivatives
+    of all other members of a batch.
+    """
+
+    @functools.wraps(formula)
+    def force(self: Any, length: Real, pressure: Real) -> RealArray:
+        L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        holds = (L > 0) & jnp.isfinite(L) & jnp.isfinite(P)
+        middle = jax.lax.stop_gradient(sum(self.length_range()) / 2)
+        found = formula(self, jnp.where(holds, L, middle), jnp.where(holds, P, _ANY_PRESSURE))
+        return jnp.where(holds, found, jnp.nan)
+
+    return force  # type: ignore[return-value] # of the formula's own signature

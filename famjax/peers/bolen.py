@@ -8,7 +8,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
-from .abstract_peer import PeerModel, around_rest, at_positive
+from .abstract_peer import PeerModel, around_rest, where_it_holds
 
 # Of F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
 _PUBLISHED = {
@@ -70,11 +70,12 @@ class Bolen(PeerModel):
         force = b1 * math.atan(b2 * (rest_length - offset))
         return cls(rest_length, largest_contraction, force, c0, c1, c2)
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         e = (1 - as_real(length) / self.rest_length) / self.largest_contraction
         bell = as_real(pressure) / self.reference_pressure * jnp.exp(-self.c2 * e**2)
-        return at_positive(length, self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell))
+        return self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From half the rest length to a tenth above it."""

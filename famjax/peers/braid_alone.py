@@ -12,7 +12,7 @@ from ..braids.inextensible import (
     diameter_from_length,
 )
 from ..parameters import parameter
-from .abstract_peer import PeerModel, braid_range, known
+from .abstract_peer import PeerModel, braid_range, known, where_it_holds
 
 
 class Gaylord(PeerModel):
@@ -45,6 +45,7 @@ class Gaylord(PeerModel):
         "m", low=0.0, name="rest_length", default=None
     )
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         acting = as_real(pressure) - self.deadband_pressure
@@ -89,6 +90,7 @@ class ChouHannaford(PeerModel):
         "m", low=0.0, name="rest_length", default=None
     )
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         L, B, reached = self.braid.reach(length, pressure)

@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
-from .abstract_peer import PeerModel, around_rest, at_positive, known
+from .abstract_peer import PeerModel, around_rest, known, where_it_holds
 
 
 class Wickramatunge(PeerModel):
@@ -31,11 +31,12 @@ class Wickramatunge(PeerModel):
         "m", low=0.0, name="rest_length", default=None
     )
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         s, P = as_real(length) - self.slack_length, as_real(pressure)
         k0, k1, k2, k3 = self.coefficients
-        return at_positive(length, s * (k0 + k1 * P**2 + k2 * P * s + k3 * s**2))
+        return s * (k0 + k1 * P**2 + k2 * P * s + k3 * s**2)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From the slack length, where the spring is relaxed, to twice that."""
@@ -75,13 +76,14 @@ class Hildebrandt(PeerModel):
         "N", linear=True, name=("b0", "b1", "b2", "b3", "b4")
     )
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         eps = 1 - as_real(length) / self.rest_length
         area = jnp.polyval(self.pressure_coefficients[::-1], eps)
         restoring = jnp.polyval(self.force_coefficients[3::-1], eps)
         root = self.force_coefficients[4] * jnp.cbrt(eps) ** 2
-        return at_positive(length, as_real(pressure) * area + restoring + root)
+        return as_real(pressure) * area + restoring + root
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From half the rest length to a tenth above it."""
@@ -118,13 +120,14 @@ class PolynomialSurface(PeerModel):
         """The exponents (i, j) of contraction and pressure, in the order of the coefficients."""
         return tuple((i, k - i) for k in range(degree + 1) for i in range(k + 1))
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         eps, P = jnp.broadcast_arrays(
             1 - as_real(length) / self.rest_length, as_real(pressure) / 1e6
         )
         powers = [eps**i * P**j for i, j in self.terms(self.degree)]
-        return at_positive(length, jnp.stack(powers, axis=-1) @ self.coefficients)
+        return jnp.stack(powers, axis=-1) @ self.coefficients
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
         """The names of the coefficients say their exponents: c_ij."""

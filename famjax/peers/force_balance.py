@@ -9,7 +9,7 @@ from ..materials.plain_power import PlainPowerMaterial
 from ..materials.polynomial import PolynomialMaterial
 from ..muscle import Muscle
 from ..profiles.assumed_shapes import kothera_length
-from .abstract_peer import PeerModel, at_positive
+from .abstract_peer import PeerModel, where_it_holds
 
 
 def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:
@@ -45,13 +45,13 @@ class Kothera(PeerModel):
 
     muscle: Muscle
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         geometry = self.muscle.geometry
         radius = geometry.dimensions(length, pressure).radius
         rest_radius = geometry.dimensions(geometry.rest_length, 0.0).radius
-        pull = self.muscle.force(kothera_length(length, radius, rest_radius), pressure)
-        return at_positive(length, pull)
+        return self.muscle.force(kothera_length(length, radius, rest_radius), pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """That of the cylindrical muscle, which is shorter than this one."""

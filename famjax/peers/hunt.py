@@ -11,7 +11,7 @@ from .._each import at_each
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
-from .abstract_peer import PeerModel, at_positive
+from .abstract_peer import PeerModel, where_it_holds
 from .falling_root import falling_root
 
 _STEEP = math.pi / 2 - 0.01  # rad; the tangent is 100 there, beyond every pressure in use
@@ -84,9 +84,10 @@ class Hunt(PeerModel):
         """Gauge pressure P [Pa] that the force F [N] takes at the length L [m], broadcast shape."""
         return self._pressure(1 - as_real(length) / self.rest_length, as_real(force))
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        return at_positive(length, _forces(self, as_real(length), as_real(pressure)))
+        return _forces(self, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From half the rest length to the rest length, where the relation begins."""

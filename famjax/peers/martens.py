@@ -9,7 +9,7 @@ from .._types import Given, Real, RealArray
 from ..braids.inextensible import Braid
 from ..parameters import parameter
 from ..units import DEGREE, MEGAPASCAL
-from .abstract_peer import PeerModel, braid_range
+from .abstract_peer import PeerModel, braid_range, where_it_holds
 from .braid_alone import Gaylord
 
 _NOMINAL_ANGLE = 28.6 * DEGREE  # thread to axis
@@ -105,6 +105,7 @@ class Martens(PeerModel):
             coefficients=tuple(MEGAPASCAL * c for c in coefficients),
         )
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         L, _, reached = self.braid.reach(length, pressure)

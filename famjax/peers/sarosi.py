@@ -6,7 +6,7 @@ from jaxtyping import Float
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ..units import BAR
-from .abstract_peer import PeerModel, around_rest, at_positive
+from .abstract_peer import PeerModel, around_rest, where_it_holds
 
 # Contraction in per cent and pressure in bar.
 _PUBLISHED = {
@@ -69,11 +69,12 @@ class Sarosi(PeerModel):
         a1, a2, a3, a4, a5, a6 = _PUBLISHED[muscle]
         return cls(rest_length, a1 / BAR, a2, 100 * a3, 100 * a4 / BAR, a5 / BAR, a6)
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         eps, P = 1 - as_real(length) / self.rest_length, as_real(pressure)
         softening = (self.a1 * P + self.a2) * jnp.exp(self.a3 * eps)
-        return at_positive(length, softening + self.a4 * P * eps + self.a5 * P + self.a6)
+        return softening + self.a4 * P * eps + self.a5 * P + self.a6
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From half the rest length to a tenth above it."""

@@ -8,7 +8,7 @@ from ..braids.inextensible import Braid
 from ..parameters import parameter
 from ..profiles.assumed_shapes import tondu_lopez_length
 from ..units import BAR
-from .abstract_peer import PeerModel, around_rest, at_positive
+from .abstract_peer import PeerModel, around_rest, where_it_holds
 from .braid_alone import Gaylord
 
 
@@ -36,12 +36,12 @@ class TonduLopez(PeerModel):
     k_rise: Float[Given, "..."] = parameter(low=0.0, high=20.0, default=0.0)
     deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         k = self.k_rise * jnp.exp(-as_real(pressure) / BAR) + self.k_far
         shortened = tondu_lopez_length(length, self.rest_length, k)
-        pull = Gaylord(self.braid, self.deadband_pressure).force(shortened, pressure)
-        return at_positive(length, pull)
+        return Gaylord(self.braid, self.deadband_pressure).force(shortened, pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From half the rest length to a tenth above it."""
@@ -70,6 +70,7 @@ class Kerscher(PeerModel):
     factor_rate: Float[Given, "..."] = parameter(low=0.0, high=100.0)
     factor_far: Float[Given, "..."] = parameter(linear=True)
 
+    @where_it_holds
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         eps = 1 - as_real(length) / self.muscle.rest_length

@@ -1,11 +1,15 @@
 """What a force term is, and the sum of several."""
 
 import abc
+import functools
+import operator
 from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._types import Real, RealArray
 from ..geometries.dimensions import Dimensions
@@ -63,11 +67,11 @@ class SumOfTerms(AbstractForceTerm):
             ValueError: there is no term, or something else among them.
         """
         flat: list[AbstractForceTerm] = []
-        for term in terms:
+        for term in terms if isinstance(terms, tuple | list) else [terms]:
             if not isinstance(term, AbstractForceTerm):
                 raise ValueError(
                     "a force term is derived from famjax.terms.AbstractForceTerm and has the method "
-                    f"force(at, pressure); got {type(term).__name__}. A bladder material becomes a "
+                    f"force(at, pressure); got {term!r}. A bladder material becomes a "
                     "term by famjax.terms.BladderWall(material)"
                 )
             flat.extend(term.terms if isinstance(term, SumOfTerms) else [term])
@@ -80,7 +84,24 @@ class SumOfTerms(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The sum of the terms' forces [N], broadcast shape."""
-        total = self.terms[0].force(at, pressure)
-        for term in self.terms[1:]:
-            total = total + term.force(at, pressure)
-        return jnp.asarray(total)
+        forces = [_of_term(term, at, pressure) for term in self.terms]
+        return functools.reduce(operator.add, forces)
+
+
+def _of_term(term: AbstractForceTerm, at: Dimensions, pressure: Real) -> RealArray:
+    """The force of a term [N].
+
+    Raises:
+        ValueError: it is not one number for each state.
+    """
+    force = term.force(at, pressure)
+    wanted = jnp.shape(at.length)
+    shape = force.shape if isinstance(force, jax.Array | np.ndarray) else np.shape(force)
+    alone = not isinstance(force, tuple | list | None)
+    if not alone or len(shape) > len(wanted) or np.broadcast_shapes(shape, wanted) != wanted:
+        came = f"the shape {shape}" if alone else f"a {type(force).__name__}"
+        raise ValueError(
+            f"force(at, pressure) of {type(term).__name__} must return one force [N] for each state, "
+            f"here of the shape {wanted}, that of at.length; got {came}"
+        )
+    return jnp.asarray(force)

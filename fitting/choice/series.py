@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor, Store
 
@@ -27,6 +28,7 @@ from ..evidence.spread import muscle_spread
 from ..families.laws import LawGiven
 from ..families.parameters import Parameter
 from ..search.identification import solve
+from ..search.own_parts import fingerprint
 from ..search.posing import Geometry, Posed, pose_together
 from ..search.result import Identification
 from ..trace import run_fits
@@ -128,7 +130,7 @@ class Series:
 def identify_series(
     data: Sequence[ForceData],
     *,
-    laws: Sequence[LawGiven] = DEFAULT_LAWS,
+    laws: Sequence[LawGiven] | LawGiven = DEFAULT_LAWS,
     parameters: Mapping[str, Parameter] | None = None,
     constraint: str = "drucker",
     box: str = "physical",
@@ -177,6 +179,10 @@ def identify_series(
         InputError: fewer than two specimens, an unknown law, what `identify_together` refuses, the
             folder of another series, or the executor is gone.
     """
+    if isinstance(laws, str) or not isinstance(laws, Sequence):
+        laws = (laws,)
+    if isinstance(geometry, str):
+        geometry = class_named(geometry, famjax.geometries.AbstractGeometry, "geometry")
     _check(data, laws, geometry)
     own = {k: v for k, v in (("geometry", geometry), ("terms", terms)) if v is not None}
     alike = [_counting_alike(one, data) for one in data]
@@ -193,7 +199,7 @@ def identify_series(
         "families": [[one.name, repr(sorted(one.parameters.items()))] for one in rigs],
         "constraint": constraint,
         "box": box,
-        "own": [repr(one) for one in own.values()],
+        "own": [fingerprint(one) for one in (*own.values(), *laws)],
         "starts": min(starts, _COMPARED),
         "seed": seed,
     }

@@ -18,6 +18,7 @@ from ..data.force_data import ForceData
 from ..engine.descent import End, descend_many
 from ..engine.problem import Part, Point, Problem
 from ..engine.response import MapInputs
+from ..search.checks import check_affine
 from ..search.multi_start import latin_hypercube
 from .cross_validation import CrossValidation, check_groups, held_out_errors
 from .peer_family import FamilyOfPeer, Model, PeerFamily
@@ -298,7 +299,11 @@ def _starts(family: PeerFamily, count: int, seed: int) -> Float[np.ndarray, "sta
 
 
 def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
-    """The problem of fitting a peer to the loaded readings of a map."""
+    """The problem of fitting a peer to the loaded readings of a map.
+
+    Raises:
+        InputError: the force is not affine in what is said to be linear.
+    """
     at = data.loaded
     nothing = np.zeros(1)
     inputs = MapInputs(
@@ -313,7 +318,7 @@ def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
         data.specimen.name, FamilyOfPeer(names, linear, family.build, family.origin), inputs,
         data.force[at], weight, range(len(names)), range(len(linear)), levels, "none",
     )  # fmt: skip
-    return Problem(
+    problem = Problem(
         parts=(part,),
         names=names,
         low=low,
@@ -323,6 +328,9 @@ def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
         coefficient_max=np.array([p.high for p in family.linear]),
         ridge=_RIDGE if names else 0.0,
     )
+    if linear:
+        check_affine(problem)
+    return problem
 
 
 def forces_of(family: PeerFamily, data: ForceData) -> Float[np.ndarray, " points"]:

@@ -10,6 +10,7 @@ import numpy as np
 
 import famjax
 from famjax import peers
+from famjax.boundary.class_path import class_path
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, can_travel, run_tasks
 
@@ -35,12 +36,14 @@ if TYPE_CHECKING:
 
 _LEFT_OUT: tuple[Groups, Groups] = ("pressure", "length")
 
-OwnModel: TypeAlias = (
-    tuple[str, int, FitAndPredict] | tuple[str, Mapping[str, Any]] | PeerFamily | str
+_Model: TypeAlias = (
+    tuple[str, int, FitAndPredict] | tuple[str, Mapping[str, Any]] | PeerFamily | type | str
 )
+OwnModel: TypeAlias = _Model | famjax.AbstractMuscle
 """A model of one's own: (name, number of parameters, what fits a map and returns the force of length
 and pressure); or (name, options of `identify`), such as `("gent", {"law": Gent})`; or a family of
-peers, see `PeerFamily.of`; or `module:Class` of a whole model, a law, a geometry or a force term."""
+peers, see `PeerFamily.of`, or a model that has one; or the class, or `module:Class`, of a whole model, a
+law, a geometry or a force term."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -136,10 +139,13 @@ def compare(
         raise InputError(f"unknown model {unknown[0]!r}; known for this map are {', '.join(known)}")
     for groups in _LEFT_OUT:
         check_groups(data, groups)
-    for model in own:
-        if isinstance(model, str):
+    further: list[_Model] = [
+        PeerFamily.of(model) if isinstance(model, famjax.AbstractMuscle) else model for model in own
+    ]
+    for model in further:
+        if isinstance(model, str | type):
             own_model(model, data)
-    tasks = [_Task(model, data, starts, seed) for model in (*chosen, *own)]
+    tasks = [_Task(model, data, starts, seed) for model in (*chosen, *further)]
     names = [task.name for task in tasks]
     settings = {
         "version": famjax.__version__,
@@ -210,7 +216,7 @@ class _Task:
         starts, seed: of the fits.
     """
 
-    model: OwnModel
+    model: _Model
     data: ForceData
     starts: int
     seed: int
@@ -220,13 +226,15 @@ class _Task:
         """Of the row."""
         if isinstance(self.model, PeerFamily):
             return self.model.label
+        if isinstance(self.model, type):
+            return class_path(self.model)
         return self.model if isinstance(self.model, str) else self.model[0]
 
 
 def _row(task: _Task) -> dict[str, Any]:
     """The row of a task, made plain."""
     model, data, starts, seed = task.model, task.data, task.starts, task.seed
-    if isinstance(model, str) and ":" in model:
+    if isinstance(model, type) or (isinstance(model, str) and ":" in model):
         model = own_model(model, data)
     if isinstance(model, str):
         row = _known_row(model, data, starts, seed)

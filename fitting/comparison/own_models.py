@@ -4,13 +4,14 @@ famjax's are identified in the physical box, Drucker-stable.
 """
 
 import dataclasses
+import inspect
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 import famjax
-from famjax.boundary.class_path import class_named
+from famjax.boundary.class_path import class_named, class_path
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData
@@ -42,11 +43,11 @@ OWN: Mapping[str, tuple[str, dict[str, Any]]] = {
 """Label and options of `identify` by name."""
 
 
-def own_model(path: str, data: ForceData) -> tuple[str, dict[str, Any]] | PeerFamily:
+def own_model(path: str | type, data: ForceData) -> tuple[str, dict[str, Any]] | PeerFamily:
     """A model of a user's own by the class that it is, or the part of one.
 
     Args:
-        path: `module:Class` of a whole model with declared parameters, derived from
+        path: the class, or `module:Class`, of a whole model with declared parameters, derived from
             `famjax.AbstractMuscle`; or of a law, a geometry or a force term, which is identified with
             what else a muscle has.
         data: the map.
@@ -57,7 +58,10 @@ def own_model(path: str, data: ForceData) -> tuple[str, dict[str, Any]] | PeerFa
     Raises:
         InputError: no such class, or one that cannot be fitted by its class alone.
     """
-    kind = class_named(path, famjax.parameters.Parametrised, "model")
+    if isinstance(path, type):
+        kind, path = path, class_path(path)
+    else:
+        kind = class_named(path, famjax.parameters.Parametrised, "model")
     if issubclass(kind, famjax.AbstractMuscle):
         fields = {one.name for one in dataclasses.fields(kind)}
         known = {"rest_length": data.specimen.rest_length} if "rest_length" in fields else {}
@@ -66,9 +70,9 @@ def own_model(path: str, data: ForceData) -> tuple[str, dict[str, Any]] | PeerFa
         except ValueError as error:
             raise InputError(f"{path} cannot be fitted by its class alone: {error}") from None
     if issubclass(kind, famjax.materials.AbstractMaterial):
-        return path, {"law": path}
+        return path, {"law": kind}
     is_geometry = issubclass(kind, famjax.geometries.AbstractGeometry)
-    parts, declared = own_parts([data], *((path, ()) if is_geometry else (None, (path,))))
+    parts, declared = own_parts([data], *((kind, ()) if is_geometry else (None, (kind,))))
     return path, {**parts, "parameters": taking_part(declared, {})}
 
 
@@ -77,6 +81,9 @@ def identified_row(
 ) -> ComparisonRow:
     """The row of a muscle that `identify` fits; one that it refuses has a note and no errors."""
     row = ComparisonRow(name, label, 0)
+    unknown = options.keys() - inspect.signature(identify).parameters.keys()
+    if unknown:
+        raise InputError(f"{name}: identify has no option {', '.join(sorted(unknown))}")
     try:
         result = identify(data, starts=starts, seed=seed, **options)
     except InputError as refused:

@@ -83,6 +83,10 @@ class PeerFamily:
             InputError: nothing is declared, an unknown name, or no finite range for a parameter in
                 which the force is not linear.
         """
+        if isinstance(model, type):
+            raise InputError(
+                f"give one of the family, as {model.__name__}.template(...) makes it; got the class"
+            )
         declared, given = model.declared(), dict(bounds or {})
         unknown = [name for name in given if name not in declared]
         if unknown or not declared:

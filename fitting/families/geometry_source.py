@@ -1,13 +1,16 @@
 """From identified parameters to a geometry: which of the four a fit is made with, or another."""
 
 import abc
+import dataclasses
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.errors import InputError
 
 from ..data.force_data import Specimen
 
@@ -176,7 +179,39 @@ class WrappedSource(AbstractGeometrySource):
     def declared(self) -> dict[str, famjax.parameters.Declared]:
         """What the outer geometry declares and the estimated one does not."""
         inner = self.inner.geometry({"braid_diameter": 0.02, "braid_angle": 1.1})
-        return {n: d for n, d in self.wrap(inner).declared().items() if n not in inner.declared()}
+        return {
+            n: d for n, d in self._around(inner).declared().items() if n not in inner.declared()
+        }
+
+    def _around(
+        self, inner: famjax.geometries.AbstractGeometry
+    ) -> famjax.geometries.AbstractGeometry:
+        """The outer geometry; of a class, with the middle of the range of what has no default.
+
+        Raises:
+            InputError: the class has fields that cannot be told, or what is made is no geometry.
+        """
+        wrap: Any = self.wrap
+        try:
+            if isinstance(wrap, type) and issubclass(wrap, famjax.geometries.AbstractGeometry):
+                fields: Any = dataclasses.fields(wrap)
+                first, *others = (one for one in fields if one.init)
+                known = all(one.default is not dataclasses.MISSING for one in others)
+                make: Any = wrap
+                made = make(inner) if known else make.template(**{first.name: inner})
+            else:
+                made = wrap(inner)
+        except (TypeError, ValueError) as error:
+            name = getattr(wrap, "__name__", type(wrap).__name__)
+            raise InputError(
+                f"the geometry {name} cannot be made of the estimated one alone: {error}"
+            ) from None
+        if not isinstance(made, famjax.geometries.AbstractGeometry):
+            raise InputError(
+                "what makes a geometry must return one, derived from "
+                f"famjax.geometries.AbstractGeometry; got a {type(made).__name__}"
+            )
+        return made
 
     def as_arrays(self) -> "WrappedSource":
         """The same source with the specimen's numbers as arrays."""
@@ -184,5 +219,5 @@ class WrappedSource(AbstractGeometrySource):
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """The outer geometry of these parameters."""
-        outer = self.wrap(self.inner.geometry(values))
+        outer = self._around(self.inner.geometry(values))
         return outer.with_parameters({name: values[name] for name in self.identified})

@@ -194,7 +194,7 @@ def html_report(
 
 def write_fit(
     result: Identification,
-    folder: Path,
+    folder: Path | str,
     system: str = "metric",
     evidence: Evidence | None = None,
     origin: Origin | None = None,
@@ -231,4 +231,4 @@ def write_fit(
     }
     if evidence is not None and evidence.posterior is not None:
         files["posterior.png"] = as_png(plot_posterior(evidence.posterior, system))
-    return write_all(folder, files)
+    return write_all(Path(folder), files)

@@ -258,6 +258,31 @@ def check_affine(problem: Problem) -> None:
         _SEEN_TO_BE_AFFINE.add(part.program.structure)
 
 
+def _check_dimensions_there(problem: Problem, reading: int) -> None:
+    """Raise where the geometry has dimensions at a reading, and a law or term has no force there."""
+    for part in problem.parts:
+        if reading >= part.force.size:
+            reading -= part.force.size
+            continue
+        middle = (problem.low + (problem.high - problem.low) / 2)[part.at]
+        values = dict(zip(part.family.nonlinear, middle, strict=False))
+        model = part.family.build(values | dict.fromkeys(part.family.linear, 0.0))
+        length, pressure = part.inputs.length[reading], part.inputs.pressure[reading]
+        at = model.geometry.dimensions(length, pressure)
+        if bool(at.reached):
+            # One after another: the first that has no number is the one to look at.
+            lost = [
+                type(term).__name__ for term in model.terms.terms
+                if not np.isfinite(term.force(at, pressure))
+            ]  # fmt: skip
+            raise InputError(
+                f"{', '.join(lost) or 'the force'} must be a number at every loaded reading, got nan or "
+                f"inf at length {length * 1e3:.5g} mm and pressure {pressure / 1e3:.5g} kPa: mend its "
+                "force(at, pressure), or its law, there"
+            )
+        return
+
+
 def check_solvable(problem: Problem) -> None:
     """The convex fit must have a solution in the middle of the box."""
     point = problem.solve(problem.low + (problem.high - problem.low) / 2, "values")
@@ -267,6 +292,7 @@ def check_solvable(problem: Problem) -> None:
     lost = np.flatnonzero(~known)
     if lost.size:
         lengths = np.concatenate([part.inputs.length for part in problem.parts])
+        _check_dimensions_there(problem, int(lost[0]))
         raise InputError(
             f"the geometry has no dimensions at the loaded reading {lost[0] + 1} (length "
             f"{lengths[lost[0]] * 1e3:.5g} mm): the bladder does not fit in the braid there, or "

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData, check_maps
@@ -39,6 +40,7 @@ Geometry = (
     AbstractGeometrySource
     | famjax.geometries.AbstractGeometry
     | Callable[[famjax.geometries.AbstractGeometry], famjax.geometries.AbstractGeometry]
+    | str
 )
 """What a geometry may be given as."""
 
@@ -175,9 +177,16 @@ def _table(
     parameters: Mapping[str, Parameter],
 ) -> dict[str, Entry]:
     """All parameters that the fit of a specimen may have."""
-    declared = {**source.declared, **({} if further is None else further.declared())}
-    own = {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()}
+    of_terms = {} if further is None else further.declared()
+    declared = {**source.declared, **of_terms}
     rows = {**law.shape, **law.coefficients}
+    twice = [*(of_terms.keys() & source.declared.keys()), *(declared.keys() & rows.keys())]
+    if twice:
+        raise InputError(
+            f"{twice[0]} is a parameter of two parts, of law, geometry and terms: give one of them another "
+            "name, by famjax.parameter(name=...)"
+        )
+    own = {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()}
     return complete_table(data.specimen, box, rows, bounds, parameters, own)
 
 
@@ -187,11 +196,18 @@ def source_of(
     """What the dimensions follow from, with those of its parameters that are named."""
     if geometry is None:
         return EstimatedSource(data.specimen)
+    if isinstance(geometry, str):
+        geometry = class_named(geometry, famjax.geometries.AbstractGeometry, "geometry")
     if isinstance(geometry, AbstractGeometrySource):
         return geometry
     if isinstance(geometry, famjax.geometries.AbstractGeometry):
         known = KnownSource(geometry)
         return KnownSource(geometry, tuple(n for n in known.declared if n in named))
+    if not callable(geometry):
+        raise InputError(
+            "a geometry is one of famjax.geometries, or a class, a function or module:Class that makes "
+            f"one of the estimated geometry; got a {type(geometry).__name__}"
+        )
     wrapped = WrappedSource(EstimatedSource(data.specimen), geometry)
     own = tuple(n for n in wrapped.declared if n in named)
     return WrappedSource(wrapped.inner, geometry, own)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -12,12 +11,12 @@ import jax
 import numpy as np
 
 import famjax
-from famjax.boundary.class_path import class_path
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 
 from ..convex.status import Status
 from ..data.force_data import ForceData, check_maps
+from ..search.own_parts import fingerprint
 from .design import Design
 from .fits import solve
 from .forms import CONSTRAINTS, DEPENDENCES, OBJECTIVES, Forms, n_coefficients, named
@@ -108,9 +107,9 @@ def sweep(
         "data": [one.sha256 for one in maps],
         "names": [one.specimen.name for one in maps],
         "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in maps],
-        "geometry": [_fingerprint(shape) for shape in geometries],
+        "geometry": [fingerprint(shape) for shape in geometries],
         "deadband_Pa": [float(dead) for dead in deadbands],
-        "terms": None if further is None else _named(further),
+        "terms": None if further is None else fingerprint(further),
         "orders": list(forms.orders),
         "dependences": list(forms.dependences),
         "constraints": list(forms.constraints),
@@ -195,8 +194,8 @@ class _Task:
         highest = forms.orders[-1]
         self.readings = arrange(data, float(geometry.rest_length), highest)
         key = (
-            jax.tree.structure((geometry, further)), _fingerprint((geometry, further)),
-            _fingerprint(vars(self.readings)), deadband, highest,
+            jax.tree.structure((geometry, further)), fingerprint((geometry, further)),
+            fingerprint(vars(self.readings)), deadband, highest,
         )  # fmt: skip
         self.model, self.designed = _linear(_Given(key, geometry, further, self.readings))
 
@@ -293,6 +292,10 @@ def _parts(bootstrap: int) -> list[_Part | None]:
 
 def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:
     """One of something for each force map."""
+    if isinstance(given, type):
+        raise InputError(
+            f"the {name} of a sweep is known: give one, with its numbers, got the class {given.__name__}"
+        )
     each = (given,) * count if isinstance(given, kind) else tuple(given)
     if len(each) != count:
         raise InputError(
@@ -316,16 +319,3 @@ def check_options(objective: str, bootstrap: int, seed: int) -> None:
             f"bootstrap replicates need the objective sum_of_squares, got {objective}: leave "
             "bootstrap out, or take that objective"
         )
-
-
-def _named(terms: famjax.terms.SumOfTerms) -> list[str]:
-    """The classes of terms, and the hash of their numbers."""
-    return [*(class_path(type(one)) for one in terms.terms), _fingerprint(terms)]
-
-
-def _fingerprint(tree: Any) -> str:
-    """Hash of the numbers of geometries and terms, or of a tree of arrays."""
-    digest = hashlib.sha256(type(tree).__name__.encode())
-    for leaf in jax.tree.leaves(tree):
-        digest.update(np.ascontiguousarray(leaf, "<f8").tobytes())
-    return digest.hexdigest()

@@ -10,6 +10,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from famjax.boundary.errors import InputError
+
 from ..convex.arrays import AnyArray, fixed, namespace
 from ..convex.paths import PathFunctions, PathTable
 from ..search.robust import NORMAL_MAD, TUNED
@@ -49,6 +51,15 @@ class Design:
         """The problem of some readings."""
         pressure, weight = readings.pressure, readings.weight
         braid, columns = model.columns(readings.length, pressure[:, None])
+        known = np.isfinite(braid) & np.isfinite(columns).all(axis=-1)
+        lost = np.argwhere(readings.there & ~known)
+        if lost.size:
+            k, n = lost[0]
+            raise InputError(
+                f"the muscle must have a force at every loaded reading; it has none at {len(lost)} of "
+                f"them, first at {readings.length[k, n] * 1e3:.5g} mm and {pressure[k] / 1e3:.5g} kPa: "
+                "the geometry does not reach it, or a force term is no number there"
+            )
         unit = 1 / np.sqrt(np.sum((columns * weight[..., None]) ** 2, axis=(0, 1)))
         functions = model.path_functions().scaled(unit)
         share = (pressure - pressure[0]) / max(pressure[-1] - pressure[0], 1.0)

@@ -117,7 +117,7 @@ def test_parts_take_part_are_saved_and_predict(here: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--term", "own_parts_here:Capped"), "derived from famjax.AbstractForceTerm"),
+        (("--term", "own_parts_here:Capped"), "derived from famjax.terms.AbstractForceTerm"),
         (("--term", "own_parts_here:Needy"), "cannot be identified by its class"),
         (("--geometry", "own_parts_here:Cone"), "was not found"),
         (("--geometry", "own_parts_here:Capped", "--shape", "m.nc"), "either --shape or --geometry"),
