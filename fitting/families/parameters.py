@@ -4,6 +4,8 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS, to_si
 
@@ -143,7 +145,11 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
         InputError: a missing or unknown unit, bounds or a value that contradict one another, or a
             prior without spread.
     """
+    if given.prior is not None and np.shape(given.prior) != (2,):
+        raise InputError(f"the prior of {name} is (mean, standard deviation), got {given.prior!r}")
     numbers = (given.value, given.min, given.max, *(given.prior or ()))
+    if given.value is not None and not np.isfinite(given.value):
+        raise InputError(f"the value at which {name} is held must be a number, got {given.value}")
     if standard.kind != "number" and not given.unit and any(n is not None for n in numbers):
         raise InputError(
             f"{name} is a {standard.kind} and needs a unit, one of "
@@ -226,6 +232,8 @@ def complete_table(
         if name in parameters:
             entry = entry_in_si(name, parameters[name], entry)
         if name in bounds:
+            if np.shape(bounds[name]) != (2,):
+                raise InputError(f"bounds of {name} are (low, high), got {bounds[name]!r}")
             given = parameters.get(name, Parameter())
             if (given.value, given.min, given.max) != (None, None, None):
                 raise InputError(f"{name}: give its bounds once, as bounds or in parameters")

@@ -7,7 +7,7 @@ import numpy as np
 from famjax.boundary.sentence import Quantity, Sentence
 
 from ..engine.covariance import CONDITION_LIMIT
-from .multi_start import FEASIBLE
+from .multi_start import rounding_of
 
 if TYPE_CHECKING:
     from .result import Identification
@@ -63,7 +63,7 @@ def doubts(result: "Identification") -> tuple[str, ...]:
             "A constraint or a bound on the coefficients is active: standard errors hold along it "
             "only."
         )
-    if not result.certificate.stability_margin >= -FEASIBLE * np.abs(result.coefficients).max():
+    if not result.certificate.stability_margin >= -rounding_of(result.end.point):
         found.append(
             Sentence(
                 "The law is NOT Drucker-stable on the actuation path (margin ",

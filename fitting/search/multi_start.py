@@ -11,10 +11,15 @@ from famjax.boundary.errors import InputError, check_seed
 
 from ..engine.descent import End, descend, descend_many
 from ..engine.margin import constraint_margin
+from ..engine.point import Point
 from ..engine.problem import Problem
 
 FEASIBLE = 1e-9
 """Violation of a constraint that counts as rounding, in parts of the largest coefficient."""
+_VANISHED = 1e-3  # of the coefficient that alone would carry the force
+_ROUNDS = 32  # of stations that close in on touching points, at most
+_FAR = 3.0  # distances between stations, within which a dip is of the same touching point
+_CLOSER = 0.05  # of their distance, by which the next two stations are off the touching point
 NEAR = 1e-9
 """Part of the cost that a step promises at the end of a descent that is only compared with others."""
 
@@ -66,10 +71,23 @@ def _lowest(ends: Sequence[End]) -> int | None:
     return int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
 
 
+def rounding_of(point: Point) -> float:
+    """Violation of a constraint [Pa] that counts as rounding.
+
+    In parts of the largest coefficient; of a law that all but vanishes, of a thousandth of the largest by
+    which one alone would carry the force.
+    """
+    A, b, _, _ = point.programme
+    size = np.linalg.norm(A, axis=0)
+    alone = np.linalg.norm(b) / size[size > 0]
+    return FEASIBLE * max(np.abs(point.x).max(initial=0), _VANISHED * alone.max(initial=0.0))
+
+
 def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
     """The best of the descents, with the constraint made to hold between the stations.
 
-    Where the law is found to violate it, that point becomes a station and the descent goes on.
+    Where the law is found to violate it, two stations close in on where it touches the constraint, and
+    the descent goes on.
 
     Args:
         problem: of the descents.
@@ -80,19 +98,89 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
         The end of the last descent with everything known of its fit, and the problem with the
         stations placed.
     """
-    kind = problem.constraint
-    for exchange in range(spare):
-        if kind not in ("drucker", "slope"):
-            break
+    kind, touching = problem.constraint, {}
+    for _ in range(_ROUNDS if kind in ("drucker", "slope") else 0):
         found = constraint_margin(problem, best.point, kind)
         lowest = min(float(one.value.min()) for one in found)
-        if lowest >= -FEASIBLE * np.abs(best.point.x).max():
+        if lowest >= -rounding_of(best.point):
             break
-        parts = []
-        for part, one in zip(problem.parts, found, strict=True):
+        optimum, parts, first = best.point.optimum, [], 0
+        for place, (part, one) in enumerate(zip(problem.parts, found, strict=True)):
             stations = part.inputs.stations.copy()
-            stations[:, exchange - spare] = one.position
+            pull = np.zeros(stations.size)
+            here = (first <= optimum.rows) & (optimum.rows < first + stations.size)
+            pull[optimum.rows[here] - first] = optimum.multipliers[here]
+            first += stations.size
+            for path in np.flatnonzero(one.value < 0):
+                own, dip = stations[path], float(one.position[path])
+                known = touching.setdefault((place, int(path)), [])
+                near = [k for k, at in enumerate(known) if abs(at.middle - dip) < _FAR * _cell(own)]
+                now = _Touch.of(own, pull.reshape(stations.shape)[path], dip)
+                if near:
+                    touch = near[0]
+                    known[touch] = now.after(known[touch])
+                else:
+                    touch = len(known)
+                    known.append(now)
+                slot = own.size - spare + 2 * (touch % (spare // 2))
+                own[slot : slot + 2] = known[touch].pair
             parts.append(part.with_stations(stations))
         problem = dataclasses.replace(problem, parts=tuple(parts))
         best = descend(problem, best.u)
     return dataclasses.replace(best, point=problem.solve(best.point.parameters)), problem
+
+
+@dataclasses.dataclass(frozen=True)
+class _Touch:
+    """Where on a path the law touches the constraint.
+
+    Attributes:
+        middle: about where.
+        half: how far off that may be.
+    """
+
+    middle: float
+    half: float
+
+    @classmethod
+    def of(
+        cls,
+        stations: Float[np.ndarray, " stations"],
+        pull: Float[np.ndarray, " stations"],
+        dip: float,
+    ) -> "_Touch":
+        """From the active stations about a dip.
+
+        Two on either side of it pull together as the touching point does, which lies between them, where
+        the mean of their multipliers says, to second order in their distance. With one alone it is
+        between that and the dip.
+
+        Args:
+            stations: of the path.
+            pull: multipliers; 0 of those that are not active.
+            dip: where the law is weakest.
+        """
+        near = (pull > 0) & (np.abs(stations - dip) < _FAR * _cell(stations))
+        below, above = near & (stations <= dip), near & (stations > dip)
+        if below.any() and above.any():
+            low, high = float(stations[below].max()), float(stations[above].min())
+            left, right = (pull[near & (stations == end)].sum() for end in (low, high))
+            middle = float(left * low + right * high) / float(left + right)
+            return cls(middle, _CLOSER * (high - low))
+        one = dip
+        if near.any():
+            one = float(stations[near][np.abs(stations[near] - dip).argmin()])
+        return cls((one + dip) / 2, abs(one - dip) / 2)
+
+    def after(self, before: "_Touch") -> "_Touch":
+        """What is known now: no better than how far it is from what was known before."""
+        return _Touch(self.middle, max(self.half, abs(self.middle - before.middle)))
+
+    @property
+    def pair(self) -> tuple[float, float]:
+        """The next two stations."""
+        return max(self.middle - self.half, 0.0), min(self.middle + self.half, 1.0)
+
+
+def _cell(stations: Float[np.ndarray, " stations"]) -> float:
+    return 1 / (stations.size - 1)

@@ -17,7 +17,7 @@ from ..engine.point import Point
 from ..engine.problem import Problem
 from ..engine.response import unflat
 from .estimates import coefficient_stderr, concerning, derived, estimates, of_nodes
-from .multi_start import FEASIBLE
+from .multi_start import rounding_of
 from .optimal import Optimal
 from .posing import Posed
 from .result import Certificate, Errors, Identification, force_at_readings
@@ -38,8 +38,7 @@ def summarise(
     problem, point = found.problem, found.point
     margins = {kind: constraint_margin(problem, point, kind) for kind in ("drucker", "slope")}
     certificate = _certificate(found, ends, margins)
-    allowed = -FEASIBLE * np.abs(found.coefficients).max()
-    feasible = problem.constraint == "none" or certificate.constraint_margin >= allowed
+    feasible = problem.constraint == "none" or certificate.constraint_margin >= -rounding_of(point)
     certified = point.optimum.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
     # A fit without error has only rounding left, and that has no direction.
     perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
