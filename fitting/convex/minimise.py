@@ -40,6 +40,7 @@ _OUTSIDE = 1e-10  # violation of a unit row per |y|, far below what makes a poin
 _CORNER = 1e-10  # relative change by a step of a near solution at a corner of the objective
 _STILL = 1e-24  # squared relative change of an exact solution
 _CERTIFIED = 1e-10  # largest residual of the optimality conditions of an exact one
+_NONE = 1e-3  # of the length that the data pull at: shorter unknowns are rounding
 
 Rows = tuple[Int[AnyArray, "b n"], Bool[AnyArray, "b n"]]
 """Indices of active rows, and which of them are used."""
@@ -304,10 +305,14 @@ def _certified(
     stationarity = model.gradient + turned - (multipliers[:, None] @ normals)[:, 0]
     slack = (rows @ y[..., None])[..., 0]
     size = length(y)
-    pull = xp.maximum(xp.trace(model.majorant, axis1=1, axis2=2) * size, tiny)
+    # Where the optimum is no law at all, what the data pull at it says what is rounding.
+    pull_of_none = length(fixed(still.model(xp.zeros_like(y), iteration).gradient))
+    pull = xp.trace(model.majorant, axis1=1, axis2=2) * size
+    pull = xp.maximum(xp.maximum(pull, pull_of_none), tiny)
+    largest = xp.maximum(xp.maximum(size, _NONE * pull_of_none), tiny)
     violations = [
         abs(stationarity).max(axis=1) / pull,
-        (-slack).max(axis=1, initial=0.0) / xp.maximum(size, tiny),
+        (-slack).max(axis=1, initial=0.0) / largest,
         (-multipliers).max(axis=1, initial=0.0) / pull,
     ]
     kkt_residual = fixed(xp.stack(violations).max(axis=0))

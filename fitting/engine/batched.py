@@ -63,6 +63,7 @@ class Batched(eqx.Module):
         priors: places, means and weights of priors on nonlinear parameters.
         constraint: on the coefficients.
         ridge: see `Problem`.
+        censored: whether readings count on one side only, which the host's fit alone knows.
     """
 
     parts: tuple[_Part, ...]
@@ -78,6 +79,7 @@ class Batched(eqx.Module):
     ]
     constraint: Constraint = eqx.field(static=True)
     ridge: float = eqx.field(static=True)
+    censored: bool = eqx.field(static=True)
 
     @classmethod
     def of(cls, problem: Problem) -> "Batched":
@@ -111,6 +113,7 @@ class Batched(eqx.Module):
             ),
             constraint=problem.constraint,
             ridge=problem.ridge,
+            censored=bool(problem.side.any()),
         )
 
     def parameters(self, u: Float[Array, " p"]) -> Float[Array, " q"]:
@@ -125,7 +128,16 @@ class Batched(eqx.Module):
         factor: Float[Array, " points"],
         start: Float[Array, " p"],
     ) -> BatchedFit:
-        """The fit to forces [N] with factors on their weights, from a point of the unit box."""
+        """The fit to forces [N] with factors on their weights, from a point of the unit box.
+
+        Raises:
+            ValueError: some of the readings are censored.
+        """
+        if self.censored:
+            raise ValueError(
+                "a fit in JAX takes every reading for what it says; this problem has censored ones, "
+                "which count on one side only. Solve it on the host, by `fitting.identify`"
+            )
 
         def residual(u: Float[Array, " p"]) -> Float[Array, " k"]:
             p = self.parameters(u)

@@ -39,7 +39,7 @@ def weakest(
     """
     nodes = (1 - np.cos(np.pi * np.arange(count) / (count - 1))) / 2
     candidates: list[list[float]] = [[0.0, 1.0] for _ in range(paths)]
-    pieces, bound = [(0.0, 1.0)], 0.0
+    pieces, bound, largest = [(0.0, 1.0)], 0.0, np.finfo(float).tiny
     # Of the pieces that stay rough, the one with the lowest sample of each path.
     rough_low, low_end, high_end = np.full(paths, np.inf), np.zeros(paths), np.ones(paths)
     for halving in range(_HALVINGS + 1):
@@ -49,6 +49,7 @@ def weakest(
             values = evaluate(np.tile(at, (paths, 1)))
             if not np.isfinite(values).all():
                 return np.zeros(paths), np.full(paths, np.nan), np.nan
+            largest = max(largest, float(np.abs(values).max()))
             for path in range(paths):
                 coefficients = _interpolant(values[path])
                 size = max(float(np.abs(values[path]).max()), np.finfo(float).tiny)
@@ -68,7 +69,7 @@ def weakest(
             break
     if np.isfinite(rough_low).any():
         lowest, left = _closed_in(evaluate, low_end, high_end, count)
-        bound = max(bound, left)
+        bound = max(bound, left / largest)
         for path in np.flatnonzero(np.isfinite(rough_low)):
             candidates[path].append(float(lowest[path]))
     return *_best(evaluate, candidates, count), bound
@@ -80,14 +81,14 @@ def _closed_in(
     high: Float[np.ndarray, " paths"],
     count: int,
 ) -> tuple[Float[np.ndarray, " paths"], float]:
-    """The lowest sample between two positions of each path, and by how much its neighbours differ."""
+    """The lowest sample between two positions of each path, and by how much its neighbours differ [Pa]."""
     rows, spread = np.arange(low.size), np.inf
     for _ in range(_ZOOMS):
         at = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, count)
         values = evaluate(at)
         best = values.argmin(axis=1)
         low, high = at[rows, np.maximum(best - 1, 0)], at[rows, np.minimum(best + 1, count - 1)]
-        spread = float(np.max(np.ptp(values, axis=1) / np.abs(values).max()))
+        spread = float(np.max(np.ptp(values, axis=1)))
     return (low + high) / 2, spread
 
 

@@ -17,8 +17,8 @@ from famjax.muscle import flatten
 
 from ..trace.in_numpy import in_numpy
 
-ROWS = 65
-"""Rows that the tape computes at once; fewer are filled up, more are computed in parts."""
+ROWS, MANY = 65, 4096
+"""Rows that a tape computes at once, of few and of many; fewer are filled up, more computed in parts."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,9 +67,10 @@ def pull(
     rig = "gives way" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
     parts = []
-    for start in range(0, len(length), ROWS):
-        L, P = length[start : start + ROWS], pressure[start : start + ROWS]
-        lengths, pressures = (np.pad(values, (0, ROWS - len(values)), "edge") for values in (L, P))
+    rows = ROWS if len(length) <= ROWS else MANY
+    for start in range(0, len(length), rows):
+        L, P = length[start : start + rows], pressure[start : start + rows]
+        lengths, pressures = (np.pad(values, (0, rows - len(values)), "edge") for values in (L, P))
         found = in_numpy(
             _pull, mounted, of, spread, np.asarray(length_std), lengths, pressures, rig
         )

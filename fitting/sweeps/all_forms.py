@@ -94,7 +94,12 @@ def sweep(
     maps = (data,) if isinstance(data, ForceData | str | Path) else tuple(data)
     check_maps(*maps)
     geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
-    deadbands = _one_each(deadband, int | float, len(maps), "deadband")
+    if not maps:
+        raise InputError("a sweep needs a force map, got none")
+    dead = np.asarray(deadband, float)
+    if not ((dead >= 0) & np.isfinite(dead)).all():
+        raise InputError(f"the deadband is a gauge pressure [Pa], zero or above; got {deadband}")
+    deadbands = _one_each(float(dead) if dead.ndim == 0 else dead, float, len(maps), "deadband")
     forms = Forms.of(orders, dependences, constraints)
     check_options(objective, bootstrap, seed)
     further = None if terms is None else famjax.terms.SumOfTerms((terms,))

@@ -56,9 +56,15 @@ def load(key: str | None) -> OperationTape | None:
     if not _folders or key is None:
         return None
     try:
-        return _tape(json.loads((_folders[0] / f"{key}.json").read_text()))
+        head, _, body = (_folders[0] / f"{key}.json").read_text().partition("\n")
+        return _tape(json.loads(body)) if head == _head(key, body) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _head(key: str, body: str) -> str:
+    """The first line of a file: what the tape is of, and a digest of it, by which damage is seen."""
+    return f"{key} {hashlib.sha256(body.encode()).hexdigest()}"
 
 
 def save(key: str | None, tape: OperationTape) -> None:
@@ -68,9 +74,13 @@ def save(key: str | None, tape: OperationTape) -> None:
     folder = _folders[0]
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        body = json.dumps(_document(tape))
         with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False) as file:
-            json.dump(_document(tape), file)
-        os.replace(file.name, folder / f"{key}.json")
+            file.write(f"{_head(key, body)}\n{body}")
+        try:
+            os.replace(file.name, folder / f"{key}.json")
+        finally:
+            Path(file.name).unlink(missing_ok=True)
         files = sorted(folder.glob("*.json"), key=lambda path: path.stat().st_mtime)
         for path in files[:-_KEPT]:
             path.unlink(missing_ok=True)

@@ -6,7 +6,14 @@ import os
 import sys
 import time
 from collections.abc import Callable, Collection
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from ..errors import InputError
@@ -207,6 +214,8 @@ def engine_of(executor: Any, count: int) -> Engine:
     workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
     engine = Engine(executor, workers)
     engine.child = pool is not None
+    if isinstance(executor, Executor):
+        engine.losses = (RuntimeError,)  # of `submit` alone: it was shut down
     if "submitit" in sys.modules:
         engine.deaths += (sys.modules["submitit"].core.utils.UncompletedJobError,)
     return engine
