@@ -53,6 +53,7 @@ def covariance(
     active: Float[np.ndarray, "a p"],
     held: Bool[np.ndarray, " p"],
     *,
+    bent: Float[np.ndarray, "c p"] | None = None,
     n_priors: int = 0,
     noise: float = 1.0,
 ) -> Covariance:
@@ -66,6 +67,7 @@ def covariance(
         residual: weighted residual at the optimum.
         active: gradients of the active constraints.
         held: True for parameters at a bound or fixed.
+        bent: roots of what active constraints add to the curvature; they tell nothing of the noise.
         n_priors: rows at the end of the residual that are priors.
         noise: standard deviation of a reading against which these were weighed. With priors the
             noise is at least this, or they would count for more than was said of them.
@@ -77,7 +79,8 @@ def covariance(
     p = jacobian.shape[1]
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
-    root, directions, condition = free_root(jacobian, active, held)
+    curved = jacobian if bent is None else np.concatenate([jacobian, bent])
+    root, directions, condition = free_root(curved, active, held)
     freedom = residual.size - directions
     nothing = np.full((p, p), np.nan)
     if directions == 0 or freedom <= 0 or condition > CONDITION_LIMIT:
@@ -87,9 +90,10 @@ def covariance(
         variance = max(variance, noise**2)
         # A prior that is met exactly is no proof that it is exact.
         residual = np.concatenate([residual[:-n_priors], np.full(n_priors, noise)])
-    matrix = root @ root.T * variance
+    moves = root @ (root.T @ jacobian.T)
+    matrix = (root @ root.T if bent is None or not len(bent) else moves @ moves.T) * variance
     # Each reading's own residual in place of one noise, with MacKinnon & White's small-sample factor.
-    influence = root @ (root.T @ jacobian.T) * residual
+    influence = moves * residual
     sandwich = influence @ influence.T * (residual.size / freedom)
     stuck = np.sqrt(np.diag(matrix)) * scale <= 1e-9 * np.sqrt(variance)
     for spread in (matrix, sandwich):

@@ -131,8 +131,8 @@ def carry(result: Identification, moves: Moves) -> Carried:
         )
     part = problem.parts[result.place]
     _, jacobian, rows = joint_derivatives(problem, point)
-    held, rows = held_and_active(problem, result.end, rows)
-    root = free_root(jacobian, rows, held).root
+    held, rows, bent = held_and_active(problem, result.end, rows)
+    root = free_root(np.concatenate([jacobian, bent]), rows, held).root
     readings = jacobian[: part.force.size]
     slopes = numbers_by_parameters(result)
     force, numbers = _at(part, point.parameters, point.x, part.force)

@@ -1,14 +1,17 @@
 """The optimum at the end of a descent, with the covariance of everything that was identified."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..engine.covariance import Covariance, covariance
 from ..engine.descent import End
 from ..engine.problem import Point, Problem
 from .robust import Robust, pseudo_residual
+
+_STEP = 1e-3  # of a path, by which the bend of a modulus is seen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +62,7 @@ def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None
     """The optimum at the end of a descent, with its covariance; `robust` as the problem is weighed."""
     point = end.point
     residual, jacobian, rows = joint_derivatives(problem, point)
-    held, rows = held_and_active(problem, end, rows)
+    held, rows, bent = held_and_active(problem, end, rows)
     n_priors = residual.size - problem.force.size
     # A censored reading that is off says nothing of the noise or the parameters.
     off = np.zeros(residual.size, bool)
@@ -73,16 +76,100 @@ def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None
         residual = pseudo_residual(
             own * residual, robust.weight.size, robust.threshold, max(unknowns, 1)
         )
-    spread = covariance(jacobian, residual, rows, held, n_priors=n_priors, noise=problem.noise)
+    spread = covariance(
+        jacobian, residual, rows, held, bent=bent, n_priors=n_priors, noise=problem.noise
+    )
     at_bound = np.isin(np.arange(len(problem.names)), problem.free) & held[: len(problem.names)]
     return Optimal(problem, end, order, spread, at_bound)
 
 
 def held_and_active(
     problem: Problem, end: End, rows: Float[np.ndarray, "m p"]
-) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "a p"]]:
-    """Which of all parameters are held or at a bound, and of the constraints' rows the active ones."""
+) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "a p"], Float[np.ndarray, "c p"]]:
+    """Which of all parameters are held or at a bound, and what the active constraints do to the others.
+
+    Active stations that are neighbours stand for the one point at which the law touches the constraint.
+    That point moves with the parameters, so that the constraint bends: of the modulus m(s) with a
+    multiplier l the curvature of the cost is more by l m_s m_s^T / m_ss, m_s its gradient's slope in s.
+
+    Args:
+        problem: with its stations placed.
+        end: the optimum.
+        rows: gradients of all constraints in all parameters.
+
+    Returns:
+        (held or at a bound; gradients of the active constraints; roots of what they add to the
+        curvature).
+    """
+    point = end.point
     held = np.ones(len(problem.names) + len(problem.linear), bool)
     held[problem.free] = (end.u <= 1e-9) | (end.u >= 1 - 1e-9)
     held[len(problem.names) :] = False
-    return held, rows[np.sort(end.point.optimum.rows)]
+    pull = np.zeros(len(rows))
+    pull[point.optimum.rows] = point.optimum.multipliers
+    touches, n_path = _touching(problem, point, pull)
+    others = np.sort(point.optimum.rows[point.optimum.rows >= n_path])
+    means = [pull[one] @ rows[one] / pull[one].sum() for one in touches]
+    active = np.concatenate([np.array(means).reshape(-1, rows.shape[1]), rows[others]])
+    return held, active, _bent(problem, point, pull, touches)
+
+
+def _touching(
+    problem: Problem, point: Point, pull: Float[np.ndarray, " m"]
+) -> tuple[list[Int[np.ndarray, " k"]], int]:
+    """The active rows of each point that is touched on a path, and the number of rows of paths."""
+    found, first = [], 0
+    for part, one in zip(problem.parts, point.linear, strict=True):
+        stations = part.inputs.stations
+        last = first + len(one.rows)
+        if len(one.rows):
+            cell = 1 / (stations.shape[1] - 1)
+            for path, own in enumerate(stations):
+                at = (
+                    first
+                    + path * own.size
+                    + np.flatnonzero(
+                        pull[first + path * own.size : first + (path + 1) * own.size] > 0
+                    )
+                )
+                at = at[np.argsort(stations.ravel()[at - first])]
+                gaps = np.diff(stations.ravel()[at - first]) > cell
+                found += [rows for rows in np.split(at, np.flatnonzero(gaps) + 1) if rows.size]
+        first = last
+    return found, first
+
+
+def _bent(
+    problem: Problem,
+    point: Point,
+    pull: Float[np.ndarray, " m"],
+    touches: Sequence[Int[np.ndarray, " k"]],
+) -> Float[np.ndarray, "c p"]:
+    """Roots of what the touched points add to the curvature, by differences in their place."""
+    p = len(problem.names) + len(problem.linear)
+    stations = np.concatenate([part.inputs.stations.ravel() for part in problem.parts])
+    middles = [pull[rows] @ stations[rows] / pull[rows].sum() for rows in touches]
+    inner = [k for k, s in enumerate(middles) if _STEP < s < 1 - _STEP]
+    if not inner:
+        return np.zeros((0, p))
+    sides = []
+    for step in (-_STEP, _STEP):
+        moved, first = stations.copy(), 0
+        for k in inner:
+            moved[touches[k]] = middles[k] + step
+        parts = []
+        for part in problem.parts:
+            own = part.inputs.stations
+            parts.append(part.with_stations(moved[first : first + own.size].reshape(own.shape)))
+            first += own.size
+        other = dataclasses.replace(problem, parts=tuple(parts))
+        found = dataclasses.replace(other.solve(point.parameters), optimum=point.optimum)
+        _, _, G, h = found.programme
+        sides.append((np.concatenate([other.partial(found)[1], G], axis=1), G @ point.x - h))
+    (low, m_low), (high, m_high) = sides
+    first_of = [touches[k][0] for k in inner]
+    slope = (high - low)[first_of] / (2 * _STEP)
+    # At the point itself the modulus is zero.
+    bend = (m_low + m_high)[first_of] / _STEP**2
+    weight = np.array([pull[touches[k]].sum() for k in inner]) / np.where(bend > 0, bend, np.inf)
+    return np.sqrt(weight)[:, None] * slope

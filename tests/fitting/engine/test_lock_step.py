@@ -227,6 +227,20 @@ def test_a_kept_tape_computes_the_same(folder):
     np.testing.assert_array_equal(again.run(x, y)[0], tape.run(x, y)[0])
 
 
+def test_a_tape_that_is_damaged_or_another_s_is_recorded_anew(folder):
+    tape = record(_looped, np.ones(6), np.ones(()))
+    key, other = tape_store.identity("loop", (6,)), tape_store.identity("another")
+    tape_store.save(key, tape)
+    file = folder / f"{key}.json"
+    whole = file.read_text()
+    (folder / f"{other}.json").write_text(whole)
+    assert tape_store.load(other) is None
+    for damaged in (whole[:-40], whole.replace("1.0", "1.001", 1), whole.partition("\n")[2], ""):
+        file.write_text(damaged)
+        assert tape_store.load(key) is None
+    assert not list(folder.glob("*.part"))
+
+
 def test_a_problem_that_was_sent_has_the_same_bits_and_keeps_its_tape(folder):
     problem = pose_one(load_bundled("DMSP-10-250")).problem
     packed = pickle.dumps(problem)
