@@ -323,10 +323,7 @@ def residual_slopes(
 ) -> Float[np.ndarray, "*b k q"]:
     """Derivative of the weighted residual, priors included, at constant coefficients.
 
-    Args:
-        like: the problem, or one like all members.
-        weights: of the readings of each part.
-        points: one fit or several.
+    Of one fit, or of several whose problems differ from `like` in numbers alone.
     """
     d_residual = np.zeros((*points.residual.shape, len(like.names)))
     for part, one, weight, here in zip(
