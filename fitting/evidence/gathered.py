@@ -277,10 +277,10 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
         if one.verdict in {"flat", "one-sided"}:
             side = "on neither side" if one.verdict == "flat" else "on one side only"
             found.append(f"The data bound {one.name} {side} (profile likelihood).")
-    drawn = evidence.bootstrap
-    for estimate in result.estimates if drawn is not None else ():
-        spread = drawn.stderr.get(estimate.name, math.nan) if drawn is not None else math.nan
-        ratio = spread / estimate.stderr if estimate.stderr else math.nan
+    spread = {} if evidence.bootstrap is None else evidence.bootstrap.stderr
+    for estimate in result.estimates:
+        drawn = spread.get(estimate.name, math.nan)
+        ratio = drawn / estimate.stderr if estimate.stderr else math.nan
         if math.isfinite(ratio) and not 1 / _DISAGREE < ratio < _DISAGREE:
             found.append(
                 f"The standard error of {estimate.name} by bootstrap is {ratio:.2g} times that of "
