@@ -158,17 +158,12 @@ def choose(
 
     fit = functools.partial(fitted_in_step, weighed, constraint, box, min(starts, _COMPARED), seed)
     ends = run_fits(fit, kinds, executor=executor, progress=tell)
-    fitted: list[Fitted] = []
-    elsewhere: list[Fitted] = []
     outcomes = [*zip(every, itertools.chain.from_iterable(ends), strict=True)]
     dropped = (*dropped, *sentences_on_no_use(outcomes, judged))
-    for candidate, one in outcomes:
-        if not isinstance(one, Fitted):
-            continue
-        if candidate.name in judged:
-            fitted.append(one)
-        if candidate.name in of_others:
-            elsewhere.append(one)
+    fitted, elsewhere = (
+        [one for candidate, one in outcomes if isinstance(one, Fitted) and candidate.name in of]
+        for of in (judged, of_others)
+    )
 
     def identified(one: Fitted, points: Float[np.ndarray, "k p"]) -> Identification | None:
         if progress is not None:

@@ -45,13 +45,8 @@ def accounts(
 ) -> tuple[Candidate, ...]:
     """The families that transfer and that a map can carry, those that it does not tell apart too.
 
-    None where there is but one thing to make a muscle pull late, by what a user says or for lack of
-    readings.
-
-    Args:
-        data: the map.
-        parameters: what a user says, see `ladder`.
-        bounds: likewise.
+    None where there is but one thing to make a muscle pull late, by what a user says (see `ladder`) or
+    for lack of readings.
     """
     every, _ = ladder(data, parameters, bounds, rig_from=0)
     found = tuple(one for one in every if _pulls_late_by(one) is not None)
@@ -59,12 +54,7 @@ def accounts(
 
 
 def other_lengths(fitted: Sequence[Fitted], max_force: float) -> OtherLengths | None:
-    """Muscles of other lengths by the accounts of a specimen; None where there is none.
-
-    Args:
-        fitted: the accounts.
-        max_force: largest force measured [N].
-    """
+    """Muscles of other lengths by the accounts of a specimen; None where there is none."""
     if not fitted:
         return None
     return OtherLengths(

@@ -197,7 +197,7 @@ class _Race(Sequence[dict[int, Fitted]]):
         return len(self.kinds)
 
     def __getitem__(self, index: Any) -> Any:
-        judged = [place for part in self.found.parts.values() for place in part]
+        judged = [place for part in self.found.values() for place in part]
         best = min((self.score(place) for place in judged), default=np.inf)
         return {
             place: self.order[place]
@@ -207,10 +207,7 @@ class _Race(Sequence[dict[int, Fitted]]):
 
     def outcome(self, place: int) -> dict[str, LeftOut] | None:
         """The errors of a family on what was left out; None where there is no force at some of it."""
-        for part in self.found.parts.values():
-            if place in part:
-                return part[place]
-        return None
+        return next((part[place] for part in self.found.values() if place in part), None)
 
     def score(self, place: int) -> float:
         """Of a family on what was left out; infinite where there is no force at some of it."""
@@ -218,18 +215,12 @@ class _Race(Sequence[dict[int, Fitted]]):
         return np.inf if out is None else score(out, self.order[place].rmse, self._max_force)
 
 
-class _Found:
+class _Found(dict[int, dict[int, dict[str, LeftOut] | None]]):
     """Errors on what was left out of the families of each kind, see `run_tasks`."""
-
-    def __init__(self) -> None:
-        self.parts: dict[int, dict[int, dict[str, LeftOut] | None]] = {}
-
-    def __contains__(self, index: int) -> bool:
-        return index in self.parts
 
     def keep(self, index: int, part: dict[int, dict[str, LeftOut] | None]) -> None:
         """One more result."""
-        self.parts[index] = part
+        self[index] = part
 
 
 def _left_out(seed: int, fitted: Mapping[int, Fitted]) -> dict[int, dict[str, LeftOut] | None]:

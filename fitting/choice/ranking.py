@@ -64,13 +64,7 @@ def _logs(errors: Mapping[str, LeftOut], rmse: float, max_force: float) -> list[
 def hopeless(one: Candidate, rmse: float, at_least: float, best: float) -> Tried:
     """A family that nothing was left out of.
 
-    It errs more on what it has seen than the best does on what it has not.
-
-    Args:
-        one: the family.
-        rmse: in sample [N].
-        at_least: its score in sample.
-        best: the best score.
+    By its score in sample it errs more on what it has seen than the best does on what it has not.
     """
     return Tried(one, rmse, {}, at_least, (at_least - best, 0.0), as_good=False)
 

@@ -193,13 +193,6 @@ def fit_and_cross_validate_peer(
 ) -> tuple[PeerFit, list[CrossValidation]]:
     """`fit_peer` and `cross_validate_peer` of it, with all but the refits that start there in step.
 
-    Args:
-        name: as in `fit_peer`.
-        data: the force map.
-        kinds: each "pressure" or "length".
-        starts: number of starts of the fit.
-        seed: of the starts.
-
     Returns:
         The fit, and the errors of each kind.
 

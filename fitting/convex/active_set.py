@@ -340,16 +340,9 @@ def _on_face(
     centre: Float[Array, " n"],
     near: tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, "rows n"]],
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """The solution of y - N^T l = c, N y = h, where unused slots hold zeros.
+    """The y and l of y - N^T l = c, N y = h, where unused slots hold zeros.
 
-    Args:
-        normals: N.
-        offsets: h.
-        centre: c.
-        near: y, l and the inverse (P, N*) from the walk, refined here.
-
-    Returns:
-        (y, l).
+    `near` has y and l as the walk has found them, which are refined here, and its inverse (P, N*).
     """
     n = centre.shape[0]
     y, multipliers, inverse = near

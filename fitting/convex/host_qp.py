@@ -231,22 +231,15 @@ def _on_guessed_faces(
     noise: Float[np.ndarray, "b m"],
     guesses: Sequence[np.ndarray | None] | None,
 ) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """`nearest_point` of those whose active rows are found in a few rounds, all of them together.
+    """`_nearest_point` of those whose active rows are found in a few rounds, all of them together.
 
     Each round solves every problem on the face of some rows, then drops the rows that would pull
     and adds the one that is violated most. What satisfies all conditions is the optimum, however its
-    face was guessed.
-
-    Args:
-        G: rows of unit length.
-        h: offsets.
-        centre: the unconstrained optima.
-        slack: of the rows there; the lowest one is the first guess where there is no other.
-        noise: violation that counts as rounding.
-        guesses: active rows of neighbouring problems.
+    face was guessed. Without a guess the row of the lowest slack is the first. Violations below `noise`
+    count as rounding.
 
     Returns:
-        (y, active rows, their multipliers) by place; the others are left to `nearest_point`.
+        (y, active rows, their multipliers) by place; the others are left to `_nearest_point`.
     """
     found: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
     left, n = np.arange(len(centre)), centre.shape[1]
@@ -291,17 +284,7 @@ def _nearest_point(
     centre: Float[np.ndarray, " n"],
     guess: Int[np.ndarray, " a"] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Status]:
-    """The point y nearest to `centre` with G y >= h, for rows of unit length.
-
-    Args:
-        G: rows; those of zeros with h <= 0 are off.
-        h: offsets.
-        centre: the unconstrained optimum.
-        guess: active rows of a neighbouring problem.
-
-    Returns:
-        (y, active rows, their multipliers, status).
-    """
+    """One of `nearest_points`, for rows of unit length: y, active rows, their multipliers, status."""
     n = centre.size
     noise = 32 * _EPS * (np.linalg.norm(centre) + np.abs(h))
     active: list[int] = []

@@ -201,13 +201,11 @@ class Batched(eqx.Module):
             ones = jnp.ones_like(force)
             A, b, _, _ = self.programme(fixed, state[0], force, ones, state[1])
             points = slice(force.shape[0])
-            return x, (A[points] @ x - b[points]) / self._weights() + force
+            weight = jnp.concatenate([jnp.asarray(part.weight) for part in self.parts])
+            return x, (A[points] @ x - b[points]) / weight + force
 
         x0, reached = jax.lax.stop_gradient(jax.lax.fori_loop(0, _REACHES, refit, (x0, reached)))
         return self._convex(*self.programme(p, x0, force, factor, reached)), x0, reached
-
-    def _weights(self) -> Float[Array, " points"]:
-        return jnp.concatenate([jnp.asarray(part.weight) for part in self.parts])
 
     def _convex(self, A: Array, b: Array, G: Array, h: Array) -> Optimum:
         if self.ridge:

@@ -13,9 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..convex.qp import solve_qp
+from .descent import SNAP, gradient_residual
 
-_VANISHED = 1e-8  # parts of the first residual below which a residual is rounding
-_SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
 _MOST_STEPS = 200  # refused ones included
 _TOLERANCE = 1e-10  # on the gradient residual, and on the step
 
@@ -54,21 +53,6 @@ class _State(eqx.Module):
     converged: Bool[Array, ""]
 
 
-def _gradient_residual(
-    u: Float[Array, " p"],
-    residual: Float[Array, " k"],
-    jacobian: Float[Array, "k p"],
-    scale: Float[Array, ""],
-) -> Float[Array, ""]:
-    tiny = jnp.finfo(u.dtype).tiny
-    gradient = jacobian.T @ residual
-    stopped = ((u <= 0) & (gradient > 0)) | ((u >= 1) & (gradient < 0))
-    # A residual that has all but vanished has no direction left: it is measured against the start.
-    length = jnp.linalg.norm(residual) + _VANISHED * scale
-    size = jnp.linalg.norm(jacobian, axis=0) * length
-    return jnp.max(jnp.where(stopped, 0.0, jnp.abs(gradient)) / jnp.maximum(size, tiny), initial=0)
-
-
 def minimise_in_box(
     residual: Callable[[Float[Array, " p"]], Float[Array, " k"]],
     start: Float[Array, " p"],
@@ -88,6 +72,9 @@ def minimise_in_box(
         return BoxOptimum(start, r @ r / 2, jnp.zeros(()), jnp.array(0), jnp.array(True))
     unit = jnp.eye(n, dtype=start.dtype)
     bounds = jnp.concatenate([unit, -unit])
+
+    def slope(*of_one: Array) -> Float[Array, ""]:
+        return gradient_residual(*(leaf[None] for leaf in of_one))[0]
 
     def with_value(u: Float[Array, " p"]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
         value = residual(u)
@@ -116,7 +103,7 @@ def minimise_in_box(
         target = jnp.concatenate([-r, jnp.zeros_like(u)])
         move = solve_qp(damped, target, bounds, jnp.concatenate([-u, u - 1])).x
         trial = u + move
-        trial = jnp.where(trial < _SNAP, 0.0, jnp.where(trial > 1 - _SNAP, 1.0, trial))
+        trial = jnp.where(trial < SNAP, 0.0, jnp.where(trial > 1 - SNAP, 1.0, trial))
         predicted = r @ r - jnp.sum((r + J @ move) ** 2)
         # A move below the rounding of the cost cannot show a descent: the end is reached there.
         negligible = predicted <= 4 * jnp.finfo(u.dtype).eps * (r @ r)
@@ -131,7 +118,7 @@ def minimise_in_box(
             damping=damping,
             growth=jnp.where(better, 2.0, 2 * state.growth),
             steps=state.steps + 1,
-            converged=small | negligible | (_gradient_residual(u, r, J, scale) <= _TOLERANCE),
+            converged=small | negligible | (slope(u, r, J, scale) <= _TOLERANCE),
         )
 
     shape = jax.eval_shape(residual, start)
@@ -151,7 +138,7 @@ def minimise_in_box(
     return BoxOptimum(
         u=end.u,
         cost=end.residual @ end.residual / 2,
-        gradient_residual=_gradient_residual(end.u, end.residual, end.jacobian, end.scale),
+        gradient_residual=slope(end.u, end.residual, end.jacobian, end.scale),
         steps=end.steps,
         converged=end.converged,
     )

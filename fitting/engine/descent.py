@@ -14,17 +14,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..convex.arrays import member
+from ..convex.arrays import AnyArray, member, namespace
 from ..convex.host_qp import solve_host_qps
 from .point import Point
 from .problem import Problem
 from .stack import Near, Stack
 
 _VANISHED = 1e-8  # parts of the first residual below which a residual is rounding
-_SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
 _EPS = float(np.finfo(float).eps)
 _TINY = float(np.finfo(float).tiny)
 _TOGETHER = 128  # descents in step: more, and their arrays leave the cache
+SNAP = 1e-12
+"""A step that ends this near to a face was meant to end on it."""
 ROUNDED = 4 * _EPS
 """Part of the cost: a step that promises less cannot be seen to descend."""
 
@@ -116,19 +117,21 @@ def descend_many(
     return [ends[place] for place in range(len(problems))]
 
 
-def _gradient_residual(
-    u: Float[np.ndarray, "b p"],
-    r: Float[np.ndarray, "b k"],
-    J: Float[np.ndarray, "b k p"],
-    scale: Float[np.ndarray, " b"],
-) -> Float[np.ndarray, " b"]:
+def gradient_residual(
+    u: Float[AnyArray, "b p"],
+    r: Float[AnyArray, "b k"],
+    J: Float[AnyArray, "b k p"],
+    scale: Float[AnyArray, " b"],
+) -> Float[AnyArray, " b"]:
+    """Largest cosine between r and a column of J along which u may still move, see `End`."""
+    xp = namespace(u)
     gradient = (r[:, None] @ J)[:, 0]
     stopped = ((u <= 0) & (gradient > 0)) | ((u >= 1) & (gradient < 0))
     # A residual that has all but vanished has no direction left: it is measured against the start.
-    length = np.linalg.norm(r, axis=1) + _VANISHED * scale
-    size = np.linalg.norm(J, axis=1) * length[:, None]
-    cosine = np.where(stopped, 0.0, np.abs(gradient)) / np.maximum(size, _TINY)
-    return np.max(cosine, axis=1, initial=0.0)
+    length = xp.linalg.norm(r, axis=1) + _VANISHED * scale
+    size = xp.linalg.norm(J, axis=1) * length[:, None]
+    cosine = xp.where(stopped, 0.0, abs(gradient)) / xp.maximum(size, xp.finfo(u.dtype).tiny)
+    return xp.max(cosine, axis=1, initial=0.0)
 
 
 def _squares(r: Float[np.ndarray, "b k"]) -> Float[np.ndarray, " b"]:
@@ -222,7 +225,7 @@ class _InStep:
         begin = 1e-3 * np.max(np.sum(self._J**2, axis=1), axis=1, initial=0.0)
         self._damping = np.maximum(np.where(first, begin, self._damping * factor), _TINY)
         self._growth = np.where(better, 2.0, 2 * self._growth)
-        slope = _gradient_residual(self._u, self._r, self._J, self._scale)
+        slope = gradient_residual(self._u, self._r, self._J, self._scale)
         self._residual = np.where(better, slope, self._residual)
         self._steps = self._steps + 1
         nowhere = first & ~better
@@ -246,7 +249,7 @@ class _InStep:
         optima = solve_host_qps(damped, target, bounds, limits, self._faces)
         move, self._faces = optima.x, list(optima.rows)
         trial = self._u + move
-        self._trial = np.where(trial < _SNAP, 0.0, np.where(trial > 1 - _SNAP, 1.0, trial))
+        self._trial = np.where(trial < SNAP, 0.0, np.where(trial > 1 - SNAP, 1.0, trial))
         cost = _squares(self._r)
         self._predicted = cost - _squares(self._r + (self._J @ move[:, :, None])[:, :, 0])
         # A step that is damped after refusals promises little, however far the end is.

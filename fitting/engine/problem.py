@@ -9,6 +9,7 @@ References:
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -190,6 +191,12 @@ class Problem:
         """Sides of all readings, see `Part`."""
         return np.concatenate([part.side for part in self.parts])
 
+    @property
+    def readings(self) -> list[slice]:
+        """Where those of each part are among all."""
+        ends = itertools.accumulate((part.force.size for part in self.parts), initial=0)
+        return [slice(first, end) for first, end in itertools.pairwise(ends)]
+
     def levels(self, kind: str) -> Float[np.ndarray, " points"]:
         """The "pressure" [Pa] or "length" [m] level of every reading, or the number of its "specimen"."""
         if kind == "specimen":
@@ -202,18 +209,15 @@ class Problem:
         self, *, force: np.ndarray | None = None, factor: np.ndarray | None = None
     ) -> "Problem":
         """The problem with other forces [N], and factors on the weights of its readings."""
-        parts, first = [], 0
-        for part in self.parts:
-            here = slice(first, first + part.force.size)
-            first = here.stop
-            parts.append(
-                dataclasses.replace(
-                    part,
-                    force=part.force if force is None else force[here],
-                    weight=part.weight if factor is None else part.weight * factor[here],
-                )
+        parts = tuple(
+            dataclasses.replace(
+                part,
+                force=part.force if force is None else force[here],
+                weight=part.weight if factor is None else part.weight * factor[here],
             )
-        return dataclasses.replace(self, parts=tuple(parts))
+            for part, here in zip(self.parts, self.readings, strict=True)
+        )
+        return dataclasses.replace(self, parts=parts)
 
     @property
     def structure(self) -> tuple:

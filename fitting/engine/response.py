@@ -166,10 +166,6 @@ def with_derivatives(
     Values and derivatives are traced in one pass, by less than half the work of `jax.linearize`
     with a map of what it returns.
 
-    Args:
-        function: returns what is differentiated, and what is not.
-        x: where.
-
     Returns:
         The first, its derivatives along a new leading axis, and the second.
     """

@@ -263,12 +263,12 @@ class Stack:
         A, b, G, _ = points.programme
         optima, n = points.optimum, points.x.shape[1]
         if n:
-            readings = sum(part.force.size for part in like.parts)
+            readings = like.readings[-1].stop
             r = (A @ points.x[:, :, None])[:, :, 0] - b
-            dA_r, reading = np.zeros((len(members), len(like.names), n)), 0
-            for part, one, weight in zip(like.parts, points.linear, weights, strict=True):
-                here = slice(reading, reading + part.force.size)
-                reading = here.stop
+            dA_r = np.zeros((len(members), len(like.names), n))
+            for part, one, weight, here in zip(
+                like.parts, points.linear, weights, like.readings, strict=True
+            ):
                 at = (slice(None), *np.ix_(part.at, part.coefficients))
                 dA_r[at] += ((weight * r[:, here])[:, None, None] @ one.d_columns)[:, :, 0]
             dr_A = d_residual[:, :readings].transpose(0, 2, 1) @ A[:, :readings]
@@ -323,17 +323,13 @@ def residual_slopes(
 ) -> Float[np.ndarray, "*b k q"]:
     """Derivative of the weighted residual, priors included, at constant coefficients.
 
-    Args:
-        like: the problem, or one like all members.
-        weights: of the readings of each part.
-        points: one fit or several.
+    Of one fit, or of several whose problems differ from `like` in numbers alone.
     """
     d_residual = np.zeros((*points.residual.shape, len(like.names)))
-    reading = 0
-    for part, one, weight in zip(like.parts, points.linear, weights, strict=True):
+    for part, one, weight, here in zip(
+        like.parts, points.linear, weights, like.readings, strict=True
+    ):
         own = points.x[..., None, part.coefficients, None]
-        here = slice(reading, reading + part.force.size)
-        reading = here.stop
         moved = one.d_force + (one.d_columns @ own)[..., 0]
         d_residual[..., here, :][..., part.at] += np.swapaxes(weight[..., None, :] * moved, -1, -2)
     for place, prior in enumerate(reversed(like.priors), 1):

@@ -1,6 +1,7 @@
 """What is known of an identification besides its optimum: validation, profiles, bootstrap."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -56,11 +57,7 @@ class Evidence:
     @property
     def empty(self) -> bool:
         """Whether nothing was asked for."""
-        asked = (
-            self.validations, self.profiles, self.bootstrap, self.hysteresis, self.posterior,
-            self.shared,
-        )  # fmt: skip
-        return not any(asked)
+        return not any(found for name, found in vars(self).items() if name != "error")
 
 
 def gather(
@@ -92,43 +89,32 @@ def gather(
         noise: standard deviation of a reading [N], where it is known, of the posterior.
         shared: errors that all readings share, see `carry`.
     """
-    validations = []
-    if validation:
-        for kind in left_out_kinds(result):
-            validations.append(
-                validate(
-                    result,
-                    kind,
-                    progress=lambda done, total, kind=kind: progress(
-                        f"leave one {kind} out", done, total
-                    ),
-                )
-            )
+    validations = [
+        validate(result, kind, progress=functools.partial(progress, f"leave one {kind} out"))
+        for kind in (left_out_kinds(result) if validation else ())
+    ]
     found = ()
     if profiles:
-        found = profile(result, progress=lambda d, t: progress("profile likelihood", d, t))
+        found = profile(result, progress=functools.partial(progress, "profile likelihood"))
     drawn = None
     if replicates:
         drawn = bootstrap(
             result, replicates, seed=seed, executor=executor,
-            progress=lambda d, t: progress("bootstrap", d, t),
+            progress=functools.partial(progress, "bootstrap"),
         )  # fmt: skip
     sampled = None
     if posterior:
         from ..posterior.sampling import sample  # noqa: PLC0415 -- most fits ask for none
 
-        sampled = sample(
-            result, noise=noise, seed=seed, progress=lambda d, t: progress("posterior", d, t)
-        )
-    model_error = _error(result) if error is None else error
-    carried = carry(result, shared) if shared else None
+        told = functools.partial(progress, "posterior")
+        sampled = sample(result, noise=noise, seed=seed, progress=told)
     return Evidence(
-        tuple(validations),
-        tuple(found),
-        drawn,
-        error=model_error,
+        validations=tuple(validations),
+        profiles=found,
+        bootstrap=drawn,
+        error=_error(result) if error is None else error,
         posterior=sampled,
-        shared=carried,
+        shared=carry(result, shared) if shared else None,
     )
 
 
@@ -145,13 +131,9 @@ def _error(result: Identification) -> ModelError | None:
 
 def left_out_kinds(result: Identification) -> tuple[str, ...]:
     """What can be left out: coefficients free in pressure say nothing of another pressure."""
-    data, loaded = result.data, result.data.loaded
-    several = {
-        "pressure": np.unique(data.pressures.level[loaded]).size > 1,
-        "length": np.unique(data.lengths.level[loaded]).size > 1,
-    }
-    several["pressure"] &= result.dependence != "free"
-    return tuple(kind for kind, possible in several.items() if possible)
+    data = result.data
+    kinds = ("length",) if result.dependence == "free" else ("pressure", "length")
+    return tuple(kind for kind in kinds if np.unique(data.levels(kind)[data.loaded]).size > 1)
 
 
 def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
@@ -295,10 +277,10 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
         if one.verdict in {"flat", "one-sided"}:
             side = "on neither side" if one.verdict == "flat" else "on one side only"
             found.append(f"The data bound {one.name} {side} (profile likelihood).")
-    drawn = evidence.bootstrap
-    for estimate in result.estimates if drawn is not None else ():
-        spread = drawn.stderr.get(estimate.name, math.nan) if drawn is not None else math.nan
-        ratio = spread / estimate.stderr if estimate.stderr else math.nan
+    spread = {} if evidence.bootstrap is None else evidence.bootstrap.stderr
+    for estimate in result.estimates:
+        drawn = spread.get(estimate.name, math.nan)
+        ratio = drawn / estimate.stderr if estimate.stderr else math.nan
         if math.isfinite(ratio) and not 1 / _DISAGREE < ratio < _DISAGREE:
             found.append(
                 f"The standard error of {estimate.name} by bootstrap is {ratio:.2g} times that of "

@@ -136,27 +136,21 @@ class Density(eqx.Module):
                 back = jnp.linalg.solve(half @ half.T, slack - (N @ c - offset))
                 c = c + inverse.T @ (half.T @ back)
         x = jnp.asarray(self.coordinates.centre + self.coordinates.scale @ c)
-        _, _, G, h = whole.programme(
-            p, jnp.zeros_like(x), jnp.asarray(self.force), self._ones, jnp.asarray(self.force)
-        )
+        _, _, G, h = self._posed(whole, p)
         rounding = 1e-9 * jnp.max(jnp.abs(x), initial=0.0)
         held = jnp.min(G @ x - h, initial=jnp.inf) >= -rounding
         return p, x, sigma, held & jnp.all(jnp.isfinite(x))
 
-    @property
-    def _ones(self) -> Float[Array, " points"]:
-        return jnp.ones(self.force.shape)
+    def _posed(self, of: Batched, p: Array) -> tuple[Array, Array, Array, Array]:
+        """A, b, G and h about no coefficients, every reading with the weight that it has."""
+        force = jnp.asarray(self.force)
+        none = jnp.zeros(self.coordinates.centre.shape)
+        return of.programme(p, none, force, jnp.ones(force.shape), force)
 
     def _programme(self, p: Array, sigma: Array) -> tuple[Array, Array, Array, Array]:
         """A, b of the standardised residual A c - b, and N, offset of the slacks N c - offset."""
         of, count = self.coordinates, self.force.shape[0]
-        A, b, G, h = self.fit.programme(
-            p,
-            jnp.zeros(of.centre.shape),
-            jnp.asarray(self.force),
-            self._ones,
-            jnp.asarray(self.force),
-        )
+        A, b, G, h = self._posed(self.fit, p)
         scale = jnp.where(jnp.arange(A.shape[0]) < count, 1 / sigma, 1 / self.prior_noise)
         at = np.array(self.layout.slacks + self.layout.held, int)
         N, h = (leaf / (of.face_scale[:, None] if leaf.ndim == 2 else of.face_scale)

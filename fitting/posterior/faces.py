@@ -46,11 +46,15 @@ def faces_of(
     G, optimum = point.programme[2] @ scale, point.optimum
     slack = point.programme[2] @ point.x - point.programme[3]
     size = np.linalg.norm(G, axis=1)
-    n_path = len(G) - _bounds(problem).size
-    lower = np.flatnonzero(np.isfinite(problem.lowest))
+    # The last rows are the finite bounds on coefficients, lower ones first.
+    lower, upper = (
+        np.flatnonzero(np.isfinite(ends)) for ends in (problem.lowest, problem.coefficient_max)
+    )
+    n_path = len(G) - lower.size - upper.size
     equal = np.flatnonzero(problem.coefficient_min == problem.coefficient_max)
     held = n_path + np.searchsorted(lower, equal)
-    both = {*held.tolist(), *(n_path + lower.size + _place_above(problem, equal)).tolist()}
+    above = n_path + lower.size + np.searchsorted(upper, equal)
+    both = {*held.tolist(), *above.tolist()}
     directions = [G[row] / size[row] for row in held]
     chosen = []
     push = np.asarray(optimum.multipliers) * size[optimum.rows]
@@ -76,16 +80,6 @@ def at_faces(problem: Problem, faces: Faces) -> Problem:
         for part, stations in zip(problem.parts, faces.stations, strict=True)
     )
     return dataclasses.replace(problem, parts=parts)
-
-
-def _bounds(problem: Problem) -> Float[np.ndarray, " m"]:
-    """The finite bounds on coefficients, lower ones first: the last rows of the constraint."""
-    ends = np.concatenate([problem.lowest, problem.coefficient_max])
-    return ends[np.isfinite(ends)]
-
-
-def _place_above(problem: Problem, coefficients: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    return np.searchsorted(np.flatnonzero(np.isfinite(problem.coefficient_max)), coefficients)
 
 
 def _placed(

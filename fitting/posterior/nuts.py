@@ -76,13 +76,7 @@ def load_blackjax() -> Any:
 
 @quick_jit
 def tuned_chains(density: Density, keys: Array, warmup: int) -> Chains:
-    """Chains from dispersed starts, each tuned by itself.
-
-    Args:
-        density: to sample.
-        keys: of each chain.
-        warmup: draws in which it is tuned, which are dropped.
-    """
+    """Chains from dispersed starts, each tuned by itself in draws that are dropped."""
     blackjax, d = load_blackjax(), density.box.mean.shape[0]
 
     def one(key: Array) -> Chains:
@@ -103,14 +97,9 @@ def tuned_chains(density: Density, keys: Array, warmup: int) -> Chains:
 def drawn(
     density: Density, whole: Batched, chains: Chains, keys: Array, draws: int
 ) -> tuple[Chains, Drawn]:
-    """The next draws of chains, with the coefficients and all else that follows.
+    """The next draws of each of tuned chains, with the coefficients and all else that follows.
 
-    Args:
-        density: to sample.
-        whole: the problem with its whole constraint.
-        chains: tuned.
-        keys: of each chain.
-        draws: of each chain.
+    `whole` is the problem with its whole constraint.
     """
     kernel = load_blackjax().nuts.build_kernel()
 

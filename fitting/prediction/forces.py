@@ -1,5 +1,6 @@
 """Predictions of a saved fit: force at lengths and pressures, and where the force begins."""
 
+import functools
 import math
 from typing import Any
 
@@ -106,7 +107,23 @@ def static_rows(
 ) -> list[dict[str, Any]]:
     """The rows of `predict` at pairs of lengths and pressures that have been checked."""
     reach, rows = reach_of(fit, rest_length), []
-    for row in _rows(fit, length, pressure, rest_length, length_std):
+    found = _pull(fit, length, pressure, rest_length, length_std)
+    std, factor, band = _band(fit, found, length, pressure, rest_length)
+    half = factor * std
+    for k, force in enumerate(found.force.tolist()):
+        error, wide = float(std[k]), float(half[k])
+        row = {
+            "length_m": float(length[k]),
+            "pressure_Pa": float(pressure[k]),
+            "force_N": finite_or_none(force),
+            "force_std_N": finite_or_none(error),
+            "low_95_N": finite_or_none(force - wide),
+            "high_95_N": finite_or_none(force + wide),
+            "band": band if math.isfinite(error) else None,
+            "slack": bool(force <= 0) if math.isfinite(force) else None,
+        }
+        if fit.document.get("series_compliance_m_per_N"):
+            row["muscle_force_N"] = finite_or_none(float(found.muscle_force[k]))
         why = reach.leaves(row["length_m"], row["pressure_Pa"], row["force_N"])
         rows.append(row | {"inside": why is None, "outside": why})
     return rows
@@ -137,69 +154,25 @@ def _pull(
     Of a fit that is the mean of several families they are the means; the standard deviation is that
     of the first. Of a muscle of another length than the one that was chosen it is their own.
     """
+    of = functools.partial(pull, length=length, pressure=pressure, rest_length=rest_length)
     if rest_length is not None and fit.other_lengths:
-        of_each = [
-            pull(one, None, length, pressure, rest_length=rest_length, length_std=length_std)
-            for one in fit.other_lengths
-        ]
-        force = np.stack([one.force for one in of_each])
+        of_each = [of(one, None, length_std=length_std) for one in fit.other_lengths]
         reading = np.nan_to_num(of_each[0].std)  # by the error of the lengths alone
-        return Pull(
-            force=force.mean(axis=0),
-            muscle_force=np.mean([one.muscle_force for one in of_each], axis=0),
-            std=np.hypot(force.std(axis=0), reading),
-        )
-    spread = _spread(fit)
-    directions = [
-        *([] if _by_what_was_left_out(fit) else spread.get("directions", [])),
-        *spread.get("shared_directions", []),
-    ]
-    first = pull(
-        fit.mounted,
-        np.array(directions) if directions else None,
-        length, pressure, rest_length=rest_length, length_std=length_std,
-    )  # fmt: skip
-    others = [pull(one, None, length, pressure, rest_length=rest_length) for one in fit.others]
-    if not others:
-        return first
-    all_of_them = [first, *others]
+        std = np.hypot(np.std([one.force for one in of_each], axis=0), reading)
+    else:
+        spread = _spread(fit)
+        directions = [
+            *([] if _by_what_was_left_out(fit) else spread.get("directions", [])),
+            *spread.get("shared_directions", []),
+        ]
+        varied = np.array(directions) if directions else None
+        first = of(fit.mounted, varied, length_std=length_std)
+        of_each, std = [first, *(of(one, None) for one in fit.others)], first.std
     return Pull(
-        force=np.mean([one.force for one in all_of_them], axis=0),
-        muscle_force=np.mean([one.muscle_force for one in all_of_them], axis=0),
-        std=first.std,
+        force=np.mean([one.force for one in of_each], axis=0),
+        muscle_force=np.mean([one.muscle_force for one in of_each], axis=0),
+        std=std,
     )
-
-
-def _rows(
-    fit: SavedFit,
-    length: np.ndarray,
-    pressure: np.ndarray,
-    rest_length: float | None,
-    length_std: float,
-) -> list[dict[str, Any]]:
-    """The force at every reading, in the rig and of the muscle alone, with its error band."""
-    compliance = fit.document.get("series_compliance_m_per_N")
-    found = _pull(fit, length, pressure, rest_length, length_std)
-    force = found.force
-    std, factor, band = _band(fit, found, length, pressure, rest_length)
-    half = factor * std
-    rows = []
-    for k in range(force.size):
-        pull, error, wide = float(force[k]), float(std[k]), float(half[k])
-        row = {
-            "length_m": float(length[k]),
-            "pressure_Pa": float(pressure[k]),
-            "force_N": finite_or_none(pull),
-            "force_std_N": finite_or_none(error),
-            "low_95_N": finite_or_none(pull - wide),
-            "high_95_N": finite_or_none(pull + wide),
-            "band": band if math.isfinite(error) else None,
-            "slack": bool(pull <= 0) if math.isfinite(pull) else None,
-        }
-        if compliance:
-            row["muscle_force_N"] = finite_or_none(float(found.muscle_force[k]))
-        rows.append(row)
-    return rows
 
 
 def _band(

@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from famjax.boundary.errors import InputError
+
 from ..families.monotone_cubic import end_slope, monotone_cubic
 from .quasi_static_ramp import QuasiStatic
 
@@ -40,13 +42,18 @@ def branch_curves(
     points: QuasiStatic, records: Sequence[int], pressures: Float[np.ndarray, " levels"]
 ) -> BranchCurves:
     """The branches of these records."""
-    fill, fill_pulls = zip(
-        *(_curve(points, i, pressures, filling=True) for i in records), strict=True
-    )
-    vent, vent_pulls = zip(
-        *(_curve(points, i, pressures, filling=False) for i in records), strict=True
+    (fill, fill_pulls), (vent, vent_pulls) = (
+        zip(*(_curve(points, i, pressures, filling=filling) for i in records), strict=True)
+        for filling in (True, False)
     )
     return BranchCurves(*map(np.stack, (fill, vent, fill_pulls, vent_pulls)))
+
+
+def common_pressures(points: QuasiStatic, step: float) -> Float[np.ndarray, " levels"]:
+    """The multiples of a step [Pa] from zero to the highest pressure of the points."""
+    if not step > 0:
+        raise InputError(f"step must be > 0, got {step} Pa")
+    return step * np.arange(int(points.pressure.max() / step) + 1)
 
 
 def _curve(

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData, Specimen
-from .branch_curves import Branches, branch_curves
+from .branch_curves import Branches, branch_curves, common_pressures
 from .length_summary import LengthSummary, length_summary
 from .quasi_static_ramp import QuasiStatic
 
@@ -140,9 +140,7 @@ def static_map(
     if branches not in {"both", "fill", "vent"}:
         raise InputError(f'branches must be "both", "fill" or "vent", got {branches!r}')
     if pressures is None:
-        if not step > 0:
-            raise InputError(f"step must be > 0, got {step} Pa")
-        pressures = step * np.arange(int(points.pressure.max() / step) + 1)
+        pressures = common_pressures(points, step)
     elif pressures.size == 0 or pressures[0] < 0 or (np.diff(pressures) <= 0).any():
         raise InputError(f"pressures must be >= 0 and increase, got {pressures} Pa")
     parts = [_at_length(points, L, pressures, branches) for L in np.unique(points.length)[::-1]]

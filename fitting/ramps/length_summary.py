@@ -58,15 +58,14 @@ def length_summary(
     """What these records, all at one length, show."""
     mine = np.isin(points.record, records)
     pulling = mine & ~points.slack & points.settled
-    both = curves.fill_pulls & curves.vent_pulls
-    half = ((curves.vent - curves.fill) / 2)[both]
+    half = ((curves.vent - curves.fill) / 2)[curves.fill_pulls & curves.vent_pulls]
     measured = [points.records[i] for i in records]
     noise, stderr = (
         float(np.sqrt(np.mean(x[pulling if pulling.any() else mine] ** 2)))
         for x in (points.noise, points.stderr)
     )
     return LengthSummary(
-        length=measured[0].length,
+        length=float(measured[0].length),
         n_records=len(records),
         n_unused=int(np.sum(~np.isfinite(curves.shown(branches)[0]).any(axis=1))),
         n_fill=int(np.sum(mine & points.filling)),

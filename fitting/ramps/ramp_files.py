@@ -19,19 +19,9 @@ from ..data.force_csv import Described, describe
 from ..data.force_data import ForceData
 from .branch_curves import Branches
 from .force_map import StaticMap, static_map
+from .length_summary import LengthSummary
 from .quasi_static_ramp import quasi_static
 from .record import RampRecord, read_ramp
-
-_FORCES = (
-    "noise",
-    "stderr",
-    "half_width_mean",
-    "half_width_rms",
-    "half_width_max",
-    "repeatability_fill",
-    "repeatability_vent",
-    "repeatability",
-)
 
 
 def read_ramps(entries: Iterable[str], *, columns: str | None = None) -> list[RampRecord]:
@@ -198,6 +188,16 @@ def ramp_summary(static: StaticMap, system: str = "metric") -> dict[str, Any]:
             return None
         return from_si(number, units[kind], kind)
 
+    def of_length(one: LengthSummary) -> dict[str, Any]:
+        row: dict[str, Any] = {}
+        for key, number in dataclasses.asdict(one).items():
+            if isinstance(number, float):  # a length or a force, and all others are counts
+                kind = "length" if key == "length" else "force"
+                row[f"{key}_{units[kind]}"] = value(number, kind)
+            else:
+                row[key] = number
+        return row
+
     force, pressure, length = units["force"], units["pressure"], units["length"]
     return {
         "n_points": points.force.size,
@@ -225,13 +225,5 @@ def ramp_summary(static: StaticMap, system: str = "metric") -> dict[str, Any]:
                 strict=True,
             )
         ],
-        "lengths": [
-            {
-                f"{key}_{length}" if key == "length" else f"{key}_{force}" if key in _FORCES else key:
-                value(number, "length") if key == "length"
-                else value(number, "force") if key in _FORCES else number
-                for key, number in dataclasses.asdict(one).items()
-            }
-            for one in static.lengths
-        ],
-    }  # fmt: skip
+        "lengths": [of_length(one) for one in static.lengths],
+    }

@@ -5,7 +5,7 @@ import numpy as np
 from famjax.boundary.errors import InputError
 
 from ..hysteresis.branch_pairs import BranchPairs
-from .branch_curves import branch_curves
+from .branch_curves import branch_curves, common_pressures
 from .points import LEAST_READINGS
 from .quasi_static_ramp import QuasiStatic
 
@@ -25,9 +25,7 @@ def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -
     Raises:
         InputError: a step that is not > 0, or no record with both branches.
     """
-    if not step > 0:
-        raise InputError(f"step must be > 0, got {step} Pa")
-    pressures = step * np.arange(int(points.pressure.max() / step) + 1)
+    pressures = common_pressures(points, step)
     curves = branch_curves(points, range(len(points.records)), pressures)
     parts = []
     for k, record in enumerate(points.records):

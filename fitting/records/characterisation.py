@@ -209,14 +209,13 @@ def force_rmse(one: Characterisation, other: Characterisation) -> Mapping[float,
 
 def _isobar(record: IsobaricRecord, found: list[Stroke], grid: int) -> Isobar:
     lengths = record.length
-    shortest = max(max(lengths[s.shortening].min(), lengths[s.lengthening].min()) for s in found)
-    longest = min(min(lengths[s.shortening].max(), lengths[s.lengthening].max()) for s in found)
+    sides = [[s.shortening for s in found], [s.lengthening for s in found]]
+    shortest = max(lengths[rows].min() for side in sides for rows in side)
+    longest = min(lengths[rows].max() for side in sides for rows in side)
     at = np.linspace(longest, shortest, grid)
     width = (longest - shortest) / (grid - 1)
-    down = np.array([branch(record, s.shortening, at, width) for s in found])
-    up = np.array([branch(record, s.lengthening, at, width) for s in found])
+    down, up = (np.array([branch(record, rows, at, width) for rows in side]) for side in sides)
     mean = (down + up) / 2
-    sides = [[s.shortening for s in found], [s.lengthening for s in found]]
     pressures = [[branch(record, rows, at, width, "pressure") for rows in side] for side in sides]
     variance = [
         pressure_variance(record, rows, at, width, curve)

@@ -105,12 +105,10 @@ def _readings(
     polynomial through all of them, so that readings of short strokes are as precise as those of long
     ones and a bend does not shift them.
     """
-    pressure = {
-        "mean": _mean_pressure(bar, friction),
-        "shortening": bar.shortening_pressure,
-        "lengthening": bar.lengthening_pressure,
-    }[branch]
-    force = bar.force if branch == "mean" else getattr(bar, branch)
+    if branch == "mean":
+        pressure, force = _mean_pressure(bar, friction), bar.force
+    else:
+        pressure, force = getattr(bar, f"{branch}_pressure"), getattr(bar, branch)
     own = bar.length[use]
     reach = max(float(common[0] - common[1]) / 2, 1.01 * float(own[0] - own[1]))
     at = common[(common <= own[0] + 1e-9) & (common >= own[-1] - 1e-9)]
@@ -129,7 +127,7 @@ def _readings(
         mean, slope = near @ left, line @ left
         here = np.divide(second * mean - first * slope, spread, where=straight, out=mean / count)
         columns.append(bend(at) + here)
-    scatter = np.sqrt((near @ bar.bin_pressure_std[use] ** 2) / near.sum(axis=1))
+    scatter = np.sqrt((near @ bar.bin_pressure_std[use] ** 2) / count)
     return np.stack([columns[0], at, columns[1], scatter], axis=1)
 
 

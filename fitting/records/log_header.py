@@ -79,9 +79,10 @@ def columns(
     """
     names, below = _header(text)
     parsed = [_name_and_unit(name) for name in names]
+    quantities = [_quantity(name) for name, _ in parsed]
     found = {}
     for quantity in (*needed, *welcome):
-        if quantity in welcome and quantity not in chosen and not _named(quantity, parsed):
+        if quantity in welcome and quantity not in chosen and quantity not in quantities:
             continue
         kind = KINDS[quantity]
         known = [
@@ -170,11 +171,6 @@ def _quantity(name: str) -> str | None:
         if words & known:
             return quantity
     return None
-
-
-def _named(quantity: str, parsed: list[tuple[str, str]]) -> bool:
-    """Whether a column has a name for the quantity."""
-    return any(_quantity(name) == quantity for name, _ in parsed)
 
 
 def _column(

@@ -1,7 +1,7 @@
 """Friction from hysteresis: terms fitted to the half-differences of loops."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -55,13 +55,9 @@ def fit_pressure_friction(loops: Sequence[HysteresisLoop], *, trim: float = 0.05
             "a constant and a slope in pressure need loops at two pressures at least, more than "
             f"{ISOBAR:.0%} apart; got loops at {', '.join(f'{P:.6g} Pa' for P in levels)}"
         )
-    inner = [_inner(loop, trim) for loop in loops]
-    pressure = _joined([loop.pressure for loop in loops], inner)
+    pressure, target = _inner(loops, trim, "pressure", "half_difference")
     design = np.stack([np.ones_like(pressure), pressure], axis=1)
-    target = _joined([loop.half_difference for loop in loops], inner)
-    values, stderr, residual = _least_squares(design, target)
-    friction = PressureFriction(values[0], values[1])
-    return _friction_fit(friction, ("constant", "per_pressure"), values, stderr, residual)
+    return _fitted(PressureFriction, ("constant", "per_pressure"), design, target)
 
 
 def fit_thread_friction(
@@ -93,9 +89,7 @@ def fit_thread_friction(
     area = float(2 * np.pi * rest.radius * rest.length) if rest_area is None else rest_area
     if not (np.isfinite(area) and area > 0):
         raise InputError(f"rest_area must be > 0 and finite, got {area} m2")
-    inner = [_inner(loop, trim) for loop in loops]
-    length = _joined([loop.length for loop in loops], inner)
-    pressure = _joined([loop.pressure for loop in loops], inner)
+    length, pressure, target = _inner(loops, trim, "length", "pressure", "half_difference")
     unit = ThreadFriction(1.0, area, rest.braid_angle)
     column = np.asarray(unit.amplitude(geometry.dimensions(length, pressure), pressure), float)
     if not np.isfinite(column).all() or not column.any():
@@ -103,51 +97,45 @@ def fit_thread_friction(
             f"the geometry has no braid angle somewhere between {length.min():.6g} and "
             f"{length.max():.6g} m, or the loops have no pressure: check lengths and units"
         )
-    target = _joined([loop.half_difference for loop in loops], inner)
-    values, stderr, residual = _least_squares(column[:, None], target)
-    friction = ThreadFriction(values[0], area, rest.braid_angle)
-    return _friction_fit(friction, ("coefficient",), values, stderr, residual)
+
+    def of(coefficient: float) -> ThreadFriction:
+        return ThreadFriction(coefficient, area, rest.braid_angle)
+
+    return _fitted(of, ("coefficient",), column[:, None], target)
 
 
-def _inner(loop: HysteresisLoop, trim: float) -> slice:
-    """The points of a loop without its trimmed ends."""
+def _inner(
+    loops: Sequence[HysteresisLoop], trim: float, *names: str
+) -> list[Float[np.ndarray, " all"]]:
+    """Quantities at the points of all loops, one after another, without the trimmed ends."""
     if not 0 <= trim < 0.5:
         raise InputError(f"trim is a fraction of the range in [0, 0.5), got {trim}")
-    cut = round(trim * loop.contraction.size)
-    return slice(cut, loop.contraction.size - cut)
+    sizes = [loop.contraction.size for loop in loops]
+    kept = [slice(cut := round(trim * size), size - cut) for size in sizes]
+    return [
+        np.concatenate([getattr(one, name)[rows] for one, rows in zip(loops, kept, strict=True)])
+        for name in names
+    ]
 
 
-def _joined(
-    columns: Sequence[Float[np.ndarray, "..."]], inner: Sequence[slice]
-) -> Float[np.ndarray, " all"]:
-    return np.concatenate([column[rows] for column, rows in zip(columns, inner, strict=True)])
-
-
-def _least_squares(
-    design: Float[np.ndarray, "k p"], target: Float[np.ndarray, " k"]
-) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"], Float[np.ndarray, " k"]]:
-    """Values, their standard errors, and the residual."""
+def _fitted(
+    friction: Callable[..., AbstractFriction],
+    names: tuple[str, ...],
+    design: Float[np.ndarray, "k p"],
+    target: Float[np.ndarray, " k"],
+) -> FrictionFit:
+    """The friction of the values that fit best: it is linear in them."""
     scale = np.abs(design).max(axis=0)
     inverse = np.linalg.pinv(design / scale) / scale[:, None]
     values = inverse @ target
     residual = design @ values - target
     freedom = target.size - values.size
     variance = residual @ residual / freedom if freedom > 0 else np.nan
-    return values, np.sqrt(variance * np.sum(inverse**2, axis=1)), residual
-
-
-def _friction_fit(
-    friction: AbstractFriction,
-    names: tuple[str, ...],
-    values: Float[np.ndarray, " p"],
-    stderr: Float[np.ndarray, " p"],
-    residual: Float[np.ndarray, " k"],
-) -> FrictionFit:
     return FrictionFit(
-        friction=friction,
+        friction=friction(*values),
         names=names,
         values=values,
-        stderr=stderr,
+        stderr=np.sqrt(variance * np.sum(inverse**2, axis=1)),
         mae=float(np.mean(np.abs(residual))),
         rmse=float(np.sqrt(np.mean(residual**2))),
         n_points=residual.size,

@@ -85,14 +85,16 @@ def fit_thread(
         force, elongation, gauge_length, area, parameters=2 * (law == "toe") + 1 + slack
     )
     toe_tension = _search(T, strain, slack) if law == "toe" else None
-    coefficients = _solve(T, strain, toe_tension, slack)
+    A = _columns(T, toe_tension, slack)
+    size = np.linalg.norm(A, axis=0)
+    coefficients = np.linalg.lstsq(A / size, strain)[0] / size
     modulus = 1 / (coefficients[0] * area)
     if toe_tension is None:
         thread: AbstractThread = LinearThread(modulus, area)
     else:
         thread = ToeThread(modulus, area, coefficients[1], toe_tension)
     jacobian, names = _jacobian(T, coefficients, area, toe_tension, slack)
-    residual = _columns(T, toe_tension, slack) @ coefficients - strain
+    residual = A @ coefficients - strain
     p = len(names)
     errors = covariance(jacobian, residual, np.zeros((0, p)), np.zeros(p, bool)).plain_stderr
     scale = {"slack": gauge_length}
@@ -160,18 +162,6 @@ def _columns(
     if slack:
         columns.append(np.ones_like(T))
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
-
-
-def _solve(
-    T: Float[np.ndarray, " n"],
-    strain: Float[np.ndarray, " n"],
-    toe_tension: float | None,
-    slack: bool,
-) -> Float[np.ndarray, " linear"]:
-    """Least-squares coefficients of the columns."""
-    A = _columns(T, toe_tension, slack)
-    size = np.linalg.norm(A, axis=0)
-    return np.linalg.lstsq(A / size, strain)[0] / size
 
 
 def _misfits(

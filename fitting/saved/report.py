@@ -130,22 +130,19 @@ def _error_table(result: Identification, system: str) -> Table:
     ]
     return (
         f"Errors over {errors.n_points} loaded readings ({errors.n_slack} slack ones are censored)",
-        ("error", unit, f"of {from_si(errors.max_force, unit, 'force'):.5g} {unit}"),
+        ("error", unit, f"of {Quantity(errors.max_force, 'force', 5).in_units(system)}"),
         rows,
     )
 
 
 def _certificate_table(result: Identification, system: str) -> Table:
-    certificate, unit = result.certificate, unit_system(system)["stress"]
-
-    def stress(value: float) -> str:
-        return f"{from_si(value, unit, 'stress'):.4g} {unit}"
-
+    certificate = result.certificate
     rows = [
         ("smallest modulus along the actuation path (Drucker >= 0)",
-         stress(certificate.stability_margin)),
+         Quantity(certificate.stability_margin, "stress").in_units(system)),
         *([] if math.isnan(certificate.slope_margin) else [
-            ("smallest tangent modulus on the strain range", stress(certificate.slope_margin))]),
+            ("smallest tangent modulus on the strain range",
+             Quantity(certificate.slope_margin, "stress").in_units(system))]),
         ("largest strain used", f"{result.strain_range:.4g}"),
         ("active constraints",
          "; ".join(in_units(one, system) for one in result.active_constraints) or "none"),

@@ -353,13 +353,7 @@ class Identification:
 
 
 def force_at_readings(data: ForceData, part: Part, point: Point) -> Float[np.ndarray, " n"]:
-    """Force [N] of a fit at every reading of a map, slack ones included, lengths corrected.
-
-    Args:
-        data: the map.
-        part: of the problem that was fitted to it.
-        point: the fit.
-    """
+    """Force [N] of a fit at every reading of its map, slack ones included, lengths corrected."""
     length, level = np.array(data.length), data.lengths.level
     searched, offsets = np.split(point.parameters[part.at], [len(part.family.nonlinear)])
     if offsets.size:

@@ -102,11 +102,9 @@ def muscle_at(problem: Problem, point: Point, place: int) -> famjax.Muscle:
 
 def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
     """The part of its own weight with which each loaded reading of a specimen counts."""
-    sizes = [part.force.size for part in problem.parts]
     if robust is None:
         return np.ones(int((problem.parts[k].side == 0).sum()))
-    first = sum(sizes[:k])
-    return robust.weight[first : first + sizes[k]] ** 2
+    return robust.weight[problem.readings[k]] ** 2
 
 
 def _nodes_of(found: Optimal, place: int) -> slice:

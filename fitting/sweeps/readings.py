@@ -37,15 +37,10 @@ class Readings:
 
 
 def arrange(data: ForceData, rest_length: float, order: int) -> Readings:
-    """The readings of a force map by pressure.
+    """The readings of a force map by pressure, padded to one more than the order at least.
 
     The path at a pressure runs from rest to the longest length at which the muscle is slack there,
     or, where no reading is slack, to the shortest length.
-
-    Args:
-        data: the force map.
-        rest_length: L0 [m] of the geometry.
-        order: highest of the law.
 
     Raises:
         InputError: a pressure has no loaded reading that is shorter than the rest length, or there

@@ -243,12 +243,8 @@ def replicated(
 ) -> Float[Array, "replicates paths order"]:
     """Coefficients [Pa] of the replicates of one programme, minus those of the fit to all readings.
 
-    Constraints hold at the stations, and at the points where that fit touches them.
-
-    Args:
-        of: the programme.
-        grams: of the replicates.
-        single: see `nearest_points`.
+    Constraints hold at the stations, and at the points where that fit touches them. For `single` see
+    `nearest_points`.
     """
     W, c, n = of.W, of.c, of.W.shape[-1]
     flat = grams[:, of.paths].reshape(grams.shape[0], -1)

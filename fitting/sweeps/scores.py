@@ -71,15 +71,7 @@ def score(
     coefficients: Float[np.ndarray, "dependences orders constraints pressures order"],
     forms: Forms,
 ) -> Scores:
-    """The scores of all fits.
-
-    Args:
-        of: the linear problem.
-        model: of the fits.
-        readings: of the force map.
-        coefficients: E_n [Pa] of all fits.
-        forms: of the law.
-    """
+    """The scores of all fits, by their coefficients E_n [Pa]."""
     blocked, free = measured_ends(readings, model.rest_length)
     there, count = of.there, of.there.sum(axis=1)
     residual = (of.A @ (coefficients / of.unit)[..., None])[..., 0] - of.target

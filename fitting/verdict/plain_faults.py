@@ -189,12 +189,7 @@ def absolute(
 ) -> Iterator[Suspicion]:
     """Absolute pressures: none is below an atmosphere, and the deadband takes up most of it.
 
-    Args:
-        data: the map.
-        here: its fit.
-        least: its least misfit.
-        candidate: the family.
-        stopped: the deadband of the fit in question is at its highest bound.
+    `stopped` says that the deadband of the fit in question is at its highest bound.
     """
     if not _may_be_absolute(data):
         return

@@ -99,13 +99,9 @@ def misfit(data: ForceData, candidate: Candidate | None = None) -> float:
 
 
 def richest(data: ForceData, law: str | None = None) -> Candidate | None:
-    """The richest family of a law on the ladder that leaves the map something to say.
+    """The richest family of a law, the ladder's first unless given, that leaves the map something to say.
 
     Each length tells two numbers, the slope and the intercept of the force in pressure.
-
-    Args:
-        data: the map.
-        law: its name; the first on the ladder unless given.
     """
     candidates, _ = ladder(data)
     alike = [one for one in candidates if one.law == (law or candidates[0].law)]

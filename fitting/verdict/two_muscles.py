@@ -57,7 +57,7 @@ def _misfit(data: ForceData, first: Mask) -> float | None:
     """RMSE of both fits in parts of the largest force; None where one cannot be made."""
     force, found = data.force[data.loaded], []
     for own, other in ((first, ~first), (~first, first)):
-        trial = _own(data, own)
+        trial = _fitted(data, own, as_specimen=True)
         if trial is None:
             continue
         errors = errors_of(trial, data)
@@ -66,7 +66,7 @@ def _misfit(data: ForceData, first: Mask) -> float | None:
         if np.isfinite(predicted).all() and _lengths_of(data, other) >= _SCALED:
             scale = float(predicted @ force[other]) / float(predicted @ predicted)
             scaled[other] = scale * predicted - force[other]
-        foreign = _foreign(data, other)
+        foreign = _fitted(data, other, as_specimen=False)
         seconds = [scaled] if foreign is None else [scaled, errors_of(foreign, data)]
         found += [float(np.mean(np.where(own, errors, one) ** 2)) for one in seconds]
     least = min(found, default=np.inf)
@@ -77,16 +77,13 @@ def _lengths_of(data: ForceData, mine: Mask) -> int:
     return np.unique(levels_in(data)[1][mine]).size
 
 
-def _own(data: ForceData, mine: Mask) -> Trial | None:
-    if _lengths_of(data, mine) < ONE_MUSCLE:
-        return None
-    return attempt(thinned(kept_only(data, mine)), starts=2)
-
-
-def _foreign(data: ForceData, mine: Mask) -> Trial | None:
+def _fitted(data: ForceData, mine: Mask, *, as_specimen: bool) -> Trial | None:
+    """The fit of some readings as those of the specimen, or of a muscle that is not described."""
     if _lengths_of(data, mine) < ONE_MUSCLE:
         return None
     part = thinned(kept_only(data, mine))
+    if as_specimen:
+        return attempt(part, starts=2)
     try:
         specimen = dataclasses.replace(
             part.specimen, nominal_diameter=None, bladder_diameter=None, embedded=True,
