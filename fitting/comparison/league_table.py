@@ -26,7 +26,7 @@ from .cross_validation import (
 )
 from .fit import fit_and_cross_validate_peer, forces_of
 from .hocking import ANGLE, fit_hocking_wereley, hocking_orders
-from .own_models import OWN, identified_row, own_model
+from .own_models import OWN, check_options, identified_row, own_model
 from .peer_family import Model, PeerContext, PeerFamily, Values
 from .published import peer_families
 from .row import ComparisonRow
@@ -145,6 +145,8 @@ def compare(
     for model in further:
         if isinstance(model, str | type):
             own_model(model, data)
+        elif isinstance(model, tuple) and len(model) == 2:
+            check_options(*model)
     tasks = [_Task(model, data, starts, seed) for model in (*chosen, *further)]
     names = [task.name for task in tasks]
     settings = {

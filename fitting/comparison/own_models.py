@@ -76,14 +76,22 @@ def own_model(path: str | type, data: ForceData) -> tuple[str, dict[str, Any]] |
     return path, {**parts, "parameters": taking_part(declared, {})}
 
 
+def check_options(name: str, options: Mapping[str, Any]) -> None:
+    """Raise unless these are options of `identify`.
+
+    Raises:
+        InputError: they are not.
+    """
+    unknown = options.keys() - inspect.signature(identify).parameters.keys()
+    if unknown:
+        raise InputError(f"{name}: identify has no option {', '.join(sorted(unknown))}")
+
+
 def identified_row(
     name: str, label: str, options: Mapping[str, Any], data: ForceData, starts: int, seed: int
 ) -> ComparisonRow:
     """The row of a muscle that `identify` fits; one that it refuses has a note and no errors."""
     row = ComparisonRow(name, label, 0)
-    unknown = options.keys() - inspect.signature(identify).parameters.keys()
-    if unknown:
-        raise InputError(f"{name}: identify has no option {', '.join(sorted(unknown))}")
     try:
         result = identify(data, starts=starts, seed=seed, **options)
     except InputError as refused:

@@ -250,3 +250,41 @@ def test_a_slope_is_asked_of_laws_that_have_one() -> None:
 def test_a_law_that_is_not_found_is_refused(path: str) -> None:
     with pytest.raises(InputError, match="law"):
         identify(readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3)), law=path)
+
+
+class Bent(Foreign):
+    """It says that the force is affine in the section, and squares it."""
+
+    def force(self, length, pressure):
+        return 1e4 * self.section * super().force(length, pressure)
+
+
+def test_a_peer_that_is_not_affine_has_no_figures() -> None:
+    data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
+    with pytest.raises(InputError, match=r"section.*not affine"):
+        fitting.comparison.fit_peer(PeerFamily.of(Bent.template(rest_length=0.3)), data, starts=2)
+    (row,) = fitting.compare(data, [], own=[Bent], starts=2).rows
+    assert "not affine" in row.note
+    assert math.isnan(row.rmse)
+
+
+def test_models_of_ones_own_are_given_as_they_come() -> None:
+    data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
+    rows = fitting.compare(
+        data, [], own=[Foreign, Foreign.template(rest_length=0.3)], starts=4
+    ).rows
+    assert [row.rmse < 1e-5 for row in rows] == [True, True]
+    with pytest.raises(InputError, match="identify has no option lawe"):
+        fitting.compare(data, [], own=[("typo", {"lawe": Gent})])
+
+
+def test_what_a_term_lacks_is_not_blamed_on_the_geometry() -> None:
+    class Lost(famjax.terms.AbstractForceTerm):
+        def force(self, at, pressure):
+            return jnp.log(at.length - 1.0)
+
+    data = readings(famjax.Muscle(CYLINDER, famjax.PolynomialMaterial([4e6]), 30e3))
+    with pytest.raises(InputError, match="Lost must be a number at every loaded reading"):
+        identify(data, order=1, terms=Lost())
+    with pytest.raises(InputError, match="it has none at 36 of them"):
+        fitting.sweep(data, CYLINDER, terms=Lost(), orders=(1,))
