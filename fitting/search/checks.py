@@ -270,7 +270,6 @@ def _check_dimensions_there(problem: Problem, reading: int) -> None:
         length, pressure = part.inputs.length[reading], part.inputs.pressure[reading]
         at = model.geometry.dimensions(length, pressure)
         if bool(at.reached):
-            # One after another: the first that has no number is the one to look at.
             lost = [
                 type(term).__name__ for term in model.terms.terms
                 if not np.isfinite(term.force(at, pressure))

@@ -120,22 +120,15 @@ def _touching(
     """The active rows of each point that is touched on a path, and the number of rows of paths."""
     found, first = [], 0
     for part, one in zip(problem.parts, point.linear, strict=True):
-        stations = part.inputs.stations
-        last = first + len(one.rows)
-        if len(one.rows):
-            cell = 1 / (stations.shape[1] - 1)
-            for path, own in enumerate(stations):
-                at = (
-                    first
-                    + path * own.size
-                    + np.flatnonzero(
-                        pull[first + path * own.size : first + (path + 1) * own.size] > 0
-                    )
-                )
-                at = at[np.argsort(stations.ravel()[at - first])]
-                gaps = np.diff(stations.ravel()[at - first]) > cell
-                found += [rows for rows in np.split(at, np.flatnonzero(gaps) + 1) if rows.size]
-        first = last
+        if not len(one.rows):
+            continue
+        count = part.inputs.stations.shape[1]
+        for own in part.inputs.stations:
+            active = np.flatnonzero(pull[first : first + count] > 0)
+            active = active[np.argsort(own[active])]
+            apart = np.flatnonzero(np.diff(own[active]) > 1 / (count - 1)) + 1
+            found += [first + rows for rows in np.split(active, apart) if rows.size]
+            first += count
     return found, first
 
 

@@ -112,14 +112,12 @@ def sweep(
                     {name: found.estimate(name).value for name in terms.declared()}
                 )
         else:
-            shape, terms = (
-                fitting.families.EstimatedSource(measured.specimen).geometry(
-                    {
-                        "braid_diameter": parse_quantity(str(braid_diameter), "length"),
-                        "braid_angle": parse_quantity(str(braid_angle), "angle"),
-                    }
-                ),
-                None,
+            terms = None
+            shape = fitting.families.EstimatedSource(measured.specimen).geometry(
+                {
+                    "braid_diameter": parse_quantity(str(braid_diameter), "length"),
+                    "braid_angle": parse_quantity(str(braid_angle), "angle"),
+                }
             )
             dead = parse_quantity(str(deadband), "pressure")
         document, paths = sweep_command(

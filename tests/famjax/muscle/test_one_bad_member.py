@@ -50,7 +50,7 @@ def _gradients(model, lengths, pressures):
         force = model.force(lengths, pressures)
         return jnp.nansum(force)
 
-    return jax.grad(total, argnums=(0, 1), allow_int=True)(model, lengths, pressures)
+    return jax.grad(total, argnums=(0, 1))(model, lengths, pressures)
 
 
 @pytest.mark.parametrize("name", MODELS)
