@@ -260,6 +260,9 @@ def summary(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
                 row.silent_but_for_lines for row in every
             ),
             "bad": sum(row.bad for row in every),
+            "bad, choice called clear": sum(
+                row.bad and row.clear.startswith("Clear") for row in every
+            ),
         }
         if not answered:
             continue

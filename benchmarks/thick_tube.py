@@ -178,6 +178,7 @@ class Tube:
             fluid = fluid - np.pi / 3 * self.end_size * (r - rest) ** 2 * (2 * r + rest)
         return wall - pressure * fluid
 
+    @np.errstate(divide="ignore", over="ignore", invalid="ignore")
     def reading(self, length: ArrayLike, pressure: ArrayLike) -> np.ndarray:
         """What the load cell shows without noise [N], broadcast; 0 where the muscle is slack.
 
