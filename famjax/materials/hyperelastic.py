@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..parameters import Declared, parameter
-from ..parameters.parametrised import checked_values, middle
+from ..parameters.parametrised import checked_values
 from .abstract_material import AbstractMaterial
 
 STRESS_SCALE = 1e6
@@ -228,8 +228,8 @@ class OgdenMaterial(AbstractHyperelastic):
 
     @classmethod
     def template(cls, **fields: Any) -> "OgdenMaterial":
-        """The law of one term, its exponent in the middle of the range."""
-        exponent = middle(_ONE_TERM["ogden_exponent"])
+        """The law of one term, neo-Hookean."""
+        exponent = 2.0
         fields.setdefault("moduli", [2 * STRESS_SCALE / exponent])
         fields.setdefault("exponents", [exponent])
         return super().template(**fields)
@@ -247,6 +247,9 @@ class OgdenMaterial(AbstractHyperelastic):
     def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
         """The law with other values; of one term, mu = 2 G / alpha.
 
+        Exponents nearer to 0 than 1e-6 are moved by that, so that the limit, Hencky's law, is met to
+        about 1e-6.
+
         Raises:
             ValueError: an unknown name, or a value that is an array.
         """
@@ -256,6 +259,7 @@ class OgdenMaterial(AbstractHyperelastic):
         modulus, exponent = (given[name] for name in _ONE_TERM)
         if not values:
             return self
+        exponent = exponent + jnp.where(jnp.abs(exponent) < _NEARLY_HENCKY, _NEARLY_HENCKY, 0.0)
         return eqx.tree_at(
             lambda law: (law.moduli, law.exponents),
             self,
@@ -263,9 +267,10 @@ class OgdenMaterial(AbstractHyperelastic):
         )
 
 
+_NEARLY_HENCKY = 1e-6
 _ONE_TERM = {
     "shear_modulus": Declared(
         "Pa", "shear_modulus", "stress", low=0.0, scale=STRESS_SCALE, linear=True
     ),
-    "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=-0.5),
+    "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=15.0),
 }

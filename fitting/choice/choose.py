@@ -1,17 +1,18 @@
-"""`choose`: the family that predicts best what it has not seen, and those that are as good."""
+"""`choose`: the family that predicts best what it has not seen, beside those that fit the data alike."""
 
 import dataclasses
 import functools
-import itertools
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
+import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
 
 from ..data.force_data import ForceData
+from ..evidence.disagreement import disagreement, where_they_differ
 from ..evidence.left_out import LeftOut
 from ..evidence.model_error import ModelError, model_error
 from ..families.parameters import Parameter
@@ -20,12 +21,13 @@ from ..search.identification import solve
 from ..search.result import Identification
 from ..search.robust import check_objective
 from ..trace import run_fits
-from .ladder import MODEL_ERROR, Candidate, ladder
-from .other_lengths import OtherLengths, accounts, other_lengths
-from .race import Fitted, fitted_in_step, left_out_of, posed_of
-from .ranking import Tried, first_settled, hopeless, members, ranked
+from .ladder import MODEL_ERROR, ladder
+from .other_lengths import OtherLengths, other_lengths
+from .race import Fitted, fitted, left_out_of, posed_of
+from .ranking import ALIKE, LITTLE_MORE, NEAR, Tried, preferred, ranked
 
 _COMPARED = 4  # starts of each family
+_HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,61 +36,77 @@ class Choice:
 
     Attributes:
         data: the map.
-        tried: all families, the best first, and behind them those that nothing was left out of.
+        chosen: the identification of the chosen family, which makes the predictions.
+        tried: all families, that of the choice first, the others by their held-out errors.
         dropped: what the map cannot carry, in sentences.
-        members: what predictions are the mean of, the chosen one first; its names in `names`.
-        names: of the members.
-        left_out: errors of the mean of the members, by "pressure" and by "length".
+        alike: by name, the muscles in their rigs of the other families that fit the data alike. What
+            they disagree about the data do not tell, so it is in the band.
         error: of predictions, as the readings left out show it.
         other_lengths: what predictions of muscles of other lengths are made of, None where the map or
             what a user says leaves but one account of it.
+        open_question: a sentence on where families that fit alike differ by more than the map can settle,
+            and which readings would; "" where they agree.
     """
 
     data: ForceData
+    chosen: Identification
     tried: tuple[Tried, ...]
     dropped: tuple[str, ...]
-    members: tuple[Identification, ...]
-    names: tuple[str, ...]
-    left_out: Mapping[str, LeftOut]
+    alike: Mapping[str, famjax.MountedMuscle]
     error: ModelError
     other_lengths: OtherLengths | None = None
+    open_question: str = ""
 
     @property
-    def chosen(self) -> Identification:
-        """The first on the ladder of those that are as good as the best."""
-        return self.members[0]
+    def name(self) -> str:
+        """Of the chosen family."""
+        return self.tried[0].candidate.name
 
     @property
-    def rmse(self) -> float:
-        """Of the mean of the members over the loaded readings [N]."""
-        mean = np.mean([one.residuals for one in self.members], axis=0)
-        return float(np.sqrt(np.mean(mean**2)))
+    def left_out(self) -> Mapping[str, LeftOut]:
+        """Errors of the chosen family, by "pressure" and by "length"."""
+        return self.tried[0].left_out
 
     @property
     def clear(self) -> str:
         """How clear the choice was, in a sentence."""
-        name, others = self.names[0], [one for one in self.tried if one.as_good]
-        if len(self.tried) == 1:
-            return f"Only one family can be carried by this map: {name}."
-        if len(others) == 1:
-            second = self.tried[1]
-            least = "" if second.left_out or not self.left_out else "at least "
-            return (
-                f"Clear: {name} predicts what it has not seen best; the next, "
-                f"{second.candidate.name}, errs {least}{np.exp(second.behind[0]):.2g} times as much."
-            )
-        return (
-            f"Not clear: {len(others)} families predict alike, within one standard error or a tenth; "
-            f"{name} comes first on the ladder"
-            + (f", and predictions are the mean of {len(self.members)}." if len(self.members) > 1
-               else ".")
+        first, *others = self.tried
+        if not others:
+            return f"Only one family can be carried by this map: {self.name}."
+        near = [one for one in others if one.held_out <= NEAR * first.held_out]
+        alike = sum(one.alike for one in others)
+        band = (
+            f"; {alike} others fit the readings alike (RMSE within {ALIKE:g} times the smallest), and the "
+            "band contains what they disagree about" if alike else ""
         )  # fmt: skip
+        if near:
+            return (
+                f"Not clear: {', '.join(one.candidate.name for one in near)} "
+                f"{'has' if len(near) == 1 else 'have'} a held-out error within a tenth of that of "
+                f"{self.name}, which comes first on the ladder{band}."
+            )
+        second = min(others, key=lambda one: one.held_out)
+        least = (
+            f"; that of the next, {second.candidate.name}, is "
+            f"{second.held_out / first.held_out:.3g} times as large"
+            if np.isfinite(second.held_out) else ""
+        )  # fmt: skip
+        return f"{self.name} has the smallest held-out error{least}{band}."
 
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> Float[np.ndarray, "..."]:
-        """Mean force [N] of the members at lengths [m] and gauge pressures [Pa], broadcast."""
-        return np.mean([one.predict(length, pressure) for one in self.members], axis=0)
+        """Force [N] of the chosen model at lengths [m] and gauge pressures [Pa], broadcast."""
+        return self.chosen.predict(length, pressure)
+
+    def half_band(
+        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
+        """Half the width [N] of the 95 % band of single readings at lengths [m] and pressures [Pa]."""
+        force = self.predict(length, pressure)
+        return self.error.half_band(
+            length, pressure, disagreement(force, self.alike.values(), length, pressure)
+        )
 
 
 def choose(
@@ -108,10 +126,10 @@ def choose(
     """The model of a force map, from a ladder of families, by what each predicts of readings left out.
 
     Each family is fitted to all readings and again without each length and without groups of
-    neighbouring pressures. Families within one standard error of the best, or a tenth, are as good as
-    it: the first of them on the ladder is chosen, and predictions are the mean of the best few of its
-    law. Nothing is left out of a family that errs more on what it has seen than another on what it
-    has not. A family whose optimum cannot be certified is passed over where another errs little more.
+    neighbouring pressures. The one with the smallest held-out error is chosen, or the first on the
+    ladder of those within a tenth of it. Nothing is left out of a family that misses the readings by
+    four times the least. A family whose optimum cannot be certified is passed over where another errs
+    little more.
 
     Args:
         data: the map.
@@ -120,12 +138,12 @@ def choose(
         bounds: intervals by parameter name; the ladder varies none of these.
         parameters: bounds, held values and priors; the ladder varies none of these, either.
         noise: standard deviation of one reading [N]; that of the data unless given.
-        objective: of the fits of the members.
+        objective: of the fit of the chosen family.
         starts: of the fit of the chosen family; others are compared with a few.
         seed: of the starts.
         executor: what fits and judges the families, each a task: this process, processes or a cluster,
             see `famjax.boundary.tasks.AnyExecutor`; the choice is the same.
-        progress: called with (what is done, families done, families).
+        progress: called with (what is done, steps done, steps).
 
     Returns:
         The choice.
@@ -144,117 +162,97 @@ def choose(
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths determine no family: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
-    posed_of(weighed, candidates[0], constraint, box)  # what the plainest cannot be is no muscle
+    plainest = posed_of(weighed, candidates[0], constraint, box)  # refused here: it is no muscle
+    steps = 2 * len(candidates) + 1
 
-    of_others = {one.name: one for one in accounts(data, parameters, bounds)}
-    judged = {one.name: one for one in candidates}
-    every = {**judged, **of_others}.values()
-    kinds = [tuple(of) for _, of in itertools.groupby(every, lambda one: one.kind)]
+    def tell(what: str, before: int, names: Sequence[str]) -> Callable[[int, int], None] | None:
+        def told(done: int, total: int) -> None:
+            if progress is not None and done < total:
+                progress(f"{what} {names[done]}", before + done, steps)
 
-    def tell(done: int, total: int) -> None:
-        if progress is not None and done < total:
-            before = sum(len(of) for of in kinds[:done])
-            progress(f"{kinds[done][0].kind} families", before, len(every))
+        return told
 
-    fit = functools.partial(fitted_in_step, weighed, constraint, box, min(starts, _COMPARED), seed)
-    ends = run_fits(fit, kinds, executor=executor, progress=tell)
-    outcomes = [*zip(every, itertools.chain.from_iterable(ends), strict=True)]
-    dropped = (*dropped, *sentences_on_no_use(outcomes, judged))
-    fitted, elsewhere = (
-        [one for candidate, one in outcomes if isinstance(one, Fitted) and candidate.name in of]
-        for of in (judged, of_others)
+    names = [one.name for one in candidates]
+    fit = functools.partial(fitted, weighed, constraint, box, min(starts, _COMPARED), seed)
+    outcomes = run_fits(fit, candidates, executor=executor, progress=tell("fitting:", 0, names))
+    families, refused = [], {}
+    for candidate, one in zip(candidates, outcomes, strict=True):
+        if isinstance(one, Fitted):
+            families.append(one)
+        else:
+            refused.setdefault(one, []).append(candidate.name)
+    dropped = (*dropped, *(f"Left out: {'; '.join(of)}. {why}" for why, of in refused.items()))
+    if not families:
+        solve(plainest, plainest.starts(starts, seed), seed=seed)
+        raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
+    least = min(one.rmse for one in families)
+    judged = [one for one in families if one.rmse <= _HOPELESS * least]
+    errors = run_fits(
+        functools.partial(left_out_of, seed), judged, executor=executor,
+        progress=tell("held-out error:", len(candidates), [one.candidate.name for one in judged]),
+    )  # fmt: skip
+    left_out = dict(zip([one.candidate.name for one in judged], errors, strict=True))
+    tried = ranked(
+        [(one.candidate, one.rmse, left_out.get(one.candidate.name)) for one in families],
+        data.max_force,
     )
+    order = preferred(tried)
+    if progress is not None:
+        progress(f"identifying: {tried[order[0]].candidate.name}", steps - 1, steps)
 
-    def identified(one: Fitted, points: Float[np.ndarray, "k p"]) -> Identification | None:
-        if progress is not None:
-            progress(f"identifying: {one.candidate.name}", len(every), len(every))
+    def identified(place: int) -> Identification | None:
+        posed = families[place].posed
         try:
-            (result,) = solve(one.posed, points, objective=objective, seed=seed)
+            (result,) = solve(posed, posed.starts(starts, seed), objective=objective, seed=seed)
         except InputError:
             return None
         return dataclasses.replace(result, data=data)
 
-    # The chosen family is certified by all starts; those averaged with it are near it.
-    found, rest, first, unsettled = _settled(
-        fitted,
-        data.max_force,
-        lambda left: left_out_of(left, data.max_force, seed, executor, progress),
-        lambda one: identified(one, one.posed.starts(starts, seed)),
-    )
-    if first is None:
-        plainest = posed_of(weighed, candidates[0], constraint, box)
-        solve(plainest, plainest.starts(starts, seed), seed=seed)
+    place, chosen = _first_converged(tried, order, identified)
+    if chosen is None:
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
-    dropped = (*dropped, *(f"{name} was left out: its fit did not converge." for name in unsettled))
-    tried, order = ranked(_outcomes(found), data.max_force)
-    good = members(tried)
-    chosen, left_out = found[order[good[0]]]
-    averaged = [(chosen, first, left_out)]
-    for other, left_out in (found[order[one]] for one in good[1:]):
-        result = identified(other, other.ends)
-        if result is not None and result.converged:
-            averaged.append((other, result, left_out))
-    mean = {kind: LeftOut.of_mean([out[kind] for *_, out in averaged]) for kind in averaged[0][2]}
-    residual = np.mean([one.residuals for _, one, _ in averaged], axis=0)
-    unknowns, best = tried[good[0]].candidate.unknowns, tried[0].score
+    passed = [tried[k].candidate.name for k in order[: order.index(place)]]
+    dropped = (*dropped, *(f"{name} was passed over: its fit did not converge." for name in passed))
+    places = [place, *(k for k in order if k != place)]
+    alike = {
+        one.candidate.name: one.mounted
+        for k, one in enumerate(families) if tried[k].alike and k != place
+    }  # fmt: skip
+    error = model_error(
+        data, chosen.residuals, tried[place].left_out, tried[place].candidate.unknowns
+    )
     return Choice(
         data=data,
-        tried=(*tried, *(hopeless(one.candidate, one.rmse, one.score, best) for one in rest)),
+        chosen=chosen,
+        tried=tuple(tried[k] for k in places),
         dropped=dropped,
-        members=tuple(one for _, one, _ in averaged),
-        names=tuple(one.candidate.name for one, *_ in averaged),
-        left_out=mean,
-        error=model_error(data, residual, mean, unknowns),
-        other_lengths=other_lengths(elsewhere, data.max_force),
+        alike=alike,
+        error=error,
+        other_lengths=other_lengths(families, data.max_force),
+        open_question=where_they_differ(data, chosen.mounted, alike.values()),
     )
 
 
-_Judged = list[tuple[Fitted, dict[str, LeftOut]]]
+def _first_converged(
+    tried: Sequence[Tried],
+    order: Sequence[int],
+    identified: Callable[[int], Identification | None],
+) -> tuple[int, Identification | None]:
+    """The first family with a certified optimum, of those that err little more than the best.
 
-
-def _outcomes(found: _Judged) -> list[tuple[Candidate, float, dict[str, LeftOut]]]:
-    return [(one.candidate, one.rmse, out) for one, out in found]
-
-
-def sentences_on_no_use(
-    outcomes: Iterable[tuple[Candidate, Fitted | str | None]], judged: Collection[str]
-) -> list[str]:
-    """A sentence for each reason for which judged families were left out."""
-    names: dict[str, list[str]] = {}
-    for candidate, why in outcomes:
-        if isinstance(why, str) and candidate.name in judged:
-            names.setdefault(why, []).append(candidate.name)
-    return [
-        f"{'; '.join(those)} {'was' if len(those) == 1 else 'were'} left out: {why}"
-        for why, those in names.items()
-    ]
-
-
-def _settled(
-    fitted: Sequence[Fitted],
-    max_force: float,
-    race: Callable[[Sequence[Fitted]], tuple[_Judged, list[Fitted]]],
-    certified: Callable[[Fitted], Identification | None],
-) -> tuple[_Judged, list[Fitted], Identification | None, list[str]]:
-    """The race of the families without those that are believed before the first that converges.
-
-    Returns:
-        (its outcome, as `left_out_of` has it; the fit of the first, None where nothing was found; the
-        names of those without an optimum).
+    Its place and its fit; the first fit of any where none of them has an optimum.
     """
-    unsettled: list[str] = []
-    while True:
-        found, rest = race(fitted)
-        if not found:
-            return found, rest, None, unsettled
-        first, lost = first_settled(
-            _outcomes(found), max_force, lambda place, found=found: certified(found[place][0])
-        )
-        if not lost:
-            return found, rest, first, unsettled
-        names = [found[place][0].candidate.name for place in lost]
-        unsettled += names
-        fitted = [one for one in fitted if one.candidate.name not in names]
+    least = min(one.held_out for one in tried)
+    first: tuple[int, Identification | None] = (order[0], None)
+    for place in order:
+        if tried[place].held_out > LITTLE_MORE * least:
+            break
+        fit = identified(place)
+        if fit is not None and fit.converged:
+            return place, fit
+        if fit is not None and first[1] is None:
+            first = place, fit
+    return first
 
 
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:

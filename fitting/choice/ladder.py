@@ -1,4 +1,11 @@
-"""The families that a fit chooses from, as far as a map can carry them."""
+"""The families that a fit chooses from, as far as a map can carry them.
+
+Every family has the same unknowns of the geometry: braid diameter and angle, the deadband, ends that open
+as the muscle shortens, threads that stretch, and the rest length within the rounding to which it was given.
+Priors that are the same for every muscle hold what the readings cannot tell. The families differ in two
+things alone: the law of the bladder, and what makes the muscle pull late, its deadband or a rig that gives
+way by a power of the force; either does, and with both a map of one muscle tells neither.
+"""
 
 import dataclasses
 from collections.abc import Mapping
@@ -10,9 +17,9 @@ from ..data.force_data import ForceData, check_maps
 from ..families.laws import Law, LawGiven, law_named
 from ..families.parameters import Parameter
 
-EXPONENT_PRIOR = (0.0, 5.0)
-"""Of Ogden's exponent, the same for every muscle: those of rubbers lie within 10 of zero on either
-side (1.3, 5 and -2 of the vulcanised rubber of Ogden 1972; 2 is neo-Hookean)."""
+EXPONENT_PRIOR = (-3.0, 5.0)
+"""Of Ogden's exponent, the same for every muscle: bare rubbers have -2 to 5 (Ogden 1972; 2 is
+neo-Hookean), walls with threads in them -7 to -4. Fewer than four lengths hardly tell its sign."""
 
 MODEL_ERROR = 0.005
 """Standard deviation, in parts of the largest force, by which a law misses readings of a muscle that
@@ -28,27 +35,14 @@ LAWS: dict[str, dict[str, Any]] = {
 }
 """In the order in which they are believed of a map that cannot tell: the laws of rubber before those
 that only describe, and of either the one of fewer coefficients first."""
-_WORDS = {
-    "end_factor": "rounded ends",
-    "braid_compliance": "compliant braid",
-    "rest_length": "free rest length",
-    "series_compliance": "compliant rig",
-    "series_exponent": "as a power of the force",
-}
-_FAMILIES: tuple[tuple[tuple[str, ...], bool], ...] = (
-    ((), False),
-    ((), True),
-    (("end_factor",), True),
-    (("braid_compliance",), True),
-    (("end_factor", "braid_compliance"), True),
-    (("end_factor", "rest_length"), True),
-    (("series_compliance", "series_exponent"), False),
-)
-"""What takes part besides braid diameter and angle, and whether the deadband is identified. A rig that
-gives way by a power of the force takes the place of the deadband: either makes the muscle pull late, and
-with both a map of one muscle tells neither. A rig that gives way in proportion is hardly told from a
-braid that does, and predicts lengths left out no better (`--free series_compliance`)."""
-_GEOMETRY = 2  # braid diameter and angle
+
+END_FACTOR_PRIOR = (1.0, 0.05)
+"""A muscle whose ends open as it shortens is up to a tenth longer than its cylinder."""
+BRAID_COMPLIANCE_PRIOR = (0.0, 1e-5)
+"""[1/N]; threads of a muscle of 10 to 20 mm that stretch by 1 % do so at 1000 N."""
+
+_WIDEST_SCALE = 0.1
+_GEOMETRY = 2  # braid diameter and angle; the rest has priors
 FEWEST_LENGTHS = 4
 """From which on lengths are left out: without one of three, two are left, which determine no family."""
 
@@ -58,72 +52,60 @@ class Candidate:
     """One family of the ladder.
 
     Attributes:
-        law: its name in the table of what was tried.
-        free: parameters that take part besides those of every fit.
-        deadband: whether the deadband pressure is identified; otherwise it is held at zero.
+        name: in words.
+        law: its name.
+        rig: whether the rig gives way, in place of a deadband.
         options: law and order, as `identify` takes them.
         bounds: as a user gave them, likewise.
         parameters: what takes part, what is held, and priors, likewise.
-        unknowns: numbers that the readings have to determine.
+        unknowns: numbers without a prior, which the readings have to determine.
         rank: place on the ladder: of families that predict alike, the first is taken.
     """
 
+    name: str
     law: str
-    free: tuple[str, ...]
-    deadband: bool
+    rig: bool
     options: Mapping[str, Any]
     bounds: Mapping[str, tuple[float, float]]
     parameters: Mapping[str, Parameter]
     unknowns: int
-    rank: tuple[int, int, int]
-
-    @property
-    def kind(self) -> str:
-        """The law, and the rig if it gives way: families of one kind differ in what they hold."""
-        return f"{self.law}, compliant rig" if "series_compliance" in self.free else self.law
-
-    @property
-    def name(self) -> str:
-        """What it is, in words."""
-        words = [self.law, *(_WORDS[name] for name in self.free)]
-        return ", ".join(words if self.deadband else [*words, "no deadband"])
+    rank: tuple[int, int]
 
 
 def ladder(
     data: ForceData,
     parameters: Mapping[str, Parameter] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    *,
-    rig_from: int = FEWEST_LENGTHS,
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """The families that a force map can carry.
 
-    With an inextensible braid each length tells two numbers, the slope and the intercept of the force
-    in pressure. A family that takes them all has none left to be judged by, so it is left out, and so
-    is a law of more coefficients than there are lengths at which the bladder is strained.
+    Each length tells two numbers, the slope and the intercept of the force in pressure, so a family of as
+    many unknowns has none left to be judged by: it is left out, and so is a law of more coefficients than
+    there are lengths at which the bladder is strained.
 
     Args:
         data: the map.
         parameters: what a user says; none of these is varied by the ladder, and a law that has not
             one of them is left out.
         bounds: likewise.
-        rig_from: lengths from which on a rig that gives way by a power is told from a soft bladder.
 
     Returns:
         (the candidates, in the order of the ladder; one sentence for each kind of family left out).
     """
     check_maps(data)
-    said = _Said(dict(bounds or {}), dict(parameters or {}))
+    bounds, parameters = dict(bounds or {}), dict(parameters or {})
+    said = {*bounds, *parameters}
     loaded = data.loaded
     lengths = np.unique(data.lengths.level[loaded]).size
     pressures = np.unique(data.pressures.level[loaded]).size
     strained = np.unique(data.lengths.level[data.strained]).size
     told = lengths * min(pressures, 2) - 1
     of_any_law = set().union(*map(_rows, LAWS))
+    rigs = (False,) if said & _PULLS_LATE else (False, True)
     found, dropped, large = [], [], 0
-    for law in LAWS:
+    for rank, law in enumerate(LAWS):
         made = law_of(law)
-        lacking = sorted((said.names & of_any_law) - _rows(law))
+        lacking = sorted((said & of_any_law) - _rows(law))
         if lacking:
             dropped.append(f"The {law} law has no {', '.join(lacking)}, which was given.")
             continue
@@ -133,69 +115,51 @@ def ladder(
                 f"strained; the map has {strained}."
             )
             continue
-        for extras, deadband in _FAMILIES:
-            if said.names & {*extras, *(() if deadband else ("deadband_pressure",))}:
-                continue
-            if "series_exponent" in extras and lengths < rig_from:
-                continue
-            one = _candidate(data, law, extras, said, deadband=deadband)
-            if one.unknowns <= told:
-                found.append(one)
-            else:
+        for rig in rigs:
+            known = {**_geometry(data), **believed(law, data), **(_RIG if rig else {})}
+            known = {name: one for name, one in known.items() if name not in bounds}
+            if "end_length" in said:
+                known.pop("end_factor", None)
+            unknowns = numbers_of(law) + rig * len(_RIG_UNKNOWNS)
+            if unknowns > told:
                 large += 1
+                continue
+            found.append(
+                Candidate(
+                    name=f"{law}, compliant rig" if rig else law, law=law, rig=rig,
+                    options=LAWS[law], bounds=bounds, parameters={**known, **parameters},
+                    unknowns=unknowns, rank=(rank, rig),
+                )
+            )  # fmt: skip
     if large:
         dropped.append(
             f"{large} families of more than {told} unknowns, which {lengths} lengths cannot "
             "determine, were left out."
         )
-    return tuple(sorted(found, key=lambda one: one.rank)), tuple(dropped)
+    return tuple(found), tuple(dropped)
 
 
-def _candidate(
-    data: ForceData,
-    law: str,
-    free: tuple[str, ...],
-    said: "_Said",
-    *,
-    deadband: bool,
-) -> Candidate:
-    """One family. Whatever may be freed is in the table, held where it is not: one program serves all."""
-    rest, rounding = data.specimen.rest_length, rest_length_rounding(data.specimen.rest_length)
-    parameters = {}
-    if "series_compliance" not in free:
-        parameters = {
-            "end_factor": _held(1.0),
-            "braid_compliance": _held(0.0, "1/N"),
-            "rest_length": _held(rest, "m"),
-        }
-    for name in free:
-        parameters[name] = Parameter()
-    if "rest_length" in free:
-        parameters["rest_length"] = Parameter(min=rest - rounding, max=rest + rounding, unit="m")
-    parameters |= believed(law)
-    if not deadband:
-        parameters["deadband_pressure"] = _held(0.0, "Pa")
-    if "end_length" in said.names:
-        parameters.pop("end_factor", None)
-    given = {name: one for name, one in parameters.items() if name not in said.bounds}
-    unknowns = numbers_of(law) + deadband + len(free)
-    # Every muscle has a deadband: of families that predict alike, one without is believed last.
-    rank = list(LAWS).index(law), 1 - deadband, unknowns
-    return Candidate(
-        law, free, deadband, LAWS[law], said.bounds, {**given, **said.parameters}, unknowns, rank
-    )
+_RIG_UNKNOWNS = ("series_compliance", "series_exponent")
+_RIG = {
+    "deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa"),
+    "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
+    **{name: Parameter() for name in _RIG_UNKNOWNS},
+}
+"""A rig that gives way is hardly told from threads that do."""
+_PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
 
 
-@dataclasses.dataclass(frozen=True)
-class _Said:
-    """What a user says of parameters."""
-
-    bounds: dict[str, tuple[float, float]]
-    parameters: dict[str, Parameter]
-
-    @property
-    def names(self) -> set[str]:
-        return {*self.bounds, *self.parameters}
+def _geometry(data: ForceData) -> dict[str, Parameter]:
+    """What is believed of every muscle, whatever its law."""
+    rest = data.specimen.rest_length
+    rounding = rest_length_rounding(rest)
+    return {
+        "end_factor": Parameter(prior=END_FACTOR_PRIOR),
+        "braid_compliance": Parameter(prior=BRAID_COMPLIANCE_PRIOR, unit="1/N"),
+        "rest_length": Parameter(
+            min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m"
+        ),
+    }
 
 
 def options_of(law: LawGiven) -> dict[str, Any]:
@@ -213,9 +177,20 @@ def law_of(law: LawGiven) -> Law:
     return law_named(options["law"], options.get("order"))
 
 
-def believed(law: LawGiven) -> dict[str, Parameter]:
-    """What is known of the law's parameters, whatever the muscle."""
+def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
+    """What is known of the law's parameters, whatever the muscle.
+
+    Args:
+        law: as `identify` takes it.
+        data: the map, whose lengths tell which features of a law can be identified: none that is narrower
+            than half the widest gap between them.
+    """
     known = {"ogden_exponent": Parameter(prior=EXPONENT_PRIOR)}
+    if data is not None:
+        lengths = np.unique(data.lengths.level[data.loaded])
+        widest = float(np.diff(lengths, prepend=lengths[0]).max()) / data.specimen.rest_length
+        least, most = law_of("saturating").shape["strain_scale"].min, _WIDEST_SCALE
+        known["strain_scale"] = Parameter(min=float(np.clip(widest / 2, least, most)))
     return {name: one for name, one in known.items() if name in law_of(law).shape}
 
 
@@ -225,17 +200,14 @@ def numbers_of(law: LawGiven) -> int:
     A shape parameter of the law is one, unless it has a prior, which is as good as a reading.
     """
     made = law_of(law)
-    return _GEOMETRY + len(made.coefficients) + len(made.shape.keys() - believed(law))
+    of_prior = {name for name, one in believed(law).items() if one.prior is not None}
+    return _GEOMETRY + len(made.coefficients) + len(made.shape.keys() - of_prior)
 
 
 def _rows(law: str) -> set[str]:
     """Names of the parameters of a law."""
     made = law_of(law)
     return {*made.shape, *made.coefficients}
-
-
-def _held(value: float, unit: str = "") -> Parameter:
-    return Parameter(value=value, vary=False, unit=unit)
 
 
 def rest_length_rounding(rest_length: float) -> float:

@@ -111,7 +111,7 @@ def _fold(
     rest = choose(data.part(~np.isin(levels, levels[data.loaded][mine])), **options)
     at = data.length[data.loaded][mine], data.pressure[data.loaded][mine]
     error = rest.predict(*at) - data.force[data.loaded][mine]
-    half = rest.error.factor() * rest.error.std(*at)
+    half = rest.half_band(*at)
     return {
-        "name": rest.names[0], "error": error, "inside": np.abs(error) <= half, "width": 2 * half,
+        "name": rest.name, "error": error, "inside": np.abs(error) <= half, "width": 2 * half,
     }  # fmt: skip

@@ -6,14 +6,10 @@ its force is the mean of what all of them say of it, and their disagreement is i
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import famjax
 
-from ..data.force_data import ForceData
-from ..families.parameters import Parameter
-from ..search.summary import muscle_at
-from .ladder import Candidate, ladder
 from .race import Fitted
 from .series import DEFAULT_LAWS
 
@@ -38,42 +34,22 @@ class OtherLengths:
     between: float
 
 
-def accounts(
-    data: ForceData,
-    parameters: Mapping[str, Parameter] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-) -> tuple[Candidate, ...]:
-    """The families that transfer and that a map can carry, those that it does not tell apart too.
+def other_lengths(families: Sequence[Fitted], max_force: float) -> OtherLengths | None:
+    """Muscles of other lengths by the families that transfer.
 
-    None where there is but one thing to make a muscle pull late, by what a user says (see `ladder`) or
-    for lack of readings.
+    Args:
+        families: fitted to all readings.
+        max_force: largest force measured [N].
+
+    Returns:
+        None where there is but one thing to make a muscle pull late, by what a user says or for lack of
+        readings.
     """
-    every, _ = ladder(data, parameters, bounds, rig_from=0)
-    found = tuple(one for one in every if _pulls_late_by(one) is not None)
-    return found if {_pulls_late_by(one) for one in found} == {"bladder", "rig"} else ()
-
-
-def other_lengths(fitted: Sequence[Fitted], max_force: float) -> OtherLengths | None:
-    """Muscles of other lengths by the accounts of a specimen; None where there is none."""
-    if not fitted:
+    found = [one for one in families if one.candidate.law in DEFAULT_LAWS]
+    if {one.candidate.rig for one in found} != {False, True}:
         return None
     return OtherLengths(
-        names=tuple(one.candidate.name for one in fitted),
-        members=tuple(_mounted(one) for one in fitted),
+        names=tuple(one.candidate.name for one in found),
+        members=tuple(one.mounted for one in found),
         between=FROM_ONE * max_force,
     )
-
-
-def _pulls_late_by(candidate: Candidate) -> str | None:
-    """What does not pull at once in a family that transfers; None of one that is not meant to."""
-    if candidate.law not in DEFAULT_LAWS:
-        return None
-    if candidate.deadband:
-        return None if candidate.free else "bladder"
-    return "rig" if "series_exponent" in candidate.free else None
-
-
-def _mounted(fitted: Fitted) -> famjax.MountedMuscle:
-    problem = fitted.posed.problem
-    point = problem.solve(problem.parameters(fitted.ends[0]), "values")
-    return problem.parts[0].mounted(muscle_at(problem, point, 0), point.parameters)

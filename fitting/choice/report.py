@@ -1,23 +1,28 @@
 """What was tried and what was chosen, as a table and as JSON."""
 
-import math
 from typing import Any
 
-from famjax.boundary.units import from_si, unit_system
+import numpy as np
+
+from famjax.boundary.units import finite_or_none, from_si, unit_system
 
 from .choose import Choice
 from .ranking import Tried
 
-_ROWS = 12  # of the table; the file has all
+_HEADER = {
+    "pressure": "pressures out",
+    "interior length": "interior lengths out",
+    "end length": "end lengths out",
+}
+"""Columns of held-out errors, those that there are."""
 
 
 def choice_as_dict(choice: Choice) -> dict[str, Any]:
     """JSON-ready, SI."""
     return {
-        "chosen": choice.names[0],
-        "averaged": list(choice.names),
-        "averaged_rmse_N": choice.rmse,
+        "chosen": choice.name,
         "clear": choice.clear,
+        "open_question": choice.open_question or None,
         "left_out": list(choice.dropped),
         "tried": [
             {
@@ -25,12 +30,11 @@ def choice_as_dict(choice: Choice) -> dict[str, Any]:
                 "unknowns": one.candidate.unknowns,
                 "rmse_N": one.rmse,
                 **{
-                    f"leave_{kind}s_out_rmse_N": _number(one, kind)
-                    for kind in ("pressure", "length")
+                    f"{kind.replace(' ', '_')}s_out_rmse_N": one.columns.get(kind)
+                    for kind in _HEADER
                 },
-                "behind": one.behind[0],
-                "behind_std": one.behind[1],
-                "as_good": one.as_good,
+                "held_out_N": finite_or_none(one.held_out),
+                "fits_alike": one.alike,
             }
             for one in choice.tried
         ],
@@ -38,42 +42,26 @@ def choice_as_dict(choice: Choice) -> dict[str, Any]:
 
 
 def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
-    """Title, header and rows of text, the best family first."""
+    """Title, header and rows of text: the chosen family, then the others by their held-out errors."""
     unit = unit_system(system)["force"]
 
     def force(value: float | None) -> str:
-        return "" if value is None else f"{from_si(value, unit, 'force'):.4g}"
+        known = value is not None and np.isfinite(value)
+        return f"{from_si(value, unit, 'force'):.4g}" if known else ""
 
     def part(one: Tried) -> str:
-        if one.candidate.name == choice.names[0]:
+        if one is choice.tried[0]:
             return "chosen"
-        if one.candidate.name in choice.names:
-            return "averaged"
-        return "as good" if one.as_good else ""
+        return "fits alike" if one.alike else ""
 
+    kinds = [kind for kind in _HEADER if kind in choice.tried[0].columns]
     rows = [
         (
-            one.candidate.name,
-            str(one.candidate.unknowns),
-            force(one.rmse),
-            force(_number(one, "pressure")),
-            force(_number(one, "length")),
-            f"{'' if one.left_out or not choice.left_out else 'over '}{math.exp(one.behind[0]):.3g}",
-            part(one),
+            one.candidate.name, str(one.candidate.unknowns), force(one.rmse),
+            *(force(one.columns.get(kind)) for kind in kinds), force(one.held_out), part(one),
         )
-        for one in choice.tried[:_ROWS]
-    ]
-    more = len(choice.tried) - len(rows)
-    title = f"Families tried, RMSE in {unit}" + (
-        f" ({more} worse ones are in fit.json)" if more > 0 else ""
-    )
-    return (
-        title,
-        ("family", "unknowns", "in sample", "pressures out", "lengths out", "times the best", ""),
-        rows,
-    )
-
-
-def _number(one: Tried, kind: str) -> float | None:
-    found = one.left_out.get(kind)
-    return None if found is None else found.rmse
+        for one in choice.tried
+    ]  # fmt: skip
+    title = f"Families tried, RMSE in {unit}; the held-out error is the geometric mean of the columns out"
+    header = ("family", "unknowns", "in sample", *(_HEADER[kind] for kind in kinds), "held out", "")
+    return title, header, rows

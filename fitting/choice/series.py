@@ -24,6 +24,7 @@ from ..data.force_data import ForceData
 from ..evidence.leave_out import leave_out_each
 from ..evidence.left_out import LeftOut
 from ..evidence.pull import pull
+from ..evidence.refit import force_error
 from ..evidence.spread import muscle_spread
 from ..families.laws import LawGiven
 from ..families.parameters import Parameter
@@ -33,8 +34,8 @@ from ..search.posing import Geometry, Posed, pose_together
 from ..search.result import Identification
 from ..trace import run_fits
 from .ladder import Candidate, believed, law_of, numbers_of, options_of
-from .race import descended, rmse_of
-from .ranking import Tried, first_on_ladder, ranked
+from .race import descended
+from .ranking import Tried, preferred, ranked
 
 DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
 """Laws of a series, in the order in which they are believed."""
@@ -44,7 +45,6 @@ BETWEEN = 0.02
 readings of one specimen are off together, so each specimen counts the same, however many it has."""
 
 _COMPARED = 4  # starts of each family at most
-_WORSE = 1.5  # times the error on specimens left out: one rig, not the mean of both
 _NO_DEADBAND = Parameter(value=0.0, vary=False, unit="Pa")
 _EQUAL = (
     "Each specimen counts the same, whatever the number of its readings and their standard "
@@ -60,8 +60,9 @@ class Series:
         name: of the family that transfers best, in words.
         law: its law.
         specimens: the identification of each specimen; all parameters are shared.
-        others: the same in a rig that gives way, where predictions are the mean of both.
-        tried: all families, the best first.
+        others: the same in a rig that gives way, where predictions are the weighted mean of both.
+        weights: of the first and of the others, of sum 1, see `_weights`.
+        tried: all families, the chosen one first.
         left_out: errors of the mean on each specimen, while it was left out.
     """
 
@@ -69,6 +70,7 @@ class Series:
     law: str
     specimens: tuple[Identification, ...]
     others: tuple[tuple[Identification, ...], ...]
+    weights: tuple[float, ...]
     tried: tuple[Tried, ...]
     left_out: LeftOut
 
@@ -123,7 +125,7 @@ class Series:
             )
             for k, (one, *_) in enumerate((self.specimens, *self.others))
         ]  # fmt: skip
-        force = np.mean([one.force for one in found], axis=0)
+        force = np.average([one.force for one in found], axis=0, weights=self.weights)
         return force, np.maximum(found[0].std, self.between)
 
 
@@ -147,8 +149,8 @@ def identify_series(
     Every law is identified on all specimens together, with every parameter shared, with and without
     a deadband, and again without each of the specimens. Whether the rig gives way is not to be told
     from ends and lengths by specimens of a few lengths: predictions are the mean of a rigid rig and
-    of one that gives way, unless one of them is plainly worse. Of the families that are as good as
-    the best, see `Tried`, the first in the order of the laws is chosen.
+    of one that gives way, weighted by their errors on the specimens left out. The family with the
+    smallest error on them is chosen, or the first in the order of the laws of those within a tenth of it.
 
     Three specimens of 24 readings take ten seconds of a core, and a new process four to start and trace
     the laws: more than one pay for more specimens, readings or laws.
@@ -218,7 +220,7 @@ def identify_series(
         judged = [_Judged.of(one, next(parts)) for one in family]
         sound = [one for one in judged if one is not None]
         if sound:
-            found.append(_alike(sound))
+            found.append(sorted(sound, key=lambda one: one.error))
     if not found:
         raise InputError(
             f"none of the families {', '.join(one.name for one in rigs)} has a force at every reading "
@@ -226,25 +228,17 @@ def identify_series(
             "(end_length, series_compliance), or give more specimens"
         )
     largest = max(one.max_force for one in data)
-    tried, order = ranked(
-        [
-            (
-                kept[0].candidate,
-                _rmse(kept),
-                {"specimen": LeftOut.of_mean([one.left_out for one in kept])},
-            )
-            for kept in found
-        ],
-        largest,
-    )
-    chosen = first_on_ladder(tried)
+    tried = ranked([_as_one(rigs) for rigs in found], largest)
+    order = preferred(tried)
+    chosen, kept = tried[order[0]], found[order[0]]
     if progress is not None:
-        progress(f"identifying: {tried[chosen].candidate.name}", len(rigs), len(rigs))
-    posed = [_posed(alike, constraint, box, one.candidate) for one in found[order[chosen]]]
+        progress(f"identifying: {chosen.candidate.name}", len(rigs), len(rigs))
+    posed = [_posed(alike, constraint, box, one.candidate) for one in kept]
     fits = [solve(one, one.starts(starts, seed), seed=seed) for one in posed]
     return Series(
-        name=tried[chosen].candidate.name, law=tried[chosen].candidate.law, specimens=fits[0],
-        others=tuple(fits[1:]), tried=tried, left_out=tried[chosen].left_out["specimen"],
+        name=chosen.candidate.name, law=chosen.candidate.law, specimens=fits[0],
+        others=tuple(fits[1:]), weights=_weights(kept), tried=tuple(tried[k] for k in order),
+        left_out=chosen.left_out["specimen"],
     )  # fmt: skip
 
 
@@ -255,6 +249,11 @@ class _Judged:
     candidate: Candidate
     rmse: float
     left_out: LeftOut
+
+    @property
+    def error(self) -> float:
+        """RMSE [N] on whole specimens left out, each of which counts the same."""
+        return float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
 
     @classmethod
     def of(cls, candidate: Candidate, part: Mapping[str, Any]) -> "_Judged | None":
@@ -281,9 +280,9 @@ def _tried(
     out = found.get("specimen")
     if out is None or not np.isfinite(out.error).all():
         return {"sound": False}
+    rmse = float(np.sqrt(np.mean(force_error(problem, best) ** 2)))
     return {
-        "sound": True, "rmse": rmse_of(problem, best), "level": out.level, "group": out.group,
-        "error": out.error,
+        "sound": True, "rmse": rmse, "level": out.level, "group": out.group, "error": out.error,
     }  # fmt: skip
 
 
@@ -294,17 +293,23 @@ def _posed(data: Sequence[ForceData], constraint: str, box: str, candidate: Cand
     )  # fmt: skip
 
 
-def _alike(judged: Sequence[_Judged]) -> list[_Judged]:
-    """The law in a rigid rig, in one that gives way, or in both.
+def _weights(rigs: Sequence[_Judged]) -> tuple[float, ...]:
+    """Weights of a rigid rig and of one that gives way, by their errors on whole specimens left out.
 
-    Both, unless one predicts the specimens plainly worse.
+    The likelihood of n errors of unknown scale goes with their root mean square to the power of -n; the
+    readings of one specimen are off together, so n is the number of specimens.
     """
-    least = min(one.left_out.rmse for one in judged)
-    return [one for one in judged if one.left_out.rmse <= _WORSE * least]
+    errors = np.array([one.error for one in rigs])
+    likelihood = (errors / errors.min()) ** -float(rigs[0].left_out.group_rmse.size)
+    return tuple((likelihood / likelihood.sum()).tolist())
 
 
-def _rmse(judged: Sequence[_Judged]) -> float:
-    return float(np.sqrt(np.mean([one.rmse**2 for one in judged])))
+def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOut]]:
+    """The mean of a law in both rigs as one family: RMSE in sample [N], errors on specimens left out."""
+    weights = _weights(rigs)
+    rmse = float(np.sqrt(np.average([one.rmse**2 for one in rigs], weights=weights)))
+    left_out = LeftOut.of_mean([one.left_out for one in rigs], weights)
+    return rigs[0].candidate, rmse, {"specimen": left_out}
 
 
 def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geometry | None) -> None:
@@ -344,11 +349,12 @@ def _families(
         found.append(
             tuple(
                 Candidate(
-                    law=name, free=tuple(rig), deadband=deadband,
-                    options={**options_of(law), **own}, bounds={},
+                    name=", ".join(
+                        [name, *(["compliant rig"] if rig else []), *([] if deadband else ["no deadband"])]
+                    ),
+                    law=name, rig=bool(rig), options={**options_of(law), **own}, bounds={},
                     parameters={**base, **rig, **said},
-                    unknowns=numbers_of(law) + deadband + len(rig),
-                    rank=(rank, 1 - deadband, 0),
+                    unknowns=numbers_of(law) + deadband + len(rig), rank=(rank, 1 - deadband),
                 )
                 for rig in rigs
             )

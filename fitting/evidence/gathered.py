@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,8 @@ class Evidence:
         hysteresis: of both branches, or None.
         error: of predictions, as readings left out show it; None of a law that depends on pressure
             and of specimens identified together.
+        left_out: errors of the fit itself on groups of "pressure" and "length" left out, which the error
+            is made of; empty where it is None.
         posterior: draws, or None.
         shared: what errors that all readings share do, or None.
     """
@@ -51,13 +53,16 @@ class Evidence:
     bootstrap: Bootstrap | None = None
     hysteresis: HysteresisFit | None = None
     error: ModelError | None = None
+    left_out: Mapping[str, LeftOut] = dataclasses.field(default_factory=dict)
     posterior: Posterior | None = None
     shared: Carried | None = None
 
     @property
     def empty(self) -> bool:
         """Whether nothing was asked for."""
-        return not any(found for name, found in vars(self).items() if name != "error")
+        return not any(
+            found for name, found in vars(self).items() if name not in {"error", "left_out"}
+        )
 
 
 def gather(
@@ -69,7 +74,7 @@ def gather(
     seed: int,
     executor: AnyExecutor = None,
     progress: Callable[[str, int, int], None],
-    error: ModelError | None = None,
+    known: tuple[ModelError, Mapping[str, LeftOut]] | None = None,
     posterior: bool = False,
     noise: float | None = None,
     shared: Moves | None = None,
@@ -84,7 +89,8 @@ def gather(
         seed: of the bootstrap.
         executor: what fits replicates, see `bootstrap`; nothing else takes long enough.
         progress: called as it comes.
-        error: of predictions, where it is known; found by leaving out unless given.
+        known: the error of predictions and the errors on what was left out that it is made of, where a
+            choice knows them; found by leaving out otherwise.
         posterior: draw from it.
         noise: standard deviation of a reading [N], where it is known, of the posterior.
         shared: errors that all readings share, see `carry`.
@@ -108,25 +114,27 @@ def gather(
 
         told = functools.partial(progress, "posterior")
         sampled = sample(result, noise=noise, seed=seed, progress=told)
+    error, left_out = _error(result) if known is None else known
     return Evidence(
         validations=tuple(validations),
         profiles=found,
         bootstrap=drawn,
-        error=_error(result) if error is None else error,
+        error=error,
+        left_out=left_out,
         posterior=sampled,
         shared=carry(result, shared) if shared else None,
     )
 
 
-def _error(result: Identification) -> ModelError | None:
+def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, LeftOut]]:
     """The error of predictions, by leaving out each length and groups of neighbouring pressures."""
     problem = result.problem
     if result.dependence != "fixed" or len(problem.parts) > 1:
-        return None
+        return None, {}
     kinds = {kind: (groups_of(problem, kind), 1) for kind in ("length", "pressure")}
     found = leave_out_each([(problem, result.end.u)], kinds)[0]
     left_out = {kind: one for kind, one in found.items() if np.isfinite(one.error).all()}
-    return model_error(result.data, result.residuals, left_out, result.n_parameters)
+    return model_error(result.data, result.residuals, left_out, result.n_parameters), left_out
 
 
 def left_out_kinds(result: Identification) -> tuple[str, ...]:

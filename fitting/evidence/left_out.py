@@ -1,7 +1,7 @@
 """Errors on readings while they were left out: what a model is judged by, and its bands are made of."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -24,9 +24,9 @@ class LeftOut:
     error: Float[np.ndarray, " points"]
 
     @staticmethod
-    def of_mean(several: Sequence["LeftOut"]) -> "LeftOut":
-        """Errors of the mean of several predictions of the same."""
-        error = np.mean([one.error for one in several], axis=0)
+    def of_mean(several: Sequence["LeftOut"], weights: Sequence[float]) -> "LeftOut":
+        """Errors of the weighted mean of several predictions of the same."""
+        error = np.average([one.error for one in several], axis=0, weights=weights)
         return dataclasses.replace(several[0], error=error)
 
     @property
@@ -49,6 +49,26 @@ class LeftOut:
         """Over all groups but the lowest and the highest [N], which are extrapolations; nan if none."""
         inner = (self.group > 0) & (self.group < self.group.max())
         return float(np.sqrt(np.mean(self.error[inner] ** 2))) if inner.any() else np.nan
+
+
+def columns_of(left_out: Mapping[str, LeftOut]) -> dict[str, float]:
+    """RMSE [N] on pressures, interior lengths, end lengths or specimens left out; groups weigh alike.
+
+    The shortest and the longest length, left out, are extrapolated to.
+    """
+    found = {}
+    for kind, one in left_out.items():
+        groups = one.group_rmse
+        if kind == "length":
+            found["interior length"] = _root_mean_square(groups[1:-1])
+            found["end length"] = _root_mean_square(groups[[0, -1]])
+        else:
+            found[kind] = _root_mean_square(groups)
+    return {name: error for name, error in found.items() if np.isfinite(error)}
+
+
+def _root_mean_square(values: Float[np.ndarray, " n"]) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
 
 
 def levels_of_groups(

@@ -1,5 +1,8 @@
 """How far predictions are off: from the readings that were left out, growing away from the measured.
 
+And from what models that fit the readings alike disagree about (`disagreement`), which no reading that was
+left out need show.
+
 What a law does not know of a muscle is a smooth function of length (and of pressure), zero to within
 the noise where it was measured. Between and beyond the measured lengths its variance is that of the
 natural cubic spline's error (kriging with the generalised covariance |h|^3 and a linear drift), times
@@ -32,6 +35,13 @@ the lengths beyond its map by a few per cent of the largest force."""
 PRIOR_FREEDOM = 1.5
 """Number of lengths left out that the prior counts as."""
 
+DISAGREEMENT = 1.5
+"""Times the root mean square difference to the models that fit alike: half the width of what they add to
+the band. Two of them may be off to the same side."""
+
+FLOOR = 0.002
+"""Of the largest force: what every band holds on either side, whatever the readings say."""
+
 _NODES, _HALVINGS = 64, 60  # for Student's quantile; to import SciPy for it takes 0.2 s
 _WIENER = 12  # |h|^3 is so many times the covariance of white noise that is integrated twice
 _NEAR = 1e-6  # variance of the spline one hundredth of the range from what is known
@@ -63,16 +73,18 @@ class ModelError:
     Attributes:
         noise: standard deviation [N] at what was measured.
         length, pressure: what they add.
+        floor: half the width of the narrowest band [N], see `FLOOR`.
     """
 
     noise: float
     length: Along
     pressure: Along
+    floor: float
 
     def std(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Standard deviation [N] of a reading about its prediction."""
+        """Standard deviation [N] of a reading about its prediction, disagreement of models apart."""
         at_length, at_pressure = np.asarray(length, float), np.asarray(pressure, float)
         added = self.length.variance(at_length) + self.pressure.variance(at_pressure)
         return np.sqrt(self.noise**2 + added)
@@ -80,6 +92,24 @@ class ModelError:
     def factor(self, coverage: float = 0.95) -> float:
         """Standard deviations on either side of an interval of that coverage, by Student."""
         return student(coverage, min(self.length.freedom, self.pressure.freedom))
+
+    def half_band(
+        self,
+        length: Float[np.ndarray, " n"],
+        pressure: Float[np.ndarray, " n"],
+        disagreement: Float[np.ndarray, " n"] | float = 0.0,
+        coverage: float = 0.95,
+    ) -> Float[np.ndarray, " n"]:
+        """Half the width [N] of the band of single readings.
+
+        Args:
+            length: [m].
+            pressure: gauge [Pa].
+            disagreement: root mean square difference [N] to the models that fit alike.
+            coverage: of the band.
+        """
+        own = self.factor(coverage) * self.std(length, pressure)
+        return np.hypot(own, DISAGREEMENT * np.asarray(disagreement) + self.floor)
 
     @property
     def covers(self) -> str:
@@ -93,8 +123,8 @@ class ModelError:
             f"as {' and '.join(judged)} show it" if judged else "as a prior for all muscles has it"
         )
         return (
-            f"single readings: their noise, and the error of the model {shown}, growing with the "
-            "distance from what was measured"
+            f"single readings: their noise, the error of the model {shown}, growing with the distance "
+            "from what was measured, and what models that fit the readings alike disagree about"
             + ("" if self.length.freedom > PRIOR_FREEDOM
                else "; too few lengths to leave one out, so the error in length is a prior's")
         )  # fmt: skip
@@ -103,6 +133,7 @@ class ModelError:
         """JSON-ready, SI."""
         return {
             "noise_N": self.noise,
+            "floor_N": self.floor,
             "factor_95": self.factor(),
             **{
                 name: {
@@ -123,7 +154,7 @@ class ModelError:
             one = document[name]
             return Along(np.array(one[f"levels_{si_unit(name)}"]), one["scale_N"], one["freedom"])
 
-        return cls(document["noise_N"], along("length"), along("pressure"))
+        return cls(document["noise_N"], along("length"), along("pressure"), document["floor_N"])
 
 
 def model_error(
@@ -150,6 +181,7 @@ def model_error(
         noise,
         _along(lengths, left_out.get("length"), noise, scale),
         _along(pressures, left_out.get("pressure"), noise, scale),
+        FLOOR * data.max_force,
     )
 
 

@@ -278,9 +278,6 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
             "series_exponent is of the compliance of the rig, which takes no part: name "
             "series_compliance as well"
         )
-    exponent = table.get("ogden_exponent")
-    if exponent is not None and exponent.min <= 0 <= exponent.max:
-        raise InputError("the bounds of ogden_exponent must not include 0, where there is no law")
 
 
 def names_of(table: Iterable[str], *, like: str) -> tuple[str, ...]:

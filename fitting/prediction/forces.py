@@ -12,6 +12,7 @@ import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none
 
+from ..evidence.disagreement import disagreement
 from ..evidence.pull import Pull, pull
 from ..saved.saved_fit import SavedFit
 from .inside import reach_of
@@ -151,14 +152,15 @@ def _pull(
 ) -> Pull:
     """Forces in the rig and of the muscle alone, with the standard deviation by linear theory.
 
-    Of a fit that is the mean of several families they are the means; the standard deviation is that
-    of the first. Of a muscle of another length than the one that was chosen it is their own.
+    Of a series they are the weighted means of its two rigs; the standard deviation is that of the first.
+    Of a muscle of another length than the one that was chosen it is their own.
     """
     of = functools.partial(pull, length=length, pressure=pressure, rest_length=rest_length)
     if rest_length is not None and fit.other_lengths:
         of_each = [of(one, None, length_std=length_std) for one in fit.other_lengths]
         reading = np.nan_to_num(of_each[0].std)  # by the error of the lengths alone
         std = np.hypot(np.std([one.force for one in of_each], axis=0), reading)
+        weights = None
     else:
         spread = _spread(fit)
         directions = [
@@ -168,9 +170,10 @@ def _pull(
         varied = np.array(directions) if directions else None
         first = of(fit.mounted, varied, length_std=length_std)
         of_each, std = [first, *(of(one, None) for one in fit.others)], first.std
+        weights = fit.weights
     return Pull(
-        force=np.mean([one.force for one in of_each], axis=0),
-        muscle_force=np.mean([one.muscle_force for one in of_each], axis=0),
+        force=np.average([one.force for one in of_each], axis=0, weights=weights),
+        muscle_force=np.average([one.muscle_force for one in of_each], axis=0, weights=weights),
         std=std,
     )
 
@@ -195,8 +198,9 @@ def _band(
             return std, factor, band
         std, band = np.hypot(found.std, fit.document["other_lengths"]["between_N"]), "one specimen"
     elif fit.error is not None:
-        model = fit.error.std(length, pressure)
+        differ = disagreement(found.force, fit.alike, length, pressure)
         factor = fit.document["model_error"]["factor_95"]
+        model = fit.error.half_band(length, pressure, differ) / factor
         if _by_what_was_left_out(fit):
             std, band = np.hypot(model, found.std), "left out"
             # No reading left out shows an error that all share: it is stated, and normal.

@@ -38,7 +38,7 @@ def pressures_for(
         raise InputError(f"lengths must be > 0, got {length.min():.6g} m")
     if not (np.isfinite(force).all() and (force >= 0).all()):
         raise InputError(f"forces must be >= 0, as a muscle only pulls, got {force.min():.6g} N")
-    muscle = famjax.muscle.MeanMuscle((fit.mounted, *fit.others))
+    muscle = famjax.muscle.MeanMuscle((fit.mounted, *fit.others), fit.weights)
     reach = reach_of(fit, None)
     found = pressure_for_force(muscle, force, length[:, None], (0.0, reach.pressures[1]))
     rows = []

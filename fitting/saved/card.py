@@ -18,7 +18,7 @@ def card_of(
 ) -> MuscleCard:  # fmt: skip
     """What a fit knows of a muscle, for those who use the muscle.
 
-    The pull is what the rig of the fit measures, the mean of all families that a choice has kept.
+    The pull is what the rig of the fit measures; of a series, the weighted mean of both of its rigs.
 
     Args:
         fit: from `load_fit`.
@@ -38,7 +38,7 @@ def card_of(
     card = MuscleCard(
         name=name or document["data"]["specimen"].get("name") or "unnamed",
         members=members,
-        weights=np.full(len(members), 1 / len(members)),
+        weights=np.array(fit.weights),
         data=Region.of(readings["length_m"], readings["pressure_Pa"]),
         covariance=_covariance(document),
         draws=None,

@@ -2,7 +2,7 @@
 
 import importlib.metadata
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -161,7 +161,8 @@ def fit_as_dict(
         "seed": result.seed,
         "spread": _spread(result, evidence),
         **summary_as_dict(result, evidence=evidence, choice=choice, judgement=judgement),
-        "averaged_with": _averaged(() if choice is None else choice.members[1:]),
+        "averaged_with": [],
+        "alike": [] if choice is None else _named(choice.alike),
         "other_lengths": None if choice is None else _other_lengths(choice.other_lengths),
         "correlations": {
             "parameters": list(names),
@@ -185,15 +186,16 @@ def _rig(mounted: famjax.MountedMuscle) -> dict[str, Any]:
     return compliance if exponent is None else {**compliance, "series_exponent": float(exponent)}
 
 
-def _averaged(others: Sequence[Identification]) -> list[dict[str, Any]]:
-    """Muscles, besides the fit's own, that predictions are the mean of."""
+def _averaged(others: Sequence[Identification], weights: Sequence[float]) -> list[dict[str, Any]]:
+    """Muscles, besides the fit's own, that predictions are the mean of, with their weights."""
     return [
         {
+            "weight": weight,
             "law": one.law.name,
             **_rig(one.mounted),
             "muscle": muscle_as_dict(one.muscle),
         }
-        for one in others
+        for one, weight in zip(others, weights, strict=True)
     ]
 
 
@@ -201,11 +203,17 @@ def _other_lengths(known: OtherLengths | None) -> dict[str, Any] | None:
     """What predictions of muscles of other lengths are made of."""
     if known is None:
         return None
-    members = []
-    for name, one in zip(known.names, known.members, strict=True):
+    members = dict(zip(known.names, known.members, strict=True))
+    return {"between_N": known.between, "members": _named(members)}
+
+
+def _named(families: Mapping[str, famjax.MountedMuscle]) -> list[dict[str, Any]]:
+    """Muscles in their rigs, by the names of their families."""
+    found = []
+    for name, one in families.items():
         assert isinstance(one.muscle, famjax.Muscle)
-        members.append({"family": name, **_rig(one), "muscle": muscle_as_dict(one.muscle)})
-    return {"between_N": known.between, "members": members}
+        found.append({"family": name, **_rig(one), "muscle": muscle_as_dict(one.muscle)})
+    return found
 
 
 def _spread(result: Identification, evidence: Evidence | None) -> dict[str, Any]:
@@ -237,7 +245,7 @@ def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, An
             origin=origin,
             judgement=judge_series(series.specimens, series.left_out),
         ),
-        "averaged_with": _averaged([one[0] for one in series.others]),
+        "averaged_with": _averaged([one[0] for one in series.others], series.weights[1:]),
         "series": {
             "law": series.law,
             "family": series.name,

@@ -15,6 +15,7 @@ from famjax.boundary.units import from_si, unit_system
 from ..choice.choose import Choice
 from ..choice.report import choice_table
 from ..evidence.gathered import Evidence, Table, evidence_tables, evidence_warnings
+from ..evidence.left_out import columns_of
 from ..posterior.plot import plot_posterior
 from ..search.result import Estimate, Identification
 from ..verdict.judgement import Judgement, judge
@@ -25,23 +26,31 @@ from .report_tables import correlation_tables, specimen_table
 
 
 def verdict(
-    result: Identification, judgement: Judgement | None = None, system: str = "metric"
+    result: Identification,
+    judgement: Judgement | None = None,
+    system: str = "metric",
+    evidence: Evidence | None = None,
 ) -> str:
-    """A few sentences: whether the fit may be trusted, the gravest reason first, and what it is.
+    """Whether the fit may be trusted, with its errors in sample and on what was left out; then why.
 
     And what could not be checked, as the specimen's description does not say it.
     """
     errors, margin = result.errors, result.certificate.stability_margin
     judged = judge(result) if judgement is None else judgement
-    fit = (
-        f"RMSE {Quantity(errors.rmse, 'force', 3).in_units(system)}, {errors.rmse_percent:.2g} % of the "
-        f"largest force, over {errors.n_points} readings."
+
+    def force(value: float) -> str:
+        return Quantity(value, "force", 3).in_units(system)
+
+    held_out = [
+        f"{force(value)} on {name}s"
+        for name, value in columns_of((evidence or Evidence()).left_out).items()
+    ]
+    said = (
+        f"{judged.level.capitalize()}. RMSE {force(errors.rmse)} ({errors.rmse_percent:.2g} % of the "
+        f"largest force) in sample{'; held out: ' * bool(held_out)}{', '.join(held_out)}."
     )
-    if judged.unchecked:
-        fit = f"{fit} {in_units(judged.unchecked, system)}"
-    level = judged.level.capitalize()
     reasons = [in_units(one, system) for one in judged.reasons]
-    said = f"{level}: {reasons[0]} {fit}" if reasons else f"{level}. {fit}"
+    said = " ".join(filter(None, (said, *reasons[:1], in_units(judged.unchecked, system))))
     if not result.converged:
         return f"NOT converged. {said}"
     if not judged.passed:
@@ -177,7 +186,7 @@ def html_report(
         "report.html",
         name=result.data.specimen.name,
         good=judged.passed,
-        verdict=verdict(result, judged, system),
+        verdict=verdict(result, judged, system, evidence),
         warnings=notes(result, evidence, choice, judged, system),
         figure=inline_svg(svg_file(drawn), "fit", "isobars, residuals and the bladder's law"),
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],

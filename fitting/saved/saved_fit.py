@@ -28,18 +28,23 @@ class SavedFit:
         mounted: the identified muscle, bit for bit, in the rig of the fit.
         document: the whole file as plain data, SI.
         hysteresis: about the muscle's force, or None where it was not identified.
-        others: further muscles, in their rigs; a prediction is the mean of them and the muscle.
+        others: further muscles, in their rigs; a prediction is the weighted mean of the muscle and them.
+        weights: of the muscle and of them.
         error: of predictions, or None where nothing was left out.
         other_lengths: muscles, in their rigs, of whose forces the mean is that of a muscle of another
             length; none where the fit cannot tell.
+        alike: muscles, in their rigs, of other families that fit the readings alike; what they disagree
+            about is in the band.
     """
 
     mounted: famjax.MountedMuscle
     document: dict[str, Any]
     hysteresis: CentredSlip | None = None
     others: tuple[famjax.MountedMuscle, ...] = ()
+    weights: tuple[float, ...] = (1.0,)
     error: ModelError | None = None
     other_lengths: tuple[famjax.MountedMuscle, ...] = ()
+    alike: tuple[famjax.MountedMuscle, ...] = ()
 
     @property
     def muscle(self) -> famjax.Muscle:
@@ -82,13 +87,24 @@ def load_fit(path: str | Path) -> SavedFit:
         hysteresis = None if loops is None else slip_from_dict(loops)
         stored = document.get("model_error")
         others = tuple(_mounted(one) for one in document.get("averaged_with") or ())
+        weights = [float(_entry(one, "weight")) for one in document.get("averaged_with") or ()]
+        alike = tuple(_mounted(one) for one in document.get("alike") or ())
         elsewhere = tuple(
             _mounted(one) for one in (document.get("other_lengths") or {}).get("members", ())
         )
     except InputError as error:
         raise InputError(f"{path} is damaged: {error}") from None
     error = None if stored is None else ModelError.from_dict(stored)
-    return SavedFit(mounted, document, hysteresis, others, error, elsewhere)
+    return SavedFit(
+        mounted,
+        document,
+        hysteresis,
+        others,
+        (1.0 - sum(weights), *weights),
+        error,
+        elsewhere,
+        alike,
+    )
 
 
 def _mounted(entry: Any) -> famjax.MountedMuscle:
@@ -131,6 +147,7 @@ def _check(document: dict[str, Any], mounted: famjax.MountedMuscle) -> None:
     if document.get("model_error") is not None:
         _numbers(document, "model_error.noise_N", ())
         _numbers(document, "model_error.factor_95", ())
+        _numbers(document, "model_error.floor_N", ())
         for name, unit in (("length", "m"), ("pressure", "Pa")):
             _numbers(document, f"model_error.{name}.levels_{unit}", ("n",))
             _numbers(document, f"model_error.{name}.scale_N", ())

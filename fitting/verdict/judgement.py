@@ -11,7 +11,7 @@ from famjax.boundary.sentence import Quantity, Sentence
 
 from ..engine.covariance import CONDITION_LIMIT
 from ..evidence.left_out import LeftOut
-from ..search.result import Identification
+from ..search.result import Estimate, Identification
 from .runs import runs_deviation
 from .suspicion import Suspicion, counted
 
@@ -26,8 +26,13 @@ _MOST_OUTLIERS = 0.25  # of the readings
 _RUNS = -3.0  # standard deviations below what chance gives
 _TOLD = 1.0  # %: below, a model that is wrong by more than the noise is still a good one
 _RIDGE, _KNOWN = 0.995, 0.1  # correlation; standard error in parts of what the bounds leave
-_LEFT_OUT, _LEFT_OUT_POOR = 5.0, 5.0  # times the error in sample, and % of the largest force
+_LEFT_OUT = 0.05  # RMSE of what is left out, of the largest force
 _GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
+_PLAIN_AT = {
+    "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
+    "series_compliance": "low", "series_exponent": "high",
+}  # fmt: skip
+"""Bounds at which a parameter says that something is not there, which is no doubt."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +62,7 @@ def judge(
     result: Identification,
     suspicions: Sequence[Suspicion] = (),
     left_out: Mapping[str, LeftOut] | None = None,
+    open_question: str = "",
 ) -> Judgement:
     """The verdict on a fit.
 
@@ -64,6 +70,7 @@ def judge(
         result: the fit.
         suspicions: from `suspect`.
         left_out: errors on what was left out, by "pressure" and "length", where they are known.
+        open_question: where models that fit the readings alike differ by more than they can settle.
     """
     errors = result.errors
     grave = [one.sentence for one in suspicions if one.grave]
@@ -109,18 +116,8 @@ def judge(
         *_of_residuals(result, misfit),
         *of_ridges(result),
     ]
-    for kind, one in (left_out or {}).items():
-        percent = 100 * one.rmse / errors.max_force
-        if one.rmse > _LEFT_OUT * errors.rmse and percent > _LEFT_OUT_POOR:
-            doubts.append(
-                Sentence(
-                    f"A {kind} that is left out is missed by ",
-                    Quantity(one.rmse, "force", 3),
-                    f" ({percent:.2g} % of the largest force), {one.rmse / errors.rmse:.2g} times the "
-                    f"error in sample: the {kind}s do not agree with one another, or the model is too "
-                    "rich for them.",
-                )
-            )
+    doubts += _of_left_out(left_out or {}, errors.max_force)
+    doubts += [open_question] if open_question else []
     if grave:
         return Judgement("not identified", (*grave, *doubts), tuple(suspicions), unchecked(result))
     unsure = doubts or "rest_length" in result.data.assumed
@@ -174,10 +171,40 @@ def _judge_outliers(kept: np.ndarray, rmse: float, grave: list[str], doubts: lis
     (doubts if count <= _MOST_OUTLIERS * kept.size else grave).append(sentence)
 
 
-def of_bounds(result: Identification) -> list[str]:
-    """Geometry that is at a bound, and a law that is not stable."""
+def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]:
+    """Pressures, or lengths between the shortest and the longest, that the others predict badly."""
     found = []
-    stopped = [e.name for e in result.estimates if e.at_bound and e.name in _GEOMETRY]
+    for kind, one in left_out.items():
+        inner = one.group_rmse[1:-1] if kind == "length" else one.group_rmse
+        if not inner.size or inner.max() <= _LEFT_OUT * max_force:
+            continue
+        worst = int(inner.argmax()) + (kind == "length")
+        found.append(
+            Sentence(
+                f"The {kind} ",
+                Quantity(float(one.values[worst]), kind),
+                " is missed by ",
+                Quantity(float(inner.max()), "force", 3),
+                f" ({100 * inner.max() / max_force:.2g} % of the largest force) where it is left out: the "
+                f"{kind}s do not agree with one another, or are too few for the model.",
+            )
+        )
+    return found
+
+
+def _stopped(estimate: Estimate) -> bool:
+    """Whether a parameter is at a bound where no rigid rig, cylinder or vanishing coefficient lies."""
+    if not estimate.at_bound:
+        return False
+    low = estimate.value - estimate.min < estimate.max - estimate.value
+    plain = _PLAIN_AT.get(estimate.name, "low" if estimate.kind == "stress" else "")
+    return plain != ("low" if low else "high")
+
+
+def of_bounds(result: Identification) -> list[str]:
+    """Parameters that are at a bound, and a law that is not stable."""
+    found = []
+    stopped = [e.name for e in result.estimates if _stopped(e)]
     if stopped:
         found.append(
             f"{', '.join(stopped)} {'is' if len(stopped) == 1 else 'are'} at a bound: the data alone "

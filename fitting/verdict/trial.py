@@ -13,9 +13,9 @@ from ..choice.race import descended, posed_of
 from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.problem import Problem
+from ..families.parameters import Parameter
 
 _AT_BOUND = 1e-6  # of the width of the interval
-_SPARE = 2  # numbers that the lengths tell beyond those that a family needs
 
 
 def censored_misses(data: ForceData, force: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -99,18 +99,19 @@ def misfit(data: ForceData, candidate: Candidate | None = None) -> float:
 
 
 def richest(data: ForceData, law: str | None = None) -> Candidate | None:
-    """The richest family of a law, the ladder's first unless given, that leaves the map something to say.
-
-    Each length tells two numbers, the slope and the intercept of the force in pressure.
-    """
+    """The family of a law, the ladder's first unless given, with a deadband; None without one."""
     candidates, _ = ladder(data)
-    alike = [one for one in candidates if one.law == (law or candidates[0].law)]
-    determined = 2 * np.unique(data.lengths.level[data.loaded]).size - _SPARE
-    spare = [one for one in alike if one.unknowns <= determined] or alike[:1]
-    return max(spare, key=lambda one: one.unknowns, default=None)
+    return next((one for one in candidates if not one.rig and law in (None, one.law)), None)
 
 
 def plainest(data: ForceData) -> Candidate | None:
-    """The first family of the ladder with a deadband and nothing that gives way; None without one."""
-    candidates, _ = ladder(data)
-    return next((one for one in candidates if one.deadband and not one.free), None)
+    """The first family of the ladder as a cylinder of stiff threads; None without one."""
+    first = richest(data)
+    if first is None:
+        return None
+    held = {
+        "end_factor": Parameter(value=1.0, vary=False),
+        "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
+        "rest_length": Parameter(value=data.specimen.rest_length, vary=False, unit="m"),
+    }
+    return dataclasses.replace(first, parameters={**first.parameters, **held})

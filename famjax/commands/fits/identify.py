@@ -245,7 +245,7 @@ def fit(
             result, choice, options, validation=validate, profiles=profile, replicates=bootstrap,
             posterior=posterior, errors=stated, surface=surface, executor=executor, progress=tell,
         )  # fmt: skip
-        judgement = judged(result, choice, tell)
+        judgement = judged(result, choice, evidence, tell)
         if pairs is not None:
             evidence = with_hysteresis(evidence, pairs)
         paths = write_fit(
@@ -279,4 +279,4 @@ def _print_fit(
     console.print()
     for warning in notes(result, evidence, choice, judgement, units):
         console.print(f"note: {warning}", markup=False)
-    console.print(verdict(result, judgement, units), style="bold", markup=False)
+    console.print(verdict(result, judgement, units, evidence), style="bold", markup=False)

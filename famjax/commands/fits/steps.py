@@ -47,7 +47,7 @@ def gathered(
     evidence = gather(
         result, validation=validation and choice is None, seed=options["seed"], executor=executor,
         progress=progress,
-        error=None if choice is None else choice.error,
+        known=None if choice is None else (choice.error, choice.left_out),
         noise=options["noise"] if choice is None else None,
         shared=shared_moves(result.data, errors, surface),
         **asked,
@@ -66,11 +66,14 @@ def gathered(
     return dataclasses.replace(evidence, validations=tuple(found))
 
 
-def judged(result: fitting.Identification, choice: Choice | None, progress: Tell) -> Judgement:
+def judged(
+    result: fitting.Identification, choice: Choice | None, evidence: Evidence, progress: Tell
+) -> Judgement:
     """The verdict; data that are fitted poorly are questioned."""
     suspicions = ()
     if doubtful(result):
         suspicions = suspect(
             result, progress=lambda done, total: progress("looking for what is wrong", done, total)
         )
-    return judge(result, suspicions, None if choice is None else choice.left_out)
+    question = "" if choice is None else choice.open_question
+    return judge(result, suspicions, evidence.left_out, question)
