@@ -57,15 +57,13 @@ def predict(
         `low_95_N` to `high_95_N` holds 95 % of the readings, which are never below zero: it reaches 0
         where the muscle is slack, and where a slack reading at no smaller length and no lower
         pressure says that it is. They are null where nothing is known of it: that is so of another
-        rest length, unless
-        the fit is of a series, or of a model that was chosen with nothing said of deadband and rig. Of
-        such a model another muscle has the mean force of all accounts that the map cannot refute,
-        see `fitting.choice.OtherLengths`. `band` says what they are made of: "left
+        rest length, unless the fit is of a series, or of a model that was chosen with nothing said of
+        deadband and rig. Of such a model another muscle has the mean force of all accounts that the
+        map cannot refute, see `fitting.choice.OtherLengths`. `band` says what they are made of: "left
         out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
         theory of the parameters alone in fits without it, "specimens" of a series, "one specimen" of
-        another length, and "shared errors" where they were stated. Where the rig
-        gives way, `muscle_force_N` is the force of the muscle alone, were it of that length itself,
-        0 where it is slack.
+        another length, and "shared errors" where they were stated. Where the rig gives way,
+        `muscle_force_N` is the force of the muscle alone, were it of that length itself, 0 where slack.
         With `onset` rows `length_m, onset_pressure_Pa, slack_up_to_Pa, pulls_from_Pa, inside, outside`
         follow; null where there is none. At a length that was measured the onset lies between the
         highest pressure at which the muscle was slack and the lowest at which it pulled.
