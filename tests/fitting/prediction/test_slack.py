@@ -3,7 +3,6 @@
 import jax
 import numpy as np
 import pytest
-from test_predict import muscle, saved
 
 import famjax
 from fitting import predict
@@ -15,16 +14,25 @@ REST = 0.296  # m
 FORCES = np.linspace(0.0, 900.0, 7)  # N, of the readings
 
 
-def measured(one: famjax.Muscle, std: float | None = None) -> SavedFit:
+def muscle(deadband: float) -> famjax.Muscle:
+    braid = famjax.Braid.from_rest(diameter=23e-3, braid_angle=np.deg2rad(62.0), length=REST)
+    bladder = famjax.Bladder(REST, 23e-3, 1.8e-3, embedded=True)
+    law = famjax.PolynomialMaterial((5.9e6, -19.0e6, 25.8e6))
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, deadband)
+
+
+def measured(one: famjax.Muscle, std: float = 0.0) -> SavedFit:
     """A saved fit whose largest reading is 900 N, its forces known to parts of their numbers."""
-    count = sum(np.size(leaf) for leaf in jax.tree.leaves(famjax.MountedMuscle(one, 0.0)))
-    numbers = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(one)])
-    direction = (
-        [] if std is None else [[*(std * numbers).tolist(), *[0.0] * (count - numbers.size)]]
-    )
-    fit = saved(one, spread={"band": "linear", "directions": direction})
-    fit.document["data"]["readings"]["force_N"] = FORCES.tolist()
-    return fit
+    mounted = famjax.MountedMuscle(one, 0.0)
+    numbers = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(mounted)])
+    readings = {
+        "length_m": np.linspace(0.23, 0.29, FORCES.size).tolist(),
+        "pressure_Pa": np.linspace(0.0, 6e5, FORCES.size).tolist(),
+        "force_N": FORCES.tolist(),
+    }
+    directions = [(std * numbers).tolist()] if std else []
+    spread = {"band": "linear", "directions": directions}
+    return SavedFit(mounted, {"data": {"readings": readings}, "spread": spread})
 
 
 @pytest.mark.parametrize(
@@ -114,7 +122,7 @@ def test_nothing_is_said_beyond_the_limits_of_the_braid() -> None:
 
 def test_no_force_has_the_highest_pressure_at_which_the_muscle_is_slack() -> None:
     fit = measured(muscle(40e3))
-    short, rest = pressures_for(fit, np.array([0.231, REST]), np.array([0.0]))
+    short, rest = pressures_for(fit, np.array([0.2, REST]), np.array([0.0]))
     assert short["pressure_Pa"] == 6e5  # slack up to the highest
     assert rest["pressure_Pa"] == pytest.approx(40e3, rel=1e-6)
     (below,) = pressures_for(fit, np.array([0.15]), np.array([0.0]))
