@@ -48,7 +48,7 @@ def pressures_for(
         why = reach.refuses(float(length[k]), pull)
         # Slack up to the highest pressure: no force is what it pulls at that one, too.
         attained = code == Outcome.FEASIBLE or (code == Outcome.FORCE_HIGH and force[j] == 0)
-        pressure = finite_or_none(found.pressure[k, j]) if attained and why is None else None
+        pressure = finite_or_none(float(found.pressure[k, j])) if attained and why is None else None
         if pressure is not None:
             why = reach.leaves(float(length[k]), pressure, float(force[j]))
         elif why is None:
