@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import famjax
@@ -121,7 +122,8 @@ def compared(folder: Path, size: str) -> dict[str, Any]:
     at = np.linspace(max(data.length.min(), surface.lengths[-1]), data.length.max(), 12)
     held_out = np.array(HELD_OUT[size]) * PSI
     pressures = np.concatenate([held_out, np.unique(data.pressures.level[data.loaded])])
-    pull = jax.jit(lambda muscle: muscle.force(at, pressures[:, None]))
+    # A reading is never below zero: what is slack pulls nothing.
+    pull = jax.jit(lambda muscle: jnp.maximum(muscle.force(at, pressures[:, None]), 0.0))
     force = np.asarray(pull(true))
     rows = fitting.predict(saved, at, pressures)
     table = {(row["length_m"], row["pressure_Pa"]): row for row in rows}

@@ -132,7 +132,7 @@ def test_tables_of_a_posterior_and_of_hysteresis() -> None:
 
 def test_columns_of_a_prediction() -> None:
     said = ("length", "pressure", "force", "force std", "low 95", "high 95", "band", "slack",
-            "inside", "outside", "onset pressure", "slack up to", "pulls from")  # fmt: skip
+            "model force", "inside", "outside", "onset pressure", "slack up to", "pulls from")  # fmt: skip
     assert not unexplained(list(said))
 
 

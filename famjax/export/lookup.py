@@ -12,7 +12,7 @@ _BEYOND = 0.5  # of the way from the data to a stop
 
 
 def csv_files(subject: Subject) -> dict[str, bytes]:
-    """One row for each state, `length_m,pressure_Pa,force_N,stiffness_N_per_m,area_m2`."""
+    """One row for each state, `length_m,pressure_Pa,force_N,model_force_N,stiffness_N_per_m,area_m2`."""
     grid, about = _grid(subject)
     lines = [*(f"# {line}" for line in about), ",".join(grid)]
     L, P = np.meshgrid(grid["length_m"], grid["pressure_Pa"], indexing="ij")
@@ -41,9 +41,9 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
     (short, long), (first, last) = table["stops_m"], (pull.lengths[0], pull.lengths[-1])
     L = np.linspace(first + _BEYOND * (short - first), last + _BEYOND * (long - last), _LENGTHS)
     P = np.linspace(0.0, pull.pressures[-1], _PRESSURES)
-    force, stiffness, area = (
+    force, model, stiffness, area = (
         np.array([[ask(one, at) for at in P.tolist()] for one in L.tolist()])
-        for ask in (pull.force, pull.stiffness, pull.area)
+        for ask in (pull.force, pull.model_force, pull.stiffness, pull.area)
     )
     middles = 0.5 * (L[1:] + L[:-1]), 0.5 * (P[1:] + P[:-1])
     true = np.array([[pull.force(one, at) for at in middles[1]] for one in middles[0]])
@@ -56,7 +56,11 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
         *subject.about_table,
         f"bilinear interpolation between its entries is off by {off[taut].max():.1e} of the largest "
         f"force, by {off.max():.1e} where the muscle goes slack",
+        "model_force_N is what the model says, not cut at zero: below zero where the muscle is slack",
         "beyond its ends nothing stops the muscle: extend it by the exported C or MATLAB functions",
     ]
-    grid = {"length_m": L, "pressure_Pa": P, "force_N": force, "stiffness_N_per_m": stiffness}
-    return {**grid, "area_m2": area}, about
+    grid = {
+        "length_m": L, "pressure_Pa": P, "force_N": force, "model_force_N": model,
+        "stiffness_N_per_m": stiffness, "area_m2": area,
+    }  # fmt: skip
+    return grid, about

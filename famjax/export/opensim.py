@@ -23,7 +23,7 @@ def ideal_braid(subject: Subject) -> tuple[float, float]:
         InputError: no braid has such an area.
     """
     L, P = _grid(subject)
-    area = np.array([[subject.pull.uncut(one, at)[2] for at in P] for one in L]).mean(axis=1)
+    area = np.array([[subject.pull.model(one, at)[2] for at in P] for one in L]).mean(axis=1)
     slope, offset = np.linalg.lstsq(np.stack([L**2, -np.ones_like(L)], 1), area, rcond=None)[0]
     if not (slope > 0 and offset > 0):
         raise InputError(

@@ -50,17 +50,21 @@ class TabulatedPull:
 
     def force(self, length: float, pressure: float) -> float:
         """Static pull F [N], >= 0, at any length [m] and gauge pressure [Pa]."""
-        return _taut(self.uncut(length, pressure)[0], self.slack_width)[0]
+        return _taut(self.model(length, pressure)[0], self.slack_width)[0]
+
+    def model_force(self, length: float, pressure: float) -> float:
+        """G [N]: what the model says, not cut at zero, so below zero where the muscle is slack."""
+        return self.model(length, pressure)[0]
 
     def stiffness(self, length: float, pressure: float) -> float:
         """Axial stiffness dF/dL [N/m] at constant pressure."""
-        push, stiffness, _ = self.uncut(length, pressure)
-        return _taut(push, self.slack_width)[1] * stiffness
+        force, stiffness, _ = self.model(length, pressure)
+        return _taut(force, self.slack_width)[1] * stiffness
 
     def area(self, length: float, pressure: float) -> float:
         """dF/dP [m2] at constant length."""
-        push, _, area = self.uncut(length, pressure)
-        return _taut(push, self.slack_width)[1] * area
+        force, _, area = self.model(length, pressure)
+        return _taut(force, self.slack_width)[1] * area
 
     def pressure(self, length: float, force: float) -> float:
         """Least gauge pressure [Pa] from 0 to the limit at which the muscle pulls with a force [N].
@@ -72,15 +76,15 @@ class TabulatedPull:
             return nan
         wanted = _untaut(force, self.slack_width)
         low, high = 0.0, self.pressure_limit
-        if self.uncut(length, low)[0] >= wanted:
+        if self.model(length, low)[0] >= wanted:
             return low
-        if self.uncut(length, high)[0] <= wanted:
+        if self.model(length, high)[0] <= wanted:
             return high
         pressure = 0.5 * high
         before = high
         for _ in range(_STEPS):  # Newton's, halving where it leaves the bracket or is slow
-            push, _, area = self.uncut(length, pressure)
-            over = push - wanted
+            found, _, area = self.model(length, pressure)
+            over = found - wanted
             if over < 0:
                 low = pressure
             else:
@@ -95,27 +99,27 @@ class TabulatedPull:
                 break
         return pressure
 
-    def uncut(self, length: float, pressure: float) -> tuple[float, float, float]:
-        """(G [N], dG/dL [N/m], dG/dP [m2]): the pull as if the muscle could push."""
+    def model(self, length: float, pressure: float) -> tuple[float, float, float]:
+        """(G [N], dG/dL [N/m], dG/dP [m2]): the model's force, not cut at zero, and its slopes."""
         held = min(max(length, self.lengths[0]), self.lengths[-1])
         at = min(max(pressure, self.pressures[0]), self.pressures[-1])
-        push, stiffness, area, mixed = self._within(held, at)
+        force, stiffness, area, mixed = self._within(held, at)
         if length != held:
             step, slope = _bent(length - held, self.length_ends)
             stiffness, mixed = (stiffness, mixed) if stiffness > 0 else (0.0, 0.0)
-            push, area = push + stiffness * step, area + mixed * step
+            force, area = force + stiffness * step, area + mixed * step
             stiffness, mixed = stiffness * slope, mixed * slope
         if pressure != at:
             step, slope = _bent(pressure - at, self.pressure_ends)
             area, mixed = (area, mixed) if area > 0 else (0.0, 0.0)
-            push, stiffness, area = push + area * step, stiffness + mixed * step, area * slope
+            force, stiffness, area = force + area * step, stiffness + mixed * step, area * slope
         for way, sign in ((length - self.stops[1], 1.0), (self.stops[0] - length, -1.0)):
             if way > 0:
                 rate, onset = self.stop
                 on = min(way, onset)
-                push += sign * rate * (on * on / (2 * onset) + (way - on))
+                force += sign * rate * (on * on / (2 * onset) + (way - on))
                 stiffness += rate * on / onset
-        return push, stiffness, area
+        return force, stiffness, area
 
     def _within(self, length: float, pressure: float) -> tuple[float, float, float, float]:
         """Force, slopes along length and pressure, mixed slope, in the table."""
@@ -159,18 +163,18 @@ def _bent(step: float, ends: Sequence[float]) -> tuple[float, float]:
     return (-reached if step < 0 else reached), 1 / ((1 + t) * (1 + t))
 
 
-def _taut(push: float, width: float) -> tuple[float, float]:
-    """A push cut at zero, with a cubic up to a width, and its slope."""
-    if push <= 0:
+def _taut(force: float, width: float) -> tuple[float, float]:
+    """A force cut at zero, with a cubic up to a width, and its slope."""
+    if force <= 0:
         return 0.0, 0.0
-    if push < width:
-        t = push / width
-        return push * t * (2 - t), t * (4 - 3 * t)
-    return push, 1.0
+    if force < width:
+        t = force / width
+        return force * t * (2 - t), t * (4 - 3 * t)
+    return force, 1.0
 
 
 def _untaut(force: float, width: float) -> float:
-    """The push of which `_taut` makes a force."""
+    """The force of which `_taut` makes a force."""
     if force <= 0:
         return 0.0
     if force >= width:

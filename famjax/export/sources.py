@@ -14,12 +14,12 @@ def c_files(subject: Subject) -> dict[str, bytes]:
 
 
 def matlab_files(subject: Subject) -> dict[str, bytes]:
-    """`NAME_force.m`, `NAME_pressure.m`, and `NAME_uncut.m` with the table, which both call.
+    """`NAME_force.m`, `NAME_pressure.m`, and `NAME_model_force.m` with the table, which both call.
 
     No toolbox is needed, and they may stand in Simulink's MATLAB Function block.
     """
     words = table_words(subject, "%  ", "{}", end=" ...")
     return {
         f"{subject.identifier}_{of}.m": filled(f"{of}.m", words).encode()
-        for of in ("force", "pressure", "uncut")
+        for of in ("force", "pressure", "model_force")
     }

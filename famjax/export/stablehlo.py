@@ -12,7 +12,9 @@ from .templated import docstring
 
 
 def jax_files(subject: Subject) -> dict[str, bytes]:
-    """`NAME.stablehlo` for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads it.
+    """Programs for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads them.
+
+    `NAME.stablehlo` is the force, `NAME_model.stablehlo` what the model says, not cut at zero.
 
     Raises:
         InputError: the package flatbuffers is missing, or JAX is in float32.
@@ -24,7 +26,10 @@ def jax_files(subject: Subject) -> dict[str, bytes]:
 
     name, muscle = subject.identifier, subject.muscle
     states = jax.ShapeDtypeStruct(export.symbolic_shape("states"), jnp.float64)
-    program = export.export(jax.jit(muscle.force), platforms=("cpu", "cuda"))(states, states)
+    programs = {
+        of: export.export(jax.jit(ask), platforms=("cpu", "cuda"))(states, states)
+        for of, ask in ((name, muscle.force), (f"{name}_model", muscle.model_force))
+    }
     module = f'''"""{docstring(subject.about)}
 
 The model itself: the difference is rounding. Needs jax and flatbuffers.
@@ -37,15 +42,26 @@ from jax import export
 
 jax.config.update("jax_enable_x64", True)
 
-_PROGRAM = Path(__file__).with_name("{name}.stablehlo").read_bytes()
 
-force = export.deserialize(bytearray(_PROGRAM)).call
+
+def _program(name):
+    """The function of a file beside this one."""
+    return export.deserialize(bytearray(Path(__file__).with_name(name).read_bytes())).call
+
+
+force = _program("{name}.stablehlo")
 """Static pull [N] at active lengths [m] and gauge pressures [Pa], arrays of one shape (n,), float64.
 
 Differentiable once, by `jax.grad`, `jax.vjp` or `jax.jacrev`.
 """
+
+model_force = _program("{name}_model.stablehlo")
+"""What the model says [N], not cut at zero: below zero where the muscle is slack and the force is 0."""
 '''
     return {
-        f"{name}.stablehlo": bytes(program.serialize(vjp_order=1)),
+        **{
+            f"{of}.stablehlo": bytes(program.serialize(vjp_order=1))
+            for of, program in programs.items()
+        },
         f"{name}_jax.py": module.encode(),
     }

@@ -22,8 +22,9 @@ class Muscle(AbstractMuscle):
 
     F = F_G(P - P_d) + sigma_z V / L - sigma_c t L^2 / (2 pi R N^2)
 
-    The force is not clipped: a negative value says by how much the muscle would push if it could
-    not buckle, and a real one is slack there. Below the deadband the formula is an extrapolation.
+    The force is that of the model, not clipped, as roots and gradients need it: where it is below
+    zero a real muscle is slack, buckles and pulls nothing, and below the deadband the formula is an
+    extrapolation. `SafeMuscle`, predictions and exports give no force there.
 
     Attributes:
         geometry: source of the dimensions; it composes braid and bladder.

@@ -34,7 +34,7 @@ class SafeMuscle(AbstractMuscle):
     leaves that so: every closed loop takes energy up. All of this without state is the static map.
 
     Attributes:
-        continued: G, not cut at zero.
+        continued: G, not cut at zero; `model_force` asks it.
         slack_width: w [N].
         data: the region of the data. `region` is the part of it in which the model is monotone.
         hysteresis: about the static map, or None.
@@ -123,6 +123,10 @@ class SafeMuscle(AbstractMuscle):
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at any length [m] and gauge pressure [Pa], broadcast shape; >= 0."""
         return taut(self.continued.force(length, pressure), self.slack_width)
+
+    def model_force(self, length: Real, pressure: Real) -> RealArray:
+        """G [N], the continued model not cut at zero, broadcast shape; below zero where slack."""
+        return self.continued.force(length, pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m] between which an equilibrium is looked for."""

@@ -1,5 +1,6 @@
 """Predictions of a saved fit: force at lengths and pressures, and where the force begins."""
 
+import dataclasses
 import functools
 import math
 from typing import Any
@@ -15,8 +16,9 @@ from famjax.boundary.units import finite_or_none
 from ..evidence.disagreement import disagreement
 from ..evidence.pull import Pull, pull
 from ..saved.saved_fit import SavedFit
-from .inside import reach_of
+from .inside import Reach, reach_of
 from .onset import measured_onset, onset_pressure
+from .slack import reported, seen_slack
 
 NORMAL_95 = 1.96
 """Standard deviations on either side that hold 95 %."""
@@ -45,19 +47,24 @@ def predict(
         length_std: standard deviation of the lengths [m], for the error band.
 
     Returns:
-        Rows with `length_m, pressure_Pa, force_N, slack, inside, outside`: the force is what the rig
-        of the fit would measure, not clipped; slack says that it is not positive, null where there
-        is no force; inside that contraction and pressure (and rest length, in a series) lie within
-        the fitted data, and outside why they do not, null where they do. `force_std_N` is the
-        standard deviation of a reading about the force, and `low_95_N` to `high_95_N` holds 95 % of
-        such readings, null where nothing is known of it: that is so of another rest length, unless
-        the fit is of a series, or of a model that was chosen with nothing said of deadband and rig. Of
-        such a model another muscle has the mean force of all accounts that the map cannot refute,
-        see `fitting.choice.OtherLengths`. `band` says what they are made of: "left
+        Rows with `length_m, pressure_Pa, force_N, model_force_N, slack, inside, outside`: the force
+        is what the rig of the fit would measure, 0 where the muscle is slack, and the model's force
+        the same not clipped, which is below zero there; slack says that the model does not pull.
+        All are null where there is no force: where the model has none, beyond the limits of the
+        braid, and where it gives ten times the largest measured force beyond the measured lengths.
+        Inside that contraction and pressure (and rest length, in a series) lie within the fitted
+        data, and outside why they do not, or why there is no force, null where they do.
+        `force_std_N` is the standard deviation of a reading about the model's force, and
+        `low_95_N` to `high_95_N` holds 95 % of the readings, which are never below zero: it reaches 0
+        where the muscle is slack, and where a slack reading at no smaller length and no lower
+        pressure says that it is. They are null where nothing is known of it: that is so of another
+        rest length, unless the fit is of a series, or of a model that was chosen with nothing said of
+        deadband and rig. Of such a model another muscle has the mean force of all accounts that the
+        map cannot refute, see `fitting.choice.OtherLengths`. `band` says what they are made of: "left
         out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
         theory of the parameters alone in fits without it, "specimens" of a series, "one specimen" of
-        another length, and "shared errors" where they were stated. Where the rig
-        gives way, `muscle_force_N` is the force of the muscle alone, were it of that length itself.
+        another length, and "shared errors" where they were stated. Where the rig gives way,
+        `muscle_force_N` is the force of the muscle alone, were it of that length itself, 0 where slack.
         With `onset` rows `length_m, onset_pressure_Pa, slack_up_to_Pa, pulls_from_Pa, inside, outside`
         follow; null where there is none. At a length that was measured the onset lies between the
         highest pressure at which the muscle was slack and the lowest at which it pulled.
@@ -107,27 +114,81 @@ def static_rows(
     length_std: float = 0.0,
 ) -> list[dict[str, Any]]:
     """The rows of `predict` at pairs of lengths and pressures that have been checked."""
-    reach, rows = reach_of(fit, rest_length), []
-    found = _pull(fit, length, pressure, rest_length, length_std)
-    std, factor, band = _band(fit, found, length, pressure, rest_length)
-    half = factor * std
-    for k, force in enumerate(found.force.tolist()):
-        error, wide = float(std[k]), float(half[k])
+    found = model_forces(fit, length, pressure, rest_length=rest_length, length_std=length_std)
+    known = np.isfinite(found.force)
+    seen = np.zeros(length.size, bool)
+    if rest_length is None:
+        seen = seen_slack(fit.document, length, pressure)
+    said, rows = reported(found.force, found.half, seen), []
+    for k, refused in enumerate(found.refused):
+        error = float(found.std[k])
         row = {
             "length_m": float(length[k]),
             "pressure_Pa": float(pressure[k]),
-            "force_N": finite_or_none(force),
+            "force_N": finite_or_none(said.force[k]),
+            "model_force_N": finite_or_none(found.force[k]),
             "force_std_N": finite_or_none(error),
-            "low_95_N": finite_or_none(force - wide),
-            "high_95_N": finite_or_none(force + wide),
-            "band": band if math.isfinite(error) else None,
-            "slack": bool(force <= 0) if math.isfinite(force) else None,
+            "low_95_N": finite_or_none(said.low[k]),
+            "high_95_N": finite_or_none(said.high[k]),
+            "band": found.band if math.isfinite(error) else None,
+            "slack": bool(said.slack[k]) if known[k] else None,
         }
         if fit.document.get("series_compliance_m_per_N"):
-            row["muscle_force_N"] = finite_or_none(float(found.muscle_force[k]))
-        why = reach.leaves(row["length_m"], row["pressure_Pa"], row["force_N"])
+            row["muscle_force_N"] = finite_or_none(np.maximum(found.muscle_force[k], 0.0))
+        why = refused or found.reach.leaves(row["length_m"], row["pressure_Pa"], row["force_N"])
         rows.append(row | {"inside": why is None, "outside": why})
     return rows
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelForces:
+    """Forces of a saved fit, not clipped; nan where there is none.
+
+    Attributes:
+        force: what the rig of the fit would measure if the muscle could push [N].
+        muscle_force: of the muscle alone, were it of that length itself [N].
+        std: standard deviation of a reading about the force [N].
+        half: half of the 95 % band [N].
+        band: what the band is made of, None where there is none.
+        reach: what the fit covers.
+        refused: why nothing is said of a state of which the model has a force, see `Reach.refuses`.
+    """
+
+    force: Float[np.ndarray, " n"]
+    muscle_force: Float[np.ndarray, " n"]
+    std: Float[np.ndarray, " n"]
+    half: Float[np.ndarray, " n"]
+    band: str | None
+    reach: Reach
+    refused: list[str | None]
+
+
+def model_forces(
+    fit: SavedFit,
+    length: Float[np.ndarray, " n"],
+    pressure: Float[np.ndarray, " n"],
+    *,
+    rest_length: float | None = None,
+    length_std: float = 0.0,
+) -> ModelForces:
+    """What the model of a saved fit says, before a muscle that cannot push is thought of.
+
+    Args:
+        fit: from `load_fit`.
+        length: active lengths [m].
+        pressure: gauge pressures [Pa], one for each length.
+        rest_length: as for `predict`.
+        length_std: as for `predict`.
+    """
+    reach = reach_of(fit, rest_length)
+    found = _pull(fit, length, pressure, rest_length, length_std)
+    std, factor, band = _band(fit, found, length, pressure, rest_length)
+    refused = [reach.refuses(*at) for at in zip(length.tolist(), found.force.tolist(), strict=True)]
+    kept = np.array([why is None for why in refused])
+    force, alone, std, half = (
+        np.where(kept, one, np.nan) for one in (found.force, found.muscle_force, std, factor * std)
+    )
+    return ModelForces(force, alone, std, half, band, reach, refused)
 
 
 def _check(length: np.ndarray, pressure: np.ndarray, onset: bool, length_std: float) -> None:

@@ -9,7 +9,8 @@ from famjax.boundary.units import finite_or_none
 
 from ..hysteresis.history_file import History
 from ..saved.saved_fit import SavedFit
-from .forces import NORMAL_95, static_rows
+from .forces import NORMAL_95, model_forces, static_rows
+from .slack import reported
 
 
 def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
@@ -26,8 +27,9 @@ def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
     Returns:
         A row for each reading, as `predict` gives them, with `time_s` where there are times:
         `static_force_N` is that of the static map, `hysteresis_N` what the branch adds to it, and
-        `force_N` their sum. Its error band is that of the static map, widened by
-        `hysteresis_error`; `slack` and `inside` are those of the static map.
+        `force_N` their sum, 0 where the muscle is slack on that branch: `model_force_N` is the sum
+        of the unclipped ones. Its error band is that of the static map, widened by
+        `hysteresis_error`; `inside` is that of the static map.
 
     Raises:
         InputError: the fit has no hysteresis.
@@ -37,18 +39,25 @@ def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
             "the fit has no hysteresis, so that a history does not matter: fit raw ramps with "
             "famjax fit --hysteresis, or ask for lengths and pressures"
         )
-    added = np.asarray(fit.hysteresis.along(history.length, history.pressure), float)
+    L, P = history.length, history.pressure
+    added = np.asarray(fit.hysteresis.along(L, P), float)
     missed = hysteresis_error(fit)
-    rows = static_rows(fit, history.length, history.pressure)
+    static = model_forces(fit, L, P)
+    model, std = static.force + added, np.hypot(static.std, missed)
+    half = np.hypot(static.half, NORMAL_95 * missed)
+    # A slack reading of the static map says nothing of the upper branch.
+    said = reported(model, half, np.zeros(L.size, bool))
     found = []
-    for k, (row, extra) in enumerate(zip(rows, added.tolist(), strict=True)):
+    for k, row in enumerate(static_rows(fit, L, P)):
         time = {} if history.time is None else {"time_s": float(history.time[k])}
-        static = row.pop("force_N")
-        force = None if static is None else finite_or_none(static + extra)
         found.append(
             time | {"length_m": row["length_m"], "pressure_Pa": row["pressure_Pa"],
-                    "force_N": force, "static_force_N": static,
-                    "hysteresis_N": finite_or_none(extra)} | row | _band(force, row, missed)
+                    "force_N": finite_or_none(said.force[k]), "static_force_N": row["force_N"],
+                    "hysteresis_N": finite_or_none(added[k])}
+            | row | {"force_N": finite_or_none(said.force[k]), "model_force_N": finite_or_none(model[k]),
+                     "force_std_N": finite_or_none(std[k]), "low_95_N": finite_or_none(said.low[k]),
+                     "high_95_N": finite_or_none(said.high[k]),
+                     "slack": bool(said.slack[k]) if np.isfinite(model[k]) else None}
         )  # fmt: skip
     return found
 
@@ -60,16 +69,3 @@ def hysteresis_error(fit: SavedFit) -> float:
     """
     entry = fit.document["hysteresis"]
     return max((one["rms_N"] for one in entry["left_out"].values()), default=entry["rms_N"])
-
-
-def _band(force: float | None, row: dict[str, Any], missed: float) -> dict[str, float | None]:
-    """The error band of the static map about a force on a branch, with the error of the hysteresis."""
-    std = row["force_std_N"]
-    if force is None or std is None:
-        return {"force_std_N": None, "low_95_N": None, "high_95_N": None}
-    half = float(np.hypot((row["high_95_N"] - row["low_95_N"]) / 2, NORMAL_95 * missed))
-    return {
-        "force_std_N": float(np.hypot(std, missed)),
-        "low_95_N": force - half,
-        "high_95_N": force + half,
-    }

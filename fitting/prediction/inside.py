@@ -1,6 +1,7 @@
-"""What a saved fit covers, and why a state lies beyond it."""
+"""What a saved fit covers, why a state lies beyond it, and beyond what nothing is said."""
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from ..saved.saved_fit import SavedFit
 
 _FARTHEST = 3.4
 """Times as long, of the muscles with which predictions from one specimen were tried: 83 and 281 mm."""
+
+_MOST = 10.0
+"""Times the largest measured force: a law that gives more beyond the measured lengths has left its data."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +31,8 @@ class Reach:
         thread_length: active length [m] at which the unloaded threads are straight, nan without
             a braid.
         lock: active length [m] at the neutral angle, nan without a braid.
+        geometry: of the muscle that is asked for.
+        largest_force: measured [N].
     """
 
     rest_length: float
@@ -36,6 +42,54 @@ class Reach:
     whose: str
     thread_length: float
     lock: float
+    geometry: famjax.geometries.AbstractGeometry
+    largest_force: float
+
+    @functools.cached_property
+    def closed(self) -> float:
+        """Active length [m] at which the braid closes the bladder's bore: the geometry's longest."""
+        return float(self.geometry.length_range()[1])
+
+    def refuses(self, length: float, model_force: float) -> str | None:
+        """Why nothing is said of a state, although the model has a force; None where something is.
+
+        Beyond the braid's limits the geometry is that of no muscle, and a law that is asked far from
+        its strains may give anything. At the measured lengths there is always an answer.
+
+        Args:
+            length: active length [m].
+            model_force: there [N], not clipped; nan where the model has none.
+        """
+        low, high = self._measured
+        if not np.isfinite(model_force) or low <= length <= high:
+            return None
+        if length < self.lock:
+            return self._below_lock
+        if length > high and length > self.closed:
+            return Sentence(
+                "the length is beyond that at which the braid closes the bladder's bore, ",
+                _of(self.closed),
+            )
+        if model_force > _MOST * self.largest_force:
+            return Sentence(
+                "the length is so far beyond the measured ", _of(low), " to ", _of(high),
+                " that the model's force, ", _of(model_force, "force"), f", is over {_MOST:g} times "
+                "the largest measured",
+            )  # fmt: skip
+        return None
+
+    @property
+    def _measured(self) -> tuple[float, float]:
+        """Shortest and longest active length [m] of the data, rounding aside."""
+        rounding = 1e-12 * self.rest_length
+        low, high = (ratio * self.rest_length for ratio in self.ratios)
+        return low - rounding, high + rounding
+
+    @property
+    def _below_lock(self) -> Sentence:
+        return Sentence(
+            "the length is below the braid's lock at the neutral angle, ", _of(self.lock)
+        )
 
     def leaves(self, length: float, pressure: float, answer: float | None) -> str | None:
         """Why a state is beyond what was fitted, the gravest reason; None where it is not.
@@ -45,16 +99,15 @@ class Reach:
             pressure: gauge pressure [Pa].
             answer: the force or onset there, None where there is none.
         """
-        low, high = (ratio * self.rest_length for ratio in self.ratios)
+        low, high = self._measured
         shortest, longest = self.rest_lengths
         lowest, highest = self.pressures
-        rounding, none = 1e-12 * self.rest_length, answer is None
+        none = answer is None
         reasons = (
             (none and length >= self.thread_length,
              Sentence("the length is beyond the thread's, ", _of(self.thread_length))),
-            (length < self.lock,
-             Sentence("the length is below the braid's lock at the neutral angle, ", _of(self.lock))),
-            (not low - rounding <= length <= high + rounding,
+            (length < self.lock, self._below_lock),
+            (not low <= length <= high,
              Sentence("the length is beyond the measured ", _of(low), " to ", _of(high))),
             (not shortest <= self.rest_length <= longest,
              Sentence(
@@ -99,4 +152,6 @@ def reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
         whose=whose,
         thread_length=thread,
         lock=lock,
+        geometry=muscle.geometry,
+        largest_force=max(readings["force_N"]),
     )

@@ -42,7 +42,8 @@ def onset_pressure(
             return float(lower)
 
 
-_SAME = 5e-4  # of a length: readings are at it
+SAME = 5e-4
+"""Part of a length by which readings at it may differ from it."""
 
 
 def measured_onset(document: Mapping[str, Any], length: float) -> tuple[float, float] | None:
@@ -59,7 +60,7 @@ def measured_onset(document: Mapping[str, Any], length: float) -> tuple[float, f
     readings = document["data"]["readings"]
     columns = (readings[name] for name in ("length_m", "pressure_Pa", "force_N"))
     at, pressure, force = (np.asarray(one, float) for one in columns)
-    here = np.abs(at - length) <= _SAME * length
+    here = np.abs(at - length) <= SAME * length
     pulls = here & (force > 0)
     if not pulls.any():
         return None

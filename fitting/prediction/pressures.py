@@ -26,8 +26,9 @@ def pressures_for(
 
     Returns:
         Rows with `length_m, force_N, pressure_Pa, inside, outside`: the lowest pressure up to the
-        highest measured that gives the force, null where none does; inside that contraction and
-        pressure lie within the fitted data, and outside why they do not, or why there is no pressure.
+        highest measured that gives the force, null where none does; for no force the highest at which
+        the muscle is slack. Inside that contraction and pressure lie within the fitted data, and
+        outside why they do not, or why there is no pressure.
 
     Raises:
         InputError: lengths or forces that no muscle has.
@@ -43,11 +44,15 @@ def pressures_for(
     found = pressure_for_force(muscle, force, length[:, None], (0.0, reach.pressures[1]))
     rows = []
     for (k, j), code in np.ndenumerate(np.asarray(found.code)):
-        feasible = code == Outcome.FEASIBLE
-        pressure = finite_or_none(float(found.pressure[k, j])) if feasible else None
-        why = None if feasible else Outcome(int(code)).message
+        pull = float(found.force[k, j])
+        why = reach.refuses(float(length[k]), pull)
+        # Slack up to the highest pressure: no force is what it pulls at that one, too.
+        attained = code == Outcome.FEASIBLE or (code == Outcome.FORCE_HIGH and force[j] == 0)
+        pressure = finite_or_none(float(found.pressure[k, j])) if attained and why is None else None
         if pressure is not None:
             why = reach.leaves(float(length[k]), pressure, float(force[j]))
+        elif why is None:
+            why = Outcome(int(code)).message
         rows.append(
             {
                 "length_m": float(length[k]), "force_N": float(force[j]), "pressure_Pa": pressure,

@@ -127,8 +127,6 @@ def print_history(
         print_as_json(rows, units, asked)
         return 0
     print_answers("Force along the history", in_units(rows, asked), units)
-    if any(row["slack"] for row in rows):
-        print("note: where the muscle is slack it pulls nothing, whatever the hysteresis")
     if any(row["force_std_N"] is not None for row in rows):
         note = Sentence(
             "note: the 95 % band holds the error of the static map and that of the hysteresis, ",

@@ -76,8 +76,13 @@ def print_as_json(
 
 
 def print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | None) -> None:
-    """A table of answers, and below it why some are not inside."""
-    print_rows(title, [{k: v for k, v in row.items() if k != "outside"} for row in rows])
+    """A table of answers, with the model's force where some are slack, and why some are not inside."""
+    slack = any(row.get("slack") for row in rows)
+    hidden = ("outside",) if slack else ("outside", "model_force_")
+    print_rows(title, [{k: v for k, v in row.items() if not k.startswith(hidden)} for row in rows])
+    if slack:
+        print("note: where the muscle is slack it pulls nothing; model force is what the model says "
+              "there, not clipped")  # fmt: skip
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):

@@ -85,14 +85,14 @@ static real bent(real step, const real *ends, real *slope)
     return step < 0 ? -reached : reached;
 }
 
-/* The pull as if the muscle could push; slopes[0] along the length, slopes[1] along the pressure. */
-static real uncut(real length, real pressure, real *slopes)
+/* The model's force, not cut at zero; slopes[0] along the length, slopes[1] along the pressure. */
+static real model(real length, real pressure, real *slopes)
 {
     const real first = stored(lengths), last = stored(lengths + LENGTHS - 1);
     const real low = stored(pressures), high = stored(pressures + PRESSURES - 1);
     const real held = length < first ? first : length > last ? last : length;
     const real at = pressure < low ? low : pressure > high ? high : pressure;
-    real h, u, g, v, push, stiffness, area, mixed, step, slope;
+    real h, u, g, v, force, stiffness, area, mixed, step, slope;
     real value[2], along[2], rate[2], cross[2];
     int k, side;
 
@@ -105,14 +105,14 @@ static real uncut(real length, real pressure, real *slopes)
             rate[k] = cubic(stored(a + 2), stored(b + 2), stored(a + 3), stored(b + 3), h, u, cross + k);
         }
     }
-    push = cubic(value[0], value[1], rate[0], rate[1], g, v, &area);
+    force = cubic(value[0], value[1], rate[0], rate[1], g, v, &area);
     stiffness = cubic(along[0], along[1], cross[0], cross[1], g, v, &mixed);
 
     if (length != held) {
         step = bent(length - held, length_ends, &slope);
         if (!(stiffness > 0))
             stiffness = mixed = 0;
-        push += stiffness * step;
+        force += stiffness * step;
         area += mixed * step;
         stiffness *= slope;
         mixed *= slope;
@@ -121,7 +121,7 @@ static real uncut(real length, real pressure, real *slopes)
         step = bent(pressure - at, pressure_ends, &slope);
         if (!(area > 0))
             area = mixed = 0;
-        push += area * step;
+        force += area * step;
         stiffness += mixed * step;
         area *= slope;
     }
@@ -130,26 +130,32 @@ static real uncut(real length, real pressure, real *slopes)
         if (step > 0) {
             const real on = step < stop_onset ? step : stop_onset;
             slope = stop_stiffness * (on * on / (2 * stop_onset) + (step - on));
-            push += side < 0 ? -slope : slope;
+            force += side < 0 ? -slope : slope;
             stiffness += stop_stiffness * on / stop_onset;
         }
     }
     slopes[0] = stiffness;
     slopes[1] = area;
-    return push;
+    return force;
 }
 
 real @name@_force(real length, real pressure)
 {
     real slopes[2];
-    const real push = uncut(length, pressure, slopes), t = push / slack_width;
-    return push <= 0 ? 0 : t < 1 ? push * t * (2 - t) : push;
+    const real force = model(length, pressure, slopes), t = force / slack_width;
+    return force <= 0 ? 0 : t < 1 ? force * t * (2 - t) : force;
+}
+
+real @name@_model_force(real length, real pressure)
+{
+    real slopes[2];
+    return model(length, pressure, slopes);
 }
 
 real @name@_stiffness(real length, real pressure)
 {
     real slopes[2];
-    const real t = uncut(length, pressure, slopes) / slack_width;
+    const real t = model(length, pressure, slopes) / slack_width;
     return t <= 0 ? 0 : t < 1 ? t * (4 - 3 * t) * slopes[0] : slopes[0];
 }
 
@@ -169,12 +175,12 @@ real @name@_pressure(real length, real force)
         }
         wanted = slack_width * t;
     }
-    if (uncut(length, low, slopes) >= wanted)
+    if (model(length, low, slopes) >= wanted)
         return low;
-    if (uncut(length, high, slopes) <= wanted)
+    if (model(length, high, slopes) <= wanted)
         return high;
     for (k = 0; k < STEPS; k++) {
-        const real over = uncut(length, pressure, slopes) - wanted;
+        const real over = model(length, pressure, slopes) - wanted;
         const int slow = 2 * (over < 0 ? -over : over) > before * slopes[1];
         real step = slow ? 0 : over / slopes[1], next;
         if (over < 0)

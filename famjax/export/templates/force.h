@@ -28,6 +28,9 @@ typedef @NAME@_REAL @name@_real;
 /* Pull F [N], >= 0, at an active length [m] and a gauge pressure [Pa]. */
 @name@_real @name@_force(@name@_real length, @name@_real pressure);
 
+/* What the model says [N], not cut at zero: below zero where the muscle is slack and F is 0. */
+@name@_real @name@_model_force(@name@_real length, @name@_real pressure);
+
 /* Axial stiffness dF/dL [N/m] at constant pressure. */
 @name@_real @name@_stiffness(@name@_real length, @name@_real pressure);
 

@@ -1,7 +1,7 @@
 function [force, stiffness, area] = @name@_force(L, P)
 %@NAME@_FORCE  Pull [N], >= 0, at active lengths L [m] and gauge pressures P [Pa].
 %   [F, dF/dL, dF/dP]; arrays of one size, or one of them a scalar. Suits a MATLAB Function block of
-%   Simulink and code generation; @name@_uncut.m must stand beside it.
+%   Simulink and code generation; @name@_model_force.m must stand beside it.
 %
 @HEADING@
 %#codegen
@@ -10,15 +10,15 @@ stiffness = force;
 area = force;
 slack = @SLACK@;
 for k = 1:numel(force)
-    [push, along, across] = @name@_uncut(L(min(k, numel(L))), P(min(k, numel(P))));
-    cut = push;
+    [model, along, across] = @name@_model_force(L(min(k, numel(L))), P(min(k, numel(P))));
+    cut = model;
     slope = 1;
-    if push <= 0
+    if model <= 0
         cut = 0;
         slope = 0;
-    elseif push < slack
-        t = push / slack;
-        cut = push * t * (2 - t);
+    elseif model < slack
+        t = model / slack;
+        cut = model * t * (2 - t);
         slope = t * (4 - 3 * t);
     end
     force(k) = cut;

@@ -2,7 +2,7 @@ function pressure = @name@_pressure(L, F)
 %@NAME@_PRESSURE  Least gauge pressure [Pa] at which the muscle of length L [m] pulls with F [N].
 %   From 0 to the limit @LIMIT@ Pa: 0 where it pulls more without pressure, the limit where it
 %   cannot pull so much. For F <= 0 the highest pressure at which it is slack. Arrays of one size, or
-%   one of them a scalar; @name@_uncut.m must stand beside it.
+%   one of them a scalar; @name@_model_force.m must stand beside it.
 %
 @HEADING@
 %#codegen
@@ -29,19 +29,19 @@ if F > 0 && F < slack
 end
 low = 0;
 high = limit;
-if @name@_uncut(L, low) >= wanted
+if @name@_model_force(L, low) >= wanted
     pressure = low;
     return
 end
-if @name@_uncut(L, high) <= wanted
+if @name@_model_force(L, high) <= wanted
     pressure = high;
     return
 end
 pressure = limit / 2;
 before = limit;
 for k = 1:60
-    [push, ~, area] = @name@_uncut(L, pressure);
-    over = push - wanted;
+    [force, ~, area] = @name@_model_force(L, pressure);
+    over = force - wanted;
     if over < 0
         low = pressure;
     else

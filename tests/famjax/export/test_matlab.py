@@ -74,7 +74,7 @@ def test_scipy_reads_the_mat_file_and_numpy_the_csv_file(subject: Subject, tmp_p
     assert table["stiffness_N_per_m"][70, 20] == subject.pull.stiffness(L[70], P[20])
     rows = np.genfromtxt(csv, delimiter=",", names=True, skip_header=_comments(csv))
     assert rows.dtype.names == (
-        "length_m", "pressure_Pa", "force_N", "stiffness_N_per_m", "area_m2",
+        "length_m", "pressure_Pa", "force_N", "model_force_N", "stiffness_N_per_m", "area_m2",
     )  # fmt: skip
     assert (rows["force_N"].reshape(force.shape) == force).all()
 

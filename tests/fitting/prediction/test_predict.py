@@ -96,7 +96,7 @@ def test_any_number_of_rows_is_predicted_by_the_same_program(
     assert len(many) == 7 * 3 * ROWS + 7
     expected = np.asarray(muscle(40e3).force(LENGTHS[:, None], pressures)).ravel()
     forces = [row["force_N"] for row in many[:-7]]
-    np.testing.assert_allclose(forces, expected, rtol=1e-11, atol=1e-9)
+    np.testing.assert_allclose(forces, np.maximum(expected, 0.0), rtol=1e-11, atol=1e-9)
     assert many[-7:][0]["onset_pressure_Pa"] == few[-2:][0]["onset_pressure_Pa"]
     assert other[0]["force_N"] > forces[0]
     assert all(row["force_std_N"] is None and row["band"] is None for row in many[:-7])

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.forces import static_rows
+from fitting.prediction.forces import model_forces, static_rows
 
 from .chart import AxisQuantity, Chart, PlottedSeries, shades
 from .shape_charts import CONTRACTION
@@ -25,6 +25,7 @@ class _Isobars:
         levels: of pressure [Pa], shape (p,).
         contraction: shape (c,).
         force, low, high: with the 95 % band of single readings, shape (p, c); nan without one.
+        half: half of the band where none of it is cut at zero.
         band: what it is of, or None.
     """
 
@@ -33,6 +34,7 @@ class _Isobars:
     force: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    half: np.ndarray
     band: str | None
 
 
@@ -52,8 +54,11 @@ def _modelled(source: Source) -> _Isobars:
         source.scaled(np.array([row[key] for row in rows], float), "force").reshape(levels.size, -1)
         for key in ("force_N", "low_95_N", "high_95_N")
     )
+    half = model_forces(fit.saved, grid[1], grid[0]).half.reshape(levels.size, -1)
     contraction = 1 - lengths / source.sheet.specimen.rest_length
-    return _Isobars(levels, contraction, force, low, high, rows[0]["band"])
+    return _Isobars(
+        levels, contraction, force, low, high, source.scaled(half, "force"), rows[0]["band"]
+    )
 
 
 def _actuation(source: Source, model: _Isobars) -> Chart:
@@ -95,7 +100,7 @@ def _residuals(source: Source, model: _Isobars) -> Chart:
     lengths = fit.data.length[fit.data.loaded]
     levels = np.unique(fit.levels)
     middle = model.levels.size // 2
-    half = (model.high - model.low)[middle] / 2
+    half = model.half[middle]
     series = [
         PlottedSeries(
             "95 % of readings", model.contraction, 0 * half, -half, half, colour="0.5", width=0.5
@@ -145,7 +150,11 @@ def term_charts(source: Source) -> list[Chart]:
                 f"Parts of the force at {source.pressure(pressure)}: {fit.title}.",
                 CONTRACTION,
                 AxisQuantity("force", "force $F$", unit),
-                [*series, PlottedSeries("sum", c, total, colour="black", dash="--"), measured],
+                [
+                    *series,
+                    PlottedSeries("model force", c, total, colour="black", dash="--"),
+                    measured,
+                ],
                 zero=True,
             )
         )

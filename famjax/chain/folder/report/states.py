@@ -28,7 +28,8 @@ class States:
 
     Attributes:
         contraction: from rest to the end of the measured stroke, shape (c,).
-        force: F [N], shape (p, c), as all that follow.
+        force: F [N] of the model, below zero where the muscle is slack; shape (p, c), as all that
+            follow.
         diameter: of the braid, D [m]: the average one.
         braid_angle: theta [rad].
         thickness: of the wall [m].
@@ -66,8 +67,8 @@ class States:
 
     @property
     def blocked_force(self) -> np.ndarray:
-        """Force [N] at zero contraction by pressure; nan where that is not known."""
-        return self.force[:, 0]
+        """Force [N] at zero contraction by pressure, 0 where slack; nan where it is not known."""
+        return np.maximum(self.force[:, 0], 0.0)
 
     def free_contraction(self) -> np.ndarray:
         """Contraction at which the force first falls to zero, by pressure; nan where it does not."""

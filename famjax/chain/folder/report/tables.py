@@ -144,10 +144,11 @@ def geometry_tables(source: Source) -> list[PageTable]:
         (f"{term} [{force}]", *(_part(source, one, term, at) for _, at in ends for one in fits))
         for term in fits[0].states.terms
     ]
-    rows.append(
-        (f"force [{force}]", *(source.number(float(one.states.force[k, at]), "force")
-                               for _, at in ends for one in fits))
-    )  # fmt: skip
+    rows += [
+        (f"{label} [{force}]", *(source.number(float(clip(one.states.force[k, at])), "force")
+                                 for _, at in ends for one in fits))
+        for label, clip in (("model force", float), ("force", lambda one: max(one, 0.0)))
+    ]  # fmt: skip
     states = PageTable(
         f"The geometries side by side, at {source.pressure(source.pressures[k])}.",
         ("", *(one.short for _ in ends for one in fits)), rows,

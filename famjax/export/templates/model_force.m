@@ -1,6 +1,7 @@
-function [push, stiffness, area] = @name@_uncut(L, P)
-%@NAME@_UNCUT  Pull as if the muscle could push, and its slopes; scalars.
-%   [G, dG/dL, dG/dP] in N, N/m, m^2 at an active length L [m] and gauge pressure P [Pa].
+function [force, stiffness, area] = @name@_model_force(L, P)
+%@NAME@_MODEL_FORCE  What the model says, not cut at zero, and its slopes; scalars.
+%   [G, dG/dL, dG/dP] in N, N/m, m^2 at an active length L [m] and gauge pressure P [Pa]. Below zero
+%   where the muscle is slack.
 %
 @HEADING@
 %#codegen
@@ -26,7 +27,7 @@ for k = 1:2
     [value(k), along(k)] = cubic(a(1), b(1), a(2), b(2), h, u);
     [rate(k), cross(k)] = cubic(a(3), b(3), a(4), b(4), h, u);
 end
-[push, area] = cubic(value(1), value(2), rate(1), rate(2), g, v);
+[force, area] = cubic(value(1), value(2), rate(1), rate(2), g, v);
 [stiffness, mixed] = cubic(along(1), along(2), cross(1), cross(2), g, v);
 
 if L ~= held
@@ -35,7 +36,7 @@ if L ~= held
         stiffness = 0;
         mixed = 0;
     end
-    push = push + stiffness * step;
+    force = force + stiffness * step;
     area = area + mixed * step;
     stiffness = stiffness * slope;
     mixed = mixed * slope;
@@ -46,7 +47,7 @@ if P ~= at
         area = 0;
         mixed = 0;
     end
-    push = push + area * step;
+    force = force + area * step;
     stiffness = stiffness + mixed * step;
     area = area * slope;
 end
@@ -55,7 +56,7 @@ sides = [-1, 1];
 for k = 1:2
     if way(k) > 0
         on = min(way(k), stop_onset);
-        push = push + sides(k) * stop_stiffness * (on^2 / (2 * stop_onset) + (way(k) - on));
+        force = force + sides(k) * stop_stiffness * (on^2 / (2 * stop_onset) + (way(k) - on));
         stiffness = stiffness + stop_stiffness * on / stop_onset;
     end
 end

@@ -1,0 +1,142 @@
+"""A muscle buckles and does not push: what is reported where the model is below zero."""
+
+import jax
+import numpy as np
+import pytest
+
+import famjax
+from fitting import predict
+from fitting.prediction import pressures_for
+from fitting.prediction.slack import reported, seen_slack
+from fitting.saved import SavedFit
+
+REST = 0.296  # m
+FORCES = np.linspace(0.0, 900.0, 7)  # N, of the readings
+
+
+def muscle(deadband: float) -> famjax.Muscle:
+    braid = famjax.Braid.from_rest(diameter=23e-3, braid_angle=np.deg2rad(62.0), length=REST)
+    bladder = famjax.Bladder(REST, 23e-3, 1.8e-3, embedded=True)
+    law = famjax.PolynomialMaterial((5.9e6, -19.0e6, 25.8e6))
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, deadband)
+
+
+def measured(one: famjax.Muscle, std: float = 0.0) -> SavedFit:
+    """A saved fit whose largest reading is 900 N, its forces known to parts of their numbers."""
+    mounted = famjax.MountedMuscle(one, 0.0)
+    numbers = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(mounted)])
+    readings = {
+        "length_m": np.linspace(0.23, 0.29, FORCES.size).tolist(),
+        "pressure_Pa": np.linspace(0.0, 6e5, FORCES.size).tolist(),
+        "force_N": FORCES.tolist(),
+    }
+    directions = [(std * numbers).tolist()] if std else []
+    spread = {"band": "linear", "directions": directions}
+    return SavedFit(mounted, {"data": {"readings": readings}, "spread": spread})
+
+
+@pytest.mark.parametrize(
+    ("model", "half", "seen", "expected"),
+    [
+        (100.0, 10.0, False, (100.0, False, 90.0, 110.0)),
+        (5.0, 10.0, False, (5.0, False, 0.0, 15.0)),
+        (-5.0, 10.0, False, (0.0, True, 0.0, 5.0)),
+        (-100.0, 10.0, False, (0.0, True, 0.0, 0.0)),
+        (11.0, 3.5, True, (11.0, False, 0.0, 14.5)),
+        (1e-13, 0.0, False, (0.0, True, 0.0, 1e-13)),
+        (-5.0, np.nan, False, (0.0, True, np.nan, np.nan)),
+        (np.nan, 1.0, False, (np.nan, False, np.nan, np.nan)),
+    ],
+)
+def test_what_a_reading_can_be(
+    model: float, half: float, seen: bool, expected: tuple[float, bool, float, float]
+) -> None:
+    found = reported(np.array([model]), np.array([half]), np.array([seen]))
+    got = (found.force[0], found.slack[0], found.low[0], found.high[0])
+    assert got == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_slack_reading_speaks_of_shorter_lengths_and_lower_pressures_unless_contradicted() -> (
+    None
+):
+    readings = {
+        "length_m": [0.25, 0.25, 0.30, 0.20], "pressure_Pa": [1e5, 2e5, 5e5, 3e5],
+        "force_N": [0.0, 40.0, 0.0, 5.0],
+    }  # fmt: skip
+    document = {"data": {"readings": readings}}
+    length = np.array([0.25, 0.24, 0.2501, 0.252, 0.25, 0.29])
+    pressure = np.array([1e5, 5e4, 1e5, 1e5, 1.1e5, 4e5])
+    said = seen_slack(document, length, pressure)
+    assert said.tolist() == [True, True, True, False, False, False]
+
+
+@pytest.mark.parametrize("deadband", [0.0, 40e3])
+def test_rest_without_pressure_is_no_force(deadband: float) -> None:
+    one = muscle(deadband)
+    (row,) = predict(measured(one), np.array([REST]), np.array([0.0]))
+    assert row["force_N"] == 0
+    assert row["slack"] is True
+    assert row["model_force_N"] == pytest.approx(float(one.force(REST, 0.0)), abs=1e-9)
+    assert list(row) == [
+        "length_m", "pressure_Pa", "force_N", "model_force_N", "force_std_N", "low_95_N",
+        "high_95_N", "band", "slack", "inside", "outside",
+    ]  # fmt: skip
+
+
+def test_forces_and_bands_are_never_below_zero_and_slack_states_hold_no_force() -> None:
+    one = muscle(40e3)
+    lengths, pressures = np.linspace(0.23, REST, 9), np.linspace(0.0, 6e5, 13)
+    rows = predict(measured(one, std=0.01), lengths, pressures)
+    force, model, low, high = (
+        np.array([row[key] for row in rows])
+        for key in ("force_N", "model_force_N", "low_95_N", "high_95_N")
+    )
+    slack = np.array([row["slack"] for row in rows])
+    np.testing.assert_array_equal(force, np.maximum(model, 0.0))
+    np.testing.assert_array_equal(slack, model <= 0)
+    assert 20 < slack.sum() < slack.size
+    assert (low[slack] == 0).all()
+    assert (low >= 0).all()
+    assert (low <= force).all()
+    assert (force <= high).all()
+    assert (high[slack] > 0).any()  # where the band straddles zero
+
+
+def test_nothing_is_said_beyond_the_limits_of_the_braid() -> None:
+    fit = measured(muscle(40e3), std=0.01)
+    thread = REST / np.sin(np.deg2rad(62.0))
+    lock = thread / np.sqrt(3)
+    closed = float(fit.muscle.length_range()[1])
+    for length, why in (
+        (0.2 * REST, "below the braid's lock"), (0.4 * REST, "below the braid's lock"),
+        (0.999 * lock, "below the braid's lock"), (closed + 1e-4, "closes the bladder's bore"),
+        (closed - 1e-4, "over 10 times the largest measured"), (1.01 * thread, "the thread's"),
+    ):  # fmt: skip
+        (row,) = predict(fit, np.array([length]), np.array([3e5]))
+        assert why in row["outside"]
+        keys = ("force_N", "model_force_N", "force_std_N", "low_95_N", "high_95_N", "band", "slack")
+        assert [row[key] for key in keys] == [None] * 7
+    (row,) = predict(fit, np.array([1.001 * lock]), np.array([3e5]))
+    assert row["force_N"] == 0
+
+
+def test_no_force_has_the_highest_pressure_at_which_the_muscle_is_slack() -> None:
+    fit = measured(muscle(40e3))
+    short, rest = pressures_for(fit, np.array([0.2, REST]), np.array([0.0]))
+    assert short["pressure_Pa"] == 6e5  # slack up to the highest
+    assert rest["pressure_Pa"] == pytest.approx(40e3, rel=1e-6)
+    (below,) = pressures_for(fit, np.array([0.15]), np.array([0.0]))
+    assert below["pressure_Pa"] is None
+    assert "below the braid's lock" in below["outside"]
+
+
+def test_the_force_of_a_muscle_stays_smooth_through_zero() -> None:
+    one = muscle(40e3)
+    free = float(one.length_at_load(0.0, 3e5))
+    step = 1e-4
+    sides = np.asarray(one.force(free + step * np.array([-1.0, 0.0, 1.0]), 3e5))
+    assert sides[0] < 0 < sides[2]
+    assert abs(sides[1]) < 1e-6
+    slope = float(jax.grad(one.force)(free, 3e5))
+    assert (sides[2] - sides[0]) / (2 * step) == pytest.approx(slope, rel=1e-5)
+    assert float(jax.grad(one.force)(free - 20 * step, 3e5)) > 0.5 * slope
