@@ -67,9 +67,8 @@ class Row:
 
     Attributes:
         group, name, seed, about: of the map.
-        law: the family that was chosen, and how many others it is averaged with.
+        law: the family that was chosen.
         verdict, reasons: its level, and what it doubts.
-        clear: how clear the choice is said to be.
         rmse_percent: over the states at which truth or answer pulls, in % of the largest force.
         worst_half_bands: largest error in half-widths of the band there.
         worst_percent: largest error in % of the largest force.
@@ -90,7 +89,6 @@ class Row:
     law: str = ""
     verdict: str = ""
     reasons: tuple[str, ...] = ()
-    clear: str = ""
     rmse_percent: float = np.nan
     worst_half_bands: float = np.nan
     worst_percent: float = np.nan
@@ -115,7 +113,7 @@ def default_fit(data: ForceData) -> SavedFit:
         choice.chosen, choice, _OPTIONS, validation=False, errors=parse_errors(()), surface=None,
         executor=None, progress=silence, profiles=False, replicates=0, posterior=False,
     )  # fmt: skip
-    judgement = judged(choice.chosen, choice, silence)
+    judgement = judged(choice.chosen, choice, evidence, silence)
     document = fit_as_dict(choice.chosen, evidence, choice=choice, judgement=judgement)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fit.json"
@@ -150,7 +148,7 @@ def compared(one: TruthMap, truth: np.ndarray, fit: SavedFit) -> Row:
     found, document = answer(fit, one.length, one.pressure), fit.document
     largest = document["max_force_N"]
     force, low = np.maximum(found.force, 0.0), np.maximum(found.low, 0.0)
-    half, error = (found.high - found.low) / 2, force - truth
+    half, error = np.fmax(found.high - force, force - low), force - truth  # the end at 0 is nearer
     known = np.isfinite(error) & np.isfinite(half)
     pulls = known & ((truth > 0) | (force > 0))
     if not pulls.any():
@@ -161,13 +159,11 @@ def compared(one: TruthMap, truth: np.ndarray, fit: SavedFit) -> Row:
     wrong = known & ((halves > HALF_BANDS) | ((percent > PERCENT) & ~covered))
     unwarned = bool((wrong & found.inside).any())
     worst = int(np.argmax(np.where(pulls, halves, -1.0)))
-    law, *others = document["choice"]["averaged"]
     return Row(
         one.group, one.name, one.seed, one.about,
-        law=law + f" + {len(others)}" * bool(others),
+        law=document["choice"]["chosen"],
         verdict=document["verdict"],
         reasons=tuple(document["reasons"]),
-        clear=document["choice"]["clear"],
         rmse_percent=float(100 * np.sqrt(np.mean(error[pulls] ** 2)) / largest),
         worst_half_bands=float(halves[worst]),
         worst_percent=float(percent[known].max()),
@@ -260,9 +256,6 @@ def summary(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
                 row.silent_but_for_lines for row in every
             ),
             "bad": sum(row.bad for row in every),
-            "bad, choice called clear": sum(
-                row.bad and row.clear.startswith("Clear") for row in every
-            ),
         }
         if not answered:
             continue

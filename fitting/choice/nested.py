@@ -27,7 +27,7 @@ class NestedValidation(LeftOut):
     """Errors of a choice on what neither the fits nor the choice had seen.
 
     One "pressure" or one "length" was left out after another; neighbouring ones together, where there
-    are more than twenty.
+    are many.
 
     Attributes:
         inside: whether each reading lies within the 95 % band of its prediction.
@@ -49,6 +49,7 @@ def validate_choice(
     choice: Choice,
     groups: str = "length",
     *,
+    most: int = _MOST,
     executor: AnyExecutor = None,
     resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -62,6 +63,7 @@ def validate_choice(
     Args:
         choice: from `choose`.
         groups: "pressure" or "length".
+        most: groups; with more levels neighbouring ones are left out together.
         executor: what chooses without the levels, each a task: this process, processes or a cluster,
             see `famjax.boundary.tasks.AnyExecutor`; the numbers are the same.
         resume: folder to which each finished level is written, made if need be; a validation that was
@@ -75,7 +77,7 @@ def validate_choice(
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
     levels = data.levels(groups)[data.loaded]
-    group = groups_of_levels(levels, np.unique(levels), _MOST)
+    group = groups_of_levels(levels, np.unique(levels), most)
     count = int(group.max()) + 1
     settings = {
         "version": famjax.__version__,

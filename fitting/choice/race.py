@@ -105,9 +105,12 @@ def fitted(
 def left_out_of(seed: int, family: Fitted) -> dict[str, LeftOut] | None:
     """Errors of a family without each length and without groups of neighbouring pressures.
 
-    None where it has no force at some of what was left out.
+    None where it has no force at some of what was left out, and of a rig that gives way on a map of too
+    few lengths to leave one out: nothing else tells it from a soft bladder.
     """
     problem = family.posed.problem
+    if family.candidate.rig and "length" not in _kinds(problem):
+        return None
     # Without some pressures the optimum stays where it was; without a length it may not.
     kinds = {
         kind: (groups_of(problem, kind), 1 if kind == "pressure" else 2) for kind in _kinds(problem)

@@ -79,13 +79,15 @@ def preferred(tried: Sequence[Tried]) -> list[int]:
     """Places of the families, the one to believe first in front.
 
     Those whose held-out error is within `NEAR` of the smallest come in the order of the ladder, the
-    others behind them by their errors.
+    others behind them by their errors. Without lengths left out little tells the laws apart, so it is
+    within `ALIKE` then.
     """
     least = min(one.held_out for one in tried)
+    factor = NEAR if any("length" in one.left_out for one in tried) else ALIKE
 
     def order(place: int) -> tuple[bool, float | tuple[int, ...]]:
         one = tried[place]
-        near = one.held_out <= NEAR * least
+        near = one.held_out <= factor * least
         return (not near, one.candidate.rank if near else one.held_out)
 
     return sorted(range(len(tried)), key=order)

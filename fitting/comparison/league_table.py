@@ -26,7 +26,7 @@ from .cross_validation import (
 )
 from .fit import fit_and_cross_validate_peer, forces_of
 from .hocking import ANGLE, fit_hocking_wereley, hocking_orders
-from .own_models import OWN, check_options, identified_row, own_model
+from .own_models import CHOICE, OWN, check_options, choice_row, identified_row, own_model
 from .peer_family import Model, PeerContext, PeerFamily, Values
 from .published import peer_families
 from .row import ComparisonRow
@@ -48,7 +48,7 @@ law, a geometry or a force term."""
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Comparison:
-    """The table of a force map, the smallest in-sample RMSE first.
+    """The table of a force map, the smallest error on interior lengths left out first.
 
     Attributes:
         data: the force map.
@@ -60,7 +60,13 @@ class Comparison:
 
     def __repr__(self) -> str:
         best = self.rows[0] if self.rows else None
-        first = "" if best is None else f", {best.label} the best with RMSE {best.rmse:.4g} N"
+        first = (
+            ""
+            if best is None
+            else (
+                f", {best.label} the best with {best.lolo_interior_rmse:.4g} N on interior lengths left out"
+            )
+        )
         return f"Comparison({self.data.specimen.name}: {len(self.rows)} models{first})"
 
     def to_pandas(self) -> "pandas.DataFrame":
@@ -75,8 +81,10 @@ class Comparison:
         )
 
     def _repr_html_(self) -> str:
-        header = ("model", "parameters", "RMSE [N]")
-        rows = [(row.label, row.n_parameters, row.rmse) for row in self.rows]
+        header = ("model", "parameters", "interior lengths out [N]", "in sample [N]")
+        rows = [
+            (row.label, row.n_parameters, row.lolo_interior_rmse, row.rmse) for row in self.rows
+        ]
         return html_table(repr(self), header, rows)
 
     def as_dict(self) -> dict[str, Any]:
@@ -170,14 +178,21 @@ def compare(
             store.keep(index, _row(task))
     run_tasks(_row, tasks, executor=executor, store=store, progress=tell, names=names)
     rows = [ComparisonRow.from_dict(part) for part in store]
-    # Where a further parameter makes no difference, the model without it comes first.
-    rows.sort(key=lambda row: (math.isnan(row.rmse), float(f"{row.rmse:.6g}"), row.n_parameters))
+    rows.sort(key=_place)
     return Comparison(data, tuple(rows))
+
+
+def _place(row: ComparisonRow) -> tuple[bool, float, float, int]:
+    """In the table: by interior lengths left out, then in sample; equal models by their parameters."""
+    error = row.lolo_interior_rmse
+    known = not math.isnan(error)
+    in_sample = math.inf if math.isnan(row.rmse) else float(f"{row.rmse:.6g}")
+    return (not known, float(f"{error:.6g}") if known else 0.0, in_sample, row.n_parameters)
 
 
 def comparable_models(data: ForceData) -> tuple[str, ...]:
     """The names of all models that can be compared on a map, fitted ones first."""
-    return (*OWN, *peer_families(data), "hocking_wereley", *_published(data))
+    return (CHOICE, *OWN, *peer_families(data), "hocking_wereley", *_published(data))
 
 
 def _published(data: ForceData) -> dict[str, PeerFamily]:
@@ -252,6 +267,8 @@ def _row(task: _Task) -> dict[str, Any]:
 
 
 def _known_row(name: str, data: ForceData, starts: int, seed: int) -> ComparisonRow:
+    if name == CHOICE:
+        return choice_row(data, starts, seed)
     if name in OWN:
         what, options = OWN[name]
         label = f"famjax, {what}, physical box"

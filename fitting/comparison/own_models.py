@@ -14,11 +14,12 @@ import famjax
 from famjax.boundary.class_path import class_named, class_path
 from famjax.boundary.errors import InputError
 
+from ..choice.choose import choose
+from ..choice.nested import validate_choice
 from ..data.force_data import ForceData
 from ..evidence.leave_out import leave_out_each
 from ..evidence.left_out import LeftOut
 from ..evidence.validation import singles
-from ..families.parameters import Parameter
 from ..search.identification import identify
 from ..search.own_parts import own_parts, taking_part
 from ..search.result import Identification
@@ -27,20 +28,37 @@ from .row import ComparisonRow
 
 _LEFT_OUT = ("pressure", "length")
 _STARTS = 4  # of each refit, as `validate` has them
-_ENDS = {"end_factor": Parameter()}
-_BRAID = {"braid_compliance": Parameter()}
+CHOICE = "famjax_choice"
+_PRESSURE_GROUPS = 8  # that the choice is made anew without, as it judges its families
 
 OWN: Mapping[str, tuple[str, dict[str, Any]]] = {
     "famjax_cubic": ("odd cubic", {"order": 3}),
     "famjax_ogden": ("Ogden", {"law": "ogden"}),
-    "famjax_ogden_ends": ("Ogden, rounded ends", {"law": "ogden", "parameters": _ENDS}),
-    "famjax_ogden_braid": ("Ogden, compliant braid", {"law": "ogden", "parameters": _BRAID}),
-    "famjax_ogden_ends_braid": (
-        "Ogden, rounded ends, compliant braid",
-        {"law": "ogden", "parameters": _ENDS | _BRAID},
-    ),
 }
 """Label and options of `identify` by name."""
+
+
+def choice_row(data: ForceData, starts: int, seed: int) -> ComparisonRow:
+    """What `choose` finds, made anew without each length and each group of pressures that it predicts."""
+    row = ComparisonRow(CHOICE, "famjax, its own choice (nested)", 0)
+    try:
+        choice = choose(data, starts=starts, seed=seed)
+    except InputError as refused:
+        return row.noted(str(refused))
+    held_out: list[LeftOut | None] = []
+    for groups, most in (("pressure", _PRESSURE_GROUPS), ("length", None)):
+        try:
+            options = {} if most is None else {"most": most}
+            held_out.append(validate_choice(choice, groups, **options, starts=_STARTS, seed=seed))
+        except InputError as refused:
+            held_out.append(None)
+            row = row.noted(f"without a {groups}: {refused}")
+    result = choice.chosen
+    row = dataclasses.replace(
+        row, n_parameters=result.n_parameters,
+        at_bound=tuple(one.name for one in result.estimates if one.at_bound),
+    ).noted(f"it chose: {choice.name}")  # fmt: skip
+    return row.with_errors(result.residuals, *held_out)
 
 
 def own_model(path: str | type, data: ForceData) -> tuple[str, dict[str, Any]] | PeerFamily:

@@ -112,6 +112,11 @@ class ModelError:
         return np.hypot(own, DISAGREEMENT * np.asarray(disagreement) + self.floor)
 
     @property
+    def narrowest(self) -> float:
+        """Half the width [N] of the 95 % band where the model is known best, at what was measured."""
+        return math.hypot(self.factor() * self.noise, self.floor)
+
+    @property
     def covers(self) -> str:
         """What the interval covers, in a sentence."""
         judged = [

@@ -119,7 +119,7 @@ def static_rows(
     seen = np.zeros(length.size, bool)
     if rest_length is None:
         seen = seen_slack(fit.document, length, pressure)
-    said, rows = reported(found.force, found.half, seen), []
+    said, rows = reported(found.force, found.half, seen, found.narrowest), []
     for k, refused in enumerate(found.refused):
         error = float(found.std[k])
         row = {
@@ -149,6 +149,7 @@ class ModelForces:
         muscle_force: of the muscle alone, were it of that length itself [N].
         std: standard deviation of a reading about the force [N].
         half: half of the 95 % band [N].
+        narrowest: half of the band where the model is known best [N]; 0 where nothing was left out.
         band: what the band is made of, None where there is none.
         reach: what the fit covers.
         refused: why nothing is said of a state of which the model has a force, see `Reach.refuses`.
@@ -158,6 +159,7 @@ class ModelForces:
     muscle_force: Float[np.ndarray, " n"]
     std: Float[np.ndarray, " n"]
     half: Float[np.ndarray, " n"]
+    narrowest: float
     band: str | None
     reach: Reach
     refused: list[str | None]
@@ -188,7 +190,8 @@ def model_forces(
     force, alone, std, half = (
         np.where(kept, one, np.nan) for one in (found.force, found.muscle_force, std, factor * std)
     )
-    return ModelForces(force, alone, std, half, band, reach, refused)
+    narrowest = 0.0 if fit.error is None else fit.error.narrowest
+    return ModelForces(force, alone, std, half, narrowest, band, reach, refused)
 
 
 def _check(length: np.ndarray, pressure: np.ndarray, onset: bool, length_std: float) -> None:

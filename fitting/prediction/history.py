@@ -46,7 +46,7 @@ def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
     model, std = static.force + added, np.hypot(static.std, missed)
     half = np.hypot(static.half, NORMAL_95 * missed)
     # A slack reading of the static map says nothing of the upper branch.
-    said = reported(model, half, np.zeros(L.size, bool))
+    said = reported(model, half, np.zeros(L.size, bool), static.narrowest)
     found = []
     for k, row in enumerate(static_rows(fit, L, P)):
         time = {} if history.time is None else {"time_s": float(history.time[k])}

@@ -25,7 +25,7 @@ class Reported:
         force: [N], >= 0: that of the model, 0 where the muscle is slack.
         slack: whether the model does not pull.
         low: lower end of the 95 % band [N], >= 0; 0 wherever the muscle is or was slack.
-        high: upper end [N], >= 0.
+        high: upper end [N], > 0.
     """
 
     force: Float[np.ndarray, " n"]
@@ -38,6 +38,7 @@ def reported(
     model_force: Float[np.ndarray, " n"],
     half: Float[np.ndarray, " n"],
     seen_slack: Bool[np.ndarray, " n"],
+    narrowest: float = 0.0,
 ) -> Reported:
     """What a reading would be by a model that may be below zero.
 
@@ -45,6 +46,8 @@ def reported(
         model_force: [N], not clipped.
         half: half of its 95 % band [N], nan where nothing is known of it.
         seen_slack: where a reading says that the muscle does not pull, see `seen_slack`.
+        narrowest: half of the band where the model is known best [N], see `ModelError.narrowest`: by so
+            much a reading may be above 0 where the model is below.
     """
     slack = model_force <= _ROUNDING
     low = np.where(slack | seen_slack, np.minimum(model_force - half, 0.0), model_force - half)
@@ -52,7 +55,7 @@ def reported(
         force=np.where(slack, 0.0, model_force),
         slack=slack,
         low=np.maximum(low, 0.0),
-        high=np.maximum(model_force + half, 0.0),
+        high=np.maximum(model_force + half, narrowest),
     )
 
 

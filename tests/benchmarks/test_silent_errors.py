@@ -183,7 +183,7 @@ def _row(
     monkeypatch.setattr(silent, "answer", lambda *_: answer)
     document = {
         "max_force_N": 100.0, "verdict": level, "reasons": list(reasons),
-        "choice": {"averaged": ["one", "other"], "clear": "Clear: one."},
+        "choice": {"chosen": "ogden", "clear": "Clear: one."},
     }  # fmt: skip
     return silent.compared(one, one.force, SimpleNamespace(document=document))
 

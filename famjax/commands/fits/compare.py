@@ -13,9 +13,9 @@ from ..terminal import Output, print_rows, progress
 _COLUMNS = {
     "model": "label",
     "n parameters": "n_parameters",
+    "inner lengths out N": "lolo_interior_rmse_N",
     "rmse N": "rmse_N",
     "pressures out N": "lopo_rmse_N",
-    "inner lengths out N": "lolo_interior_rmse_N",
     "lengths out N": "lolo_rmse_N",
     "max error N": "max_error_N",
 }
@@ -40,8 +40,11 @@ def compare(
 
     Each is fitted to all loaded readings, and again without each pressure and each length, which it
     then predicts ("pressures out" and "lengths out" in the table; of inner lengths, neither the longest
-    nor the shortest); half a minute for all of them. Writes `compare.json` and `compare.png`. Finished rows
-    are kept in the folder `rows`, from which a stopped comparison goes on.
+    nor the shortest). The table is ordered by the error on inner lengths left out. The choice of `famjax
+    fit` is made anew without what it predicts. A minute or two for all of them.
+
+    Writes `compare.json` and `compare.png`. Finished rows are kept in the folder `rows`, from which a
+    stopped comparison goes on.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ def test_absolute_pressures_that_a_rig_takes_up(dmsp20: ForceData) -> None:
     assert not pulls_late(known)
     data = dataclasses.replace(dmsp20, pressure=dmsp20.pressure + 101.3e3)
     assert pulls_late(data)
-    rig = next(one for one in ladder(data)[0] if "series_exponent" in one.free)
+    rig = next(one for one in ladder(data)[0] if one.rig)
     here = attempt(data, rig)
     assert here is not None
     assert here.side("deadband_pressure") == 0
