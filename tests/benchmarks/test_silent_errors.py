@@ -197,7 +197,7 @@ def test_a_true_answer_is_neither_bad_nor_silent(silent, truth, monkeypatch) -> 
     row = _row(silent, truth, monkeypatch, _answer(silent, [-30, 50, 100], 2.0))
     assert (row.bad, row.silent, row.worst_half_bands, row.coverage) == (False, False, 0.0, 100.0)
     assert row.half_band_percent == pytest.approx(2.0)  # of the two states that pull
-    assert row.law == "one + 1"
+    assert row.law == "ogden"
 
 
 @pytest.mark.parametrize(

@@ -131,10 +131,12 @@ def test_one_length_determines_no_family(dmsp20: ForceData) -> None:
         choose(one)
 
 
-def made(data: ForceData, *errors: float) -> list[Tried]:
+def made(data: ForceData, *errors: float, lengths: bool = True) -> list[Tried]:
     """Families in the order of the ladder, of these held-out errors."""
     of = ladder(data)[0][: len(errors)]
-    return [Tried(one, 1.0, {}, error, alike=True) for one, error in zip(of, errors, strict=True)]
+    kind = "length" if lengths else "pressure"
+    out = {kind: LeftOut(kind, np.zeros(1), np.zeros(1, int), np.zeros(1))}
+    return [Tried(one, 1.0, out, error, alike=True) for one, error in zip(of, errors, strict=True)]
 
 
 @pytest.mark.parametrize(
@@ -151,6 +153,10 @@ def test_the_smallest_held_out_error_is_preferred(
 ) -> None:
     """Of the first three of the ladder: the law of rubber, the same in a rig, the next law of rubber."""
     assert preferred(made(dmsp20, *held_out)) == order
+
+
+def test_pressures_left_out_hardly_tell_the_laws_apart(dmsp20: ForceData) -> None:
+    assert preferred(made(dmsp20, 4.0, 5.0, 3.0, lengths=False)) == [0, 2, 1]
 
 
 def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20: ForceData) -> None:

@@ -98,7 +98,8 @@ def test_any_number_of_rows_is_predicted_by_the_same_program(
     forces = [row["force_N"] for row in many[:-7]]
     np.testing.assert_allclose(forces, np.maximum(expected, 0.0), rtol=1e-11, atol=1e-9)
     assert many[-7:][0]["onset_pressure_Pa"] == few[-2:][0]["onset_pressure_Pa"]
-    assert other[0]["force_N"] > forces[0]
+    strongest = int(np.argmax(forces))
+    assert other[strongest]["force_N"] > forces[strongest]
     assert all(row["force_std_N"] is None and row["band"] is None for row in many[:-7])
 
 
