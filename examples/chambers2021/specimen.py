@@ -35,9 +35,13 @@ def bladder(inch: float = 1.0) -> Bladder:
 
 
 def inelastic_braid(inch: float = 1.0) -> Braid:
-    """The specimen's braid, its threads not stretching."""
+    """The specimen's braid, its threads not stretching, of the thread length that chapter 6 used."""
     of = printed()["specimen"]
-    return Braid(of["thread_length_B_in"] * inch, of["turns_N"], of["braid_thickness_in"] * inch)
+    return Braid(
+        of["thread_length_B_used_in_chapter_6_in"] * inch,
+        of["turns_N"],
+        of["braid_thickness_in"] * inch,
+    )
 
 
 def elastic_braid(softness: Real = 1.0, *, inch: float = 1.0, psi: float = 1.0) -> ElasticBraid:
