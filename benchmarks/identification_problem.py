@@ -8,15 +8,11 @@ import dataclasses
 import functools
 import itertools
 
-import chambers_examples  # noqa: F401 -- where the specimen is found
 import numpy as np
-from beside_print import printed
 from jaxtyping import Float
-from reconstruction import NAME, reconstruct
-from specimen import geometries
+from reconstruction import force_map, geometries
 
-from famjax import units
-from fitting import ForceData, Specimen
+from fitting import ForceData
 from fitting.sweeps.design import Design
 from fitting.sweeps.forms import CONSTRAINTS, DEPENDENCES
 from fitting.sweeps.linear_model import LinearModel
@@ -43,35 +39,6 @@ class Programme:
     y: Float[np.ndarray, "blocks rows"]
     G: Float[np.ndarray, "constraints unknowns"]
     count: Float[np.ndarray, " blocks"]
-
-
-def force_map(n_pressures: int = 10, thin: int = 1) -> ForceData:
-    """The mean of the branches of the SYNTHETIC isobars in inch, psi and lbf.
-
-    Args:
-        n_pressures: how many of the ten isobars.
-        thin: every `thin`-th reading of them.
-    """
-    isobars, of = reconstruct(), printed()["specimen"]
-    P, length, force = isobars.branch_means()
-    P = P / units.PSI
-    levels = np.unique(P)[:: -(-10 // n_pressures)]
-    keep = np.isin(P, levels) & (np.arange(P.size) % thin == 0)
-    specimen = Specimen(
-        name=NAME,
-        rest_length=of["active_length_in"],
-        wall_thickness=of["bladder_thickness_in"],
-        nominal_diameter=of["nominal_diameter_in"],
-        bladder_diameter=of["bladder_outer_diameter_in"],
-        braid_thickness=of["braid_thickness_in"],
-    )
-    return ForceData(
-        force=force[keep] / units.LBF,
-        pressure=P[keep],
-        length=length[keep] / units.INCH,
-        specimen=specimen,
-        source="SYNTHETIC",
-    )
 
 
 @functools.cache

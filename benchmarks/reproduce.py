@@ -1,28 +1,34 @@
 """The reference work's printed figures, computed: the code behind `famjax reproduce`.
 
-Chambers 2021, chapters 2, 4, 5 and 6, from the inputs that the work prints, and on the page chapter
-7 on a synthetic reconstruction. The tables are those of `examples/chambers2021`, a module for each
-chapter. The modules beside this one are loaded by plain name, so that its folder must be on `sys.path`.
+Chambers 2021, chapters 2 and 4 to 7, from the inputs that the work prints; chapter 7's fits, on the
+page alone, are of a synthetic reconstruction. The tables are those of `examples/chambers2021`. The
+modules beside this one are loaded by plain name, so its folder must be on `sys.path`.
 """
 
+import base64
+import html
+import io
+import itertools
+import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
-import chambers_examples  # noqa: F401 -- where the chapters are found
+import jax
+import reconstruction  # first: it puts the folder of the chapters on `sys.path`
+
+# isort: split
 import chapter2_design
 import chapter4_shape
 import chapter5_braid
 import chapter6_force
 import chapter6_virtual_work
 import chapter7_identification
-import jax
-import specimen
 from beside_print import Row, Table
+from matplotlib.figure import Figure
 from notes import NOT_COMPUTED, NOTES
 
 Progress = Callable[[int, int, str], None]
-"""Called before each table and figure, with the number of those done, of all, and its name, and once
+"""Called before each table and figure with the number of those done, of all, and its name, and once
 at the end."""
 
 CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
@@ -31,6 +37,7 @@ CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
     ("chapter 5", chapter5_braid.chapter.tables),
     ("chapter 6", chapter6_force.chapter.tables),
     ("virtual work", chapter6_virtual_work.chapter.tables),
+    ("chapter 7", chapter7_identification.chapter.tables),
 )
 
 PAGE = "reproduce.html"
@@ -40,120 +47,160 @@ PAGE = "reproduce.html"
 def reproduce(
     output: Path | None = None, progress: Progress | None = None, *, synthetic: bool = False
 ) -> list[Row]:
-    """Every figure, in the order of the work, and the page where a folder is given.
+    """Every figure, in the order of the work; and the page where a folder is given.
 
     Args:
-        output: folder for the page, made if need be; None writes nothing.
+        output: folder for the page, created if missing; None writes nothing.
         progress: see `Progress`.
-        synthetic: whether the page has chapter 7 too, see `synthetic_fits`.
+        synthetic: whether the page has the fits of the synthetic reconstruction too.
 
     Returns:
-        The rows, without those of chapter 7.
+        The rows, without those of the reconstruction.
 
     Raises:
         RuntimeError: JAX is not in float64, in which equilibria are not found to the last digit.
     """
-    _check_float64()
-    steps = _Steps(progress)
-    tables = [(f"{chapter}, {name}", table) for chapter, of in CHAPTERS for name, table in of]
-    steps.total = len(tables)
-    if output is None:
-        found = steps.rows(tables)
-    else:
-        from chambers_page import FIGURES, write  # noqa: PLC0415 -- matplotlib, only for a page
-
-        fits = reconstructed() if synthetic else ()
-        steps.total += len(fits) + len(FIGURES)
-        found = steps.rows(tables)
-        write(output / PAGE, found, steps.rows(fits), steps.begin)
-    steps.end()
-    return found
-
-
-def rows(progress: Progress | None = None) -> list[dict[str, Any]]:
-    """Every figure: table, entry, published, computed, unit, tolerance, within; for JSON.
-
-    `published`, `tolerance` and `within` are None where the figure was not given to us.
-    """
-    return [row.as_dict() for row in reproduce(None, progress)]
-
-
-def synthetic_fits() -> list[Row]:
-    """Chapter 7's printed errors beside fits of the SYNTHETIC reconstruction: no verdicts."""
-    _check_float64()
-    return _Steps(None).rows(reconstructed())
-
-
-def reconstructed() -> tuple[Table, ...]:
-    """Chapter 7's tables of the SYNTHETIC reconstruction in the measured geometry."""
-    from identification_problem import GEOMETRY, force_map  # noqa: PLC0415 -- not for --json
-
-    shape = specimen.geometries()[GEOMETRY]
-    return chapter7_identification.tables(
-        chapter7_identification.Isobars("SYNTHETIC", force_map(), shape)
-    )
-
-
-def write_page(
-    folder: Path, found: list[Row] | None = None, synthetic: list[Row] | None = None
-) -> list[Path]:
-    """The page `PAGE`, one self-contained file.
-
-    Args:
-        folder: made if need be.
-        found: rows of `reproduce`; None computes them.
-        synthetic: rows of `synthetic_fits`; None leaves them out.
-
-    Returns:
-        The files written.
-    """
-    from chambers_page import write  # noqa: PLC0415 -- matplotlib, only for a page
-
-    return write(folder / PAGE, reproduce() if found is None else found, synthetic)
-
-
-def notes() -> list[dict[str, str]]:
-    """Remarks on tables: how they were read, and why rows are out of tolerance."""
-    return [{"table": table, "note": note} for table, note in NOTES]
-
-
-def not_computed() -> list[dict[str, str]]:
-    """Figures that cannot be computed from what the work prints, and why."""
-    return [{"table": table, "reason": reason} for table, reason in NOT_COMPUTED]
-
-
-class _Steps:
-    """How far the reproduction is."""
-
-    def __init__(self, progress: Progress | None) -> None:
-        self._progress = progress
-        self._begun: list[str] = []
-        self.total = 0
-
-    def rows(self, tables: Iterable[Table]) -> list[Row]:
-        """The rows of all tables, each a step."""
-        found = []
-        for name, table in tables:
-            self.begin(name)
-            found += table()
-        return found
-
-    def begin(self, name: str) -> None:
-        """The step before is done, and this one begins."""
-        self._begun.append(name)
-        self._tell(len(self._begun) - 1, name)
-
-    def end(self) -> None:
-        """All is done."""
-        self._tell(self.total, "done")
-
-    def _tell(self, done: int, name: str) -> None:
-        if self._progress is not None:
-            self._progress(done, self.total, name)
-
-
-def _check_float64() -> None:
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError(
             "the reproduction runs in float64: call jax.config.update('jax_enable_x64', True) first"
         )
+    tables = [(f"{chapter}, {name}", table) for chapter, of in CHAPTERS for name, table in of]
+    fits: tuple[Table, ...] = ()
+    figures: dict[str, Callable[[], Figure]] = {}
+    if output is not None:
+        from chambers_figures import FIGURES  # noqa: PLC0415 -- slow to import
+
+        figures, fits = FIGURES, reconstructed() if synthetic else ()
+    names = [
+        *(name for name, _ in (*tables, *fits)),
+        *(f"figure: {draw.__name__.replace('_', ' ')}" for draw in figures.values()),
+        "done",
+    ]
+    steps = itertools.count()
+
+    def step() -> None:
+        done = next(steps)
+        if progress is not None:
+            progress(done, len(names) - 1, names[done])
+
+    def rows(of: Iterable[Table]) -> list[Row]:
+        found = []
+        for _, table in of:
+            step()
+            found += table()
+        return found
+
+    found, made = rows(tables), rows(fits)
+    if output is not None:
+        drawn = []
+        for caption, draw in figures.items():
+            step()
+            drawn.append(_figure(caption, draw()))
+        output.mkdir(parents=True, exist_ok=True)
+        draft = output / f"{PAGE}.part"  # so that the page is written whole or not at all
+        draft.write_text(page(found, made, drawn), encoding="utf-8")
+        os.replace(draft, output / PAGE)
+    step()
+    return found
+
+
+def reconstructed() -> tuple[Table, ...]:
+    """Chapter 7's tables of the SYNTHETIC reconstruction in the measured geometry."""
+    data, shape = reconstruction.force_map(), reconstruction.measured_geometry()
+    return chapter7_identification.tables(chapter7_identification.Isobars("SYNTHETIC", data, shape))
+
+
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;max-width:80rem;margin:2rem auto;padding:0 1rem;color:#222}
+h2{margin:2.2rem 0 .3rem}table{border-collapse:collapse;font-size:.87rem}
+td,th{padding:.12rem .7rem;text-align:right;border-bottom:1px solid #eee}
+td:first-child,th:first-child,td:last-child,th:last-child{text-align:left}
+tr.outside{background:#fde8e4}.within{color:#17702b}.outside .verdict{color:#a3200d;font-weight:600}
+img{max-width:100%}figure{margin:1.5rem 0}figcaption,.note{color:#555}
+nav{display:flex;flex-wrap:wrap;column-gap:.8rem}nav a{white-space:nowrap}
+"""
+
+
+def page(rows: list[Row], synthetic: list[Row], figures: list[str]) -> str:
+    """The page: what agrees, the figures redrawn, and the tables with their tolerances."""
+    rows = sorted(rows, key=lambda row: _order(row.table))
+    tables = {table: list(of) for table, of in itertools.groupby(rows, lambda row: row.table)}
+    count = {
+        verdict: sum(row.verdict == verdict for row in rows)
+        for verdict in ("within", "outside", "misprint", "not published")
+    }
+    links = "".join(f'<a href="#{_anchor(t)}">{html.escape(t)}</a>' for t in tables)
+    reasons = "".join(
+        f"<li><b>{html.escape(t)}</b>: {html.escape(w)}</li>" for t, w in NOT_COMPUTED
+    )
+    parts = [
+        '<!doctype html><html lang="en"><meta charset="utf-8">',
+        f"<title>The reference work reproduced</title><style>{_STYLE}</style>",
+        "<h1>The reference work reproduced</h1><p>Chambers 2021, computed from the inputs that it ",
+        "prints. Nothing is tuned to a figure. Each printed figure is compared once; its tolerance is ",
+        "half a unit of its last digit and what is named beside it.</p>",
+        f"<p><b>{count['within']}</b> figures within tolerance, <b>{count['outside']}</b> out of ",
+        f"tolerance, <b>{count['misprint']}</b> misprints by the work's own other figures, ",
+        f"<b>{count['not published']}</b> computed of which no published figure was given to us.</p>",
+        f"<nav>{links}</nav><h2>Out of tolerance, and misprints</h2>",
+        _table([row for row in rows if row.within is False], with_table=True),
+        f"<h2>Not computed</h2><ul>{reasons}</ul><h2>Figures</h2>",
+        *figures,
+    ]
+    for table, of in tables.items():
+        title = f"Table {table}" if table.replace(".", "").isdigit() else f"Section {table}"
+        notes = (f'<p class="note">{html.escape(note)}</p>' for t, note in NOTES if t == table)
+        parts += [f'<h2 id="{_anchor(table)}">{html.escape(title)}</h2>', *notes, _table(of)]
+    if synthetic:
+        parts += [
+            '<h2 id="synthetic">Chapter 7, on a SYNTHETIC reconstruction</h2><p class="note">The tested ',
+            "isobars are not printed. These are fits of isobars that were chosen so that their fits ",
+            "leave errors like those printed: that they do says that such isobars exist, and nothing ",
+            "more.</p>",
+            _table(synthetic, with_table=True),
+        ]
+    return "".join(parts)
+
+
+def _order(table: str) -> tuple[int, int, str]:
+    """By chapter and number; sections without a number after their chapter's tables."""
+    chapter, _, number = table.partition(".")
+    if number.isdigit():
+        return int(chapter), int(number), ""
+    digit = table[:1]
+    return (int(digit) if digit.isdigit() else 99), 99, table
+
+
+def _anchor(table: str) -> str:
+    return "table-" + "".join(c if c.isalnum() else "-" for c in table)
+
+
+def _table(rows: list[Row], *, with_table: bool = False) -> str:
+    names = ("entry", "published", "computed", "difference", "tolerance", "unit", "verdict",
+             "the tolerance is")  # fmt: skip
+    head = "".join(f"<th>{name}</th>" for name in names)
+    lines = []
+    for row in rows:
+        entry = html.escape(f"{row.table}: {row.entry}" if with_table else row.entry)
+        numbers = (
+            "" if value is None else f"{value:{form}}"
+            for value, form in (
+                (row.published, ".6g"), (row.computed, ".6g"), (row.difference, "+.3g"),
+                (row.tolerance, ".3g"),
+            )
+        )  # fmt: skip
+        cells = "".join(f"<td>{cell}</td>" for cell in (entry, *numbers, row.unit.strip("1")))
+        verdict = f'<td class="verdict">{row.verdict}</td><td>{html.escape(row.reason)}</td>'
+        lines.append(f'<tr class="{row.verdict}">{cells}{verdict}</tr>')
+    return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
+
+
+def _figure(caption: str, figure: Figure) -> str:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None})
+    data = base64.b64encode(stream.getvalue()).decode()
+    text = html.escape(caption)
+    return (
+        f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
+        f"<figcaption>{text}</figcaption></figure>"
+    )

@@ -80,9 +80,14 @@ def reproduction(rows: list[dict[str, Any]]) -> str:
         rows: what `famjax reproduce --json` prints.
     """
     compared = [row for row in rows if row["within"] is not None]
-    out = [row for row in compared if not row["within"]]
-    known = f"**{len(compared) - len(out)} of {len(compared)}** printed figures agree within their"
-    more = f"{len(rows) - len(compared)} more are computed of which no printed figure was at hand."
+    out = [row for row in compared if row["verdict"] == "outside"]
+    misprints = [row for row in compared if row["verdict"] == "misprint"]
+    right = len(compared) - len(misprints)
+    known = f"**{right - len(out)} of {right}** printed figures agree within their"
+    more = (
+        f"{len(misprints)} more are misprints by the work's own other figures; "
+        f"{len(rows) - len(compared)} are computed of which no printed figure was at hand."
+    )
     parts = [
         "# Reproduction of the reference work",
         _REPRODUCED,
@@ -93,6 +98,8 @@ def reproduction(rows: list[dict[str, Any]]) -> str:
         "## Out of tolerance",
         _rows(out, with_table=True),
         *_notes(dict.fromkeys(row["table"] for row in out)),
+        "## Misprints",
+        _rows(misprints, with_table=True),
         "## All printed figures",
     ]
     for table, group in itertools.groupby(compared, lambda row: row["table"]):
@@ -109,11 +116,12 @@ def _rows(rows: Sequence[dict[str, Any]], *, with_table: bool) -> str:
             f"{row['computed']:.6g}",
             f"{row['tolerance']:.2g}",
             "" if row["unit"] == "1" else row["unit"],
-            "yes" if row["within"] else "**no**",
+            "**no**" if row["verdict"] == "outside" else row["verdict"],
+            row["reason"],
         )
         for row in rows
     ]
-    header = ("figure", "published", "computed", "tolerance", "unit", "within")
+    header = ("figure", "published", "computed", "tolerance", "unit", "verdict", "the tolerance is")
     return _table((("table", *header) if with_table else header), cells)
 
 

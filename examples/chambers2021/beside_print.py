@@ -10,6 +10,7 @@ import itertools
 import math
 import tomllib
 from collections.abc import Callable, Iterable
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from notes import NOTES
 
 _MOST = 12
 """Rows that are shown of a table of which no figure was printed."""
+
+_REFERENCE = Path(__file__).resolve().parents[2] / "benchmarks/reference/chambers2021.toml"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +35,9 @@ class Row:
         published: theirs; None where it was not given to us.
         tolerance: largest difference that counts as agreement, in `unit`; None with `published`, and
             where ours comes from a twin or a reconstruction, which need not agree.
+        reason: what the tolerance consists of.
+        key: place of the published figure in the reference file; no two rows have the same.
+        misprint: whether the reference file marks the published figure as a misprint.
     """
 
     table: str
@@ -40,6 +46,9 @@ class Row:
     unit: str
     published: float | None = None
     tolerance: float | None = None
+    reason: str = ""
+    key: str = ""
+    misprint: bool = False
 
     @property
     def difference(self) -> float | None:
@@ -53,10 +62,45 @@ class Row:
             return None
         return abs(self.difference) <= self.tolerance * (1 + 1e-9)
 
+    @property
+    def verdict(self) -> str:
+        """In words: within, outside, misprint, no verdict, not published."""
+        if self.within is None:
+            return "not published" if self.published is None else "no verdict"
+        return "within" if self.within else "misprint" if self.misprint else "outside"
+
     def as_dict(self) -> dict[str, Any]:
         """The row as the command's --json prints it."""
-        names = ("table", "entry", "published", "computed", "unit", "tolerance", "within")
+        names = ("table", "entry", "published", "computed", "unit", "tolerance", "within",
+                 "verdict", "reason")  # fmt: skip
         return {name: getattr(self, name) for name in names}
+
+
+def beside(
+    table: str, entry: str, computed: float, unit: str, key: str, spread: float = 0.0, why: str = "",
+    *, misprint: bool = False,
+) -> Row:  # fmt: skip
+    """A figure beside the printed one, with the tolerance that the print itself implies.
+
+    Args:
+        table: of the work, see `Row`.
+        entry: which figure.
+        computed: ours, in `unit`.
+        unit: of both.
+        misprint: whether the reference file marks the figure so.
+        key: where the printed figure stands in the reference file, "elastic_braid.D_in.0".
+        spread: what is added to half a unit of the last printed digit, in `unit`.
+        why: what the spread is.
+    """
+    at: Any = _as_written()
+    for part in key.split("."):
+        at = at[int(part) if isinstance(at, list) else part]
+    figure = Decimal(at)
+    half = 0.5 * 10.0 ** int(figure.as_tuple().exponent)
+    reason = "half a unit of the last digit" + (f", and {why}" if why else "")
+    return Row(
+        table, entry, float(computed), unit, float(figure), half + spread, reason, key, misprint
+    )
 
 
 Table = tuple[str, Callable[[], list[Row]]]
@@ -66,8 +110,13 @@ Table = tuple[str, Callable[[], list[Row]]]
 @functools.cache
 def printed() -> dict[str, Any]:
     """The figures of the reference work; see the comments in the file."""
-    folder = Path(__file__).resolve().parents[2] / "benchmarks" / "reference"
-    return tomllib.loads((folder / "chambers2021.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(_REFERENCE.read_text(encoding="utf-8"))
+
+
+@functools.cache
+def _as_written() -> dict[str, Any]:
+    """The same as decimals, which know their last digit."""
+    return tomllib.loads(_REFERENCE.read_text(encoding="utf-8"), parse_float=Decimal)
 
 
 class Chapter:
@@ -117,7 +166,7 @@ def _lines(rows: list[Row], most: int | None = None) -> list[str]:
     wide = max((len(row.entry) for row in shown), default=0)
     lines = [f"  {'':{wide}}  {'published':>10}  {'computed':>10}"] + [
         f"  {row.entry:{wide}}  {_number(row.published):>10}  {_number(row.computed):>10} "
-        f"{'' if row.unit == '1' else row.unit}{' OUT' if row.within is False else ''}".rstrip()
+        f"{row.unit.strip('1')} {row.verdict.upper() if row.within is False else ''}".rstrip()
         for row in shown
     ]
     more = len(rows) - len(shown)

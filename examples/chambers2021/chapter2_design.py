@@ -6,7 +6,7 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from beside_print import Chapter, Row, printed
+from beside_print import Chapter, Row, beside, printed
 from jaxtyping import Array, Float
 
 from famjax import units
@@ -23,6 +23,8 @@ from famjax.design import (
     fitting_diameter_on_braid,
     load_catalogue,
     safety_factor,
+    stepped_column_gain,
+    support_stiffness,
     swaged_bore,
 )
 
@@ -71,9 +73,6 @@ def swaged() -> list[Row]:
 # angle, and where yarns touch, the braid can go no further.
 
 # %%
-ANGLE = 0.05
-"""Tolerance [deg]: half the last digit of tables 2.2 and 2.3."""
-
 _angle_rad = quick_jit(fam_angle)
 
 
@@ -85,14 +84,12 @@ def _angle(diameter: float, nominal: float) -> float:
 @chapter.table("table 2.2: angles at which braids jam")
 def jamming_angles() -> list[Row]:
     found = []
-    for braid in printed()["kevlar_braid"]:
+    for k, braid in enumerate(printed()["kevlar_braid"]):
         nominal = braid["nominal_diameter_in"]
-        for diameter, angle in zip(
-            braid["diameter_range_in"], braid["angle_range_deg"], strict=True
-        ):
-            computed = _angle(diameter, nominal)
+        for end, diameter in enumerate(braid["diameter_range_in"]):
             entry = f"{nominal} in braid, angle at {diameter} in"
-            found.append(Row("2.2", entry, computed, "deg", angle, ANGLE))
+            key = f"kevlar_braid.{k}.angle_range_deg.{end}"
+            found.append(beside("2.2", entry, _angle(diameter, nominal), "deg", key))
     return found
 
 
@@ -105,20 +102,21 @@ def jamming_angles() -> list[Row]:
 @chapter.table("table 2.3: angles of braids on bladders")
 def braid_angles() -> list[Row]:
     table = printed()["braid_angle_table"]
-    columns = {1.5: table["braid_1p5"], 2.0: table["braid_2p0"], 2.5: table["braid_2p5"]}
+    columns = {1.5: "braid_1p5", 2.0: "braid_2p0", 2.5: "braid_2p5"}
     offered = {
         round(braid.nominal_diameter / units.INCH, 6): braid for braid in load_catalogue().braids
     }
     found = []
-    for (nominal, angles), (k, diameter) in itertools.product(
+    for (nominal, column), (k, diameter) in itertools.product(
         columns.items(), enumerate(table["fam_diameter_in"])
     ):
         computed = _angle(diameter, nominal)
         verdict = feasibility(diameter * units.INCH, offered[nominal])
         remark = "" if verdict is Feasibility.FEASIBLE else f" ({verdict})"
         entry = f"{nominal} in braid on {diameter} in{remark}"
-        if angles[k]:
-            found.append(Row("2.3", entry, computed, "deg", float(angles[k]), ANGLE))
+        if table[column][k]:
+            key = f"braid_angle_table.{column}.{k}"
+            found.append(beside("2.3", entry, computed, "deg", key))
         else:
             found.append(Row("2.3", entry, computed, "deg"))
     return found
@@ -142,11 +140,8 @@ def combination(diameter: float, braid: CatalogueBraid) -> Combination:
 # The swaged tube presses braid, and bladder, onto the inner fitting: its diameter follows from the
 # bore after swaging and the compression wanted. A thousandth of an inch matters.
 
+
 # %%
-FITTING = 0.001
-"""Tolerance [in]: the last digit of table 2.4, whose rule is derived and not copied."""
-
-
 @quick_jit
 def _fittings() -> tuple[Float[Array, ""], ...]:
     """Diameters [in] under braid and bladder, and the change of compression [-]."""
@@ -161,30 +156,46 @@ def _fittings() -> tuple[Float[Array, ""], ...]:
 
 @chapter.table("table 2.4: inner fittings")
 def end_fitting() -> list[Row]:
-    of = printed()["end_fitting"]
-    on_braid, on_bladder, per_thousandth = _fittings()
-    under_braid, under_bladder = (
-        of[f"internal_fitting_od_{layer}_in"] for layer in ("braid", "bladder")
-    )
+    on_braid, on_bladder, per_thousandth = map(float, _fittings())
+    die, why = 0.0005, "the same of the die's reduction, 0.027 in"
     return [
-        Row("2.4", "inner fitting under the braid", float(on_braid), "in", under_braid, FITTING),
-        Row(
-            "2.4",
-            "inner fitting under the bladder",
-            float(on_bladder),
-            "in",
-            under_bladder,
-            FITTING,
-        ),
-        Row(
-            "2.4",
-            "change of the braid's compression, 0.001 in on the radius of the fitting",
-            float(per_thousandth),
-            "1",
-            of["compression_change_per_thousandth_in"],
-            0.005,
-        ),
-    ]
+        beside("2.4", "inner fitting under the braid", on_braid, "in",
+               "end_fitting.internal_fitting_od_braid_in", die, why),
+        beside("2.4", "inner fitting under the bladder", on_bladder, "in",
+               "end_fitting.internal_fitting_od_bladder_in", die, why),
+        beside("2.4", "change of the braid's compression, 0.001 in on the radius of the fitting",
+               per_thousandth, "1", "end_fitting.compression_change_per_thousandth_in"),
+    ]  # fmt: skip
+
+
+# %% [markdown]
+# ## The support of the swage tube
+# The die pushes on a tube 3.10 in long, which may buckle. A support slides 1.25 in into it and
+# "approximately doubles" Euler's load. A rigid support leaves a column of 1.85 in; one that only
+# stiffens the tube, between pins, gains little. Between the two the load is doubled by the support's
+# stiffness against moving sideways at its inner end.
+
+
+# %%
+@chapter.table("section 2.4: support of the swage tube")
+def tube_support() -> list[Row]:
+    of = printed()["end_fitting"]
+    length, inserted = of["swage_tube_length_in"], of["support_inserted_in"]
+    outer, bore = of["swage_tube_od_in"], of["swage_tube_od_in"] - 2 * of["swage_tube_thickness_in"]
+    support = outer - 2 * of["tube_support_wall_in"]
+    stiffer = 1 + (bore**4 - support**4) / (outer**4 - bore**4)
+    rigid = (length / (length - inserted)) ** 2
+    stepped = float(stepped_column_gain(inserted / length, stiffer))
+    doubling = float(support_stiffness(2.0, inserted / length, stiffer))
+    return [
+        beside("2.4, support", "length left free by the support", length - inserted, "in",
+               "end_fitting.unsupported_length_after_support_in"),
+        Row("2.4, support", "second moment of area where it is inserted, over the tube's", stiffer, "1"),
+        Row("2.4, support", "gain of Euler's load by a rigid support", rigid, "1"),
+        Row("2.4, support", "gain of the stepped column between pins", stepped, "1"),
+        Row("2.4, support", "sideways stiffness at the support's inner end that doubles the load, "
+            "times the length over the bare tube's load", doubling, "1"),
+    ]  # fmt: skip
 
 
 # %% [markdown]

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from beside_print import Chapter, Row, printed
+from beside_print import Chapter, Row, beside, printed
 from jaxtyping import Array, Float
 from specimen import inelastic_braid, profile, transcribed_profile
 from twin import Twin
@@ -31,11 +31,8 @@ chapter = Chapter(__name__)
 #
 # ## What follows from sizes and set-up
 
+
 # %%
-VOLUME = 0.0005
-"""Tolerance [in3]: half the last digit of the printed volumes."""
-
-
 @chapter.table("section 4: volumes")
 def volumes() -> list[Row]:
     of = printed()["specimen"]
@@ -43,24 +40,25 @@ def volumes() -> list[Row]:
     bladder = float(tube_volume(length, of["bladder_outer_diameter_in"], rubber))
     braid = float(tube_volume(length, of["braid_resting_diameter_in"], of["braid_thickness_in"]))
     return [
-        Row("4, volumes", "bladder", bladder, "in3", of["bladder_volume_in3"], VOLUME),
-        Row("4, volumes", "braid", braid, "in3", of["braid_volume_in3"], VOLUME),
+        beside("4, volumes", "bladder", bladder, "in3", "specimen.bladder_volume_in3"),
+        beside("4, volumes", "braid", braid, "in3", "specimen.braid_volume_in3"),
     ]
 
 
 @chapter.table("section 4: camera")
 def camera() -> list[Row]:
-    """What follows from scale and distance, to a unit of the last digit: 60 in is a nominal one."""
+    """What follows from scale and distance."""
     of = printed()["photogrammetry"]
     length, distance = printed()["specimen"]["active_length_in"], of["camera_distance_in"]
     view = math.degrees(2 * math.atan(length / (2 * distance)))
+    key = "photogrammetry.{}".format
     return [
-        Row("4, camera", "size of a pixel", 1 / of["scale_px_per_in"], "in",
-            of["resolution_in_per_px"], 0.001),
-        Row("4, camera", "angle of view of the active length", view, "deg",
-            of["angle_of_view_deg"], 0.01),
-        Row("4, camera", "change of scale per inch of depth", 1 / distance, "1",
-            of["scale_change_per_inch_of_depth"], 0.01),
+        beside("4, camera", "size of a pixel", 1 / of["scale_px_per_in"], "in",
+               key("resolution_in_per_px")),
+        beside("4, camera", "angle of view of the active length", view, "deg",
+               key("angle_of_view_deg"), view * 0.05 / distance, "the same of the distance, 60.0 in"),
+        beside("4, camera", "change of scale per inch of depth", 1 / distance, "1",
+               key("scale_change_per_inch_of_depth")),
     ]  # fmt: skip
 
 
@@ -69,29 +67,26 @@ def camera() -> list[Row]:
 # Without a camera the angle is estimated so: the braid's blocked force rises with pressure by
 # pi R^2 (2 tan^2 theta - 1). Two diameters are on offer, of bladder and of braid, and so are two angles.
 
+
 # %%
-ANGLE = 0.1
-"""Tolerance [deg] of angles from the slope of blocked force."""
-
-
 @chapter.table("section 4: angle from the slope of blocked force")
 def angle_from_slope() -> list[Row]:
-    """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does.
-
-    The printed angles are also held to the slopes at the two ends of the tested pressures.
-    """
-    tested, table = printed()["tested"], printed()["photogrammetry"]["estimated_theta0_deg"]
+    """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does."""
+    tested = printed()["tested"]
     P, F = (np.array(tested[key], float) for key in ("pressure_psi", "blocked_force_lbf"))
     found = []
-    for diameter, key, ends, part in (
-        (0.875, "from_D0_0p875", "20 to 40 psi", slice(2)),
-        (1.025, "from_D0_1p025", "80 to 100 psi", slice(-2, None)),
-    ):
+    for diameter, key in ((0.875, "from_D0_0p875"), (1.025, "from_D0_1p025")):
+        angle, *between = (
+            math.degrees(float(braid_angle_from_blocked_force(P[part], F[part], diameter)))
+            for part in (slice(None), *(slice(k, k + 2) for k in range(P.size - 1)))
+        )
+        spread = max(abs(one - angle) for one in between)
         entry = f"initial angle from the slope of blocked force, D0 = {diameter} in"
-        for which, readings in ((entry, slice(None)), (f"{entry}, {ends} alone", part)):
-            angle = braid_angle_from_blocked_force(P[readings], F[readings], diameter)
-            degrees = math.degrees(float(angle))
-            found.append(Row("4, angle", which, degrees, "deg", table[key], ANGLE))
+        why = "the most that the slope between two neighbouring pressures changes it"
+        found.append(
+            beside("4, angle", entry, angle, "deg", f"photogrammetry.estimated_theta0_deg.{key}",
+                   spread, why)
+        )  # fmt: skip
     return found
 
 
@@ -166,6 +161,19 @@ def profiles() -> list[Row]:
                 ("largest |D(x) - D(1 - x)|", np.abs(D - D[::-1]).max()),
             )
             found += [Row("4.3", f"{label}, {at}, {name}", float(v), "in") for name, v in values]
+        symmetric = float(shapes()["used"]["w"][k])
+        entry = f"w that makes the printed a_n and b_n symmetric, {at}"
+        key = f"profile_100psi.{k}.w_as_printed"
+        # The sign of w is that of the b_n, and the print's goes with them.
+        signed = math.copysign(symmetric, row["w_as_printed"])
+        found.append(beside("4.3", entry, signed, "1", key, misprint=True))
+        if "b1_as_printed" in row:
+            b1 = row["a"][1] * math.tan(symmetric / 2)
+            entry, key = (
+                f"b_1 that is symmetric with a_1, {at}",
+                f"profile_100psi.{k}.b1_as_printed",
+            )
+            found.append(beside("4.3", entry, b1, "1", key, misprint=True))
         for label, of in shapes().items():
             found += [
                 Row("4.3", f"{label}, {at}, w", float(of["w"][k]), "1"),

@@ -5,7 +5,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from beside_print import Chapter, Row, printed
+from beside_print import Chapter, Row, beside, printed
 from jaxtyping import Array, Float
 from specimen import PRESSURES, elastic_braid
 
@@ -33,7 +33,7 @@ chapter = Chapter(__name__)
 def area() -> list[Row]:
     of = printed()["specimen"]
     area = of["fibres_per_thread"] * np.pi * of["fibre_diameter_in"] ** 2 / 4
-    return [Row("5, thread", "area of the fibres", area, "in2", of["thread_area_in2"], 5e-8)]
+    return [beside("5, thread", "area of the fibres", area, "in2", "specimen.thread_area_in2")]
 
 
 # %% [markdown]
@@ -42,88 +42,88 @@ def area() -> list[Row]:
 # balance of forces gives the tension of a thread, (F + P pi R^2)/(n sin theta).
 
 # %%
-FROM_PRINT = {"B": 0.001, "theta": 0.03}
-"""Tolerance [in, deg] of what follows from the printed D: 0.0005 in of D, and the print's digit."""
+HIGH_PRESSURE = 80.0
+"""First pressure [psi] of the high-pressure line: which the work took is not printed."""
+
+DIGIT = 0.0005
+"""Half a unit of the last digit of the printed diameters [in]."""
+
+WHY = "the same of the printed diameters"
 
 
-def in_situ(high_pressure: float = 60.0) -> InSitu:
+def in_situ(change: float | np.ndarray = 0.0) -> InSitu:
     """The threads' state at the printed diameters and tested blocked forces, in SI.
 
     Args:
-        high_pressure: first pressure [psi] of the high-pressure line.
+        change: of the printed diameters [in].
     """
     of, table = printed()["specimen"], printed()["elastic_braid"]
     tested = printed()["tested"]
     force = dict(zip(tested["pressure_psi"], tested["blocked_force_lbf"], strict=True)) | {0: 0}
     return thread_in_situ(
-        np.array(table["D_in"]) * units.INCH,
+        (np.array(table["D_in"]) + change) * units.INCH,
         np.array([force[P] for P in table["pressure_psi"]]) * units.LBF,
         np.array(table["pressure_psi"]) * units.PSI,
         length=of["active_length_in"] * units.INCH,
         turns=of["turns_N"],
         n_threads=of["threads"],
         area=of["thread_area_in2"] * units.INCH**2,
-        high_pressure=high_pressure * units.PSI,
+        high_pressure=HIGH_PRESSURE * units.PSI,
     )
-
-
-def row_5_1(symbol: str, entry: str, computed: float, k: int, tolerance: dict[str, float]) -> Row:
-    unit = "deg" if symbol == "theta" else "in"
-    published = printed()["elastic_braid"][f"{symbol}_{unit}"][k]
-    return Row("5.1", entry, float(computed), unit, published, tolerance[symbol])
 
 
 @chapter.table("table 5.1: threads at the printed diameters")
 def from_diameters() -> list[Row]:
-    table, state = printed()["elastic_braid"], in_situ()
-    found = []
-    for k, P in enumerate(table["pressure_psi"]):
-        B, theta = state.thread_length[k] / units.INCH, float(np.rad2deg(state.braid_angle[k]))
-        found += [
-            row_5_1("B", f"B from the printed D, {P} psi", B, k, FROM_PRINT),
-            row_5_1("theta", f"theta from the printed D, {P} psi", theta, k, FROM_PRINT),
-        ]
-    tension = float(state.tension.max() / units.LBF)
-    strain = float(state.strain.max())
+    state, wider, found = in_situ(), in_situ(DIGIT), []
+    columns = (
+        ("B", "in", state.thread_length / units.INCH, wider.thread_length / units.INCH),
+        ("theta", "deg", np.rad2deg(state.braid_angle), np.rad2deg(wider.braid_angle)),
+    )
+    for k, P in enumerate(printed()["elastic_braid"]["pressure_psi"]):
+        for symbol, unit, of, changed in columns:
+            entry, key = (
+                f"{symbol} from the printed D, {P} psi",
+                f"elastic_braid.{symbol}_{unit}.{k}",
+            )
+            found.append(beside("5.1", entry, of[k], unit, key, abs(changed[k] - of[k]), WHY))
+    tension, strain = float(state.tension.max() / units.LBF), float(state.strain.max())
+    rest, stretched = state.thread_length.min(), state.thread_length.max()
+    # Of the diameters at either end of the strain.
+    spread = float(wider.thread_length.max() - stretched + wider.thread_length.min() - rest) / rest
     return [
         *found,
-        Row("5.1", "largest thread tension", tension, "lbf", table["max_thread_tension_lbf"], 0.05),
-        Row("5.1", "largest thread strain", strain, "1", table["max_thread_strain"], 1e-4),
-    ]
+        beside("5.1", "largest thread tension", tension, "lbf", "elastic_braid.max_thread_tension_lbf"),
+        beside("5.1", "largest thread strain", strain, "1", "elastic_braid.max_thread_strain",
+               spread, WHY),
+    ]  # fmt: skip
 
 
 # %% [markdown]
 # ## The modulus in situ
-# Tension over area against strain: the slope is the threads' modulus. The work printed two, through
-# all points and through those at high pressure, where the toe region is behind.
+# Tension over area against strain: the slope is the threads' modulus. The work printed two: through
+# all points, where the model B = B0 (1 + T/(A_b E_b)) asks for a line through the origin, and through
+# those at high pressure, where the toe region is behind.
+
 
 # %%
-HIGH_PRESSURE = {60.0: 0.065, 80.0: 0.14}
-"""First pressure [psi] of the high-pressure points, which is not printed, and the relative
-tolerance of their modulus: 0.0005 in of D at either end of the strain's range."""
-
-LINEAR = 0.025
-"""The same tolerance of the modulus through all points."""
-
-
 @chapter.table("section 5: moduli in situ")
 def moduli() -> list[Row]:
-    """Both readings of "linear", with an intercept and through the origin, stand side by side."""
-    of, state = printed()["specimen"], in_situ()
-    table, published = "5, thread", of["thread_modulus_in_situ_linear_psi"]
-    found = [
-        Row(table, entry, fit.modulus / units.PSI, "psi", published, LINEAR * published)
-        for entry, fit in (
-            ("in-situ modulus, line through all points of table 5.1", state.linear),
-            ("in-situ modulus, the same through the origin", state.proportional),
-        )
-    ]
-    published = of["thread_modulus_in_situ_high_pressure_psi"]
-    for threshold, share in HIGH_PRESSURE.items():
-        modulus = in_situ(threshold).high_pressure.modulus / units.PSI
-        entry = f"in-situ modulus, points of table 5.1 from {threshold:g} psi"
-        found.append(Row(table, entry, modulus, "psi", published, share * published))
-    return found
+    def both(change: float | np.ndarray = 0.0) -> np.ndarray:
+        state = in_situ(change)
+        return np.array([state.proportional.modulus, state.high_pressure.modulus]) / units.PSI
+
+    found = both()
+    each = np.eye(len(printed()["elastic_braid"]["D_in"])) * DIGIT
+    spread = sum(np.abs(both(change) - found) for change in each)
+    entries = (
+        ("in-situ modulus, line through the origin and all points of table 5.1", "linear"),
+        (f"in-situ modulus, points of table 5.1 from {HIGH_PRESSURE:g} psi", "high_pressure"),
+    )
+    return [
+        beside("5, thread", entry, modulus, "psi", f"specimen.thread_modulus_in_situ_{name}_psi",
+               float(size), WHY)
+        for (entry, name), modulus, size in zip(entries, found, spread, strict=True)
+    ]  # fmt: skip
 
 
 # %% [markdown]
@@ -132,9 +132,6 @@ def moduli() -> list[Row]:
 # tension, a root in B. It is held against the photographs' diameters.
 
 # %%
-MODEL = {"D": 0.004, "B": 0.005, "theta": 0.08}
-"""Tolerance [in, deg] of the model against photographs: one pixel, 0.004 in of D."""
-
 SWEPT = np.linspace(0, 100, 51)
 """Gauge pressures [psi] of the sweep; those of tables 5.1 and 5.2 are among them."""
 
@@ -162,19 +159,13 @@ def stretch(softness: float = 1.0) -> BraidStretch:
 
 @chapter.table("table 5.1: the elastic braid")
 def model() -> list[Row]:
-    """The model from B0 = 9.89 in, against the diameters that were photographed."""
-    table = printed()["elastic_braid"]["pressure_psi"]
-    state = stretch().elastic
-    columns = {
-        "D": state.diameter,
-        "B": state.thread_length,
-        "theta": np.rad2deg(state.braid_angle),
-    }
+    """The model against the diameters that were photographed."""
+    pixel = 1 / printed()["photogrammetry"]["scale_px_per_in"]
     return [
-        row_5_1(symbol, f"{symbol} of the model, {P} psi", column[_at(P)], k, MODEL)
-        for k, P in enumerate(table)
-        for symbol, column in columns.items()
-    ]
+        beside("5.1", f"D of the model, {P} psi", stretch().elastic.diameter[_at(P)], "in",
+               f"elastic_braid.D_in.{k}", pixel, "a pixel of the photographs")
+        for k, P in enumerate(printed()["elastic_braid"]["pressure_psi"])
+    ]  # fmt: skip
 
 
 # %% [markdown]

@@ -7,12 +7,16 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from beside_print import Chapter, Row, Table, printed
+from beside_print import Chapter, Row, Table, beside, printed
+from force_balance import balance, free_contraction, open_changes
+from jaxtyping import Float
 from open_question import FORMS, WORK, Trial, trials, truths
+from specimen import ENDS, NONE, PRESSURES, Change, muscles
 from twin import Twin
 
 import famjax
 from famjax import units
+from famjax.materials import PressurePolynomialMaterial
 from fitting import ForceData, sweep
 from fitting.sweeps import Sweep, SweepRow
 
@@ -39,14 +43,32 @@ class Isobars:
         mark: put before every entry: what these isobars are.
         data: the readings.
         geometry: that the fits are made with.
-        psi, lbf: in the units of both.
+        ends: blocked force and free contraction of each isobar where they are known apart from the
+            readings, as of a twin, whose records end before either; None takes them from the readings.
+        psi, lbf: in the units of all.
     """
 
     mark: str
     data: ForceData
     geometry: famjax.geometries.AbstractGeometry
+    ends: tuple[Float[np.ndarray, " pressures"], Float[np.ndarray, " pressures"]] | None = None
     psi: float = 1.0
     lbf: float = 1.0
+
+    def end_errors(self, fit: SweepRow) -> tuple[Float[np.ndarray, " pressures"], ...]:
+        """Blocked force [lbf] and free contraction [-] of a fit minus measured, by pressure."""
+        if self.ends is None:
+            blocked, free = fit.blocked_error_by_pressure, fit.free_contraction_error_by_pressure
+            return blocked / self.lbf, free
+        P = np.unique(self.data.pressures.level)
+        muscles = [
+            famjax.Muscle(self.geometry, famjax.PolynomialMaterial(jnp.asarray(E)))
+            for E in fit.coefficients
+        ]
+        pairs = list(zip(muscles, P, strict=True))
+        blocked = np.array([float(one.blocked_force(p)) for one, p in pairs])
+        free = np.array([float(one.free_contraction(p, throw=False)) for one, p in pairs])
+        return (blocked - self.ends[0]) / self.lbf, free - self.ends[1]
 
     def fits(self, dependence: str, order: int, *constraints: str) -> Sweep:
         """Fits by the work's objective, no deadband."""
@@ -72,31 +94,34 @@ class Isobars:
         }
 
 
+FIGURES = (
+    ("blocked_error_lbf", "blocked force error", "lbf"),
+    ("free_contraction_error", "free contraction error", "1"),
+    ("mae_lbf", "MAE", "lbf"),
+    ("rmse_lbf", "RMSE", "lbf"),
+)
+"""What is printed of a fit: its key in the reference file, its name and its unit."""
+
+
+def errors(of: Isobars, fit: SweepRow) -> dict[str, Float[np.ndarray, " pressures"]]:
+    """The figures of a fit by their keys, at each pressure."""
+    blocked, free = of.end_errors(fit)
+    found = (blocked, free, fit.mae_by_pressure / of.lbf, fit.rmse_by_pressure / of.lbf)
+    return {key: values for (key, _, _), values in zip(FIGURES, found, strict=True)}
+
+
 def averages(
     of: Isobars, table: str, label: str, fit: SweepRow, published: dict[str, Any]
 ) -> list[Row]:
-    """Mean absolute errors over pressures, where the work prints them."""
-    figures = (
-        ("blocked_error_lbf", "mean |blocked force error|", fit.blocked_error / of.lbf, "lbf"),
-        (
-            "free_contraction_error",
-            f"mean |free contraction error|{_where_free(fit)}",
-            fit.free_contraction_error,
-            "1",
-        ),
-        ("mae_lbf", "mean MAE", fit.mae / of.lbf, "lbf"),
-        ("rmse_lbf", "mean RMSE", fit.rmse / of.lbf, "lbf"),
-    )
-    return [
-        Row(table, f"{of.mark}, {label}, {name}", ours, unit, published[key])
-        for key, name, ours, unit in figures
-    ]
-
-
-def _where_free(fit: SweepRow) -> str:
-    """At how many pressures the fit's force falls to zero, where it is not all."""
-    known = np.isfinite(fit.free_contraction_error_by_pressure)
-    return "" if known.all() else f", at {known.sum()} of {known.size} pressures"
+    """Mean sizes of the errors over pressures, where the work prints them."""
+    found = []
+    for (key, name, unit), values in zip(FIGURES, errors(of, fit).values(), strict=True):
+        known = np.abs(values[np.isfinite(values)])
+        mean = float(known.mean()) if known.size else math.nan
+        where = "" if known.size == values.size else f", at {known.size} of {values.size} pressures"
+        entry = f"{of.mark}, {label}, mean |{name}|{where}"
+        found.append(Row(table, entry, mean, unit, published[key]))
+    return found
 
 
 # %% [markdown]
@@ -105,15 +130,21 @@ def _where_free(fit: SweepRow) -> str:
 
 # %%
 def constraints(of: Isobars) -> list[Row]:
-    """Table 7.2: fourth order, linear in pressure."""
+    """Tables 7.2 and 7.1: fourth order, linear in pressure, at all pressures and at 100 psi."""
     printed_rows = {
         "none" if entry["name"] == "free" else entry["name"]: entry
         for entry in printed()["constraint_result"]
     }
-    found = []
-    for fit in of.fits("linear", 4, *printed_rows).rows:
+    highest, found = printed()["constraint_result_100psi"], []
+    fits = of.fits("linear", 4, *printed_rows)
+    at_100 = round(fits.pressures[0][-1] / of.psi) == 100
+    for k, fit in enumerate(fits.rows):
         label = f"order 4, linear, {fit.constraint}"
         found += averages(of, "7.2", label, fit, printed_rows[fit.constraint])
+        for (key, name, unit), values in zip(FIGURES, errors(of, fit).values(), strict=True):
+            if at_100:
+                entry = f"{of.mark}, {label}, 100 psi, |{name}|"
+                found.append(Row("7.1", entry, abs(float(values[-1])), unit, highest[key][k]))
     return found
 
 
@@ -155,6 +186,54 @@ def third_order(of: Isobars) -> list[Row]:
 
 
 # %% [markdown]
+# Two of table 7.4's errors need no isobars: blocked force and free contraction of the printed laws,
+# against the tested ones of tables 6.11 and 6.12, at the five pressures of which those are printed.
+
+
+# %%
+def _end_errors(E: tuple[float, ...], change: Change) -> Float[np.ndarray, "2"]:
+    """Mean size of the errors of a law in the measured geometry [lbf, -]."""
+    tested, law = (
+        printed()["tested"],
+        PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E])),
+    )
+    muscle, P = famjax.Muscle(muscles(change)["measured"].geometry, law), np.array(PRESSURES)
+    blocked = balance(muscle, 0.0 * P, P)["total force"] - tested["blocked_force_lbf"]
+    free = free_contraction(muscle, P) - tested["free_contraction"]
+    return np.array([np.abs(blocked).mean(), np.abs(free).mean()])
+
+
+@chapter.table("table 7.4: ends of the isobars by the printed laws")
+def ends_of_laws() -> list[Row]:
+    of, found = printed()["fixed_third_order"], []
+    why = (
+        "what half a digit of B0 and of the tested figures, N as far as table 5.1 fixes it, and "
+        "0.005 in of the profiles (RMSE of three terms in table 4.2) change it by"
+    )
+    for law in ("experimental", "optimised"):
+        E = tuple(of[f"E_{law}_psi"])
+        first = _end_errors(E, NONE)
+        size = sum(np.abs(_end_errors(E, change) - first) for change in open_changes())
+        size = size + np.array([0.5, 0.0005])
+        for (key, name, unit), value, more in zip(FIGURES[:2], first, size, strict=True):
+            entry = f"{law} law as printed, mean |{name}|"
+            at = f"fixed_third_order.{key}.{law}"
+            found.append(beside("7.4", entry, value, unit, at, float(more), why))
+    return found
+
+
+@chapter.table("table 7.6: totals of its columns")
+def totals() -> list[Row]:
+    of = printed()["best_fit"]
+    return [
+        beside("7.6", f"mean of the printed {name.upper()} over pressures",
+               float(np.mean(of[f"{name}_lbf"])), "lbf", f"best_fit.total_{name}_lbf", 0.005,
+               "the same of the column", misprint=name == "mae")
+        for name in ("rmse", "mae")
+    ]  # fmt: skip
+
+
+# %% [markdown]
 # ## Table 7.6: the work's choice, third order, linear in pressure, Drucker-stable
 # Table 7.5, which should hold its coefficients, repeats the rows of table 7.3.
 
@@ -165,20 +244,14 @@ def best_fit(of: Isobars) -> list[Row]:
     table, fits = printed()["best_fit"], of.fits("linear", 3, "drucker")
     (fit,) = fits.rows
     label = f"{of.mark}, order 3, linear, drucker"
-    figures = (
-        ("blocked_error_lbf", "blocked force error", fit.blocked_error_by_pressure / of.lbf, "lbf"),
-        ("free_contraction_error", "free contraction error",
-         fit.free_contraction_error_by_pressure, "1"),
-        ("rmse_lbf", "RMSE", fit.rmse_by_pressure / of.lbf, "lbf"),
-        ("mae_lbf", "MAE", fit.mae_by_pressure / of.lbf, "lbf"),
-    )  # fmt: skip
     found = []
-    for key, name, ours, unit in figures:
+    for (key, name, unit), ours in zip(FIGURES, errors(of, fit).values(), strict=True):
         at = dict(zip((fits.pressures[0] / of.psi).round(), ours, strict=True))
-        for P, theirs in zip(table["pressure_psi"], table[key], strict=True):
-            if P not in at:
-                continue
-            found.append(Row("7.6", f"{label}, {P} psi, {name}", float(at[P]), unit, theirs))
+        found += [
+            Row("7.6", f"{label}, {P} psi, {name}", float(at[P]), unit, theirs)
+            for P, theirs in zip(table["pressure_psi"], table[key], strict=True)
+            if P in at
+        ]
     for name, ours in (("mae", fit.mae), ("rmse", fit.rmse)):
         entry = f"{label}, mean {name.upper()}"
         found.append(Row("7.6", entry, ours / of.lbf, "lbf", table[f"total_{name}_lbf"]))
@@ -206,7 +279,11 @@ def tables(of: Isobars) -> tuple[Table, ...]:
 # %%
 if chapter.shown:
     twin = Twin.of_command_line()
-    isobars = Isobars("TWIN", twin.data, twin.geometries()["measured"], units.PSI, units.LBF)
+    true, P = twin.muscle.muscle(), np.unique(twin.data.pressures.level)
+    ends = [np.asarray(true.blocked_force(P)), np.asarray(true.free_contraction(P, throw=False))]
+    isobars = Isobars(
+        "TWIN", twin.data, twin.geometries()["measured"], (ends[0], ends[1]), units.PSI, units.LBF
+    )
     for title, compute in tables(isobars):
         chapter.show(title, compute())
 

@@ -4,7 +4,7 @@ They are in inch and psi, as printed, or in the units of which `inch` and `psi` 
 """
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -34,15 +34,38 @@ def bladder(inch: float = 1.0) -> Bladder:
     )
 
 
-def inelastic_braid(inch: float = 1.0) -> Braid:
-    """The specimen's braid, its threads not stretching."""
+class Change(NamedTuple):
+    """What the print leaves open of the specimen, added to it; inch, and turns.
+
+    Attributes:
+        thread_length: of B0.
+        turns: of N.
+        diameter: of every photographed profile.
+    """
+
+    thread_length: Real = 0.0
+    turns: Real = 0.0
+    diameter: Real = 0.0
+
+
+NONE = Change()
+
+
+def inelastic_braid(inch: float = 1.0, change: Change = NONE) -> Braid:
+    """The specimen's braid, its threads not stretching, of the thread length that chapter 6 used."""
     of = printed()["specimen"]
-    return Braid(of["thread_length_B_in"] * inch, of["turns_N"], of["braid_thickness_in"] * inch)
+    return Braid(
+        (of["thread_length_B_used_in_chapter_6_in"] + change.thread_length) * inch,
+        of["turns_N"] + change.turns,
+        of["braid_thickness_in"] * inch,
+    )
 
 
-def elastic_braid(softness: Real = 1.0, *, inch: float = 1.0, psi: float = 1.0) -> ElasticBraid:
+def elastic_braid(
+    softness: Real = 1.0, *, inch: float = 1.0, psi: float = 1.0, change: Change = NONE
+) -> ElasticBraid:
     """The specimen's braid with the modulus found in situ, 11.6e6 psi over `softness`."""
-    of, braid = printed()["specimen"], inelastic_braid(inch)
+    of, braid = printed()["specimen"], inelastic_braid(inch, change)
     modulus = of["thread_modulus_in_situ_linear_psi"] * psi / softness
     thread = LinearThread(modulus, of["thread_area_in2"] * inch**2)
     return ElasticBraid(
@@ -76,20 +99,20 @@ def profile(row: dict[str, Any]) -> FourierProfile:
     return FourierProfile(row["a"][0], a, b, w).symmetrised()
 
 
-def measured_family(inch: float = 1.0, psi: float = 1.0) -> MeasuredFamily:
+def measured_family(inch: float = 1.0, psi: float = 1.0, change: Change = NONE) -> MeasuredFamily:
     """Table 4.3, corrected and symmetrised, scaled in pressure by the elastic braid."""
     rest = printed()["specimen"]["active_length_in"] * inch
     rows = printed()["profile_100psi"]
     return MeasuredFamily(
         jnp.array([rest * (1 - row["contraction"]) for row in rows]),
-        [_scaled(profile(row), inch) for row in rows],
+        [_scaled(profile(row), inch, change.diameter) for row in rows],
         100.0 * psi,
-        elastic_braid(inch=inch, psi=psi),
+        elastic_braid(inch=inch, psi=psi, change=change),
     )
 
 
-def _scaled(one: FourierProfile, inch: float) -> FourierProfile:
-    return FourierProfile(one.a0 * inch, one.a * inch, one.b * inch, one.w)
+def _scaled(one: FourierProfile, inch: float, wider: Real) -> FourierProfile:
+    return FourierProfile((one.a0 + wider) * inch, one.a * inch, one.b * inch, one.w)
 
 
 def latex() -> PressurePolynomialMaterial:
@@ -105,30 +128,41 @@ GEOMETRIES = ("estimated inelastic", "estimated elastic", "measured average diam
 """Names of the four geometries, in the order of the design."""
 
 
-def four_geometries(inch: float = 1.0, psi: float = 1.0) -> tuple[AbstractGeometry, ...]:
+def four_geometries(
+    inch: float = 1.0, psi: float = 1.0, change: Change = NONE
+) -> tuple[AbstractGeometry, ...]:
     """The geometries of the specimen, in the order of their names."""
-    family, tube = measured_family(inch, psi), bladder(inch)
+    family, tube = measured_family(inch, psi, change), bladder(inch)
     return (
-        EstimatedGeometry(inelastic_braid(inch), tube),
-        EstimatedGeometry(elastic_braid(inch=inch, psi=psi), tube),
+        EstimatedGeometry(inelastic_braid(inch, change), tube),
+        EstimatedGeometry(elastic_braid(inch=inch, psi=psi, change=change), tube),
         AverageDiameterGeometry(family, tube),
         MeasuredGeometry(family, tube),
     )
 
 
 @quick_jit
-def _build() -> tuple[tuple[AbstractGeometry, ...], PressurePolynomialMaterial]:
+def _build(change: Change) -> tuple[tuple[AbstractGeometry, ...], PressurePolynomialMaterial]:
     """The geometries and the latex, in one program; alone each of their sums would be one."""
-    return four_geometries(), latex()
+    return four_geometries(change=change), latex()
 
 
 @functools.cache
-def muscles() -> dict[str, Muscle]:
+def muscles(change: Change = NONE) -> dict[str, Muscle]:
     """The four geometries of the specimen with the latex, by name."""
-    shapes, law = _build()
+    shapes, law = _build(Change(*map(np.asarray, map(float, change))))
     return {name: Muscle(shape, law) for name, shape in zip(GEOMETRIES, shapes, strict=True)}
 
 
 def geometries() -> dict[str, AbstractGeometry]:
     """The four geometries of the specimen, by name."""
     return {name: muscle.geometry for name, muscle in muscles().items()}
+
+
+def open_turns() -> float:
+    """How far N may be from 1.09 by table 5.1, where pi N D = B cos(theta), with its rounding."""
+    table, used = printed()["elastic_braid"], printed()["specimen"]["turns_N"]
+    D, B, theta = np.array(table["D_in"]), np.array(table["B_in"]), np.deg2rad(table["theta_deg"])
+    N = B * np.cos(theta) / (np.pi * D)
+    half = N * (0.0005 / D + 0.0005 / B + np.deg2rad(0.005) * np.tan(theta))
+    return float(max(used - (N - half).max(), (N + half).min() - used))

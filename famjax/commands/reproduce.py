@@ -20,7 +20,7 @@ def reproduce(
     Parameters
     ----------
     output
-        Folder for the page with tables and figures, made if need be.
+        Folder for the page with tables and figures, created if missing.
     json_
         Print the rows as one JSON list to standard output and nothing else there; chapter 7's fits
         of a synthetic reconstruction, which have no verdict, are on the page without this option.
@@ -45,13 +45,21 @@ def reproduce(
     if json_:
         print(json.dumps(rows, allow_nan=False))
         return 0
-    compared = [row for row in rows if row["within"] is not None]
-    out = [row for row in compared if not row["within"]]
-    if out:
-        print_rows("Out of tolerance", out)
+    of = {
+        verdict: [row for row in rows if row["verdict"] == verdict]
+        for verdict in ("within", "outside", "misprint", "not published")
+    }
+    for title, verdict in (
+        ("Out of tolerance", "outside"),
+        ("Misprints of the reference work", "misprint"),
+    ):
+        if of[verdict]:
+            print_rows(title, of[verdict])
+    compared = len(of["within"]) + len(of["outside"])
     print(
-        f"{len(compared) - len(out)} of {len(compared)} printed figures within tolerance; "
-        f"{len(rows) - len(compared)} more computed that have no printed figure here"
+        f"{len(of['within'])} of {compared} printed figures within tolerance, beside "
+        f"{len(of['misprint'])} that the work misprints; {len(of['not published'])} more computed "
+        "that have no printed figure here"
     )
     print(f"written: {output / benchmark.PAGE}")
     return 0

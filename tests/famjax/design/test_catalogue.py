@@ -73,7 +73,8 @@ def test_bundled_bladders_and_tubes_are_those_offered():
     assert walls == [0.035, 0.049, 0.058, 0.065]
     assert all(tube.outer_diameter == pytest.approx(INCH) for tube in catalogue.tubes)
     for tube in catalogue.tubes:
-        assert tube.modulus is tube.yield_stress is tube.free_length is None  # not printed
+        assert tube.modulus is tube.yield_stress is None  # not printed
+        assert tube.free_length == pytest.approx(3.1 * INCH)
         assert tube.supported_length == pytest.approx(1.85 * INCH)
 
 
