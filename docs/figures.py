@@ -153,7 +153,7 @@ def bands() -> tuple[Figure, Curves]:
     chosen = fitting.choose(data)
     evidence = fitting.evidence.Evidence(error=chosen.error)
     with tempfile.TemporaryDirectory() as folder:
-        fitting.write_fit(chosen.members[0], Path(folder), evidence=evidence, choice=chosen)
+        fitting.write_fit(chosen.chosen, Path(folder), evidence=evidence, choice=chosen)
         fit = fitting.load_fit(Path(folder) / "fit.json")
     level = data.pressure[np.abs(data.pressure - PRESSURE).argmin()]
     lengths = np.linspace(0.205, 0.303, 99)
@@ -166,7 +166,8 @@ def bands() -> tuple[Figure, Curves]:
     left.plot(1e3 * lengths, middle, color="C0", label="prediction")
     seen = data.loaded & (data.pressure == level)
     left.plot(1e3 * data.length[seen], data.force[seen], "k.", label="readings")
-    right.plot(1e3 * lengths, (high - low) / 2, color="C0")
+    half = fitting.prediction.model_forces(fit, lengths, np.full(lengths.size, level)).half
+    right.plot(1e3 * lengths, half, color="C0")
     for axes in (left, right):
         axes.set(xlabel="length, mm")
         for edge in (data.length.min(), data.length.max()):

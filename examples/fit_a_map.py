@@ -23,8 +23,8 @@ specimen = {
 }  # fmt: skip
 data = fitting.read_csv("map.csv", specimen)
 chosen = fitting.choose(data)  # as `famjax fit map.csv` does
-best = chosen.members[0]
-print(f"chosen: {chosen.names[0]}, RMSE {best.errors.rmse:.2f} N")
+best = chosen.chosen
+print(f"chosen: {chosen.name}, RMSE {best.errors.rmse:.2f} N")
 print(f"stable: {best.certificate.stability_margin > 0}")
 
 # %%

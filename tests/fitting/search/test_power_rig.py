@@ -113,5 +113,5 @@ def test_a_rig_is_chosen_where_there_is_one(
     rig: tuple[float, float | None] | None, *, power: bool
 ) -> None:
     choice = choose(readings(rig, noise=0.5))
-    assert ("as a power of the force" in choice.names[0]) is power
-    assert choice.rmse < 0.8
+    assert ("compliant rig" in choice.name) is power
+    assert choice.chosen.errors.rmse < 0.8
