@@ -108,7 +108,9 @@ def analyse(
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
     if alignment is None:
         alignment = (
-            _by_load(time, force, log, near, _clock_error(journal), pushing_positive=pushing_positive)
+            _by_load(
+                time, force, log, near, _clock_error(journal), pushing_positive=pushing_positive
+            )
             if sync_column is None
             else _by_pulses(time, columns["sync"][known][rising], log, sync_column)
         )
@@ -182,7 +184,7 @@ def _by_load(
 
 
 def _clock_error(journal: Record) -> float:
-    """The largest error [s] of the journal's clock in any boot; one of less than 30 s has none that is known."""
+    """The largest error [s] of the journal's clock in any boot of 30 s or more."""
     errors = [clock.error for clock in clocks(journal).values()]
     return max((error for error in errors if math.isfinite(error)), default=0.0)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import check_mapping
 from ..data.force_data import ForceData, check_maps
 from ..families.laws import Law, LawGiven, law_named
 from ..families.parameters import Parameter
@@ -113,6 +114,8 @@ def ladder(
         (the candidates, in the order of the ladder; one sentence for each kind of family left out).
     """
     check_maps(data)
+    check_mapping("bounds", bounds, "from names to (low, high) in SI")
+    check_mapping("parameters", parameters, "from names to fitting.Parameter")
     said = _Said(dict(bounds or {}), dict(parameters or {}))
     loaded = data.loaded
     lengths = np.unique(data.lengths.level[loaded]).size
