@@ -24,7 +24,7 @@ def is_number(value: object) -> bool:
     return array.ndim == 0 and array.dtype.kind in "iuf"
 
 
-def check_whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
+def check_whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int:
     """A whole number, as Python's.
 
     Args:
@@ -39,8 +39,9 @@ def check_whole(name: str, value: Any, least: int = 0, most: float = math.inf) -
     >>> check_whole("starts", 16, 1)
     16
     """
-    if not is_number(value) or not least <= value <= most or value != int(value):
-        to = f"{least} to {most}" if math.isfinite(most) else f">= {least}"
+    highest = math.inf if most is None else most
+    if not (is_number(value) and math.isfinite(value) and least <= value <= highest) or value % 1:
+        to = f">= {least}" if most is None else f"{least} to {most}"
         raise InputError(f"{name} must be a whole number {to}, got {shown(value)}")
     return int(value)
 

@@ -376,7 +376,8 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
             f"the specimen's {key} is {value!r}, not a number{comma_hint(value)}"
         ) from None
     value_in_si = to_si(number, unit, "force" if name == "force_limit" else "length")
-    check_plausible(f"the specimen's {name}", value_in_si, QUANTITIES[name], unit)
+    # What is not positive the specimen itself refuses.
+    check_plausible(f"the specimen's {name}", max(value_in_si, 0.0), QUANTITIES[name], unit)
     return name, value_in_si
 
 
