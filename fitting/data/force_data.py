@@ -138,9 +138,9 @@ class ForceData:
                 continue
             values = check_numbers(name, values)
             object.__setattr__(self, name, values)
-            if values.ndim != 1 or values.shape != self.force.shape or not values.size:
+            if values.ndim != 1 or values.shape != self.force.shape:
                 raise InputError(
-                    f"all columns must be one-dimensional, equally long and not empty; force has shape "
+                    f"all columns must be one-dimensional and equally long; force has shape "
                     f"{self.force.shape}, {name} has shape {values.shape}"
                 )
             bad = np.flatnonzero(~np.isfinite(values))
