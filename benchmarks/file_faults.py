@@ -107,6 +107,16 @@ def _specimen(key: str, size: float) -> Change:
     return change
 
 
+def _relabelled(key: str, name: str) -> Change:
+    def change(sheet: Sheet, random: np.random.Generator) -> None:
+        del random
+        sheet.specimen = {
+            name if one == key else one: value for one, value in sheet.specimen.items()
+        }
+
+    return change
+
+
 def _absolute(sheet: Sheet, random: np.random.Generator) -> None:
     del random
     sheet.columns["pressure_kPa"] = sheet.columns["pressure_kPa"] + _ATMOSPHERE
@@ -227,15 +237,23 @@ FAULTS: tuple[Fault, ...] = (
     Fault("kgf labelled N", "units", r"in kgf, not N", _scaled("force_N", 1 / _KGF)),
     Fault("lbf labelled N", "units", r"in lbf, not N", _scaled("force_N", 1 / _LBF)),
     Fault("kN labelled N", "units", r"in kN, not N", _scaled("force_N", 1e-3)),
-    Fault("N labelled kN", "units", r"in N, not kN", _renamed("force_N", "force_kN")),
+    Fault("N labelled kN", "units", r"(in|like) N, not kN", _renamed("force_N", "force_kN")),
     Fault("N labelled lbf", "units", r"in N, not lbf", _renamed("force_N", "force_lbf")),
     Fault("N labelled kgf", "units", r"in N, not kgf", _renamed("force_N", "force_kgf")),
     Fault("psi labelled kPa", "units", r"in psi, not kPa", _scaled("pressure_kPa", 1 / _PSI)),
     Fault("bar labelled kPa", "units", r"in bar, not kPa", _scaled("pressure_kPa", 1e-2)),
-    Fault("Pa labelled kPa", "units", r"in Pa, not kPa", _scaled("pressure_kPa", 1e3)),
+    Fault("Pa labelled kPa", "units", r"(in|like) Pa, not kPa", _scaled("pressure_kPa", 1e3)),
     Fault("bar labelled MPa", "units", r"in bar, not MPa",
           _renamed("pressure_kPa", "pressure_MPa", 1e-2)),
     Fault("kPa labelled psi", "units", r"in kPa, not psi", _renamed("pressure_kPa", "pressure_psi")),
+    Fault("mm labelled cm", "units", r"like mm, not cm", _renamed("length_mm", "length_cm")),
+    Fault("mm labelled m", "units", r"like mm, not m", _renamed("length_mm", "length_m")),
+    Fault("rest length in mm labelled m", "units", r"like mm, not m",
+          _relabelled("rest_length_mm", "rest_length_m")),
+    Fault("bore in mm labelled m", "units", r"like mm, not m",
+          _relabelled("nominal_diameter_mm", "nominal_diameter_m"), _has("nominal_diameter_mm")),
+    Fault("wall in mm labelled m", "units", r"like mm, not m",
+          _relabelled("wall_thickness_mm", "wall_thickness_m"), _has("wall_thickness_mm")),
     Fault("length in cm labelled mm", "units", r"lengths were in cm, not mm", _scaled("length_mm", 0.1)),
     Fault("length in inches labelled mm", "units", r"inch", _scaled("length_mm", 1 / 25.4)),
     Fault("rest length in cm labelled mm", "units", r"rest length was in cm, not mm",

@@ -21,7 +21,7 @@ from rig.errors import RigError
 from rig.journal import Record
 from rig.protocol import TICK_HZ
 
-from .journals import table
+from .journals import clocks, table
 
 _APART = 3.0  # times, by which two records of one test do not differ in duration
 _STRETCH = 0.05  # of the rest length, by which a muscle may be stretched
@@ -108,7 +108,9 @@ def analyse(
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
     if alignment is None:
         alignment = (
-            _by_load(time, force, log, near, pushing_positive=pushing_positive)
+            _by_load(
+                time, force, log, near, _clock_error(journal), pushing_positive=pushing_positive
+            )
             if sync_column is None
             else _by_pulses(time, columns["sync"][known][rising], log, sync_column)
         )
@@ -144,6 +146,7 @@ def _by_load(
     force: np.ndarray,
     log: MachineLog,
     near: tuple[float, float] | None,
+    time_error: float,
     *,
     pushing_positive: bool,
 ) -> Alignment:
@@ -151,7 +154,7 @@ def _by_load(
     sign = -1.0 if pushing_positive else 1.0
     load = sign * log.channel("force")
     try:
-        return align_by_load(time, force, log.time, load, near=near)
+        return align_by_load(time, force, log.time, load, near=near, time_error=time_error)
     except InputError as error:
         others = {"the force with the opposite sign": -load, "the displacement": log.displacement,
                   "the displacement with the opposite sign": -log.displacement}  # fmt: skip
@@ -178,6 +181,12 @@ def _by_load(
         much = f". The journal covers {ours:.4g} s and the log {theirs:.4g} s: check the unit of its time"
         apart = max(ours, theirs) > _APART * min(ours, theirs)
         raise InputError(f"{log.source}: {error}{much if apart else ''}") from None
+
+
+def _clock_error(journal: Record) -> float:
+    """The largest error [s] of the journal's clock in any boot of 30 s or more."""
+    errors = [clock.error for clock in clocks(journal).values()]
+    return max((error for error in errors if math.isfinite(error)), default=0.0)
 
 
 def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads:

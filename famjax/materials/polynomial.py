@@ -56,6 +56,15 @@ class PolynomialMaterial(AbstractMaterial):
     depends_on_pressure: ClassVar[bool] = False
     law_name: ClassVar[str] = "polynomial"
 
+    def __check_init__(self) -> None:
+        """Refuse coefficients that are not one row."""
+        shape = np.shape(self.coefficients)
+        if len(shape) != 1 or not shape[0]:
+            raise ValueError(
+                f"the coefficients E_1, E_2, ... must be one row of shape (order,), got shape {shape}: for "
+                "many laws at once make each within jax.vmap"
+            )
+
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "PolynomialMaterial":
         """The law of this order, by default the cubic one."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import check_mapping
 from ..data.force_data import ForceData, check_maps
 from ..families.laws import Law, LawGiven, law_named
 from ..families.parameters import Parameter
@@ -93,6 +94,8 @@ def ladder(
         (the candidates, in the order of the ladder; one sentence for each kind of family left out).
     """
     check_maps(data)
+    check_mapping("bounds", bounds, "from names to (low, high) in SI")
+    check_mapping("parameters", parameters, "from names to fitting.Parameter")
     bounds, parameters = dict(bounds or {}), dict(parameters or {})
     said = {*bounds, *parameters}
     loaded = data.loaded

@@ -63,5 +63,12 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
         for one in choice.tried
     ]  # fmt: skip
     title = f"Families tried, RMSE in {unit}; the held-out error is the geometric mean of the columns out"
-    header = ("family", "unknowns", "in sample", *(_HEADER[kind] for kind in kinds), "held-out error", "")
+    header = (
+        "family",
+        "unknowns",
+        "in sample",
+        *(_HEADER[kind] for kind in kinds),
+        "held-out error",
+        "",
+    )
     return title, header, rows

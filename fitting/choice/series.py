@@ -20,7 +20,8 @@ from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor, Store
 
-from ..data.force_data import ForceData
+from ..arguments import check_mapping
+from ..data.force_data import ForceData, several_maps
 from ..evidence.leave_out import leave_out_each
 from ..evidence.left_out import LeftOut
 from ..evidence.pull import pull
@@ -28,6 +29,7 @@ from ..evidence.refit import force_error
 from ..evidence.spread import muscle_spread
 from ..families.laws import LawGiven
 from ..families.parameters import Parameter
+from ..search.checks import check_starts
 from ..search.identification import solve
 from ..search.own_parts import fingerprint
 from ..search.posing import Geometry, Posed, pose_together
@@ -185,6 +187,9 @@ def identify_series(
         laws = (laws,)
     if isinstance(geometry, str):
         geometry = class_named(geometry, famjax.geometries.AbstractGeometry, "geometry")
+    data = several_maps(data)
+    check_starts(starts)
+    check_mapping("parameters", parameters, "from names to fitting.Parameter")
     _check(data, laws, geometry)
     own = {k: v for k, v in (("geometry", geometry), ("terms", terms)) if v is not None}
     alike = [_counting_alike(one, data) for one in data]

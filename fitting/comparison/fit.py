@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 import famjax
 from famjax.boundary.errors import InputError
 
+from ..arguments import check_whole
 from ..data.force_data import ForceData
 from ..engine.descent import End, descend_many
 from ..engine.problem import Part, Point, Problem
@@ -116,8 +117,7 @@ def _checked(name: str | PeerFamily, data: ForceData, starts: int) -> tuple[Peer
             "fits need float64, and JAX computes in float32 by default. Put this line before any "
             'other use of JAX: jax.config.update("jax_enable_x64", True)'
         )
-    if starts < 1:
-        raise InputError(f"at least one start is needed, got {starts}")
+    check_whole("starts", starts, 1)
     known = {} if isinstance(name, PeerFamily) else peer_families(data)
     if isinstance(name, str) and name not in known:
         raise InputError(f"unknown peer {name!r}; known for this map: {', '.join(known)}")

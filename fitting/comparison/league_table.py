@@ -14,6 +14,7 @@ from famjax.boundary.class_path import class_path
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, can_travel, run_tasks
 
+from ..arguments import check_names, check_whole
 from ..data.force_data import ForceData, check_maps
 from ..data.frames import data_frame, html_table
 from .cross_validation import (
@@ -138,10 +139,9 @@ def compare(
     """
     check_maps(data)
     check_seed(seed)
-    if starts < 1:
-        raise InputError(f"at least one start is needed, got {starts}")
+    check_whole("starts", starts, 1)
     known = comparable_models(data)
-    chosen = list(known if models is None else models)
+    chosen = known if models is None else check_names("models", models)
     unknown = [name for name in chosen if name not in known]
     if unknown:
         raise InputError(f"unknown model {unknown[0]!r}; known for this map are {', '.join(known)}")

@@ -8,7 +8,8 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import factor, unit_system
 
-from .force_data import ForceData
+from ..arguments import check_path
+from .force_data import ForceData, check_maps
 
 _WRITTEN_AS = {"wall_thickness": "wall_thickness", "bladder_diameter": "embedded"}
 """Field of a specimen that an assumption has filled in, by what was not said."""
@@ -69,7 +70,8 @@ def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
     Raises:
         InputError: an unknown unit system, or a file that cannot be written.
     """
-    path, text = Path(path), csv_text(data, system)
+    check_maps(data)
+    path, text = check_path("path", path), csv_text(data, system)
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

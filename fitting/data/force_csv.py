@@ -10,7 +10,7 @@ import csv
 import dataclasses
 import importlib.resources
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -22,9 +22,11 @@ from famjax.boundary.near import meant
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import UNITS, to_si
 
+from ..arguments import check_mapping, check_numbers, shown
+from ..plausible import QUANTITIES, check_plausible
 from .decimal_sign import comma_hint, with_points
 from .force_data import NOT_NEGATIVE, ForceData, Specimen
-from .header import columns_of, quoted
+from .header import Column, columns_of, quoted
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
 """Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""
@@ -95,10 +97,11 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     >>> data.force.size, int(data.loaded.sum()), data.max_force
     (126, 60, 1653.5)
     """
-    known = bundled_map_name(name)
+    known = bundled_map_name(name) if isinstance(name, str) else None
     if known is None:
         raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
     text = (importlib.resources.files("fitting") / "data" / f"{known.lower()}.csv").read_text()
+    check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
     return _parse(text.splitlines(), source=f"bundled map {known}", specimen=specimen or {})
 
 
@@ -121,17 +124,31 @@ def read_csv(path: str | Path | Stream, specimen: Mapping[str, Any] | None = Non
     Raises:
         InputError: what is wrong with the file, with the number of the row.
     """
+    check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
     if isinstance(path, str | Path):
         path = Path(path)
         if not path.exists():
             raise InputError(f"no such file: {path}")
         lines, source, where = csv_lines(path), path.name, str(path)
+    elif not callable(getattr(path, "read", None)):
+        remedy = (
+            ": fitting.ForceData.from_pandas(frame) takes a table of pandas"
+            if hasattr(path, "columns") else ""
+        )  # fmt: skip
+        raise InputError(
+            f"a force map is read from a path or an open text file, got {shown(path)}{remedy}"
+        )
     else:
         where = source = getattr(path, "name", "a stream").strip("<>")
         try:
-            lines = path.read().removeprefix("\ufeff").splitlines()
+            text = path.read()
         except UnicodeDecodeError:
             raise InputError(f"{where} is not UTF-8 text; save it as CSV, UTF-8") from None
+        if not isinstance(text, str):
+            raise InputError(
+                f"{where} must be open as text, not as bytes: open(path, encoding='utf-8')"
+            )
+        lines = text.removeprefix("\ufeff").splitlines()
     try:
         return _parse(lines, source=source, specimen=specimen or {})
     except InputError as error:
@@ -168,7 +185,55 @@ def _parse(lines: list[str], source: str, specimen: Mapping[str, Any]) -> ForceD
             values[name].append(column.factor * _number(cell, number, name))
             _check_range(name, values[name][-1], cell, number)
     known.update({key: value for key, value in specimen.items() if value is not None})
-    arrays: dict[str, Any] = {name: np.array(column) for name, column in values.items()}
+    arrays = {name: np.array(column) for name, column in values.items()}
+    return _described(columns, arrays, known, source, tolerances)
+
+
+def map_of_columns(
+    header: Sequence[str],
+    values: Sequence[Any],
+    specimen: Specimen | Mapping[str, Any],
+    source: str,
+) -> ForceData:
+    """The force map of columns whose names have their unit, as in a file.
+
+    Args:
+        header: names of the columns.
+        values: numbers of each, shape (n,), in the unit of its name.
+        specimen: the muscle, or fields of it in SI.
+        source: where the columns come from.
+
+    Raises:
+        InputError: what is wrong with a column.
+    """
+    columns = columns_of(header)
+    arrays = {
+        column.quantity: column.factor * check_numbers(f"column {name}", numbers)
+        for name, column, numbers in zip(header, columns, values, strict=True)
+    }
+    if not isinstance(specimen, Specimen):
+        check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
+        return _described(columns, arrays, dict(specimen), source, {})
+    _lengths_of_contractions(arrays, {"rest_length": specimen.rest_length})
+    units = {column.quantity: column.unit for column in columns}
+    return ForceData(**arrays, specimen=specimen, source=source, units=units)
+
+
+def _described(
+    columns: Sequence[Column],
+    arrays: dict[str, Any],
+    known: dict[str, Any],
+    source: str,
+    tolerances: Mapping[str, Any],
+) -> ForceData:
+    """The map of columns in SI, and of what is known of the muscle."""
+    fields = {field.name for field in dataclasses.fields(Specimen)} | {"force_limit"}
+    if unknown := sorted(set(known) - fields):
+        raise InputError(
+            f"unknown entry of the specimen {unknown[0]!r}; known are {', '.join(sorted(fields))}"
+        )
+    if not arrays["force"].size:
+        raise InputError("there are no readings")
     _lengths_of_contractions(arrays, known)
     limit = known.pop("force_limit", None)
     muscle = describe({"name": Path(source).stem, **known}, float(arrays["length"].max()))
@@ -310,7 +375,10 @@ def specimen_field(key: str, value: str) -> tuple[str, Any]:
         raise InputError(
             f"the specimen's {key} is {value!r}, not a number{comma_hint(value)}"
         ) from None
-    return name, to_si(number, unit, "force" if name == "force_limit" else "length")
+    value_in_si = to_si(number, unit, "force" if name == "force_limit" else "length")
+    # What is not positive the specimen itself refuses.
+    check_plausible(f"the specimen's {name}", max(value_in_si, 0.0), QUANTITIES[name], unit)
+    return name, value_in_si
 
 
 def _assumed(fields: Mapping[str, Any]) -> tuple[str, ...]:

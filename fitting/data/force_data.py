@@ -3,9 +3,10 @@
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,6 +14,8 @@ from jaxtyping import Bool, Float
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import factor, unit_system
 
+from ..arguments import check_mapping, check_numbers, is_number, shown
+from ..plausible import QUANTITIES, check_plausible
 from .frames import data_frame, data_set, html_table
 from .levels import Levels, groups_of_levels, levels_of
 
@@ -57,11 +60,19 @@ class Specimen:
             "nominal_diameter": self.nominal_diameter,
             "bladder_diameter": self.bladder_diameter,
         }
-        for name, size in sizes.items():
-            if size is not None and not (np.isfinite(size) and size > 0):
-                raise InputError(f"{name} must be a positive length, got {size} m")
-        if not (np.isfinite(self.braid_thickness) and self.braid_thickness >= 0):
-            raise InputError(f"braid_thickness must be >= 0, got {self.braid_thickness} m")
+        for name, size in {**sizes, "braid_thickness": self.braid_thickness}.items():
+            if size is None and name not in {"rest_length", "wall_thickness"}:
+                continue
+            must = "a length >= 0" if name == "braid_thickness" else "a positive length"
+            if not (is_number(size) and 0 <= size < math.inf and (size > 0 or "0" in must)):
+                raise InputError(f"{name} must be {must} in m, got {size!r}")
+            check_plausible(name, size, QUANTITIES[name])
+        if not isinstance(self.name, str):
+            raise InputError(f"the specimen's name must be a text, got {shown(self.name)}")
+        if not isinstance(self.embedded, bool | np.bool_):
+            raise InputError(
+                f"the specimen's embedded must be True or False, got {shown(self.embedded)}"
+            )
         widest = (
             self.bladder_diameter or (self.nominal_diameter or np.inf) + 2 * self.wall_thickness
         )
@@ -120,16 +131,17 @@ class ForceData:
     force_limit: float | None = None
 
     def __post_init__(self) -> None:
+        self._check_arguments()
         for name in COLUMNS:
             values = getattr(self, name)
-            if values is None:
+            if values is None and name.endswith("_std"):
                 continue
-            values = np.asarray(values, float)
+            values = check_numbers(name, values)
             object.__setattr__(self, name, values)
-            if values.ndim != 1 or values.shape != np.shape(self.force):
+            if values.ndim != 1 or values.shape != self.force.shape:
                 raise InputError(
                     f"all columns must be one-dimensional and equally long; force has shape "
-                    f"{np.shape(self.force)}, {name} has shape {values.shape}"
+                    f"{self.force.shape}, {name} has shape {values.shape}"
                 )
             bad = np.flatnonzero(~np.isfinite(values))
             if bad.size:
@@ -148,8 +160,6 @@ class ForceData:
                         f"{name}{gauge} must be {must}; reading {first + 1} has "
                         f"{values[first]:.6g} in SI units"
                     )
-        if self.force_limit is not None and not 0 < self.force_limit < np.inf:
-            raise InputError(f"force_limit must be a force > 0, got {self.force_limit} N")
         if self.saturated.any() and not self.loaded.any():
             raise InputError(
                 f"every reading that pulls is at the limit of the load cell, {self.force_limit:.6g} N, "
@@ -166,6 +176,9 @@ class ForceData:
                 f"{self.force.max():.4g} N only. A muscle pulls with positive force: check the sign "
                 "of the force column"
             )
+        for name in ("force", "pressure", "length"):
+            largest = float(getattr(self, name).max())
+            check_plausible(f"the largest {name}", largest, name, self.units.get(name, ""))
         self._check_copies()
 
     def __repr__(self) -> str:
@@ -186,6 +199,35 @@ class ForceData:
         return data_frame(
             dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
         )
+
+    @classmethod
+    def from_pandas(
+        cls, frame: "pandas.DataFrame", specimen: "Specimen | Mapping[str, Any] | None" = None
+    ) -> "ForceData":
+        """The force map in a table of pandas, the unit in the name of each column as in a CSV file.
+
+        Args:
+            frame: with columns such as `force_N`, `pressure_kPa` and `length_mm`; a column `loaded`, as
+                `to_pandas` writes, is left out.
+            specimen: the muscle, or fields of it in SI. What is not said is assumed, as by `read_csv`.
+
+        Raises:
+            InputError: what is wrong with the columns, as `read_csv` says it.
+
+        >>> import pandas
+        >>> frame = pandas.DataFrame(
+        ...     {"force_N": [300.0, 120.0], "pressure_bar": [3.0, 3.0], "length_mm": [250.0, 230.0]}
+        ... )
+        >>> ForceData.from_pandas(frame, {"nominal_diameter": 10e-3}).pressure
+        array([300000., 300000.])
+        """
+        from .force_csv import map_of_columns  # noqa: PLC0415 -- which makes maps itself
+
+        if not callable(getattr(frame, "to_numpy", None)) or not hasattr(frame, "columns"):
+            raise InputError(f"frame must be a pandas.DataFrame, got {shown(frame)}")
+        names = [name for name in frame.columns if name != "loaded"]
+        values = [frame[name].to_numpy() for name in names]
+        return map_of_columns([str(name) for name in names], values, specimen or {}, "data frame")
 
     def to_xarray(self) -> "xarray.Dataset":
         """The readings in SI along `reading`, units and specimen as attributes.
@@ -222,6 +264,22 @@ class ForceData:
         columns = self.columns()
         rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
         return html_table(repr(self), list(columns), rows)
+
+    def _check_arguments(self) -> None:
+        """What is no column must be of its kind."""
+        if not isinstance(self.specimen, Specimen):
+            raise InputError(
+                f"specimen must be a fitting.Specimen, got {shown(self.specimen)}: it has the name, the "
+                "rest length and the wall of the muscle"
+            )
+        check_mapping("units", self.units, "from columns to units")
+        for name in ("pressure_tolerance", "length_tolerance"):
+            tolerance = getattr(self, name)
+            if tolerance is not None and not is_number(tolerance):
+                raise InputError(f"{name} must be a number in SI, got {shown(tolerance)}")
+        limit = self.force_limit
+        if limit is not None and not (is_number(limit) and 0 < limit < math.inf):
+            raise InputError(f"force_limit must be a force > 0 in N, got {limit!r}")
 
     def _check_copies(self) -> None:
         """No loaded reading may be there twice: a copy would count twice and understate the error."""
@@ -334,11 +392,27 @@ def check_maps(*data: object) -> None:
     """
     for one in data:
         if not isinstance(one, ForceData):
-            shown = repr(one) if isinstance(one, str | Path) else f"a {type(one).__name__}"
             raise InputError(
-                f"a force map must be a fitting.ForceData, got {shown}: fitting.read_csv(path) reads a "
-                "file, fitting.load_bundled(name) a bundled map"
+                f"a force map must be a fitting.ForceData, got {shown(one)}: fitting.read_csv(path) "
+                "reads a file, fitting.load_bundled(name) a bundled map"
             )
+
+
+def several_maps(data: object) -> tuple[ForceData, ...]:
+    """Force maps in a sequence.
+
+    Raises:
+        InputError: it is one map, or holds something else.
+    """
+    if isinstance(data, ForceData):
+        raise InputError(
+            "several force maps must be given in a list, got a single one: fitting.identify takes one"
+        )
+    if isinstance(data, str | Path) or not isinstance(data, Iterable):
+        check_maps(data)
+    maps: tuple[Any, ...] = tuple(cast("Iterable[Any]", data))
+    check_maps(*maps)
+    return maps
 
 
 COLUMNS = {

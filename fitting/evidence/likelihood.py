@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
-from ..search.result import Estimate, Identification
+from ..arguments import check_names, check_whole
+from ..search.result import Estimate, Identification, check_identified
 from .refit import refit
 
 Class = Literal["identified", "one-sided", "flat", "stopped by a bound", "stopped by a constraint"]
@@ -70,13 +71,15 @@ def profile(
     Raises:
         InputError: an unknown or held parameter, or coefficients that depend on pressure.
     """
+    check_identified(result)
+    check_whole("points", points, 1)
     free = {e.name: e for e in result.estimates if not e.fixed}
     problem = result.problem
     if len(problem.linear) > result.order:  # one law of several cannot be held by itself
         free = {name: e for name, e in free.items() if name in problem.names}
     if isinstance(names, str):
         names = (names,)
-    chosen = list(free) if names is None else list(names)
+    chosen = list(free) if names is None else list(check_names("names", names))
     unknown = [name for name in chosen if name not in free]
     if unknown:
         raise InputError(f"no identified parameter {unknown[0]!r}; there are {', '.join(free)}")

@@ -12,8 +12,9 @@ from jaxtyping import Bool, Float, Int
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store
 
+from ..arguments import check_whole
 from ..engine.problem import Problem
-from ..search.result import Identification
+from ..search.result import Identification, check_identified
 from ..trace import run_fits
 from .refit import force_error, refit
 from .validation import check_nothing_own
@@ -101,8 +102,8 @@ def bootstrap(
     """
     if resample not in RESAMPLES:
         raise InputError(f"resample is one of {', '.join(RESAMPLES)}, got {resample!r}")
-    if replicates < 2:
-        raise InputError(f"a bootstrap needs two replicates or more, got {replicates}")
+    check_identified(result)
+    check_whole("replicates", replicates, 2)
     if resample == "specimen":
         check_nothing_own(result)
     draws = _Residuals.of(result) if resample == "residual" else _Groups.of(result, resample)

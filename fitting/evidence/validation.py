@@ -11,9 +11,10 @@ from jaxtyping import Float, Int
 from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
 
+from ..arguments import check_whole
 from ..engine.problem import Problem
 from ..search.multi_start import latin_hypercube
-from ..search.result import Identification
+from ..search.result import Identification, check_identified
 from ..trace import run_fits
 from .leave_out import group_of_each
 from .left_out import LeftOut
@@ -63,8 +64,8 @@ def validate(
         InputError: fewer than two groups, an unknown kind of group, free coefficients that cannot
             predict a pressure, or the executor is gone.
     """
-    if starts < 1:
-        raise InputError(f"at least one start is needed for each group, got {starts}")
+    check_identified(result)
+    check_whole("starts", starts, 1)
     problem, group = result.problem, singles(result, groups)
     cube = latin_hypercube(len(problem.free), starts, result.seed + 1)
     cube[0] = result.end.u

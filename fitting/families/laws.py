@@ -12,6 +12,7 @@ import famjax
 from famjax.boundary.class_path import class_named, class_path
 from famjax.boundary.errors import InputError
 
+from ..arguments import check_whole
 from .parameters import Entry
 
 _MAX_ORDER = 8
@@ -127,6 +128,4 @@ def checked_order(order: int | None) -> int:
     """
     if order is None:
         return 3
-    if order != int(order) or not 1 <= order <= _MAX_ORDER:
-        raise InputError(f"the order of the law lies between 1 and {_MAX_ORDER}, got {order}")
-    return int(order)
+    return check_whole("the order of the law", order, 1, _MAX_ORDER)

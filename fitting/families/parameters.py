@@ -9,7 +9,9 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS, to_si
 
+from ..arguments import check_pair, is_number, shown
 from ..data.force_data import Specimen
+from ..plausible import check_bounds, check_prior
 
 GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure")
 """The nonlinear parameters of every fit, in the order in which every array starts."""
@@ -145,9 +147,18 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
         InputError: a missing or unknown unit, bounds or a value that contradict one another, or a
             prior without spread.
     """
-    if given.prior is not None and np.shape(given.prior) != (2,):
-        raise InputError(f"the prior of {name} is (mean, standard deviation), got {given.prior!r}")
-    numbers = (given.value, given.min, given.max, *(given.prior or ()))
+    if not isinstance(given, Parameter):
+        raise InputError(
+            f"what is said of {name} must be a fitting.Parameter, got {shown(given)}: "
+            "bounds={...} takes intervals"
+        )
+    told = given.prior
+    if told is not None:
+        told = check_pair(f"the prior of {name}", told, "is (mean, standard deviation)")
+    numbers = (given.value, given.min, given.max, *(told or ()))
+    for number in (given.value, given.min, given.max):
+        if number is not None and not is_number(number):
+            raise InputError(f"value, min and max of {name} must be numbers, got {shown(number)}")
     if given.value is not None and not np.isfinite(given.value):
         raise InputError(f"the value at which {name} is held must be a number, got {given.value}")
     if standard.kind != "number" and not given.unit and any(n is not None for n in numbers):
@@ -165,6 +176,7 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
             raise InputError(f"{name} with vary=False must have the value at which it is held")
         if (given.min, given.max, given.prior) != (None, None, None):
             raise InputError(f"{name} is held at its value: it has no bounds and no prior")
+        check_bounds(name, standard.kind, [si(given.value)], given.unit)
         return Entry(si(given.value), si(given.value), standard.kind)
     if given.value is not None:
         raise InputError(
@@ -172,12 +184,15 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
             "its own starts within the bounds"
         )
     prior = None
-    if given.prior is not None:
-        prior = (si(given.prior[0]), si(given.prior[1]))
+    if told is not None:
+        prior = (si(told[0]), si(told[1]))
         if not (math.isfinite(prior[0]) and math.isfinite(prior[1]) and prior[1] > 0):
             raise InputError(
                 f"the prior of {name} is a mean and a standard deviation > 0, got {given.prior}"
             )
+        check_prior(name, standard.kind, prior, given.unit)
+    ends = [si(end) for end in (given.min, given.max) if end is not None]
+    check_bounds(name, standard.kind, ends, given.unit)
     low = standard.min if given.min is None else si(given.min)
     high = standard.max if given.max is None else si(given.max)
     return bounded(name, low, high, dataclasses.replace(standard, prior=prior))
@@ -187,12 +202,17 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
     """The entry with these bounds [SI].
 
     Raises:
-        InputError: the bounds contradict each other.
+        InputError: the bounds contradict each other, or hold a parameter that has a prior.
     """
     if math.isnan(low) or math.isnan(high) or low > high:
         raise InputError(
             f"bounds of {name}: the lower one, {low:.6g}, must not exceed the upper one, "
             f"{high:.6g} (SI)"
+        )
+    if low == high and entry.prior is not None:
+        raise InputError(
+            f"{name} is held at {low:.6g} (SI) by its bounds, where a prior says nothing: give its "
+            "prior or the value at which it is held, not both"
         )
     return dataclasses.replace(entry, min=float(low), max=float(high))
 
@@ -232,12 +252,12 @@ def complete_table(
         if name in parameters:
             entry = entry_in_si(name, parameters[name], entry)
         if name in bounds:
-            if np.shape(bounds[name]) != (2,):
-                raise InputError(f"bounds of {name} are (low, high), got {bounds[name]!r}")
+            ends = check_pair(f"bounds of {name}", bounds[name], "are (low, high)")
+            check_bounds(name, entry.kind, ends)
             given = parameters.get(name, Parameter())
             if (given.value, given.min, given.max) != (None, None, None):
                 raise InputError(f"{name}: give its bounds once, as bounds or in parameters")
-            entry = bounded(name, *bounds[name], entry)
+            entry = bounded(name, *ends, entry)
         changed[name] = entry
     extras = {name: changed[name] for name in optional if name in changed and name not in table}
     table = {**table, **extras, **law}

@@ -8,8 +8,9 @@ import numpy as np
 
 from famjax.boundary.errors import InputError, check_seed
 
+from ..arguments import check_whole
 from ..families.parameters import base_name
-from ..search.result import Identification
+from ..search.result import Identification, check_identified
 from .density import Layout
 from .nuts import Drawn, drawn, load_blackjax, tuned_chains
 from .result import Posterior
@@ -66,12 +67,12 @@ def sample(
     References:
         Golub & Pereyra 1973; Tobin 1958; Hoffman & Gelman 2014; Vehtari et al. 2021.
     """
+    check_identified(result)
     load_blackjax()
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError("sampling needs float64, as the identification did")
     for what, count, least in (("draws", draws, 4), ("warmup", warmup, 20), ("chains", chains, 1)):
-        if count < least:
-            raise InputError(f"{what} must be at least {least}, got {count}")
+        check_whole(what, count, least)
     if not result.converged:
         raise InputError(
             "the fit did not converge, so that there is no optimum to sample around: see its notes"

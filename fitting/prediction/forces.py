@@ -13,6 +13,7 @@ import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none
 
+from ..arguments import check_numbers, shown
 from ..evidence.disagreement import disagreement
 from ..evidence.pull import Pull, pull
 from ..saved.saved_fit import SavedFit
@@ -72,6 +73,12 @@ def predict(
     Raises:
         InputError: lengths or pressures that no muscle has.
     """
+    if not isinstance(fit, SavedFit):
+        raise InputError(f"a saved fit is needed, from fitting.load_fit(path), got {shown(fit)}")
+    length, pressure = (
+        np.atleast_1d(check_numbers(name, given))
+        for name, given in (("length", length), ("pressure", pressure))
+    )
     _check(length, pressure, onset, length_std)
     if rest_length is not None:
         _check_cut(fit.muscle, rest_length)

@@ -68,12 +68,13 @@ def align_by_load(
     log_force: np.ndarray,
     *,
     near: tuple[float, float] | None = None,
+    time_error: float = 0.0,
 ) -> Alignment:
     """The alignment under which the two load channels agree, gain and zero of either being free.
 
     Least squares of F_journal(t) - a F_log(t) - b over offset, rate, a and b. The standard errors
-    hold for residuals that are correlated within a twentieth of the record. Neglected: a delay of
-    either channel, which is an error of the offset.
+    hold for residuals that are correlated within a twentieth of the record, and that as much where the
+    load changes as elsewhere. Neglected: a delay of either channel, which is an error of the offset.
 
     Args:
         journal_time: [s], rising, shape (n,).
@@ -81,6 +82,8 @@ def align_by_load(
         log_time: of the machine's clock [s], rising, shape (m,).
         log_force: [N], shape (m,), of the journal's sign.
         near: offset [s] and how far it may be off [s], where it is known roughly.
+        time_error: standard deviation [s] of the journal's times, such as `ClockMap.error`; it is one
+            error within 10 s and another beyond.
 
     Returns:
         The alignment.
@@ -102,7 +105,7 @@ def align_by_load(
             f"the clocks would differ by {start[1] * 1e6:.0f} ppm, more than {MAX_RATE * 1e6:.0f}: "
             "are journal and log of the same test?"
         )
-    found = refine(*journal, *log, *start)
+    found = refine(*journal, *log, *start, time_error)
     return Alignment(**found, method="load")
 
 

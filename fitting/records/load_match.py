@@ -1,6 +1,7 @@
 """Where two recordings of one load coincide in time: correlation first, then least squares."""
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ _COARSE, _FINE = 0.5, 0.05  # s, grids of the correlations
 _LEAST_AGREEMENT = 0.9  # correlation below which two loads are not of the same test
 _LEAST_OVERLAP = 0.5  # of the shorter record
 _WINDOWS, _REACH = 10, 30.0  # windows of the local lags, and how far each may lie from the best [s]
-_BLOCKS = 20  # within which residuals may be correlated
+_CORRELATED = 0.05  # of the readings: the longest lag at which residuals may be correlated
+_WINDOW = 10.0  # s, within which the journal's clock has one error: that of `fit_clock`
+_CUBIC = 3 / 128  # of a fourth difference: the error of a cubic half-way between two of four rows
 _STEPS = 30  # of Gauss-Newton, at most
-_SETTLED = 5e-3  # of the log's interval: a smaller step of the offset is the last
+_SETTLED = 1e-4  # of the log's interval: a smaller step of the offset is the last
 _BRIDGE = 5  # usual intervals over which a recording is interpolated; a longer gap is left out
 
 
@@ -94,20 +97,28 @@ def refine(
     offset: float,
     rate: float,
     reference: float,
+    time_error: float = 0.0,
 ) -> dict[str, Any]:
     """Offset, rate and their errors by Gauss-Newton on F_j - a F_m - b; see `Alignment`.
 
-    Between two rows the log is taken as straight. A reading counts the less the more the log bends
-    there: a slow log knows a fast change of pressure badly, and its strokes well.
+    Between two rows the log is a cubic through them with the slopes of central differences: a
+    straight line lies on one side of every bend, and most of what fixes the offset is in the few
+    rows of a change of pressure. A reading counts the less the more the cubic may be wrong there: a
+    slow log knows a fast change badly, and its strokes well.
 
     Raises:
         InputError: the records hardly overlap, or the steps do not end.
     """
-    slope, interval = np.gradient(_smooth(fm), tm), float(np.median(np.diff(tm)))
-    bend = np.abs(np.convolve(np.pad(fm, 1, mode="edge"), [1, -2, 1], mode="valid")) / 8
+    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 -- 0.2 s
+
+    interval = float(np.median(np.diff(tm)))
+    log = CubicHermiteSpline(tm, fm, np.gradient(fm, tm))
+    slope = np.gradient(_smooth(fm), tm)
+    fourth = np.convolve(np.pad(fm, 2, mode="edge"), [1, -4, 6, -4, 1], mode="valid")
+    wrong = _CUBIC * np.abs(fourth)
     step = np.zeros(4)
     for _ in range(_STEPS):
-        left, J = _linearised(tj, fj, tm, fm, slope, bend, offset, rate, reference)
+        at, left, J = _linearised(tj, fj, tm, log, slope, wrong, offset, rate, reference)
         scale = np.sqrt((J**2).sum(axis=0))
         if scale[0] == 0:
             raise InputError("the load does not change: it cannot align two clocks")
@@ -120,10 +131,10 @@ def refine(
             f"the alignment by load does not settle: after {_STEPS} steps it still moves by "
             f"{abs(step[0]):.2g} s. Do both channels record the same load?"
         )
-    blocks = np.array_split(np.arange(left.size), _BLOCKS)
-    scores = np.array([(J[k] / scale).T @ left[k] for k in blocks])
     inverse = np.linalg.pinv((J / scale).T @ (J / scale))
-    covariance = inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
+    scores = _covariance_of_scores(left, J / scale)
+    scores += time_error**2 * _scores_of_time(at, J, scale)
+    covariance = inverse @ scores @ inverse / np.outer(scale, scale)
     return {
         "offset": offset,
         "rate": rate,
@@ -135,18 +146,50 @@ def refine(
     }
 
 
+def _covariance_of_scores(left: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Covariance of J^T e for errors e as correlated as the residuals are, shape (4, 4).
+
+    S = sum over lags k of w_k g_k sum over i of J_i J_{i+k}^T, g the autocovariance of all residuals
+    and w a triangle to zero at `_CORRELATED` of the record. What fixes the offset are a few changes
+    of pressure, to which the fit bends: their own residuals are smaller than the errors there, and
+    the covariance of a sandwich, J^T e e^T J of each part of the record, is too small.
+
+    References:
+        Newey & West 1987, Econometrica 55: the weights of the lags.
+    """
+    n = left.size
+    lags = max(1, round(_CORRELATED * n))
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(left, size)) ** 2
+    weight = np.fft.irfft(spectrum, size)[:lags] / n * (1 - np.arange(lags) / lags)
+    kernel = np.zeros(size)
+    kernel[:lags], kernel[size - lags + 1 :] = weight, weight[:0:-1]
+    filtered = np.fft.irfft(
+        np.fft.rfft(kernel)[:, None] * np.fft.rfft(J, size, axis=0), size, axis=0
+    )
+    return np.asarray(J.T @ filtered[:n])
+
+
+def _scores_of_time(at: np.ndarray, J: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Covariance of J^T e where times have an error of 1 s, one within `_WINDOW` and another beyond."""
+    edges = np.flatnonzero(np.diff(at // _WINDOW)) + 1
+    # A later time has the effect of a larger offset, which is the first column.
+    each = np.add.reduceat(J / scale * J[:, :1], np.concatenate([[0], edges]))
+    return np.asarray(each.T @ each)
+
+
 def _linearised(
     tj: np.ndarray,
     fj: np.ndarray,
     tm: np.ndarray,
-    fm: np.ndarray,
+    log: Callable[[np.ndarray], np.ndarray],
     slope: np.ndarray,
-    bend: np.ndarray,
+    wrong: np.ndarray,
     offset: float,
     rate: float,
     reference: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted residuals of the best gain and zero, and derivatives by offset, rate, gain, zero."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, weighted residuals of the best gain and zero, their derivatives by offset, rate and both."""
     at = (tj - offset + rate * reference) / (1 + rate)  # the log's time of the journal's readings
     right = np.clip(np.searchsorted(tm, at), 1, tm.size - 1)
     bridged = tm[right] - tm[right - 1] <= _BRIDGE * np.median(np.diff(tm))
@@ -154,15 +197,15 @@ def _linearised(
     if use.sum() < 50:
         raise InputError("journal and log hardly overlap in time: no alignment by load")
     at, y = at[use], fj[use]
-    x, v = np.interp(at, tm, fm), np.interp(at, tm, slope)
-    astray = np.maximum(bend[right[use]], bend[right[use] - 1])
+    x, v = log(at), np.interp(at, tm, slope)
+    astray = np.maximum(wrong[right[use]], wrong[right[use] - 1])
     gain, zero = np.polyfit(x, y, 1)
     scatter = 1.5 * float(np.median(np.abs(y - gain * x - zero))) + 1e-9 * float(np.ptp(y))
     weight = 1 / np.hypot(1.0, gain * astray / scatter)
     gain, zero = np.polyfit(x, y, 1, w=weight)
     left = y - gain * x - zero
     J = np.column_stack([-gain * v, -gain * v * (at - reference), x, np.ones_like(x)])
-    return weight * left, weight[:, None] * J
+    return at, weight * left, weight[:, None] * J
 
 
 def _sampled(

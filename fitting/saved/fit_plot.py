@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 import famjax
 from famjax.boundary.units import factor, unit_system
 
-from ..search.result import Identification
+from ..search.result import Identification, check_identified
 from ..trace.in_numpy import in_numpy
 
 _COLOURS = mpl.colormaps["viridis"]
@@ -32,6 +32,7 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     Returns:
         A figure, not shown; save it with `savefig`.
     """
+    check_identified(result)
     figure = Figure(figsize=(11, 6.2))
     FigureCanvasAgg(figure)
     # Places are given: a layout engine draws the figure once more before each drawing.
@@ -87,6 +88,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     Returns:
         The axes.
     """
+    check_identified(result)
     axes, shade = _axes(axes), _shade(result, system)
     data, force_unit = result.data, factor(unit_system(system)["force"], "force")
     pressure_unit = factor(unit_system(system)["pressure"], "pressure")
@@ -135,6 +137,7 @@ def plot_residuals(
     result: Identification, axes: Axes | None = None, system: str = "metric"
 ) -> Axes:
     """Model less reading against contraction, a colour for each pressure; arguments of `plot_isobars`."""
+    check_identified(result)
     axes, shade = _axes(axes), _shade(result, system)
     data, force_unit = result.data, factor(unit_system(system)["force"], "force")
     loaded, unit = data.loaded, unit_system(system)["force"]
@@ -158,6 +161,7 @@ def plot_residuals(
 
 def plot_law(result: Identification, axes: Axes | None = None, system: str = "metric") -> Axes:
     """Stress of the bladder against its strain, dashed where it falls; arguments of `plot_isobars`."""
+    check_identified(result)
     axes = _axes(axes)
     unit = unit_system(system)["stress"]
     strain = np.linspace(0, _BEYOND * result.strain_range, 400)

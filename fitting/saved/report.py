@@ -12,12 +12,13 @@ from famjax.boundary.origin import Origin
 from famjax.boundary.sentence import Quantity, in_units
 from famjax.boundary.units import from_si, unit_system
 
+from ..arguments import check_path
 from ..choice.choose import Choice
 from ..choice.report import choice_table
 from ..evidence.gathered import Evidence, Table, evidence_tables, evidence_warnings
 from ..evidence.left_out import columns_of
 from ..posterior.plot import plot_posterior
-from ..search.result import Estimate, Identification
+from ..search.result import Estimate, Identification, check_identified
 from ..verdict.judgement import Judgement, judge
 from .fit_file import fit_as_dict, versions
 from .fit_plot import plot_fit
@@ -225,6 +226,8 @@ def write_fit(
     Raises:
         InputError: the folder cannot be written.
     """
+    check_identified(result)
+    folder = check_path("folder", folder)
     verdict = {"choice": choice, "judgement": judge(result) if judgement is None else judgement}
     content = json.dumps(
         fit_as_dict(result, evidence, origin, **verdict), indent=1, allow_nan=False
@@ -237,4 +240,4 @@ def write_fit(
     }
     if evidence is not None and evidence.posterior is not None:
         files["posterior.png"] = as_png(plot_posterior(evidence.posterior, system))
-    return write_all(Path(folder), files)
+    return write_all(folder, files)

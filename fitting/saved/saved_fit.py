@@ -14,6 +14,7 @@ from famjax.boundary.errors import InputError
 from famjax.cards import muscle_from_dict, slip_from_dict
 from famjax.terms import CentredSlip
 
+from ..arguments import check_path
 from ..evidence.model_error import ModelError
 
 SCHEMA = "famjax-fit/1"
@@ -71,8 +72,9 @@ def load_fit(path: str | Path) -> SavedFit:
         InputError: no such file, not a fit of this program, of a schema it does not know, or one
             that lacks what predictions are made of.
     """
+    path = check_path("a saved fit", path)
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:

@@ -8,6 +8,7 @@ import numpy as np
 import famjax
 from famjax.boundary.errors import InputError
 
+from ..arguments import check_whole, is_number
 from ..convex.status import Status
 from ..data.force_data import ForceData
 from ..data.likely import likely_length_fault
@@ -23,8 +24,7 @@ _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the s
 
 def check_starts(starts: int) -> None:
     """There must be one start at least."""
-    if starts < 1:
-        raise InputError(f"at least one start is needed, got {starts}")
+    check_whole("starts", starts, 1)
 
 
 def check_options(
@@ -144,8 +144,8 @@ def check_censored(table: Mapping[str, Entry]) -> None:
 def check_priors(data: ForceData, table: Mapping[str, Entry], noise: float | None) -> None:
     """A prior is weighed against the noise of the force, which must be known then."""
     named = [name for name, entry in table.items() if entry.prior is not None]
-    if noise is not None and not (math.isfinite(noise) and noise > 0):
-        raise InputError(f"the noise of a reading must be > 0, got {noise} N")
+    if noise is not None and not (is_number(noise) and 0 < noise < math.inf):
+        raise InputError(f"the noise of a reading must be a force > 0 in N, got {noise!r}")
     if noise is not None and data.force_std is not None:
         raise InputError(
             "the readings have standard deviations of their own (force_std): leave noise out"

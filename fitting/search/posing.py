@@ -11,7 +11,8 @@ import famjax
 from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 
-from ..data.force_data import ForceData, check_maps
+from ..arguments import check_mapping, check_names
+from ..data.force_data import ForceData, check_maps, several_maps
 from ..engine.problem import Problem
 from ..engine.response import Constraint, PressureDependence
 from ..families.geometry_source import (
@@ -92,6 +93,8 @@ def pose_one(
         RuntimeError: float64 is off.
     """
     check_maps(data)
+    check_mapping("bounds", bounds, "from names to (low, high) in SI")
+    check_mapping("parameters", parameters, "from names to fitting.Parameter")
     given, chosen = dict(bounds or {}), law_named(law, order)
     named = {**given, **(parameters or {})}
     source = source_of(data, geometry, tuple(named))
@@ -126,10 +129,12 @@ def pose_together(
         InputError: the data cannot support the fit, with the reason.
         RuntimeError: float64 is off.
     """
-    check_maps(*data)
+    data = several_maps(data)
     names = [one.specimen.name for one in data]
     if len(set(names)) < len(names) or not names:
         raise InputError(f"specimens identified together need different names, got {names}")
+    own = check_names("own", own)
+    check_mapping("parameters", parameters, "from names to fitting.Parameter")
     chosen = law_named(law, order)
     if isinstance(geometry, famjax.geometries.AbstractGeometry | AbstractGeometrySource):
         raise InputError(
@@ -164,7 +169,10 @@ def pose_together(
 
 def _further(terms: famjax.terms.AbstractForceTerm | None) -> famjax.terms.SumOfTerms | None:
     """Terms besides those that every muscle has."""
-    return None if terms is None else famjax.terms.SumOfTerms((terms,))
+    try:
+        return None if terms is None else famjax.terms.SumOfTerms((terms,))
+    except ValueError as error:
+        raise InputError(f"terms: {error}") from None
 
 
 def _table(

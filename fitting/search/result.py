@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.errors import InputError
 from famjax.boundary.units import si_unit
 
+from ..arguments import shown
 from ..data.force_data import ForceData
 from ..data.frames import data_frame, data_set, html_table
 from ..engine.descent import End
@@ -360,3 +362,16 @@ def force_at_readings(data: ForceData, part: Part, point: Point) -> Float[np.nda
         for at, offset in zip(np.unique(level[data.loaded]), offsets, strict=True):
             length[level == at] += offset
     return part.predict(searched, point.x[part.coefficients], length, data.pressure)
+
+
+def check_identified(result: object) -> None:
+    """Refuse what is no result of `identify`, such as a force map or a saved fit.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(result, Identification):
+        raise InputError(
+            f"the result of fitting.identify is needed, got {shown(result)}: a force map is identified "
+            "first, and a choice has it as its attribute chosen"
+        )

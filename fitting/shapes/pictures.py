@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import shown
 from ..errors import InputError
 
 _SCALE_STDERR = "scale_relative_stderr"
@@ -95,6 +96,11 @@ class Pictures:
             return table
         if isinstance(table, str | Path):
             return read_pictures(table)
+        if not isinstance(getattr(table, "columns", None), Mapping):
+            raise InputError(
+                "the pictures must be a measurements.nc, by its path, or the table of a campaign, got "
+                f"{shown(table)}"
+            )
         columns = {name: np.asarray(values, float) for name, values in table.columns.items()}
         scale = float(table.provenance.get(_SCALE_STDERR, 0.0))
         return _pictures(

@@ -14,8 +14,9 @@ import famjax
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 
+from ..arguments import check_numbers, check_whole, shown
 from ..convex.status import Status
-from ..data.force_data import ForceData, check_maps
+from ..data.force_data import ForceData, several_maps
 from ..search.own_parts import fingerprint
 from .design import Design
 from .fits import solve
@@ -91,12 +92,11 @@ def sweep(
             "a sweep needs float64, and JAX computes in float32 by default. Put this line before "
             'any other use of JAX: jax.config.update("jax_enable_x64", True)'
         )
-    maps = (data,) if isinstance(data, ForceData | str | Path) else tuple(data)
-    check_maps(*maps)
+    maps = (data,) if isinstance(data, ForceData) else several_maps(data)
     geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
     if not maps:
         raise InputError("a sweep needs a force map, got none")
-    dead = np.asarray(deadband, float)
+    dead = check_numbers("deadband", deadband)
     if not ((dead >= 0) & np.isfinite(dead)).all():
         raise InputError(f"the deadband is a gauge pressure [Pa], zero or above; got {deadband}")
     deadbands = _one_each(float(dead) if dead.ndim == 0 else dead, float, len(maps), "deadband")
@@ -301,6 +301,8 @@ def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:
         raise InputError(
             f"the {name} of a sweep is known: give one, with its numbers, got the class {given.__name__}"
         )
+    if not isinstance(given, kind) and not isinstance(given, Iterable):
+        raise InputError(f"the {name} of a sweep must be a {kind.__name__}, got {shown(given)}")
     each = (given,) * count if isinstance(given, kind) else tuple(given)
     if len(each) != count:
         raise InputError(
@@ -317,8 +319,7 @@ def check_options(objective: str, bootstrap: int, seed: int) -> None:
     """
     check_seed(seed)
     named("objective", [objective], OBJECTIVES)
-    if bootstrap < 0:
-        raise InputError(f"the number of replicates cannot be negative, got {bootstrap}")
+    check_whole("bootstrap, the number of replicates,", bootstrap)
     if bootstrap and objective != "sum_of_squares":
         raise InputError(
             f"bootstrap replicates need the objective sum_of_squares, got {objective}: leave "

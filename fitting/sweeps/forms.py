@@ -1,10 +1,11 @@
 """The forms of the law that a sweep goes through, and those of them that were chosen."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from famjax.boundary.errors import InputError
 
+from ..arguments import check_names, check_whole, shown
 from ..engine.response import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
@@ -35,15 +36,17 @@ class Forms:
         Raises:
             InputError: a name or an order is not known, or there is none.
         """
-        degrees = tuple(sorted(set(orders)))
-        if not degrees or degrees[0] < 1 or degrees[-1] > _HIGHEST_ORDER:
+        if isinstance(orders, str) or not isinstance(orders, Iterable) or not tuple(orders):
             raise InputError(
-                f"orders of the law lie between 1 and {_HIGHEST_ORDER}, got {list(orders)}"
+                f"orders must be whole numbers from 1 to {_HIGHEST_ORDER} in a list, as [1, 2], got "
+                f"{shown(orders)}"
             )
+        each = {check_whole("each of the orders", order, 1, _HIGHEST_ORDER) for order in orders}
+        degrees = tuple(sorted(each))
         return cls(
             degrees,
-            named("dependences", dependences, DEPENDENCES),
-            named("constraints", constraints, CONSTRAINTS),
+            named("dependences", check_names("dependences", dependences), DEPENDENCES),
+            named("constraints", check_names("constraints", constraints), CONSTRAINTS),
         )
 
     @property

@@ -35,7 +35,7 @@ class SimulatedRig:
         force_sensor: `load_cell()` unless given.
         baud: of the line, one of `BAUD_RATES`.
         to_device: line from the host; at this baud rate, with no faults, unless given.
-        to_host: line from the device, which itself keeps to its baud rate; no faults unless given.
+        to_host: line from the device; at this baud rate, with no faults, unless given.
         clock_rate: by which the device's clock gains on true time [-]; -0.002 is usual for an Uno.
         seed: of the sensors' noise.
 
@@ -82,7 +82,7 @@ class SimulatedRig:
         self.pressure_sensor = pressure_sensor or pressure_transducer()
         self.force_sensor = force_sensor or load_cell()
         self.to_device = to_device or ByteChannel(baud=baud, limit=4096)
-        self.to_host = to_host or ByteChannel()
+        self.to_host = to_host or ByteChannel(baud=baud)
         self.sensor_fault: int | None = None
         self.now = 0.0
         self._tick = TICK / (1 + clock_rate)

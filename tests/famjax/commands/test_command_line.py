@@ -128,7 +128,7 @@ def _predict_from(capsys: pytest.CaptureFixture, fit: Path) -> None:
         (("100,290", "100,x"), (), "row 3: length is 'x', not a number"),
         (("100,290", "100,900"), ("--specimen", "rest_length_mm=300"), "longer than its thread"),
         (("100,290", "-1,290"), (), "gauge pressure must be >= 0"),
-        (None, ("--order", "9"), "order of the law lies between 1 and 8"),
+        (None, ("--order", "9"), "order of the law must be a whole number 1 to 8"),
         (None, ("--order", "many"), "order"),
         (None, ("--constraint", "odd"), "constraint"),
         (

@@ -317,7 +317,7 @@ def test_bad_requests_are_refused(dmsp10: ForceData, monkeypatch: pytest.MonkeyP
         compare(dmsp10, ["sarosi"])
     with pytest.raises(InputError, match="unknown peer 'hocking_wereley'"):
         fit_peer("hocking_wereley", dmsp10)
-    with pytest.raises(InputError, match="at least one start is needed, got 0"):
+    with pytest.raises(InputError, match="starts must be a whole number >= 1, got 0"):
         fit_peer("polynomial_3", dmsp10, starts=0)
     inches = dataclasses.replace(dmsp10, length=dmsp10.length * 2.54)
     with pytest.raises(InputError, match="has the length 635 mm, too long for a braid"):

@@ -295,11 +295,11 @@ def test_weights_follow_the_standard_deviations() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"order": 0}, "order of the law lies between 1 and 8, got 0"),
+        ({"order": 0}, "order of the law must be a whole number 1 to 8, got 0"),
         ({"constraint": "convex"}, "the constraint is one of none, positive, slope, drucker"),
         ({"dependence": "cubic"}, "the pressure dependence is one of"),
         ({"box": "big"}, "the box is 'physical' or 'open'"),
-        ({"starts": 0}, "at least one start"),
+        ({"starts": 0}, "whole number >= 1"),
         ({"bounds": {"spam": (0.0, 1.0)}}, "unknown parameter 'spam'"),
         ({"bounds": {"E_1": (2e6, 1e6)}}, "the lower one, 2e.06, must not exceed the upper one"),
         ({"bounds": {"braid_angle": (1.0, 1.6)}}, "lies between 0 and 90 deg"),
