@@ -22,7 +22,7 @@ from ..search.result import Identification
 from ..search.robust import check_objective
 from ..trace import run_fits
 from .ladder import MODEL_ERROR, ladder
-from .other_lengths import OtherLengths, other_lengths
+from .other_lengths import OtherLengths, accounts, other_lengths
 from .race import Fitted, fitted, left_out_of, posed_of
 from .ranking import ALIKE, LITTLE_MORE, NEAR, Tried, preferred, ranked
 
@@ -208,6 +208,9 @@ def choose(
             return None
         return dataclasses.replace(result, data=data)
 
+    elsewhere = run_fits(
+        fit, accounts(candidates, data, {*(bounds or {}), *(parameters or {})}), executor=executor
+    )
     place, chosen = _first_converged(tried, order, identified)
     if chosen is None:
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
@@ -228,7 +231,9 @@ def choose(
         dropped=dropped,
         alike=alike,
         error=error,
-        other_lengths=other_lengths(families, data.max_force),
+        other_lengths=other_lengths(
+            [one for one in elsewhere if isinstance(one, Fitted)], data.max_force
+        ),
         open_question=where_they_differ(data, chosen.mounted, alike.values()),
     )
 

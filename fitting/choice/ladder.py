@@ -8,7 +8,7 @@ way by a power of the force; either does, and with both a map of one muscle tell
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -140,6 +140,23 @@ def ladder(
             "determine, were left out."
         )
     return tuple(found), tuple(dropped)
+
+
+def as_cylinder(one: Candidate, data: ForceData, said: Collection[str] = frozenset()) -> Candidate:
+    """The family with the geometry of a cylinder of stiff threads, which transfers to other lengths.
+
+    Args:
+        one: the family.
+        data: the map.
+        said: parameters of which a user says something; they stay.
+    """
+    held = {
+        "end_factor": Parameter(value=1.0, vary=False),
+        "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
+        "rest_length": Parameter(value=data.specimen.rest_length, vary=False, unit="m"),
+    }
+    changed = {name: entry for name, entry in held.items() if name not in said}
+    return dataclasses.replace(one, parameters={**one.parameters, **changed})
 
 
 _RIG_UNKNOWNS = ("series_compliance", "series_exponent")

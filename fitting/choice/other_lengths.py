@@ -6,10 +6,12 @@ its force is the mean of what all of them say of it, and their disagreement is i
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import famjax
 
+from ..data.force_data import ForceData
+from .ladder import Candidate, as_cylinder
 from .race import Fitted
 from .series import DEFAULT_LAWS
 
@@ -34,22 +36,38 @@ class OtherLengths:
     between: float
 
 
-def other_lengths(families: Sequence[Fitted], max_force: float) -> OtherLengths | None:
-    """Muscles of other lengths by the families that transfer.
+def accounts(
+    candidates: Sequence[Candidate], data: ForceData, said: Collection[str]
+) -> tuple[Candidate, ...]:
+    """The families that transfer, with a deadband and with a rig that gives way.
 
     Args:
-        families: fitted to all readings.
+        candidates: of the ladder.
+        data: the map.
+        said: parameters of which a user says something.
+
+    Returns:
+        The families; none where there is but one thing to make a muscle pull late.
+    """
+    found = [as_cylinder(one, data, said) for one in candidates if one.law in DEFAULT_LAWS]
+    return tuple(found) if {one.rig for one in found} == {False, True} else ()
+
+
+def other_lengths(families: Sequence[Fitted], max_force: float) -> OtherLengths | None:
+    """Muscles of other lengths by the families that transfer, as cylinders of stiff threads.
+
+    Args:
+        families: of `accounts`, fitted to all readings.
         max_force: largest force measured [N].
 
     Returns:
         None where there is but one thing to make a muscle pull late, by what a user says or for lack of
         readings.
     """
-    found = [one for one in families if one.candidate.law in DEFAULT_LAWS]
-    if {one.candidate.rig for one in found} != {False, True}:
+    if {one.candidate.rig for one in families} != {False, True}:
         return None
     return OtherLengths(
-        names=tuple(one.candidate.name for one in found),
-        members=tuple(one.mounted for one in found),
+        names=tuple(one.candidate.name for one in families),
+        members=tuple(one.mounted for one in families),
         between=FROM_ONE * max_force,
     )

@@ -13,8 +13,8 @@ ALIKE = 1.5
 """Families fit alike whose RMSE in sample is within this factor of the smallest."""
 NEAR = 1.1
 """Held-out errors within this factor are not told apart: the first on the ladder is taken."""
-LITTLE_MORE = 1.5
-"""Factor of the held-out error that is little for a fit that is an optimum."""
+LITTLE_MORE = 2.0
+"""Factor of the held-out error up to which a family with a certified optimum is taken instead."""
 _NOISE = 1e-3  # of the largest force: smaller errors are not told apart
 
 

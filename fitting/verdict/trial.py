@@ -8,12 +8,11 @@ from jaxtyping import Float
 from famjax.boundary.errors import InputError
 
 from ..choice.choose import weigh
-from ..choice.ladder import Candidate, ladder
+from ..choice.ladder import Candidate, as_cylinder, ladder
 from ..choice.race import descended, posed_of
 from ..data.force_data import ForceData
 from ..engine.descent import End
 from ..engine.problem import Problem
-from ..families.parameters import Parameter
 
 _AT_BOUND = 1e-6  # of the width of the interval
 
@@ -109,9 +108,4 @@ def plainest(data: ForceData) -> Candidate | None:
     first = richest(data)
     if first is None:
         return None
-    held = {
-        "end_factor": Parameter(value=1.0, vary=False),
-        "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
-        "rest_length": Parameter(value=data.specimen.rest_length, vary=False, unit="m"),
-    }
-    return dataclasses.replace(first, parameters={**first.parameters, **held})
+    return as_cylinder(first, data)
