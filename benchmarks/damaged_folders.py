@@ -18,9 +18,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import jax
 from folder_damages import DAMAGES, Damage, Others
 
 from famjax.__main__ import main as famjax
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from rendering.folder import write_twin
 
 STEPS = ("records", "pictures", "shape")
 _EXACT = """\
@@ -56,12 +60,10 @@ def prepared(place: Path, seed: int) -> tuple[Path, Others]:
                        (others.muscle, _ANOTHER_MUSCLE + _FEW.format(12))):  # fmt: skip
         truth = path.with_suffix(".toml")
         truth.write_text(text)
-        code, said = run("twin", path, "--seed", seed + 1, "--no-flawed", "--truth", truth)
-        assert not code, said
+        write_twin(path, seed=seed + 1, flawed=False, truth=truth)
     exact = place / "exact.toml"
     exact.write_text(_EXACT)
-    code, said = run("twin", folder, "--seed", seed, "--no-flawed", "--truth", exact)
-    assert not code, said
+    write_twin(folder, seed=seed, flawed=False, truth=exact)
     code, said = evaluated(folder)
     assert not code, said
     assert "warning" not in said, said
@@ -106,6 +108,7 @@ def main() -> int:
     parser.add_argument("--only", default="")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
     rows = []
     with tempfile.TemporaryDirectory() as place:
         sound, others = prepared(Path(place), given.seed)

@@ -98,7 +98,8 @@ def write_maps(folder: Path, name: str) -> None:
 
 def write_photos(folder: Path) -> None:
     """`photo.jpg` and `photo2.jpg` of a muscle, and `ruler.jpg`, at the reference work's size."""
-    from imaging.synthetic import published_ruler, published_scene, render, render_ruler  # noqa: PLC0415
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+    from rendering import published_ruler, published_scene, render, render_ruler  # noqa: PLC0415
 
     render(published_scene(0.175), 7).save(folder / "photo.jpg")
     render(published_scene(0.1), 11).save(folder / "photo2.jpg")

@@ -4,6 +4,7 @@ import dataclasses
 import datetime
 import re
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -122,7 +123,8 @@ def _ruler_off(inches: float) -> Change:
     """The ruler as it is seen where it lies behind the plane of the axis."""
 
     def change(folder: Path, _: Others) -> None:
-        from imaging.synthetic import published_ruler, render_ruler  # noqa: PLC0415
+        sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+        from rendering import published_ruler, render_ruler  # noqa: PLC0415
 
         rows = 900
         size = (rows, round(rows * 1100 / 2650))

@@ -31,9 +31,10 @@ from skimage.color import rgb2hsv
 from skimage.filters import threshold_otsu
 from skimage.measure import find_contours, label, regionprops
 
-from imaging import Measurement, Recipe, Scale, measure, process, read_image
-from imaging.camera import Tone
-from imaging.synthetic import PUBLISHED_FRAME, MuscleTruth, Photo, published_scene, render
+from imaging import Measurement, Recipe, Scale, Tone, measure, process, read_image
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from rendering import PUBLISHED_FRAME, MuscleTruth, Photo, published_scene, render
 
 INCH = 0.0254
 CONTRACTIONS = (0.0, 0.175, 0.2625)

@@ -22,7 +22,11 @@ import tempfile
 import time
 from pathlib import Path
 
+import jax
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from rendering.folder import write_twin
 
 RESULTS, FIRST_RUN = "results", "first-run.json"
 
@@ -88,8 +92,8 @@ def main() -> int:
     rng = np.random.default_rng(given.seed)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "muscle"
-        twin = [sys.executable, "-m", "famjax", "twin", str(folder), "--seed", str(given.seed)]
-        run(twin)
+        jax.config.update("jax_enable_x64", True)
+        write_twin(folder, seed=given.seed)
         begin = time.monotonic()
         run(command(folder, given.jobs))
         whole = time.monotonic() - begin

@@ -22,6 +22,7 @@ import argparse
 import csv
 import dataclasses
 import json
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
@@ -34,17 +35,10 @@ import numpy as np
 from famjax.commands.options.photographs import command_recipe
 from famjax.commands.options.recipe import RecipeOptions
 from imaging import ImagingError, measure
-from imaging.camera.pinhole import turned
-from imaging.synthetic import (
-    INCH,
-    Lens,
-    MuscleTruth,
-    RulerScene,
-    Scene,
-    random_scene,
-    render,
-    render_ruler,
-)
+from imaging.camera import turned
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from rendering import INCH, Lens, MuscleTruth, RulerScene, Scene, random_scene, render, render_ruler
 
 FAULTS = ("motion", "tone", "gloss", "phone", "bow", "tilt", "lens", "plane", "pitch", "distance")
 SOUND_SHARE = 0.34  # scenes without a fault
@@ -294,7 +288,7 @@ def figures(found: list[Found]) -> dict[str, float]:
     good = [one for one in sound if one.verdict == "measured"]
     return {
         "scenes": len(found),
-        "silent errors": sum(one.silent for one in found),
+        "silent errors": sum(bool(one.silent) for one in found),
         "sound": len(sound),
         "sound, measured without a warning": len(good) / max(len(sound), 1),
         "sound, median standard error of the length [in]": _median(good, "length_stderr"),

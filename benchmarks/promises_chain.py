@@ -66,11 +66,13 @@ def _folders() -> Iterable[Promise]:
                       "the small twin of seed 3", "all", statistic, limit,
                       "at most" if direction == "at most" else "at least", seed=3,
                       cost="long")  # fmt: skip
-    tests = "python -m pytest -m 'slow or not slow' tests/famjax/chain/"
+    tests = "python -m pytest -m 'slow or not slow' tests/"
     for file, name, statistic in (
-        ("test_folder.py", "folders without pictures, test, log or ruler", "said in terminal and report"),
-        ("test_folder.py", "the truth of a twin is not there while it is evaluated", "it comes back"),
-        ("test_twin.py", "a twin of the same truth and seed", "files that differ"),
+        ("famjax/chain/test_folder.py", "folders without pictures, test, log or ruler",
+         "said in terminal and report"),
+        ("famjax/chain/test_folder.py", "the truth of a twin is not there while it is evaluated",
+         "it comes back"),
+        ("rendering/test_made_folder.py", "a twin of the same truth and seed", "files that differ"),
     ):  # fmt: skip
         yield shown(16, name, tests + file, statistic, 0.0)
 

@@ -87,12 +87,12 @@ def _photographs() -> Iterable[Promise]:
 
 
 def braid_angle(what: str) -> Callable[[Case], float]:
-    """A figure of `imaging_braid_angle.py`."""
+    """A figure of `imaging_accuracy.braid_angles`."""
 
     def measure(case: Case) -> float:
-        import imaging_braid_angle  # noqa: PLC0415 -- OpenCV
+        import imaging_accuracy  # noqa: PLC0415 -- OpenCV
 
-        rows = case.once("braid_angle", lambda: list(imaging_braid_angle.rows(60)))
+        rows = case.once("braid_angle", lambda: list(imaging_accuracy.braid_angles(60)))
         return next(row.found for row in rows if row.what.startswith(what))
 
     return measure
@@ -108,7 +108,7 @@ def _braid_angles() -> Iterable[Promise]:
     ]
     for what, limit, direction in figures:
         name = f"photographs, braid {what}, {direction}"
-        yield Promise(15, name, braid_angle(what), "python benchmarks/imaging_braid_angle.py",
+        yield Promise(15, name, braid_angle(what), "python benchmarks/imaging_accuracy.py",
                       "rendered scenes", "60 scenes of 150 to 260 px/in", what, limit, direction,
                       cost="minutes")  # fmt: skip
 

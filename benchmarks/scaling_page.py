@@ -77,10 +77,12 @@ def clarabel() -> Curve:
 def pictures(count: int) -> list[Curve]:
     """Crops of 2650 x 1100 px by one and by two processes, and by scikit-image's four calls."""
     import imaging_speed as speed  # noqa: PLC0415
+
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+    from rendering import published_scene, render  # noqa: PLC0415
     from skimage.color import rgb2hsv  # noqa: PLC0415
 
     from imaging import process  # noqa: PLC0415
-    from imaging.synthetic import published_scene, render  # noqa: PLC0415
 
     photo, curves = render(published_scene(0.175), 7), []
     recipe = speed.recipe_of(speed.truth_of(photo))

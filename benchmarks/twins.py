@@ -28,17 +28,13 @@ import numpy as np
 import famjax
 import fitting
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
-from famjax.chain.folder import (
-    GEOMETRIES,
-    TRUE_LENGTHS,
-    TRUTH,
-    TwinMuscle,
-    drawn_truth,
-    read_sheet,
-    read_truth,
-)
+from famjax.chain.folder import GEOMETRIES, read_sheet
 from famjax.commands.options.engine import EngineOptions
 from fitting.shapes import Pictures
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from rendering.folder import TRUE_LENGTHS, write_twin
+from rendering.folder_truth import TRUTH, TwinMuscle, drawn_truth, read_truth
 
 INCH, PSI = 0.0254, 6894.757293168361
 HELD_OUT = {"small": (55.0, 85.0), "large": (15.0, 35.0, 55.0, 75.0, 95.0)}
@@ -84,10 +80,7 @@ def twin(size: str, jobs: int | None, seed: int) -> dict[str, Any]:
 def evaluated(seed: int, size: str, jobs: int | None, folder: Path) -> float:
     """Make and evaluate a twin; wall time of the evaluation [s]."""
     command = [sys.executable, "-m", "famjax"]
-    subprocess.run(
-        [*command, "twin", str(folder), "--seed", str(seed), "--size", size],
-        check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+    write_twin(folder, seed=seed, size="large" if size == "large" else "small")
     begin = time.monotonic()
     subprocess.run(
         [*command, "characterise", str(folder), *([] if jobs is None else ["--jobs", str(jobs)])],

@@ -1,25 +1,27 @@
-from . import (
-    camera as camera,
-    campaign as campaign,
-    errors as errors,
-    outline as outline,
-    quality as quality,
-    recipe as recipe,
-    ruler as ruler,
-    segment as segment,
-    shape as shape,
-    synthetic as synthetic,
-    tape as tape,
+from .camera import (
+    Camera as Camera,
+    RulerReading as RulerReading,
+    Scale as Scale,
+    Silhouette as Silhouette,
+    Tone as Tone,
 )
-from .camera.read import read_image as read_image
-from .campaign.run import process as process
-from .campaign.table import Table as Table
+from .campaign import Table as Table, process as process
 from .errors import ImagingError as ImagingError
-from .recipe import Recipe as Recipe
-from .ruler.calibrate import calibrate_ruler as calibrate_ruler
-from .ruler.scale import Scale as Scale
-from .shape.measurement import Measurement as Measurement
-from .shape.one_picture import measure as measure
-from .shape.recipe_file import read_recipe as read_recipe
+from .measurement import draw_overlay as draw_overlay, measure as measure
+from .photograph import (
+    read_image as read_image,
+    read_timestamp as read_timestamp,
+    readable_part as readable_part,
+)
+from .profile import Measurement as Measurement, MeasurementErrors as MeasurementErrors
+from .quality import Quality as Quality, QualityLimits as QualityLimits
+from .recipe import (
+    Recipe as Recipe,
+    read_recipe as read_recipe,
+    recipe_text as recipe_text,
+    write_recipe as write_recipe,
+)
+from .ruler import calibrate_ruler as calibrate_ruler
+from .weave import BraidAngle as BraidAngle, triangle_angle as triangle_angle
 
 __famjax__: str

@@ -1,17 +1,18 @@
-"""Every choice that turns a photograph into figures."""
+"""Every choice that turns a photograph into figures, and the TOML file of them."""
 
 import dataclasses
-from typing import Literal
+import functools
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from .camera.pinhole import Camera
-from .camera.tone import Tone
-from .quality import QualityLimits
-from .ruler.scale import RulerReading, Scale
+from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
 
-METHODS = ("limb", "gradient", "half-level", "pixel")
-ORIENTATIONS = ("vertical", "horizontal", "auto")
+from .camera import Camera, RulerReading, Scale, Tone
+from .errors import ImagingError
+from .quality import QualityLimits
+
 REFERENCE_DISTANCE = 1.524  # m, 60 in
 _RESOLUTION = 0.0093  # m, 83 px at 226.63 px/in: a quarter of the smallest feature of a profile
 
@@ -31,8 +32,6 @@ class Recipe:
             unless `centre` is given.
         k1: radial distortion of the lens, as in `Camera`; None takes what the ruler shows, or 0.
         tone: the camera's tone curve; None takes sRGB, with what another may do in the errors.
-        method: "limb" is the default; "gradient" and "half-level" take the steepest point and half
-            the local step in linear light; "pixel" is the method of the reference work.
         orientation: of the muscle in the picture; "auto" turns it where needed. A horizontal
             one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
@@ -59,7 +58,6 @@ class Recipe:
     frame_size: tuple[int, int] | None = None
     k1: float | None = None
     tone: Tone | None = None
-    method: Literal["limb", "gradient", "half-level", "pixel"] = "limb"
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
     tape_hue: float | None = None
     tape_diameter: float | None = None
@@ -73,14 +71,8 @@ class Recipe:
     turns: float | None = None
 
     def __post_init__(self) -> None:
-        for name, known in (("method", METHODS), ("orientation", ORIENTATIONS)):
-            if getattr(self, name) not in known:
-                raise ValueError(f"{name} is one of {known}, got {getattr(self, name)!r}")
-        if self.braid_angle and self.method == "pixel":
-            raise ValueError(
-                'the braid angle needs the body behind the outline, which method "pixel" has not: '
-                'measure it with method "limb"'
-            )
+        if self.orientation not in (known := ("vertical", "horizontal", "auto")):
+            raise ValueError(f"orientation is one of {known}, got {self.orientation!r}")
         if self.n_threads is not None and (self.n_threads < 8 or self.n_threads % 2):
             raise ValueError(
                 "n_threads counts both families of the braid, an even number of 8 or more; got "
@@ -90,10 +82,10 @@ class Recipe:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be finite and > 0, got {value}")
-        if self.resolution_px is not None and self.resolution_px < 8:
-            raise ValueError(f"resolution_px must be at least 8 px, got {self.resolution_px}")
-        if self.tape_hue is not None and not 0 <= self.tape_hue <= 360:
-            raise ValueError(f"tape_hue is an angle from 0 to 360 deg, got {self.tape_hue}")
+        for name, least, most in (("resolution_px", 8, np.inf), ("tape_hue", 0, 360)):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
+                raise ValueError(f"{name} must be {least} to {most}, got {value}")
         if self.crop_offset is not None and self.frame_size is None and self.centre is None:
             raise ValueError(
                 "a crop_offset needs the frame_size that was cropped, or the centre, to say where "
@@ -109,7 +101,17 @@ class Recipe:
         Raises:
             ValueError: the crop does not lie in the frame.
         """
-        centre = self._centre(width, height)
+        centre = (width - 1) / 2, (height - 1) / 2
+        if self.centre is not None:
+            centre = self.centre
+        elif self.crop_offset is not None and self.frame_size is not None:
+            (u, v), (frame_width, frame_height) = self.crop_offset, self.frame_size
+            if u < 0 or v < 0 or u + width > frame_width or v + height > frame_height:
+                raise ValueError(
+                    f"the picture of {width} x {height} px at crop_offset {self.crop_offset} must lie "
+                    f"in the frame of {frame_width} x {frame_height} px"
+                )
+            centre = (frame_width - 1) / 2 - u, (frame_height - 1) / 2 - v
         return Camera(self.scale.px_per_m, self.camera_distance, centre, self.lens_k1)
 
     @property
@@ -130,19 +132,60 @@ class Recipe:
     @property
     def smoothing_px(self) -> float:
         """Resolution along the axis [px]."""
-        if self.resolution_px is not None:
-            return self.resolution_px
-        return max(8.0, _RESOLUTION * self.scale.px_per_m)
+        return self.resolution_px or max(8.0, _RESOLUTION * self.scale.px_per_m)
 
-    def _centre(self, width: int, height: int) -> tuple[float, float]:
-        if self.centre is not None:
-            return self.centre
-        if self.crop_offset is None or self.frame_size is None:
-            return (width - 1) / 2, (height - 1) / 2
-        (u, v), (frame_width, frame_height) = self.crop_offset, self.frame_size
-        if u < 0 or v < 0 or u + width > frame_width or v + height > frame_height:
-            raise ValueError(
-                f"the picture of {width} x {height} px at crop_offset {self.crop_offset} must lie "
-                f"in the frame of {frame_width} x {frame_height} px"
-            )
-        return (frame_width - 1) / 2 - u, (frame_height - 1) / 2 - v
+
+_FORMAT = "famjax recipe 1"
+
+
+_FORM = Form(
+    kinds=dict.fromkeys(("distance", "tape_diameter", "pitch", "placement_stderr"), "length"),
+    keys={"tape_hue": "tape_hue_deg", "stderr": "stderr_px_per_m"},
+    codecs={
+        Tone: (
+            lambda tone: "srgb" if tone == Tone.srgb() else tone.table.tolist(),
+            lambda entry: Tone.srgb() if entry == "srgb" else Tone(np.array(entry, float)),
+        )
+    },
+)
+
+
+def recipe_as_dict(recipe: Recipe) -> dict[str, Any]:
+    """All choices of a recipe in SI, of types that TOML and JSON know.
+
+    A field that is None is left out if that is its default, and "none" if it is not.
+    """
+    return {"format": _FORMAT, **to_entries(recipe, _FORM)}
+
+
+def recipe_text(recipe: Recipe) -> str:
+    """The TOML text of a recipe."""
+    return toml_text(recipe_as_dict(recipe))
+
+
+def write_recipe(recipe: Recipe, path: str | Path) -> Path:
+    """Write a recipe that `read_recipe` reads back to the same bits.
+
+    Raises:
+        ImagingError: the file cannot be written.
+    """
+    path = Path(path)
+    try:
+        path.write_text(recipe_text(recipe), encoding="utf-8")
+    except OSError as error:
+        raise ImagingError(f"the recipe cannot be written: {error}", path=path) from None
+    return path
+
+
+def read_recipe(path: str | Path) -> Recipe:
+    """The recipe in a TOML file; lengths may have any known unit, `distance_in = 60`.
+
+    Raises:
+        ImagingError: no such file, not TOML, an unknown key, unit or format, a missing scale, or a value
+            that cannot be.
+    """
+    error = functools.partial(ImagingError, path=path)
+    given = dict(read_toml(path, "recipe", error, where=""))
+    if (found := given.pop("format", _FORMAT)) != _FORMAT:
+        raise error(f"a recipe has the format {_FORMAT!r}, got {found!r}")
+    return from_entries(Recipe, given, _FORM, error=error)

@@ -1,6 +1,6 @@
 """The twin of the muscle: records and photographs of a muscle that is known, made once into a folder.
 
-The work's own records and photographs are not published. `famjax.chain_folder.write_twin` draws a
+The work's own records and photographs are not published. `tests/rendering` of the clone draws a
 muscle near the work's, tests it on the simulated rig, and photographs it with the simulated camera,
 noise, clocks and faults included. What a chapter measures of it is kept in the folder, so that the
 next chapter need not measure it again.
@@ -13,6 +13,9 @@ import functools
 import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+
+from rendering import folder as made, folder_truth
 from specimen import elastic_braid, inelastic_braid
 
 import famjax
@@ -47,7 +50,7 @@ class Twin:
         given, _ = parser.parse_known_args()  # a notebook's kernel has arguments of its own
         if not (given.folder / chain_folder.SHEET).exists():
             print(f"making the {given.size} twin in {given.folder} ...", file=sys.stderr)
-            chain_folder.write_twin(given.folder, size=given.size)
+            made.write_twin(given.folder, size=given.size)
         return cls(given.folder)
 
     @functools.cached_property
@@ -56,19 +59,19 @@ class Twin:
         return chain_folder.read_sheet(self.folder)
 
     @functools.cached_property
-    def truth(self) -> "chain_folder.Truth":
+    def truth(self) -> "folder_truth.Truth":
         """What the twin was made from; used to judge, and where the work counted the braid's turns."""
-        drawn = chain_folder.drawn_truth(0, "small", flawed=True)  # which the file replaces whole
-        return chain_folder.read_truth(self.folder / chain_folder.TRUTH, drawn)
+        drawn = folder_truth.drawn_truth(0, "small", flawed=True)  # which the file replaces whole
+        return folder_truth.read_truth(self.folder / folder_truth.TRUTH, drawn)
 
     @functools.cached_property
     def lengths(self) -> dict[str, float]:
         """The true length [m] in each photograph."""
-        with (self.folder / chain_folder.TRUE_LENGTHS).open(encoding="utf-8") as file:
+        with (self.folder / made.TRUE_LENGTHS).open(encoding="utf-8") as file:
             return {row["picture"]: float(row["length_m"]) for row in csv.DictReader(file)}
 
     @property
-    def muscle(self) -> "chain_folder.TwinMuscle":
+    def muscle(self) -> "folder_truth.TwinMuscle":
         """The true muscle."""
         return self.truth.muscle
 

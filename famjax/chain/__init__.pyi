@@ -3,7 +3,6 @@ from .contact_sheet import Tile as Tile, contact_sheet as contact_sheet
 from .isobaric_analysis import Analysis as Analysis, analyse as analyse
 from .isobaric_figures import figures as figures, table_rows as table_rows
 from .isobaric_pictures import plot_characterisation as plot_characterisation
-from .log_of_stroke import StrokeLog as StrokeLog, stroke_log as stroke_log
 from .photographs import (
     LOG_OF_PICTURES as LOG_OF_PICTURES,
     CampaignOutcome as CampaignOutcome,

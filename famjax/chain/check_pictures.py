@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from famjax.boundary.units import factor, unit_system
-from imaging import Recipe, Table, measure
+from imaging import Recipe, Table, draw_overlay, measure, readable_part
 from imaging.arrays import Image
-from imaging.camera import readable_part
-from imaging.shape import draw_overlay
 
 from .contact_sheet import Tile, contact_sheet
 from .table_plot import plot_table

@@ -12,9 +12,8 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import finite_or_none
 from fitting.records import MachineLog, SyncError, Synchronisation, synchronise
-from imaging import ImagingError, Recipe, Table, process
+from imaging import ImagingError, Recipe, Table, process, write_recipe
 from imaging.campaign import column_name
-from imaging.shape import write_recipe
 
 from .check_pictures import write_check_pictures
 from .picture_files import expand

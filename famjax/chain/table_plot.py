@@ -9,8 +9,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from famjax.boundary.units import factor, unit_system
-from imaging import Table
-from imaging.quality import QualityLimits
+from imaging import QualityLimits, Table
 
 _PROFILES = 40  # drawn at most, evenly over the contraction
 _MARGINS = {"left": 0.07, "right": 0.98, "top": 0.95, "bottom": 0.07, "wspace": 0.25, "hspace": 0.3}

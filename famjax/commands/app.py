@@ -19,9 +19,6 @@ COMMANDS = {
     "characterise:new": (
         "Write the sheet of a new characterisation folder, with a comment on every entry."
     ),
-    "characterise:twin": (
-        "Make a characterisation folder of a known muscle, with the simulated rig and camera."
-    ),
     "fits.compare:compare": (
         "Fit every published static force model, and famjax's own, to one force map."
     ),

@@ -1,16 +1,12 @@
-"""`famjax new`, `famjax characterise` and `famjax twin`: a characterisation folder end to end."""
+"""`famjax new` and `famjax characterise`: a characterisation folder end to end."""
 
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from .lean_imports import load_matplotlib, load_scipy
 from .loading import load_fitting
 from .options.engine import UNNAMED, EngineOptions
-from .options.whole_numbers import Seed
-from .terminal import progress
 
 
 def new(folder: Path) -> int:
@@ -100,45 +96,4 @@ def characterise(
     report = results / "report" / "report.html"
     if report.exists():
         print("written:", report)
-    return 0
-
-
-def twin(
-    folder: Path,
-    *,
-    seed: Seed = 0,
-    size: Literal["small", "large"] = "small",
-    flawed: Annotated[bool, Parameter(negative="--no-flawed")] = True,
-    truth: Path | None = None,
-) -> int:
-    """Make a characterisation folder of a known muscle, with the simulated rig and camera.
-
-    To try `famjax characterise` without a laboratory, and to see how near it comes: `truth.toml`
-    holds what the folder was made from. With noise, jitter of the shutter and drift of the clocks.
-
-    Parameters
-    ----------
-    folder
-        Made if need be; must not have a sheet yet.
-    seed
-        Of the muscle and of all noise.
-    size
-        small: three pressures, 36 pictures; large: ten pressures, three cycles, 200 pictures.
-    flawed
-        Damage a picture, and take a second out of the machine's log.
-    truth
-        A file like the `truth.toml` of a twin, edited: muscle, rig and camera. What it does not say
-        is drawn by the seed.
-    """
-    load_fitting()
-    from famjax.boundary.files import check_output
-    from famjax.chain.folder import write_twin
-
-    check_output(folder)
-    with progress("simulating the test") as show:
-        write_twin(
-            folder, seed=seed, size=size, flawed=flawed, truth=truth,
-            progress=lambda what, done, total: show(done, total, what),
-        )  # fmt: skip
-    print(f"written: {folder}; evaluate it with: famjax characterise {folder}")
     return 0

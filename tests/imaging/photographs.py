@@ -4,9 +4,8 @@ import dataclasses
 import functools
 
 import numpy as np
-
-from imaging.synthetic import CameraSensor, Lens, LinearPhoto, Photo, Scene, expose, render_linear
-from imaging.synthetic.exposure import through_lens
+from rendering import CameraSensor, Lens, LinearPhoto, Photo, Scene, expose, render_linear
+from rendering.exposure import through_lens
 
 OPEN = Lens(blur_px=0.0)
 
@@ -17,7 +16,7 @@ def _unblurred(scene: Scene) -> LinearPhoto:
 
 
 def photograph(scene: Scene, seed: int) -> Photo:
-    """As `imaging.synthetic.render`, to the last bit."""
+    """As `rendering.render`, to the last bit."""
     bare = dataclasses.replace(
         scene, lens=OPEN, sensor=CameraSensor(), jpeg=None, time=None, lying=False
     )

@@ -5,8 +5,7 @@ import pickle
 import pytest
 
 from imaging import ImagingError, errors
-from imaging.campaign import CampaignChanged, WorkerDied
-from imaging.errors import Defocused
+from imaging.errors import CampaignChanged, Defocused, WorkerDied
 
 KINDS = [
     kind

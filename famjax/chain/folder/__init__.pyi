@@ -14,11 +14,3 @@ from .sheet import (
     Sheet as Sheet,
     read_sheet as read_sheet,
 )
-from .truth import (
-    TRUTH as TRUTH,
-    Truth as Truth,
-    TwinMuscle as TwinMuscle,
-    drawn_truth as drawn_truth,
-    read_truth as read_truth,
-)
-from .twin import TRUE_LENGTHS as TRUE_LENGTHS, write_twin as write_twin

@@ -18,7 +18,8 @@ from fitting.evidence import Evidence, Move, drawn_moves, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.saved import pdf_file, svg_file, write_fit
-from imaging.campaign import PARTS, CampaignChanged
+from imaging.campaign import PARTS
+from imaging.errors import CampaignChanged
 from rig.journal import read_journal, stored_calibration
 
 from ..isobaric_analysis import analyse
@@ -155,7 +156,7 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
 
 def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]]:
     """How the pictures of a folder are measured, and where that comes from."""
-    from imaging.camera import Tone  # noqa: PLC0415 -- OpenCV, where there are pictures
+    from imaging import Tone  # noqa: PLC0415 -- OpenCV, where there are pictures
 
     ruler, recipe = (
         None if name is None else sheet.path(name)

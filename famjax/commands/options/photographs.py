@@ -5,8 +5,7 @@ from typing import Any
 
 from famjax.boundary.units import factor, parse_quantity
 from famjax.chain import picture_recipe
-from imaging import ImagingError, Recipe
-from imaging.camera import Tone
+from imaging import ImagingError, Recipe, Tone
 
 from .recipe import RecipeOptions
 
@@ -125,7 +124,6 @@ _READ: dict[str, Callable[[Any, str], Any]] = {
     "tape_hue": _angle,
     "k1": lambda k1, _: float(k1),
     "tone": lambda _text, _: Tone.srgb(),
-    "method": lambda text, _: text,
     "braid_angle": lambda given, _: given,
     "n_threads": lambda given, _: given,
     "turns": lambda given, _: given,

@@ -50,8 +50,6 @@ class RecipeOptions:
         Threads of both families of the braid; counted in the picture unless given.
     turns
         Of a thread about the axis over the length, for atan(L / (pi N D)) beside the braid angle.
-    method
-        limb: sub-pixel edges in linear light; pixel: the reference work's method.
     orientation
         Of the muscle in the pictures.
     """
@@ -72,5 +70,4 @@ class RecipeOptions:
     braid_angle: bool | None = None
     n_threads: int | None = None
     turns: float | None = None
-    method: Literal["limb", "pixel"] | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None

@@ -4,7 +4,7 @@ import importlib
 
 import pytest
 
-PACKAGES = ("famjax", "imaging", "rig")
+PACKAGES = ("famjax", "rig")
 
 
 @pytest.mark.parametrize("name", PACKAGES)
@@ -20,8 +20,6 @@ def test_every_listed_name_is_there(name: str) -> None:
     ("old", "new"),
     [
         ("famjax.NeoHookeanMaterial", "famjax.materials"),
-        ("imaging.Quality", "imaging.quality"),
-        ("imaging.read_machine_log", "fitting.records"),
         ("rig.Sensor", "rig.calibration"),
         ("rig.analyse", "famjax.chain"),
     ],

@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 import pytest
+from rendering import damaged, published_scene
 
 from famjax.chain import Tile, contact_sheet, plot_table, write_check_pictures
 from famjax.chain.check_pictures import choose
 from imaging import Recipe, Scale, Table
-from imaging.campaign import POSITION, Row, measured_rows
-from imaging.synthetic import damaged, published_scene
+from imaging.campaign import POSITION, Row, measured_row
 from tests.imaging.photographs import marked, photograph
 
 
@@ -38,8 +38,8 @@ def test_a_damaged_picture_is_shown_and_a_vanished_one_is_not(tmp_path):
     shot = photograph(scene, 1)
     (tmp_path / "bad.jpg").write_bytes(damaged(shot.jpeg(), "scrambled", 3))
     good = shot.save(tmp_path / "good.jpg")
-    (row,) = measured_rows([str(good)], Recipe(Scale.manual(scene.camera.px_per_m)))
-    assert row.ok
+    (row,) = [measured_row(str(good), Recipe(Scale.manual(scene.camera.px_per_m)))]
+    assert not row.error
     bad = Row(str(tmp_path / "bad.jpg"), error="DamagedImage: the decoder must not complain")
     files = write_check_pictures(
         Table.from_rows([row, bad]), Recipe(Scale.manual(scene.camera.px_per_m)), tmp_path / "out"

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 from browser import Browser, check_page
+from rendering.folder import TRUE_LENGTHS, write_twin
+from rendering.folder_truth import TRUTH
 
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
-from famjax.chain.folder import SHEET, SKELETON, TRUE_LENGTHS, TRUTH, read_sheet
+from famjax.chain.folder import SHEET, SKELETON, read_sheet
 
 SPECIMEN = """
 [specimen]
@@ -111,13 +113,14 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small twin of seed 3, evaluated while its truth was elsewhere: no step reads it."""
     place = tmp_path_factory.mktemp("twin")
     folder = place / "muscle"
-    for words in (["twin", str(folder), "--seed", "3"], ["characterise", str(folder)]):
-        with pytest.raises(SystemExit) as stop:
-            main(words)
-        assert not stop.value.code
-        for name in TRUE:
-            there, away = folder / name, place / name
-            there.rename(away) if there.exists() else away.rename(there)
+    write_twin(folder, seed=3)
+    for name in TRUE:
+        (folder / name).rename(place / name)
+    with pytest.raises(SystemExit) as stop:
+        main(["characterise", str(folder)])
+    assert not stop.value.code
+    for name in TRUE:
+        (place / name).rename(folder / name)
     return folder
 
 

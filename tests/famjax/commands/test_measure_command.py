@@ -3,26 +3,26 @@
 import csv
 import dataclasses
 import json
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from famjax.__main__ import main
-from famjax.chain import expand, parse_scale, stroke_log
-from famjax.commands.options.photographs import command_recipe
-from famjax.commands.options.recipe import RecipeOptions
-from imaging import ImagingError, read_recipe
-from imaging.errors import AmbiguousRuler
-from imaging.synthetic import (
+from rendering import (
     published_ruler,
     published_scene,
     render,
     render_ruler,
     render_sequence,
+    stroke_log,
     triangle_stroke,
 )
+
+from famjax.__main__ import main
+from famjax.chain import expand, parse_scale
+from famjax.commands.options.photographs import command_recipe
+from famjax.commands.options.recipe import RecipeOptions
+from imaging import ImagingError, read_recipe
+from imaging.errors import AmbiguousRuler
 
 IN = 0.0254
 SIZE = (660, 280)
@@ -87,8 +87,7 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
 def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
     recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
     render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
-    from imaging import Recipe, Scale
-    from imaging.shape import write_recipe
+    from imaging import Recipe, Scale, write_recipe
 
     write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
     picture.write_bytes(b"\xff\xd8 no picture")
@@ -162,23 +161,15 @@ def test_mixed_sizes_are_code_2(lab, tmp_path, capsys):
 
 
 def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
-    import imaging.campaign.run
+    import imaging.campaign
 
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(imaging.campaign.run, "run_tasks", stopped)
+    monkeypatch.setattr(imaging.campaign, "_measured_by", stopped)
     code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
     assert code == 130
     assert "Run the same command again to go on" in capsys.readouterr().err
-
-
-def test_no_file_needs_xarray_or_pandas(lab, tmp_path, monkeypatch):
-    for name in ("xarray", "pandas"):
-        monkeypatch.setitem(sys.modules, name, None)
-    out = tmp_path / "out"
-    assert run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", out) == 0
-    assert (out / "measurements.nc").read_bytes()[:4] == b"CDF\x02"
 
 
 def test_files_folders_and_patterns_name_pictures_in_natural_order(tmp_path):
@@ -202,19 +193,19 @@ def test_a_scale_by_hand_has_the_error_given_or_that_of_its_digits():
 
 
 def test_options_override_the_recipe_file(tmp_path):
-    from imaging import Recipe, Scale
-    from imaging.shape import write_recipe
+    from imaging import Recipe, Scale, write_recipe
 
     path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
-    found, provenance = command_recipe(RecipeOptions(recipe=path, distance="60in", method="pixel"))
-    assert (found.distance, found.method, found.scale.px_per_m) == (1.524, "pixel", 9000.0)
+    found, provenance = command_recipe(
+        RecipeOptions(recipe=path, distance="60in", orientation="auto")
+    )
+    assert (found.distance, found.orientation, found.scale.px_per_m) == (1.524, "auto", 9000.0)
     assert provenance == {"recipe_file": str(path)}
 
 
 def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
     """Sixteenths on the other edge: the options tell which, and how well it was placed."""
-    from imaging.ruler import RulerReading
-    from imaging.shape import write_recipe
+    from imaging import RulerReading, write_recipe
 
     scene = dataclasses.replace(published_ruler(size=(1325, 300)), edge="both", other_pitch=IN / 16)
     shot = render_ruler(scene, 5)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from rendering import INCH, PUBLISHED_CONTRACTIONS, published_shape
 
 import famjax
 from fitting.shapes import fit_fourier
-from imaging.synthetic import INCH, PUBLISHED_CONTRACTIONS, published_shape
 
 X = np.linspace(0, 1, 801)
 EXACT = 1e-9  # m; the terms of a wide profile cancel to a hundredth of their size

@@ -4,14 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from rendering import apparent_diameter, silhouette_from_profile
 
-from imaging.camera import (
-    Camera,
-    apparent_diameter,
-    profile_from_silhouette,
-    ring_position,
-    silhouette_from_profile,
-)
+from imaging import Camera
+from imaging.camera import profile_from_silhouette, ring_position
 
 INCH = 0.0254
 FULL = Camera(226.63 / INCH, 60 * INCH, (549.5, 1224.5))
@@ -141,14 +137,12 @@ def test_camera_refuses_figures_that_are_none(change):
 def test_outlines_that_are_none_are_refused():
     rows = np.arange(50.0)
     left, right = np.full(50, 500.0), np.full(50, 600.0)
-    with pytest.raises(ValueError, match="one shape"):
-        profile_from_silhouette(FULL, rows, left[:-1], right)
-    with pytest.raises(ValueError, match="n >= 9"):
-        profile_from_silhouette(FULL, rows[:8], left[:8], right[:8])
-    with pytest.raises(ValueError, match="left of right"):
-        profile_from_silhouette(FULL, rows, right, left)
-    with pytest.raises(ValueError, match="finite positions"):
-        profile_from_silhouette(FULL, rows, np.where(rows == 3, np.nan, left), right)
+    for v, one, other in (
+        (rows, left[:-1], right[:-1]), (rows[:8], left[:8], right[:8]), (rows, right, left),
+        (rows, np.where(rows == 3, np.nan, left), right), (rows[::-1], left, right),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="an outline is 9 or more increasing rows"):
+            profile_from_silhouette(FULL, v, one, other)
     jagged = right + np.where(rows % 40 < 20, 0, 9e4)
     with pytest.raises(ValueError, match="outline"):
         profile_from_silhouette(FULL, rows, left, jagged)

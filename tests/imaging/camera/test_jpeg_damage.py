@@ -8,12 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from slow_cases import slow_after
-
-from imaging import ImagingError, read_image
-from imaging.camera import JpegHeader, find_seam, read_header
-from imaging.errors import UnreadableImage
-from imaging.synthetic import (
+from rendering import (
     CameraSensor,
     Jpeg,
     damaged,
@@ -21,6 +16,11 @@ from imaging.synthetic import (
     published_scene,
     render_ruler,
 )
+from slow_cases import slow_after
+
+from imaging import ImagingError, read_image
+from imaging.errors import UnreadableImage
+from imaging.photograph import Header, find_seam, read_header
 from tests.imaging.photographs import photograph
 
 SIZE = (1060, 440)
@@ -72,7 +72,7 @@ def test_the_error_says_where_and_how_far(tmp_path):
     rgb = photo().rgb.astype(int)
     rgb[480:488, 200:] += 9
     rgb[488:] += 9
-    header = JpegHeader(8, 0.7, ended=True)
+    header = Header(rows=8, step=0.7)
     seam = find_seam(np.clip(rgb, 0, 255).astype(np.uint8), header)
     assert seam is not None
     row, height = seam

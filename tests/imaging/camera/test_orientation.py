@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from PIL import Image, ImageOps
+from rendering import published_scene, render
 
-from imaging import Recipe, Scale, measure, read_image
-from imaging.camera.read import readable_part
-from imaging.campaign.run import common_size
-from imaging.synthetic import published_scene, render
+from imaging import Recipe, Scale, measure, read_image, readable_part
+from imaging.campaign import common_size
 
 SCENE = published_scene(0.175, size=(1060, 440))
 ORIENTATION = 0x0112

@@ -2,7 +2,8 @@
 
 import pytest
 
-from imaging.camera import Timestamp, read_timestamp
+from imaging import read_timestamp
+from imaging.photograph import Timestamp
 
 
 def stamped(path, taken, fraction=None):

@@ -6,13 +6,13 @@ import sys
 
 import numpy as np
 import pytest
+from rendering import stroke_log, triangle_stroke
 
 from famjax.boundary.errors import InputError
-from famjax.chain import stroke_log, with_log
+from famjax.chain import with_log
 from fitting.records import MachineLog, synchronise
 from imaging import ImagingError, Table
 from imaging.campaign import POSITION, Row
-from imaging.synthetic import triangle_stroke
 
 IN = 0.0254
 REST = 9.28125 * IN
@@ -168,32 +168,6 @@ def test_xarray_reads_the_netcdf_with_units_profiles_and_provenance(tmp_path):
         assert data.attrs["rest_length_m"] == found.rest_length
         middle = data["diameter_m"].sel(picture=10).interp(position=0.5)
         assert float(middle) == pytest.approx(found.diameter[10, 100])
-
-
-@pytest.mark.parametrize(
-    "found",
-    [
-        table(provenance={"recipe": "tone = 'ü'"}),
-        Table.from_rows([Row("ä.jpg", error="NoMuscle: none")]),
-        Table.from_rows([row(1, 0.2), row(2, 0.21, np.nan)], rest_length=0.22),
-    ],
-)
-def test_the_netcdf_is_what_xarray_writes_to_the_last_bit(found):
-    pytest.importorskip("xarray")
-    content = io.BytesIO()
-    found.to_xarray().to_netcdf(content, engine="scipy", format="NETCDF3_64BIT")
-    assert found.netcdf_bytes() == content.getvalue()
-
-
-def test_scipy_alone_writes_and_reads_the_netcdf(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    from scipy.io import netcdf_file
-
-    found = table()
-    path = found.write_netcdf(tmp_path / "table.nc")
-    with netcdf_file(path, mmap=False) as data:
-        np.testing.assert_array_equal(data.variables["length_m"][:], found["length"])
-        assert data.variables["length_m"].units == b"m"
 
 
 def test_a_dataset_without_xarray_names_the_extra(monkeypatch):

@@ -5,14 +5,14 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from rendering import INCH, Tape, published_scene
 from skimage.filters import threshold_otsu
 from slow_cases import slow_after
 
-from imaging import Recipe, Scale, measure
+from imaging import QualityLimits, Recipe, Scale, measure
 from imaging.errors import AmbiguousHue
-from imaging.quality import QualityLimits
-from imaging.segment import counts_of, hue_of, otsu_split, segment
-from imaging.synthetic import INCH, Tape, published_scene
+from imaging.masks import counts_of, otsu_split
+from imaging.segment import hue_of, segment
 from tests.imaging.photographs import photograph
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away

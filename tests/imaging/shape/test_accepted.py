@@ -4,11 +4,11 @@ import dataclasses
 import math
 
 import pytest
+from rendering import BLUE_HUE, TAN, Jpeg, Lens, Tape, random_scene, render
 from slow_cases import slow_after
 
 from imaging import Recipe, Scale, measure
 from imaging.errors import MotionBlurred, NoMuscle
-from imaging.synthetic import BLUE_HUE, TAN, Jpeg, Lens, Tape, random_scene, render
 
 PX_PER_IN = (120.0, 150.0)
 SIGMAS = 3.0

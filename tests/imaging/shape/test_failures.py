@@ -7,8 +7,9 @@ import pickle
 
 import numpy as np
 import pytest
+from rendering import INCH, CameraSensor, Jpeg, Lens, Tape, damaged, published_scene
 
-from imaging import ImagingError, Recipe, Scale, measure, read_image
+from imaging import ImagingError, QualityLimits, Recipe, Scale, measure, read_image
 from imaging.errors import (
     AmbiguousHue,
     Clipped,
@@ -24,8 +25,6 @@ from imaging.errors import (
     UnreadableImage,
     WrongOrientation,
 )
-from imaging.quality import QualityLimits
-from imaging.synthetic import INCH, CameraSensor, Jpeg, Lens, Tape, damaged, published_scene
 from tests.imaging.photographs import photograph
 
 SIZE = (1060, 440)

@@ -6,12 +6,18 @@ import tomllib
 import numpy as np
 import pytest
 
-from imaging import ImagingError, Recipe, Scale, read_recipe
-from imaging.camera import Tone
-from imaging.quality import QualityLimits
-from imaging.ruler import RulerReading
-from imaging.shape import write_recipe
-from imaging.shape.recipe_file import recipe_as_dict, recipe_text
+from imaging import (
+    ImagingError,
+    QualityLimits,
+    Recipe,
+    RulerReading,
+    Scale,
+    Tone,
+    read_recipe,
+    recipe_text,
+    write_recipe,
+)
+from imaging.recipe import recipe_as_dict
 
 RULER = Scale(
     8922.4409,
@@ -35,7 +41,6 @@ FULL = Recipe(
     frame_size=(5568, 3712),
     k1=-0.01,
     tone=Tone(np.linspace(0, 1, 256) ** 2.1),
-    method="gradient",
     orientation="auto",
     tape_hue=222.0,
     tape_diameter=0.875 * 0.0254,
@@ -104,10 +109,7 @@ def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
         ("distance = 5\n", "distance has no unit: .* write one of distance_m"),
         ("distance_m = 1.5\ndistance_in = 60\n", "distance is given twice"),
         ("colour = 5\n", "unknown key 'colour'; known are .*distance_<unit>"),
-        (
-            "method = 'guess'\n",
-            "method must be limb or gradient or half-level or pixel, got 'guess'",
-        ),
+        ("orientation = 'guess'\n", "orientation must be vertical or horizontal or auto"),
         ("distance_m = 'far'\n", "distance_m must be a number, got 'far'"),
         ("format = 'famjax recipe 9'\n", "has the format 'famjax recipe 1'"),
         ("distance_m = \n", "not a TOML file"),

@@ -4,12 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from slow_cases import slow_after
-
-from imaging import Recipe, Scale, calibrate_ruler, measure
-from imaging.camera import Tone
-from imaging.errors import AmbiguousRuler, DistanceContradiction, MotionBlurred, Underexposed
-from imaging.synthetic import (
+from rendering import (
     INCH,
     CameraSensor,
     Lamp,
@@ -20,6 +15,10 @@ from imaging.synthetic import (
     random_scene,
     render_ruler,
 )
+from slow_cases import slow_after
+
+from imaging import Recipe, Scale, Tone, calibrate_ruler, measure
+from imaging.errors import AmbiguousRuler, DistanceContradiction, MotionBlurred, Underexposed
 from tests.imaging.photographs import photograph
 
 SIZE = (1325, 550)

@@ -6,14 +6,13 @@ import functools
 import cv2
 import numpy as np
 import pytest
+from rendering import INCH, Lens, Tape, published_scene, random_scene
 from slow_cases import slow_after
 
-from imaging import ImagingError, Recipe, Scale, measure
-from imaging.camera import Tone
+from imaging import ImagingError, Recipe, Scale, Tone, measure
+from imaging.ends import tape_shows
 from imaging.errors import DamagedImage, MissingFitting, MotionBlurred
 from imaging.outline import axis_deviation, axis_kink
-from imaging.synthetic import INCH, Lens, Tape, published_scene, random_scene
-from imaging.tape import behind, check_cover, tape_shows
 from tests.imaging.photographs import photograph
 
 SIZE = (1325, 550)
@@ -127,14 +126,6 @@ def test_colour_tells_the_tape_whatever_the_light():
     middle = shown[:, 60:140]
     assert np.array_equal(middle.all(axis=1), [True, True, False, False, False, False])
     assert not middle[2:].any()
-
-
-def test_the_tape_is_looked_at_beyond_its_blur():
-    assert np.all(behind(0.5) == [-5, -6, -7, -8, -9, -10])
-    assert behind(10.0).max() == -25
-    check_cover(0.6)
-    with pytest.raises(MissingFitting, match="60%"):
-        check_cover(0.59)
 
 
 def test_a_mid_line_may_bend_and_lean_but_not_jump():

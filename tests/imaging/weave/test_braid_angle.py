@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from rendering import INCH, CameraSensor, Jpeg, Lens, random_scene
 from slow_cases import slow_after
 
 from famjax.chain import plot_table
-from imaging import Recipe, Scale, measure
-from imaging.campaign import Row, Table, measured_rows
-from imaging.shape import draw_overlay
-from imaging.synthetic import INCH, CameraSensor, Jpeg, Lens, random_scene
-from imaging.weave import BraidAngle, Unrolled, directions, triangle_angle
+from imaging import BraidAngle, Recipe, Scale, Table, measure, triangle_angle
+from imaging.campaign import Row, measured_row
+from imaging.weave import Unrolled, directions
 from tests.imaging.photographs import photograph
 
 PX_PER_IN = (150.0, 170.0)
@@ -143,7 +142,7 @@ def test_the_cylinder_of_the_same_size_has_nearly_the_angle():
 def test_a_table_holds_the_angle(tmp_path):
     photo, _ = measured(scene(1))
     path = photo.save(tmp_path / "one.jpg")
-    rows = measured_rows([str(path)], recipe_of(scene(1), turns=1.1))
+    rows = [measured_row(str(path), recipe_of(scene(1), turns=1.1))]
     table = Table.from_rows(rows)
     assert table["braid_angle_deg"][0] == pytest.approx(np.nanmean(table.braid_angle[0]), abs=0.5)
     assert 0 < table["braid_angle_deg_stderr"][0] < 0.3
@@ -155,23 +154,14 @@ def test_a_table_holds_the_angle(tmp_path):
     assert data["braid_angle_profile_deg"].attrs["units"] == "degree"
     assert data["braid_angle_deg_stderr"].attrs["units"] == "degree"
     assert not any("braid" in note for note in table.notes)
-    rows = measured_rows([str(path)], recipe_of(scene(1), n_threads=60))
+    rows = [measured_row(str(path), recipe_of(scene(1), n_threads=60))]
     note = "1 of 1 pictures show no braid angle, first one.jpg: about 72 threads are seen, not 60."
     assert note in Table.from_rows(rows).notes
     assert any("braid" in axes.get_title() for axes in plot_table(table).axes)
 
 
-def test_the_overlay_shows_the_yarns():
-    photo, found = measured(scene(1))
-    drawn = draw_overlay(photo.rgb, found.trace, crop=False)
-    magenta = (drawn[..., 0] > 200) & (drawn[..., 1] < 80) & (drawn[..., 2] > 200)
-    assert np.count_nonzero(magenta) > 200
-
-
 def test_a_recipe_refuses_what_has_no_angle():
     made = scene(1)
-    with pytest.raises(ValueError, match="limb"):
-        recipe_of(made, method="pixel")
     with pytest.raises(ValueError, match="even number"):
         recipe_of(made, n_threads=71)
 

@@ -54,9 +54,12 @@ def photograph_figure(source: Source) -> list[Drawing]:
 
 def _overlays(source: Source, photographs: Photographs, pictures: Pictures) -> list[_Shown]:
     """The chosen pictures, measured once more for the lines."""
-    from imaging import measure, read_recipe  # noqa: PLC0415 -- OpenCV, where there are pictures
-    from imaging.camera import read_image  # noqa: PLC0415
-    from imaging.shape import draw_overlay  # noqa: PLC0415
+    from imaging import (  # noqa: PLC0415 -- OpenCV, where there are pictures
+        draw_overlay,
+        measure,
+        read_image,
+        read_recipe,
+    )
 
     recipe = read_recipe(source.results / PICTURES / "recipe.toml")
     files = {path.name: path for path in shown_pictures(source.sheet, photographs)}

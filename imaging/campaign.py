@@ -1,0 +1,685 @@
+"""Many photographs to one table: workers, resumption, CSV and NetCDF."""
+
+import contextlib
+import csv
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import io
+import json
+import math
+import multiprocessing
+import os
+import re
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from famjax.boundary.extras import import_extra
+from famjax.boundary.files import write_whole
+from famjax.boundary.settings import differing, some_of
+from famjax.boundary.units import factor, unit_system
+
+from .errors import CampaignChanged, ImagingError, MixedSizes, WorkerDied
+from .photograph import Timestamp, read_timestamp, shown_size
+from .profile import Measurement
+from .recipe import Recipe, recipe_as_dict, recipe_text
+
+if TYPE_CHECKING:
+    import xarray
+
+PARTS = "parts"
+"""Folder of the finished rows in that of a campaign."""
+POSITION = np.linspace(0, 1, 201)
+"""Where the profiles of all pictures are given: z/L, from the upper tape edge to the lower one."""
+SCALE_STDERR = "scale_relative_stderr"
+"""Entry of the provenance: relative standard error of px/m, common to all lengths and diameters."""
+
+_FORMAT = "famjax measure 3"
+_FEW = 4  # pictures, which take less time than the start of a process
+_NONE = (math.nan,) * POSITION.size
+_NUMBER = re.compile(r"[-+]*[\d.]+")
+_FIRST = (
+    "time", "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "max_diameter",
+    "volume", "volume_stderr", "contraction", "contraction_stderr", "px_per_m", "roll_deg",
+)  # fmt: skip
+_TEXTS = "path", "error", "sha256", "warnings"
+_PROFILES = "diameter", "diameter_stderr", "braid_angle", "braid_angle_stderr"
+# fmt: off
+_COLUMNS: dict[str, tuple[str | None, str]] = {
+    "time": ("time", "when the picture was taken, after the first stamped one, by the camera's clock"),
+    "length": ("length", "between the inner edges of the two tapes, along the axis"),
+    "mean_diameter": ("length", "mean of the diameter over the length"),
+    "max_diameter": ("length", "largest diameter"),
+    "volume": ("volume", "enclosed by the outside of the braid"),
+    "contraction": (None, "(rest length - length) / rest length"),
+    "px_per_m": (None, "scale at the mid-plane of the muscle"),
+    "roll_deg": (None, "angle of the axis to the columns of the picture"),
+    "braid_angle_deg": (None, "between yarns and circumference, mean over where the weave is resolved"),
+    "braid_angle_resolved": (None, "part of the length over which the braid angle is resolved"),
+    "yarns": (None, "of the braid around the circumference in each direction"),
+    "turns": (None, "of a yarn about the axis over the length, from the braid angle"),
+    "triangle_angle_deg": (None, "braid angle of the cylinder with the mean diameter, atan(L / (pi N D)), "
+                           "N the recipe's turns"),
+    "x0": ("length", "distance of the axis from the optical axis, to the right"),
+    "distance": ("length", "of the camera to the axis: as stated, or by the tapes' arcs"),
+    "tilt_deg": (None, "of the axis in depth, its lower end away from the camera"),
+    "bow": ("length", "largest deviation of the mid-line from a straight one"),
+    "log_time": ("time", "time of the picture by the machine's clock"),
+    "displacement": ("length", "of the machine, at the time of the picture"),
+    "force": ("force", "of the machine's log at the time of the picture"),
+    "pressure": ("pressure", "gauge, of the machine's log at the time of the picture"),
+}
+# fmt: on
+"""Kind of unit, None where the name says the unit, and meaning; of others the name says both."""
+
+
+def column_unit(name: str, system: str) -> tuple[str, float]:
+    """Unit of a column, and SI per unit; a standard error has those of its quantity."""
+    if name == "px_per_m":
+        return "", factor(unit_system(system)["scale"], "scale")
+    kind, _ = _COLUMNS.get(name.removesuffix("_stderr"), (None, ""))
+    unit = "" if kind is None else unit_system(system)[kind]
+    return unit, 1.0 if kind is None else factor(unit, kind)
+
+
+def column_name(name: str, system: str) -> str:
+    """The name of a column in a file, with its unit.
+
+    >>> column_name("length", "us"), column_name("px_per_m", "metric"), column_name("roll_deg", "us")
+    ('length_in', 'px_per_mm', 'roll_deg')
+    """
+    unit, _ = column_unit(name, system)
+    if name == "px_per_m":
+        return f"px_per_{unit_system(system)['length']}"
+    return f"{name}_{unit}" if unit else name
+
+
+def _about(name: str) -> dict[str, str]:
+    """Unit in the spelling of the CF conventions, and meaning, as attributes of a variable."""
+    bare = name.removesuffix("_stderr")
+    spelt = {"_deg": "degree", "_px": "pixel", "px_per_m": "pixel m-1"}
+    unit = column_unit(name, "si")[0] or next(
+        (u for end, u in spelt.items() if bare.endswith(end)), "1"
+    )
+    meaning = _COLUMNS.get(bare, (None, ""))[1]
+    if meaning and bare != name:
+        meaning = f"standard error: {meaning}"
+    return {"units": unit, "long_name": meaning or name.replace("_", " ")}
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """What a campaign keeps of one picture; all of it has a place in JSON.
+
+    Args:
+        path: as it was given.
+        error: "ClassName: message"; empty where the picture was measured.
+        numbers: in SI, by column; none where the picture could not be measured.
+        diameter: at `POSITION`, shape (201,) [m]; nan where the picture could not be measured.
+        diameter_stderr: its standard error, shape (201,) [m].
+        braid_angle: at `POSITION`, shape (201,) [deg]; nan where it is not resolved or not asked for.
+        braid_angle_stderr: its standard error, shape (201,) [deg].
+        braid_refusal: why the braid angle is resolved nowhere, empty where it is or was not asked for.
+        seconds: when it was taken, by the camera's clock [s since 1970]; nan if it does not say.
+        resolution: of the time stamp [s].
+        sha256: of the file; empty where it could not be read.
+        warnings: of the measurement, on one line; empty where there are none.
+        size: of the file [bytes]; -1 where it could not be read.
+        modified: when the file was last changed [ns since 1970].
+    """
+
+    path: str
+    error: str = ""
+    numbers: dict[str, float] = dataclasses.field(default_factory=dict)
+    diameter: ArrayLike = _NONE
+    diameter_stderr: ArrayLike = _NONE
+    braid_angle: ArrayLike = _NONE
+    braid_angle_stderr: ArrayLike = _NONE
+    braid_refusal: str = ""
+    seconds: float = math.nan
+    resolution: float = math.nan
+    sha256: str = ""
+    warnings: str = ""
+    size: int = -1
+    modified: int = -1
+
+
+def measured_row(path: str, recipe: Recipe, reader: Callable[..., Any] | None = None) -> Row:
+    """The row of a picture; that it could not be measured is a row too.
+
+    Args:
+        path: of the picture.
+        recipe: how to measure.
+        reader: see `measure`; None for the usual one.
+    """
+    import cv2  # noqa: PLC0415 -- 0.1 s, and only workers need it
+
+    from . import measurement  # noqa: PLC0415
+
+    facts, options = _file_facts(path), {} if reader is None else {"reader": reader}
+    try:
+        found = measurement.measure(path, recipe, **options)
+    except (ValueError, OSError, ArithmeticError, cv2.error) as error:
+        return Row(path, error=_error_text(error), **facts)
+    z = found.z / found.length
+    profiles: dict[str, Any] = {
+        name: np.interp(POSITION, z, getattr(found, name)).tolist() for name in _PROFILES[:2]
+    }
+    if found.braid is not None:
+        angles = np.degrees(found.braid.at(POSITION * found.length)).tolist()
+        profiles |= dict(zip(_PROFILES[2:], angles, strict=True))
+        facts["braid_refusal"] = found.braid.refusal
+    warnings = " | ".join(found.warnings)
+    return Row(path, numbers=_numbers(found, recipe), warnings=warnings, **profiles, **facts)
+
+
+def _numbers(found: Measurement, recipe: Recipe) -> dict[str, float]:
+    """The columns of a measurement in SI, its quality figures after them."""
+    names = (
+        "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "volume",
+        "volume_stderr", "px_per_m", "x0", "distance", "distance_stderr", "bow",
+    )  # fmt: skip
+    numbers = {name: getattr(found, name) for name in names} | {
+        "max_diameter": found.maximum_diameter,
+        "roll_deg": math.degrees(found.roll),
+        "tilt_deg": math.degrees(found.tilt),
+        **dataclasses.asdict(found.quality),
+    }
+    if found.braid is not None:
+        numbers |= {
+            "braid_angle_deg": math.degrees(found.braid.mean),
+            "braid_angle_deg_stderr": math.degrees(found.braid.mean_stderr),
+            "braid_angle_resolved": found.braid.part,
+            "yarns": found.braid.yarns,
+            "turns": found.braid.turns,
+        }
+        if recipe.turns is not None:
+            numbers["triangle_angle_deg"] = math.degrees(found.triangle_angle(recipe.turns))
+    return {name: float(value) for name, value in numbers.items()}
+
+
+def _error_text(error: BaseException) -> str:
+    """`ClassName: message`, on one line, without the path, which has its own column."""
+    message = str(error).removeprefix(f"{getattr(error, 'path', None)}: ")
+    return f"{type(error).__name__}: {' '.join(message.split())}"
+
+
+def _file_facts(path: str) -> dict[str, Any]:
+    """Size, time of change, content hash and time stamp of a file, as fields of a `Row`."""
+    try:
+        status, content = os.stat(path), Path(path).read_bytes()
+    except OSError:
+        return {}
+    stamp = read_timestamp(path)
+    facts = {"size": status.st_size, "modified": status.st_mtime_ns}
+    digest = hashlib.sha256(content).hexdigest()
+    return {**facts, "sha256": digest, **({} if stamp is None else stamp._asdict())}
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """What a campaign has measured, in SI.
+
+    Args:
+        path: of each picture, n of them.
+        error: "ClassName: message", empty where the picture was measured.
+        columns: numbers by name, each of shape (n,); nan where a picture has none.
+        diameter: at z/L = `position`, shape (n, 201) [m].
+        diameter_stderr: its standard error, shape (n, 201) [m].
+        braid_angle: at z/L = `position`, shape (n, 201) [deg]; nan where it is not resolved, as it is
+            next to the tapes, and where the recipe does not ask for it.
+        braid_angle_stderr: its standard error, shape (n, 201) [deg].
+        sha256: of each file.
+        rest_length: against which contraction is counted [m]; nan if no picture was measured.
+        time_origin: where `time` is zero, by the camera's clock [s since 1970]; nan if no picture
+            has a time stamp.
+        stamp_resolution: coarsest step of the time stamps [s]; nan if there are none.
+        warnings: of each picture, empty where there are none.
+        notes: what a reader must know, in sentences.
+        provenance: version, recipe, sources and their hashes.
+    """
+
+    path: tuple[str, ...]
+    error: tuple[str, ...]
+    columns: Mapping[str, np.ndarray]
+    diameter: np.ndarray
+    diameter_stderr: np.ndarray
+    braid_angle: np.ndarray
+    braid_angle_stderr: np.ndarray
+    sha256: tuple[str, ...]
+    rest_length: float
+    time_origin: float
+    stamp_resolution: float
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    @property
+    def position(self) -> np.ndarray:
+        """z/L of the profiles, shape (201,)."""
+        return POSITION
+
+    @property
+    def ok(self) -> np.ndarray:
+        """Which pictures were measured, shape (n,)."""
+        return np.array([not error for error in self.error])
+
+    def __len__(self) -> int:
+        return len(self.path)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.columns[name]
+
+    @classmethod
+    def from_rows(
+        cls, rows: Sequence[Row], *, scale_relative_stderr: float = 0.0,
+        rest_length: float | None = None, provenance: Mapping[str, str] | None = None,
+    ) -> "Table":  # fmt: skip
+        """The table of some pictures, in their order.
+
+        Args:
+            rows: of the pictures.
+            scale_relative_stderr: of px/m; it is common to all lengths, so that it cancels in the
+                contraction if the rest length is one of them.
+            rest_length: L0 [m]; the longest measured picture if None.
+            provenance: see `Table`.
+        """
+        names = dict.fromkeys((*_FIRST, *(name for row in rows for name in row.numbers)))
+        columns = {
+            name: np.array([row.numbers.get(name, math.nan) for row in rows]) for name in names
+        }
+        seconds = np.array([row.seconds for row in rows])
+        origin = float(np.nanmin(seconds)) if np.isfinite(seconds).any() else math.nan
+        steps = (row.resolution for row in rows if not row.error and row.resolution > 0)
+        columns["time"] = np.round(seconds - origin, 6)  # what float64 keeps of a date
+        resolution = max(steps, default=math.nan)
+        rest, note = _contract(columns, scale_relative_stderr, rest_length, rows)
+        fields: dict[str, Any] = {
+            **{name: tuple(getattr(row, name) for row in rows) for name in _TEXTS},
+            **{name: np.array([getattr(row, name) for row in rows]) for name in _PROFILES},
+        }
+        return cls(
+            **fields,
+            columns=columns,
+            rest_length=rest,
+            time_origin=origin,
+            stamp_resolution=resolution,
+            notes=(note, *_notes(rows, resolution)),
+            provenance={**(provenance or {}), SCALE_STDERR: f"{scale_relative_stderr:.6g}"},
+        )  # fmt: skip
+
+    def in_units(self, name: str, system: str) -> np.ndarray:
+        """A column in the units of a system, those of `column_name`."""
+        return self.columns[name] / column_unit(name, system)[1]
+
+    def csv_text(self, system: str = "us") -> str:
+        """One line per picture, the unit in the name of each column; an empty cell has no value.
+
+        Args:
+            system: "us", "metric" or "si".
+        """
+        columns = {column_name(name, system): self.in_units(name, system) for name in self.columns}
+        lines = csv.writer(text := io.StringIO(), lineterminator="\n")
+        lines.writerow(["path", "ok", "error", "warnings", "taken", *columns, "sha256"])
+        for k, path in enumerate(self.path):
+            seconds = self.time_origin + self.columns["time"][k]
+            taken = "" if math.isnan(seconds) else Timestamp(seconds, 1e-3).text
+            ok, warning = (
+                "false" if self.error[k] else "true",
+                self.warnings[k] if self.warnings else "",
+            )
+            cells = ("" if math.isnan(v[k]) else f"{v[k]:.10g}" for v in columns.values())
+            lines.writerow([path, ok, self.error[k], warning, taken, *cells, self.sha256[k]])
+        return text.getvalue()
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The table with profiles, units and provenance, in SI; needs the extra `tables`.
+
+        Dimensions are `picture` and `position` (z/L).
+
+        Raises:
+            ImagingError: xarray is not installed.
+        """
+        picture, grid = ("picture",), ("picture", "position")
+        data: dict[str, Any] = {
+            "ok": (picture, self.ok.astype(np.int8), {"long_name": "1 where measured"}),
+            "error": (picture, np.array(self.error, "U")),
+            "sha256": (picture, np.array(self.sha256, "U"), {"long_name": "of the file"}),
+        }
+        for name, values in self.columns.items():
+            data[column_name(name, "si")] = picture, values, _about(name)
+        data["diameter_m"] = grid, self.diameter, {"units": "m", "long_name": "D(z), outside"}
+        data["diameter_stderr_m"] = grid, self.diameter_stderr, {"units": "m"}
+        if "braid_angle_deg" in self.columns:
+            words = (
+                "theta(z), between yarns and circumference; nan where it is not resolved, as it is "
+            )
+            about = {"units": "degree", "long_name": words + "next to the tapes"}
+            data["braid_angle_profile_deg"] = grid, self.braid_angle, about
+            stderr = grid, self.braid_angle_stderr, {"units": "degree"}
+            data["braid_angle_profile_deg_stderr"] = stderr
+        about = {"units": "1", "long_name": "z/L, from the upper tape edge to the lower one"}
+        coordinates = {
+            "path": (picture, np.array(self.path, "U")), "position": (("position",), POSITION, about),
+        }  # fmt: skip
+        attributes = {
+            "title": "Shape of a fluidic artificial muscle from photographs",
+            "rest_length_m": self.rest_length,
+            "time_origin_s": self.time_origin,
+            "notes": "\n".join(self.notes),
+            **self.provenance,
+        }
+        xarray = import_extra("xarray", "tables", ImagingError)
+        return xarray.Dataset(data, coordinates, attributes)
+
+    def write_csv(self, path: str | Path, system: str = "us") -> Path:
+        """Write the CSV file; one that is there is replaced."""
+        return _written(path, lambda file: file.write_bytes(self.csv_text(system).encode()))
+
+    def write_netcdf(self, path: str | Path) -> Path:
+        """Write a NetCDF 3 file (64-bit offsets), which any NetCDF reader opens."""
+        options: dict[str, Any] = {"engine": "scipy", "format": "NETCDF3_64BIT"}
+        return _written(path, lambda file: self.to_xarray().to_netcdf(file, **options))
+
+
+def _written(path: str | Path, write: Callable[[Path], Any]) -> Path:
+    try:
+        write(Path(path))
+    except OSError as error:
+        raise ImagingError(f"the table cannot be written: {error}", path=path) from None
+    return Path(path)
+
+
+def _contract(
+    columns: dict[str, np.ndarray], scale_relative_stderr: float, rest_length: float | None, rows:
+    Sequence[Row],
+) -> tuple[float, str]:  # fmt: skip
+    """Set contraction and its error; the rest length and where it is from."""
+    length, stderr = columns["length"], columns["length_stderr"]
+    if rest_length is not None:
+        rest, source = rest_length, "as given, taken as exact"
+        relative = stderr / length
+    elif np.all(np.isnan(length)):
+        columns["contraction"] = columns["contraction_stderr"] = length
+        return math.nan, "No picture was measured: there is no rest length and no contraction."
+    else:
+        k = int(np.nanargmax(length))
+        rest, source = float(length[k]), f"that of the longest measured picture, {rows[k].path}"
+        noise = np.sqrt(np.maximum((stderr / length) ** 2 - scale_relative_stderr**2, 0))
+        relative = np.hypot(noise, noise[k])
+        relative[k] = 0.0
+    columns["contraction"] = 1 - length / rest
+    columns["contraction_stderr"] = length / rest * relative
+    return rest, f"Contraction is against the rest length {rest * 1e3:.6g} mm, {source}."
+
+
+def _notes(rows: Sequence[Row], resolution: float) -> Iterator[str]:
+    """On time stamps, warnings (each once, with the number of pictures that have it) and braids."""
+    good = [row for row in rows if not row.error]
+    if silent := sum(math.isnan(row.seconds) for row in good):
+        yield f"{silent} of {len(good)} pictures have no time stamp."
+    if resolution >= 1:
+        yield "The time stamps are cut down to whole seconds: each picture was taken up to 1 s later."
+    alike: dict[str, list[str]] = {}
+    for warning in (one for row in rows if row.warnings for one in row.warnings.split(" | ")):
+        alike.setdefault(_NUMBER.sub("", warning), []).append(warning)  # figures may differ
+    for each in alike.values():
+        yield f"Warning, {len(each)} of {len(rows)} pictures: {each[0]}."
+    if bare := [row for row in rows if row.braid_refusal]:
+        yield (
+            f"{len(bare)} of {len(rows)} pictures show no braid angle, first "
+            f"{Path(bare[0].path).name}: {bare[0].braid_refusal}."
+        )
+
+
+class _Kept:
+    """The finished rows of a campaign on the disk, from which a stopped one goes on.
+
+    One line for the settings and one for each picture, added as soon as it is measured and never
+    changed again. What the file holds is known by the paths in it, so that pictures may be added, left
+    out and divided otherwise later.
+
+    Args:
+        folder: created if missing; None keeps nothing.
+        settings: what every row depends on, by name; values of JSON.
+        resume: go on with the rows that are there; else they are removed.
+
+    Raises:
+        CampaignChanged: the rows there were measured with other settings.
+        ImagingError: the folder cannot be read or written, or the rows in it are damaged.
+    """
+
+    def __init__(self, folder: Path | None, settings: dict[str, Any], *, resume: bool) -> None:
+        self.file, self.rows = None if folder is None else folder / "rows.jsonl", {}
+        if folder is None or self.file is None:
+            return
+        with _on_disk(folder, "used"):
+            folder.mkdir(parents=True, exist_ok=True)
+            head, *rows = (_read(self.file) if resume else []) or [settings]
+            if rows and (changes := differing(head, settings)):
+                raise CampaignChanged(
+                    f"the pictures there were measured otherwise: {some_of(changes, '; ')}. Measure all "
+                    "again without resuming (--no-resume), give another output folder, or the same "
+                    "settings",
+                    path=folder,
+                )
+            write_whole(self.file, b"".join(map(_line, [settings, *rows])))
+        self.rows = {row["path"]: Row(**row) for row in rows}
+
+    def rows_of(self, paths: Sequence[str]) -> dict[str, Row]:
+        """The rows of those pictures that need not be measured again, by path as given here.
+
+        A picture that failed is measured again if its file has changed since.
+
+        Raises:
+            CampaignChanged: a file that was measured has changed since.
+        """
+        known = {path: row for path in paths if (row := self.rows.get(os.path.abspath(path)))}
+        same = {path for path, row in known.items() if _same_file(row, path)}
+        changed = [path for path, row in known.items() if path not in same and not row.error]
+        if changed:
+            raise CampaignChanged(
+                f"{len(changed)} pictures have changed since they were measured, so that the table "
+                f"would no longer describe them: {some_of(changed)}. Measure all again without "
+                "resuming (--no-resume), or give another output folder",
+                path=self.file,
+            )
+        return {path: dataclasses.replace(known[path], path=path) for path in same}
+
+    def add(self, row: Row) -> None:
+        """Keep a finished row; it is on the disk when this returns."""
+        if self.file is None:
+            return
+        with _on_disk(self.file.parent, "written"), self.file.open("ab") as file:
+            file.write(_line(vars(row) | {"path": os.path.abspath(row.path)}))
+            file.flush()
+            os.fsync(file.fileno())
+
+
+@contextlib.contextmanager
+def _on_disk(folder: Path, what: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        text = f"the finished part of the campaign cannot be {what}: {error}"
+        raise ImagingError(text, path=folder) from None
+
+
+def _line(entry: dict[str, Any]) -> bytes:
+    """A checksum and JSON."""
+    text = json.dumps(entry).encode()
+    return b"%08x %s\n" % (zlib.crc32(text), text)
+
+
+def _read(file: Path) -> list[dict[str, Any]]:
+    """What the lines of a file hold; a last one that was not written to its end is left out."""
+    entries, lines = {}, file.read_bytes().split(b"\n")[:-1] if file.exists() else []
+    for number, line in enumerate(lines, start=1):
+        checksum, _, text = line.partition(b" ")
+        if checksum != b"%08x" % zlib.crc32(text):
+            raise ImagingError(
+                f"the finished rows are damaged in line {number}: take that line out to measure its "
+                "picture again, or measure all again without resuming (--no-resume)",
+                path=file,
+            )
+        entry = json.loads(text)
+        entries[entry.get("path")] = entry  # of a picture the latest
+    return list(entries.values())
+
+
+def _same_file(row: Row, path: str) -> bool:
+    """Whether the file is the one measured: untouched, or touched but with the same content."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return row.size == -1
+    if (status.st_size, status.st_mtime_ns) == (row.size, row.modified):
+        return True
+    return status.st_size == row.size and _file_facts(path).get("sha256") == row.sha256
+
+
+def process(
+    paths: Iterable[str | Path], recipe: Recipe, output: str | Path | None = None,
+    executor: Any = "auto", resume: bool = True, progress: Callable[[int, int], None] | None = None,
+    *, rest_length: float | None = None, reader: Callable[..., Any] | None = None,
+    provenance: Mapping[str, str] | None = None,
+) -> Table:  # fmt: skip
+    """The shape in every picture, each measured on its own; a picture that fails is a row with the reason.
+
+    Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
+    extended goes on with the pictures that are not there yet. A picture with which a process of this
+    function dies costs that picture: it is a row with the reason.
+
+    Args:
+        paths: of the pictures, all of one size; one named twice is measured once.
+        recipe: how to measure, the same for all.
+        output: folder for the finished rows, created if missing; None keeps them in memory only.
+        executor: a number of processes, None for this one, or an object with `map` as that of
+            `concurrent.futures.Executor`, whose workers must see the files, or a dask client. "auto" is a
+            process for each core, or this one for up to four pictures.
+        resume: go on with what is in `output`; else begin anew.
+        progress: called with (pictures done, pictures) whenever some are done.
+        rest_length: L0 [m] of the contraction; the longest measured picture if None.
+        reader: see `measure`; must be picklable.
+        provenance: further entries of the table's provenance.
+
+    Returns:
+        The table, its rows in the order of the paths.
+
+    Raises:
+        ImagingError: no paths, or a folder that cannot be used.
+        MixedSizes: the pictures differ in size; nothing has been measured.
+        CampaignChanged: `output` holds rows of another recipe, or of a picture that has changed.
+        WorkerDied: the executor that was given is gone; the finished rows are kept.
+    """
+    unique: dict[str, str] = {}
+    for path in paths:
+        unique.setdefault(os.path.abspath(path), str(path))
+    if not (names := list(unique.values())):
+        raise ImagingError("there are no pictures to measure")
+    if (size := common_size(names)) is not None:
+        try:
+            recipe.camera(*size)
+        except ValueError as error:
+            raise ImagingError(f"the recipe does not fit the pictures: {error}") from None
+    version = importlib.metadata.version("famjax")
+    settings = {"format": _FORMAT, "version": version, "recipe": recipe_as_dict(recipe)}
+    kept = _Kept(None if output is None else Path(output) / PARTS, settings, resume=resume)
+    rows = kept.rows_of(names)
+    missing = [name for name in names if name not in rows]
+    if progress is not None:
+        progress(len(rows), len(names))
+    if executor == "auto":
+        executor = None if len(missing) <= _FEW else os.cpu_count() or 1
+    work = functools.partial(measured_row, recipe=recipe, reader=reader)
+    for row in _measured_by(executor, work, missing):
+        kept.add(row)
+        rows[row.path] = row
+        if progress is not None:
+            progress(len(rows), len(names))
+    told = {"famjax_version": version, "recipe": recipe_text(recipe), **(provenance or {})}
+    return Table.from_rows(
+        [rows[name] for name in names], scale_relative_stderr=recipe.scale.relative_stderr,
+        rest_length=rest_length, provenance=told,
+    )  # fmt: skip
+
+
+def _measured_by(executor: Any, work: Callable[[str], Row], paths: list[str]) -> Iterator[Row]:
+    """The rows of some pictures in their order, by this process, some processes, or an executor."""
+    import cv2  # noqa: PLC0415
+
+    if executor is None:
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)  # as a worker has
+        try:
+            yield from map(work, paths)
+        finally:
+            cv2.setNumThreads(threads)
+        return
+    if not isinstance(executor, int):
+        pool: Executor = executor.get_executor() if hasattr(executor, "get_executor") else executor
+        try:
+            yield from pool.map(work, paths)
+        except BrokenExecutor as error:
+            raise WorkerDied(
+                "the executor broke; what was measured is kept: run again to go on"
+            ) from error
+        return
+    if executor < 1:
+        raise ImagingError(f"there must be at least one worker, got {executor}")
+    done = 0
+    while done < len(paths):
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(
+            min(executor, len(paths) - done), context, initializer=cv2.setNumThreads, initargs=(1,)
+        )
+        try:
+            for row in pool.map(work, paths[done:]):
+                yield row
+                done += 1
+        except BrokenExecutor:
+            if executor == 1:  # then it is known with which picture the process died
+                why = (
+                    "the process that measured it ended abnormally, for lack of memory for example"
+                )
+                error = _error_text(WorkerDied(why, path=paths[done]))
+                yield Row(paths[done], error=error, **_file_facts(paths[done]))
+                done += 1
+            executor = 1
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
+    """Width and height of the pictures by the headers of their files [px]; None if no header has it.
+
+    A file whose header cannot be read is left to the measurement, which reports what is wrong with it.
+
+    Raises:
+        MixedSizes: names the pictures that differ from the most common size.
+    """
+    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 -- loaded when pictures are
+
+    by_size: dict[tuple[int, int], list[str]] = {}
+    for path in paths:
+        unread = contextlib.suppress(OSError, UnidentifiedImageError, SyntaxError)
+        with unread, Image.open(path) as picture:
+            by_size.setdefault(shown_size(picture), []).append(path)
+    if len(by_size) < 2:
+        return next(iter(by_size), None)
+    (usual, most), *others = sorted(by_size.items(), key=lambda item: -len(item[1]))
+    differing = [f"{path} ({w} x {h})" for (w, h), some in others for path in some]
+    (width, height), (first, *_) = others[0]
+    raise MixedSizes(
+        "the pictures of a campaign must have one size, because one crop offset and one scale hold "
+        f"for all; {len(most)} have {usual[0]} x {usual[1]} px, but not {some_of(differing)}. "
+        "Measure them in a campaign of their own",
+        path=first, width=width, height=height,
+    )  # fmt: skip

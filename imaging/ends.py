@@ -1,0 +1,503 @@
+"""The tapes at the ends: where their inner edges lie, seen as arcs, what covers them, how they lean."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import map_coordinates, spline_filter
+
+from .arrays import Array, Flags, Image
+from .camera import LUMA, Camera, Silhouette, Tone, amount_of_luma, ring_position, turned
+from .edge import best_shift, height_and_rest, least_squares, step
+from .errors import MissingFitting, ScaleContradiction
+from .outline import correlated_points, find_outline
+from .photograph import Photograph
+from .recipe import Recipe
+from .segment import Segmentation
+
+_LEAST_SEEN = 0.6  # of the lit part of an edge: less than this cannot stand for all of it
+_BEYOND = 5.0, 2.5  # px, and times the blur: how far behind an edge its tape is looked at
+_ROWS = 6
+_ANOTHER = 0.4  # of the way in colour from tape to braid
+_NOISE = 0.04  # of chromaticity, which a grey tape on a white braid differs by no more
+_SMOOTHED = 1 / 32  # of the tape's width
+
+
+def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v: Array) -> Flags:
+    """The places along a tape's edge that have the tape's colour behind it.
+
+    Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. What is further from
+    the tape's than 0.4 of the way to the braid's is another thing, or gloss. A tape that has the
+    braid's colour, lighter or darker, cannot be distinguished from what covers it.
+
+    Args:
+        rgb: picture, shape (h, w, 3).
+        tone: the camera's tone curve.
+        colours: of tape and braid, encoded values 0 to 255, each of shape (3,).
+        u: columns of positions along the edge and across it on the tape's side, shape (n, k).
+        v: rows of them.
+
+    Returns:
+        Shape (n,).
+    """
+    columns = np.clip(np.rint(u).astype(np.intp), 0, rgb.shape[1] - 1)
+    rows = np.clip(np.rint(v).astype(np.intp), 0, rgb.shape[0] - 1)
+    light = tone.table[rgb[rows, columns]].sum(axis=1)
+    width = max(1, round(_SMOOTHED * light.shape[0]))
+    light = np.stack([np.convolve(one, np.ones(width), "same") for one in light.T], axis=1)
+    of_colours = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
+    seen, tape, braid = (
+        each / np.maximum(each.sum(axis=-1, keepdims=True), 1e-9) for each in (light, *of_colours)
+    )
+    off = np.linalg.norm(seen - tape, axis=-1)
+    return off < max(_ANOTHER * float(np.linalg.norm(braid - tape)), _NOISE)
+
+
+_BRIGHTEST = 1.6
+_BRIGHTER = 1.15  # luma of the braid over the tape's, for an edge in it
+_OF_COLOUR = 1.6  # px^2
+
+
+_WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray
+_GROUPS = 16
+_BLURS = (0.4, 30.0)
+_PASSES = 4
+_PIECES = 64
+_STRAIGHT = 1.5  # px between the ends of an edge, of which groups of 16 make nothing
+_LEVEL_FRONT = 0.3  # px by which the front of an edge that does not lean may lie beside its middle
+_RAGGED = 0.6  # px, the scatter from which an edge's blur is that of its pieces
+_LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside them
+_DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
+_SETTLED = 0.1  # px, which the groups' own shifts take in
+_DARK_THREAD = 0.22  # of the braid's brightness
+_LEAST_HEIGHT = 0.2  # of the difference between braid and tape
+_GUARD = 5  # px at a tape's ends that are left out
+_FEWEST_ROWS = 12
+_SOFTER = 1.25  # times the outline's blur, from which a tape's edge is looked at in luma as well
+
+
+@dataclasses.dataclass(frozen=True)
+class Ring:
+    """The inner edge of one tape.
+
+    Attributes:
+        y: position along the axis, as in `Silhouette` [m].
+        stderr: its random standard error [m].
+        spread: standard deviation of the edge along the tape [px].
+        blur: Gaussian blur of the edge along the axis [px], less what colour adds to it beyond luma
+            where it is softer than the outline.
+        arc: points u, v of the edge in the picture [px], shape (2, n).
+        lateral: positions across the axis over the radius [-], -1 to 1, shape (k,).
+        shift: how far the edge lies there beyond y along the axis [m], shape (k,).
+    """
+
+    y: float
+    stderr: float
+    spread: float
+    blur: float
+    arc: Array
+    lateral: Array
+    shift: Array
+
+
+def on_cylinder(
+    camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float,
+    plane: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Array, Array]:  # fmt: skip
+    """Picture positions of a cylinder about the axis [px], shape (lateral, y).
+
+    In a plane that is not square to the axis, y is that of its middle.
+    """
+    rim = np.maximum(radius**2 - lateral**2, 0.0)  # the rim itself rounds below
+    down = y + (_plane_model(lateral, radius)[:, 1:] @ plane)[:, None]
+    X, Y = turned((body.x0 + lateral)[:, None] + np.zeros_like(down), down, body.roll)
+    return camera.pixels(X, Y, camera.distance - np.sqrt(rim)[:, None])
+
+
+class _Front:
+    """The picture around a tape's edge, unrolled about the body's axis, in the light of braid.
+
+    Args:
+        photo: the picture.
+        tone: the camera's tone curve.
+        coarse: the tapes to within some pixels, and the colours.
+        body: whose radius the tape's edge has.
+        blur: about that of the edge [px].
+        lower: the tape is at the lower end.
+
+    Attributes:
+        y: position of the edge along the axis to within some pixels [m].
+        plane: in which the edge lies: slope across the axis, and towards the camera.
+    """
+
+    def __init__(
+        self, photo: Photograph, tone: Tone, coarse: Segmentation, body: Silhouette, blur: float,
+        *, lower: bool,
+    ) -> None:  # fmt: skip
+        self.photo, self.tone, self.body, self.colours = (
+            photo,
+            tone,
+            body,
+            (coarse.tape, coarse.braid),
+        )
+        camera, self.plane = photo.camera, (0.0, 0.0)
+        self.step = (-1 if lower else 1) / camera.px_per_m  # inward [m]
+        band = coarse.lower if lower else coarse.upper
+        u = (band.left + band.right) / 2
+        v, radius = float(np.polyval(band.inner, u)), float(body.radius[-1 if lower else 0])
+        self.y = float(ring_position(camera, u, v, radius, body.x0, body.roll))
+        radius, reach = float(body.radius_at(self.y)), 2 * len(_window(blur)) * self.step
+        self.n = max(4 * _GROUPS, int(2 * _WIDTH * radius * camera.px_per_m))
+        edges = on_cylinder(
+            camera, body, self.y + np.array([-reach, reach]), np.arange(-1.0, 2.0) * radius, radius
+        )
+        self.columns, self.rows = (
+            slice(max(int(np.floor(x.min())) - 3, 0), int(np.ceil(x.max())) + 4) for x in edges
+        )
+        self.patch = np.ascontiguousarray(photo.rgb[self.rows, self.columns])
+        tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in self.colours)
+        # Luma less the tape's part in it: tape shows none, nor does a thick tape's dark rim.
+        own = LUMA - tape * (tape @ LUMA) / (tape @ tape)
+        form = np.array([[*(own / (own @ braid)), 0.0]])
+        self.amounts = self._spline(cv2.transform(cv2.LUT(self.patch, tone.table), form))
+
+    def lumas(self) -> Callable[[Array, Array], Array]:
+        """The amount of braid by luma, in which outlines are found."""
+        luma = np.asarray(cv2.cvtColor(self.patch, cv2.COLOR_RGB2GRAY), np.uint8)
+        return self._spline(amount_of_luma(self.tone, *self.colours)[luma])
+
+    def _spline(self, amounts: ArrayLike) -> Callable[[Array, Array], Array]:
+        """The amount at picture positions u, v; beyond the patch that of its border."""
+        clipped = np.clip(np.asarray(amounts, float), -_BRIGHTEST, _BRIGHTEST)
+        spline, u0, v0 = (
+            spline_filter(clipped, 3, mode="mirror"),
+            self.columns.start,
+            self.rows.start,
+        )
+        return lambda u, v: map_coordinates(
+            spline, [v - v0, u - u0], order=3, mode="mirror", prefilter=False
+        )
+
+    def around(self, y: float, t: Array) -> tuple[Array, Array, Array]:
+        """Lateral positions [m], and u and v at distances t inward of an edge [px]."""
+        radius = float(self.body.radius_at(y))
+        lateral = np.linspace(-_WIDTH, _WIDTH, self.n) * radius
+        at = y + t * self.step
+        return lateral, *on_cylinder(self.photo.camera, self.body, at, lateral, radius, self.plane)
+
+    def uncovered(self, y: float, s: float) -> Flags:
+        """Where the tape shows behind the edge."""
+        t = -np.arange(_ROWS, dtype=float) - max(_BEYOND[0], _BEYOND[1] * s)
+        return tape_shows(self.photo.rgb, self.tone, self.colours, *self.around(y, t)[1:])
+
+    def unrolled(
+        self, y: float, t: Array, shows: Flags, teeth: float = 0.0
+    ) -> tuple[Array, Array, float]:
+        """Amounts, lateral positions [m], and the part of the lit edge at which the tape shows."""
+        lateral, u, v = self.around(y, t)
+        grid = self.amounts(u, v)
+        bright = _lit(grid, t - teeth)
+        shown = bright & shows
+        seen = np.count_nonzero(shown) / np.count_nonzero(bright)
+        use = shown if seen >= _LEAST_SEEN else bright
+        return grid[use], lateral[use], seen
+
+
+def find_ring(
+    photo: Photograph, tone: Tone, coarse: Segmentation, body: Silhouette, blur: float, *, lower:
+    bool,
+) -> Ring:  # fmt: skip
+    """The inner edge of a tape, from the picture unrolled around it.
+
+    The picture is sampled at the points (x0 + X, y + h, d - sqrt(R^2 - X^2)) of the cylinder, so
+    that a ring becomes a straight line, also where the tape was put on slanting or leaning towards
+    the camera, in the linear light that the braid has and the tape and its dark rim have not. Groups
+    of neighbouring X are averaged and each gives the position of a blurred step; the mean is the
+    ring's, their scatter its error. Where the muscle swells right behind the tape, it matters where on
+    the slope the ring lies.
+
+    Args:
+        photo: the picture.
+        tone: the camera's tone curve.
+        coarse: the tapes to within some pixels, and the colours.
+        body: whose radius the ring has.
+        blur: of the outline [px], where the search for the edge's own blur starts.
+        lower: the tape is at the lower end.
+
+    Raises:
+        MissingFitting: no edge there, or too much of it is covered.
+    """
+    front, px = _Front(photo, tone, coarse, body, blur, lower=lower), 1 / photo.camera.px_per_m
+    y, left = front.y, 2 * _PASSES
+    while True:
+        t, s = _window(blur), blur
+        shows = front.uncovered(y, s)
+        grid, lateral, seen = front.unrolled(y, t, shows)
+        for _ in range(_PASSES):
+            shift, s = _clear_step(grid.mean(axis=0), t, s)
+            if abs(shift) < _SETTLED:
+                break
+            y += shift * front.step
+            t = _window(s)
+            if not shows.all():  # else the tape shows everywhere, here as some pixels beside
+                shows = front.uncovered(y, s)
+            grid, lateral, seen = front.unrolled(y, t, shows)
+        radius = float(body.radius_at(y))
+        delta, where = _along(grid, lateral / px, t, s)
+        (_, slope, lean), (*_, error) = plane_through(where, delta, radius / px)
+        bent = float(np.ptp(_plane_model(where, radius / px)[:, 1:] @ (slope, lean)))
+        # A lean that the groups show by three standard errors takes the edge to where the muscle is
+        # wider or narrower, which makes it another lean.
+        level = abs(lean) < max(3 * error, _LEVEL_FRONT * px / radius)
+        left -= 1
+        if left == 0 or (level and bent < _STRAIGHT):
+            break
+        inward = front.step / px
+        front.plane = front.plane[0] + inward * slope, front.plane[1] + inward * lean
+    if seen < _LEAST_SEEN:
+        raise MissingFitting(
+            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; "
+            "something covers it, or shines on it: clear it, or move the lamp",
+            seen=seen,
+        )
+    delta, where = _along(grid, lateral, t, s)
+    (offset, left_over), teeth = _line(where / px, delta), 0.0
+    if _scatter(left_over) > _RAGGED:
+        t, shows, teeth = _window(_DEEPEST / 3), front.uncovered(y, _DEEPEST / 2), _DEEPEST
+        grid, lateral, _ = front.unrolled(y, t, shows, teeth)
+        s, delta, where = _pieces(grid, lateral, t, s)
+        offset, left_over = _line(where / px, delta)
+    if s > _SOFTER * max(blur, 1.0) and coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA):
+        s = _less_colour(front, front.around(y, t), shows, t, s, teeth)
+    spread, radius = _scatter(left_over), float(body.radius_at(y))
+    at = np.array([y + offset * front.step])
+    u, v = on_cylinder(photo.camera, body, at, lateral, radius, front.plane)
+    beyond = delta * front.step + _plane_model(where, radius)[:, 1:] @ front.plane
+    place, _ = _line(where, beyond)
+    return Ring(
+        y=y + place,
+        # Groups in the width of one thread are moved together.
+        stderr=spread * np.sqrt(correlated_points(left_over) / left_over.size) * px,
+        spread=spread,
+        blur=s,
+        arc=np.stack([u[:, 0], v[:, 0]]),
+        lateral=where / radius,
+        shift=beyond - place,
+    )
+
+
+def _less_colour(
+    front: _Front, around: tuple[Array, Array, Array], shows: Flags, t: Array, s: float, teeth:
+    float,
+) -> float:  # fmt: skip
+    """Blur of an edge less what colour adds to it [px], from its blur and that in luma.
+
+    Colour is softer than luma: a camera's mosaic has it in every second pixel, and most JPEG files
+    once more, each joined by straight lines (2/3 px^2 of variance), JPEG's a mean over two pixels
+    (1/4 px^2). More than that is the lens', or motion.
+    """
+    lateral, u, v = around
+    grid = front.lumas()(u, v)
+    use, in_luma = _lit(grid, t - teeth) & shows, s
+    if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
+        ragged = teeth and _pieces(grid[use], lateral[use], t, s)[0]
+        in_luma = ragged or _step(grid[use].mean(axis=0), t, s)[1]
+    return min(s, max(in_luma, math.sqrt(max(s**2 - _OF_COLOUR, 0.0))))
+
+
+def _lit(grid: Array, t: Array) -> Flags:
+    """Lateral positions where the braid behind the edge is lit; a black thread shows no edge."""
+    height = grid[:, (t > 1) & (t < 6)].mean(axis=1)
+    return height > _DARK_THREAD * np.sort(height)[int(0.7 * height.size)]
+
+
+def _along(grid: Array, lateral: Array, t: Array, s: float) -> tuple[Array, Array]:
+    """Shifts of those groups of neighbours along the edge [px] that agree, and where they lie."""
+    groups, where = _means(grid, lateral, _GROUPS)
+    near = np.abs(t) <= max(8.0, 3 * s)
+    delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
+    keep = _near_most(delta)
+    return delta[keep], where[keep]
+
+
+def _means(grid: Array, lateral: Array, parts: int) -> tuple[Array, Array]:
+    """Means of neighbours along the edge, shape (parts, k), and of where they lie."""
+    split = np.array_split(grid, parts), np.array_split(lateral, parts)
+    return np.stack([part.mean(axis=0) for part in split[0]]), np.array(
+        [p.mean() for p in split[1]]
+    )
+
+
+def plane_through(lateral: Array, shift: Array, radius: float) -> tuple[list[float], list[float]]:
+    """Place, slope across and lean of the plane in which an edge lies best, and their standard errors.
+
+    Args:
+        lateral: positions across the axis, shape (n,).
+        shift: of the edge along the axis there, shape (n,).
+        radius: of the cylinder, in the same unit.
+    """
+    model = _plane_model(lateral, radius)
+    inverse = np.linalg.pinv(model)
+    found = inverse @ shift
+    off = shift - model @ found
+    variance = float(off @ off) / max(off.size - model.shape[1], 1)
+    # Groups in the width of one thread are moved together.
+    stderr = np.sqrt(np.sum(inverse**2, axis=1) * variance * correlated_points(off))
+    return found.tolist(), stderr.tolist()
+
+
+def _plane_model(lateral: Array, radius: float) -> Array:
+    """What the edge in a plane through a cylinder is made of: place, slope across, lean; shape (n, 3)."""
+    front = np.sqrt(np.maximum(radius**2 - lateral**2, 0.0))
+    return np.column_stack([np.ones_like(lateral), lateral, front])
+
+
+def _line(x: Array, y: Array) -> tuple[float, Array]:
+    """A straight line's value at 0, and what it leaves over."""
+    slope, offset = np.polyfit(x, y, 1)
+    return float(offset), y - slope * x - offset
+
+
+def _scatter(left_over: Array) -> float:
+    """Standard deviation about a line."""
+    return math.sqrt(float(left_over @ left_over) / max(left_over.size - 2, 1))
+
+
+def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Array, Array]:
+    """Blur of a ragged edge [px], and shifts of small pieces as `_along` gives them of groups.
+
+    The blur is that of the level pieces, each put in its place: a lens smears the flanks of teeth
+    more than that, and motion smears all.
+    """
+    pieces, where = _means(grid, lateral, _PIECES)
+    reach, own, delta = _DEEPEST, s, np.zeros(_PIECES)
+    keep = np.ones(_PIECES, bool)
+    for _ in range(_PASSES):
+        delta = best_shift(pieces, t, lambda x, blur=s: step(x, blur), reach, 0.1)
+        steep = np.abs(np.gradient(delta))
+        keep = (np.abs(delta) < reach - 1) & _near_most(delta)
+        level = keep & (steep <= np.quantile(steep, _LEVEL))
+        aligned = [np.interp(t + d, t, piece) for d, piece in zip(delta, pieces, strict=True)]
+        near = np.abs(t) <= _DEEPEST
+        own = _clear_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s)[1]
+        if abs(own / s - 1) < _SAME:
+            break
+        s = own
+    return own, delta[keep], where[keep]
+
+
+def _near_most(delta: Array) -> Flags:
+    """Which shifts are within four standard deviations of the median, by the median deviation."""
+    off = np.abs(delta - np.median(delta))
+    return off <= 4 * max(1.4826 * float(np.median(off)), 0.05)
+
+
+def _window(blur: float) -> Array:
+    half = round(max(12.0, 5 * blur))
+    return np.arange(-half, half + 1.0)
+
+
+def _clear_step(profile: Array, t: Array, start: float) -> tuple[float, float]:
+    """Shift and blur of the step in the mean profile."""
+    shift, blur, height = _step(profile, t, start)
+    if not (height > _LEAST_HEIGHT and abs(shift) < t[-1]):
+        raise MissingFitting(
+            "a tape must end in an edge towards the braid; none is seen where its colour ends",
+            step_height=height,
+        )
+    return shift, blur
+
+
+def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float]:
+    """Shift, blur and height of the step that fits a profile best, whatever it is worth."""
+
+    def blur_of(unknown: Array) -> Array:
+        return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
+
+    def fitted(unknown: Array) -> tuple[Array, Array]:
+        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
+
+    steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
+    first = np.array([steepest, np.log(start)])
+    best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
+    return float(best[0]), float(blur_of(best)[0]), float(fitted(best)[0][0])
+
+
+class Lean(NamedTuple):
+    """A ring as a plane through a cylinder, from its arc in the picture.
+
+    Attributes:
+        slope: p, by which the ring's front lies lower than its middle, over the radius [-].
+        stderr: its standard error [-].
+        middle: how far the ring's middle lies beyond `Ring.y` along the axis [m].
+        middle_stderr: standard error of the middle's place [m].
+    """
+
+    slope: float
+    stderr: float
+    middle: float
+    middle_stderr: float
+
+    @classmethod
+    def of(cls, ring: Ring, radius: float) -> "Lean":
+        """The lean of a ring of this radius [m], by least squares.
+
+        Unrolled about an upright cylinder at the camera's distance, a ring square to it is straight.
+        The front of one that leans lies lower by p sqrt(R^2 - X^2) at X across the axis, as does that
+        of a square one around a tilted axis, or seen from another distance.
+        """
+        found, stderr = plane_through(radius * ring.lateral, ring.shift, radius)
+        return cls(found[2], stderr[2], found[0], stderr[0])
+
+
+def check_tape_diameter(
+    photo: Photograph, coarse: Segmentation, body: Silhouette, recipe: Recipe, known: float
+) -> None:
+    """Refuse a scale that contradicts the tapes' known diameter.
+
+    A tape is a cylinder about the muscle's axis: R = rho sin(beta) with the half angle beta between
+    its two tangent planes, by the limb model.
+
+    Raises:
+        ScaleContradiction: the tapes' mean diameter differs from the known one by more than
+            `QualityLimits.scale_contradiction`, or a tape shows too few rows for that.
+    """
+    camera, table = photo.camera, recipe.tone_curve.table
+    # Luma hardly sees blue: the colour in which the tape is brightest does.
+    colour = int(np.argmax(coarse.tape))
+    dark, bright = np.interp([coarse.cloth[colour], coarse.tape[colour]], np.arange(256), table)
+    amount = ((table - dark) / (bright - dark)).astype(np.float32)
+    angles = []
+    for tape, first, last in (
+        (coarse.upper, coarse.upper.top, min(coarse.upper.inner_limbs)),
+        (coarse.lower, max(coarse.lower.inner_limbs), coarse.lower.bottom),
+    ):
+        rows = np.arange(int(first) + _GUARD, int(last) - _GUARD)
+        if rows.size < _FEWEST_ROWS:
+            raise ScaleContradiction(
+                f"a tape must show {_FEWEST_ROWS} rows to check the scale by its diameter: use a wider "
+                "tape, or leave the tape's diameter out",
+                rows=rows.size,
+            )
+        y = (rows - camera.centre[1]) / camera.px_per_m
+        X, Y = turned(np.full(rows.size, body.x0), y, body.roll)
+        middle, half = camera.pixels(X, Y, camera.distance)[0], (tape.right - tape.left) / 2
+        outline = find_outline(
+            photo.rgb[..., colour], amount, rows, middle - half, middle + half,
+            resolution=2.0 * rows.size,
+        )  # fmt: skip
+        left, right = np.arctan(turned(*camera.rays(outline.columns, rows), -body.roll)[0])
+        angles.append(float(np.median(right - left)) / 2)
+    mean = 2 * float(np.hypot(body.x0, camera.distance)) * float(np.mean(np.sin(angles)))
+    if abs(mean / known - 1) > recipe.limits.scale_contradiction:
+        raise ScaleContradiction(
+            "the tapes' diameter in the picture must be the known one; their ratio is "
+            f"{mean / known:.4f}: was the ruler in the plane of the muscle's axis, and is the "
+            "distance right?",
+            diameter=mean, known_diameter=known, px_per_m=camera.px_per_m,
+            limit=recipe.limits.scale_contradiction,
+        )  # fmt: skip

@@ -1,0 +1,466 @@
+"""The scale from the photograph of a ruler in the muscle's place."""
+
+import dataclasses
+import math
+from collections import Counter
+from os import PathLike, fspath
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .arrays import Array, Image, Single
+from .camera import Camera, RulerReading, Scale, Tone
+from .errors import AmbiguousRuler, ImagingError, RulerNotFound
+from .marks import Line, Numbered, marks_of, numbered, regular_strips
+from .photograph import Reader, read_image
+
+FEWEST = 8
+INCH = 0.0254  # [m]
+_ON_MODEL = 0.8  # of the marks between the first and the last
+_AT_ALL = 0.5  # of them, from which another scale may not be passed over
+_SHARP = 0.05  # pitches; marks that scatter more are none of a ruler
+_EXPECTED = 0.25  # relative, by which the scale that is expected may be off
+_SAME = 0.03  # relative, by which two pitches, or a multiple of one, may differ
+_AS_EXACT = (3.0, 0.1)  # times, px
+_STRAND = 3.0  # px, width of the lines along which marks are followed from strip to strip
+_ON_MARK = 0.12  # pitches by which a mark may seem to wander between two strips
+
+
+@dataclasses.dataclass(frozen=True)
+class Strip:
+    """A strip of a ruler with its marks.
+
+    Attributes:
+        line: where it is.
+        marks: on it.
+    """
+
+    line: Line
+    marks: Numbered
+
+
+def choose_strip(luma: Image, light: Single, pitch: float, expected: float | None) -> Strip:
+    """The strip with the most marks of those that have the scale to expect.
+
+    Args:
+        luma: picture, shape (h, w).
+        light: the same in linear light.
+        pitch: of the marks [m].
+        expected: scale [px/m]; None expects that of the finest marks, and no other.
+
+    Raises:
+        RulerNotFound: no strip has 8 marks at even distances, or none of the scale expected.
+        AmbiguousRuler: no scale is expected, and another edge shows another one.
+    """
+    lines = regular_strips(luma)
+    strips = [strip for line in lines if (strip := read_strip(light, line)) is not None]
+    good = [strip for strip in strips if is_ruler(strip.marks)]
+    if expected is not None:
+        near = expected * pitch
+        good = [strip for strip in good if abs(strip.marks.pitch / near - 1) < _EXPECTED]
+    if not good:
+        figures: dict[str, Any] = {
+            "marks": max((strip.marks.number.size for strip in strips), default=0),
+            "strips": len(lines),
+        }
+        if expected is not None:
+            figures["expected_pitch_px"] = expected * pitch
+        raise RulerNotFound(
+            f"a ruler must show {FEWEST} or more marks at even distances, {_ON_MODEL:.0%} of those "
+            "between the first and the last; is it in the picture, in focus, and is the pitch that "
+            "of its finest regular marks?",
+            **figures,
+        )
+    best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
+    if expected is None:
+        _check_unique(light, best, strips, pitch)
+    return best
+
+
+def read_strip(light: Single, line: Line) -> Strip | None:
+    """A strip's marks, None where they cannot be numbered."""
+    marks = numbered(marks_of(line.profile(light), line.pitch), line.pitch)
+    return None if marks is None else Strip(line, marks)
+
+
+def is_ruler(marks: Numbered) -> bool:
+    """Whether marks are many, even and sharp enough."""
+    return (
+        marks.number.size >= FEWEST
+        and marks.number.size >= _ON_MODEL * marks.expected
+        and marks.residual <= _SHARP * marks.pitch
+    )
+
+
+def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
+    """Every other strip must show the same marks, or the longer ones of them."""
+    others = [
+        strip
+        for strip in strips
+        if abs(strip.line.along @ best.line.along) > 0.99
+        and strip.marks.number.size >= max(FEWEST, _AT_ALL * strip.marks.expected)
+        and strip.marks.residual <= _SHARP * strip.marks.pitch
+    ]
+    alike = [strip for strip in others if abs(strip.marks.pitch / best.marks.pitch - 1) < _SAME]
+    for other in others:
+        ratio = max(other.marks.pitch, best.marks.pitch) / min(other.marks.pitch, best.marks.pitch)
+        whole = abs(ratio / round(ratio) - 1) < _SAME
+        if whole and (
+            round(ratio) == 1
+            or not _as_exact(other, best)
+            or any(_run_together(light, fine, other) for fine in alike)
+        ):
+            continue
+        raise AmbiguousRuler(
+            "the picture must show one scale; two edges of the ruler differ, and the pitch that was "
+            "given can be that of either: say which scale to expect (expected_px_per_m, "
+            "--expected-px-per-in), or cover one edge",
+            pitch_px=best.marks.pitch, other_pitch_px=other.marks.pitch,
+            px_per_in=best.marks.pitch / pitch * INCH,
+            other_px_per_in=other.marks.pitch / pitch * INCH,
+        )  # fmt: skip
+
+
+def _as_exact(strip: Strip, best: Strip) -> bool:
+    """Whether what repeats itself can be marks: the numbers beside every eighth do not as well."""
+    times, more = _AS_EXACT
+    return strip.marks.residual <= times * best.marks.residual + more
+
+
+def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
+    """Whether the marks of a strip go on to that of the finer ones: they are its longer marks."""
+    across = coarse.line.across
+    way = float((fine.line.origin - coarse.line.origin) @ across)
+    for part in (0.25, 0.5, 0.75):
+        origin = coarse.line.origin + part * way * across
+        line = dataclasses.replace(coarse.line, origin=origin, width=_STRAND)
+        seen = marks_of(line.profile(light), coarse.line.pitch)
+        if seen.size == 0:
+            return False
+        off = np.abs(coarse.marks.place[:, None] - seen).min(axis=1)
+        if np.mean(off < _ON_MARK * coarse.marks.pitch) < 0.5:
+            return False
+    return True
+
+
+INCH = 0.0254  # [m]
+_PERIODS = (2, 4, 5, 8, 10, 16, 20, 32, 64)
+_READINGS = {
+    8: (0.125 * INCH,), 16: (0.0625 * INCH,), 32: (INCH / 32,), 64: (INCH / 64,),
+    10: (0.001, 0.1 * INCH), 20: (0.0005, 0.05 * INCH),
+}  # fmt: skip
+"""Pitches [m] of marks that are numbered at every so many: inches in powers of two, centimetres,
+inches in tenths and twentieths. Every fourth mark is longer on most rulers, and tells nothing."""
+
+_REACH = 24  # pitches across, within which a ruler has its longest marks and its numbers
+_ACROSS = 0.25  # pitches
+_SUPPORT = 0.5  # of the lines that the period seen on most has, without which another is chance
+_FEWEST = 4  # numbers
+_CLEAR = 0.6  # of the ink's variance from mark to mark, that its period explains
+_AS_CLEAR = 0.75  # of the clearest period
+_INK = 0.15  # of the light on the face
+_EXPECTED = 0.25  # relative, by which the scale that is expected may be off
+
+
+def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
+    """The pitch of a ruler's marks [m] by the number of marks from number to number.
+
+    Args:
+        light: linear light of the picture, shape (h, w).
+        strip: the marks.
+        expected: scale to within a quarter [px/m], which decides between two readings.
+
+    Raises:
+        AmbiguousRuler: no numbers or longest marks are seen, or they can be read in two ways.
+    """
+    period = marks_per_number(light, strip)
+    readings = _READINGS.get(period or 0, ())
+    if expected is not None:
+        near = strip.marks.pitch / expected
+        readings = tuple(one for one in readings if abs(one / near - 1) < _EXPECTED)
+    if len(readings) == 1:
+        return readings[0]
+    if readings:
+        raise AmbiguousRuler(
+            f"every {period}th mark is numbered, as on a ruler in millimetres and on one in tenths of an "
+            "inch: is the pitch 1 mm or 0.1 in? Say --pitch 1mm or --pitch 0.1in",
+            pitch_px=strip.marks.pitch,
+        )
+    seen = f"every {period}th mark is longest or numbered, which is no ruler's that is known"
+    if period is None:
+        seen = "no numbers and no longest marks are seen that would tell the pitch"
+    raise AmbiguousRuler(
+        f"how far is it from mark to mark? {seen}: say --pitch 0.125in, 1mm, or what the ruler has",
+        pitch_px=strip.marks.pitch,
+    )
+
+
+def marks_per_number(light: Single, strip: Strip) -> int | None:
+    """Marks from number to number, or from one longest mark to the next; None where none are seen.
+
+    Along lines beside the marks the ink about each mark's place is summed. Its period on each line is
+    the shortest one that explains nearly all that any explains; the longest of all lines' periods is
+    that of the numbers, since all shorter marks repeat themselves more often.
+    """
+    line, marks = strip.line, strip.marks
+    first, last = int(marks.number.min()), int(marks.number.max())
+    face = max(float(np.percentile(line.profile(light), 80)), 1e-6)
+    away = np.arange(-_REACH, _REACH + _ACROSS, _ACROSS) * line.pitch
+    # Three pixels wide, and between pixels: a line of the nearest ones goes up and down an edge that it
+    # lies along, in steps as regular as a ruler's numbers.
+    at, across = np.arange(line.samples), (away[:, None] + np.arange(-1.0, 2.0)).reshape(-1, 1)
+    u, v = (
+        (line.origin[i] + at * line.along[i] + across * line.across[i]).astype(np.float32)
+        for i in (0, 1)
+    )
+    seen = cv2.remap(light, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profiles = np.asarray(seen, float).reshape(away.size, 3, -1).mean(axis=1)
+    ink = _ink(profiles, marks.coefficients, first, last) / face
+    counts = Counter(period for period in _periods(ink) if period)
+    most = max(counts.values(), default=0)
+    return max((one for one, n in counts.items() if n >= max(2, _SUPPORT * most)), default=None)
+
+
+def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
+    """Ink about each mark's place, the mean of what differs from most of its line, (lines, marks)."""
+    a, b, c = fit
+    at = (np.arange(first - 0.5, last + 1) * b + a) / (1 + c * np.arange(first - 0.5, last + 1))
+    edges = np.clip(np.sort(np.rint(at)).astype(int), 0, profiles.shape[1])
+    inside = profiles[:, edges[0] : max(edges[-1], edges[0] + 1)]
+    differs = np.abs(profiles - np.median(inside, axis=1, keepdims=True))
+    total = np.pad(np.cumsum(differs, axis=1), ((0, 0), (1, 0)))
+    ink = np.diff(total[:, edges], axis=1) / np.maximum(np.diff(edges), 1)
+    return ink if b > 0 else ink[:, ::-1]
+
+
+def _periods(ink: Array) -> list[int | None]:
+    """The shortest period that explains the ink about the marks of each line; None where none does."""
+    most = np.sort(ink, axis=1)[:, -_FEWEST:].min(axis=1, keepdims=True)
+    ink = np.minimum(ink, 0.7 * most)  # an 8 is no more than a 1
+    known = [n for n in _PERIODS if ink.shape[1] >= _FEWEST * n]
+    explained = np.zeros((len(ink), len(known)))
+    for k, n in enumerate(known):
+        whole = ink[:, : ink.shape[1] // n * n].reshape(len(ink), -1, n)
+        mean, size = whole.mean(axis=1, keepdims=True), whole[0].size
+        left = np.sum((whole - mean) ** 2, axis=(1, 2)) / max(size - n, 1)
+        spread = np.var(whole, axis=(1, 2)) * size / (size - 1)
+        seen = (spread > 0) & (np.ptp(mean[:, 0], axis=1) > _INK / 4)
+        explained[seen, k] = 1 - left[seen] / spread[seen]
+    best = explained.max(axis=1, initial=0.0)
+    near = explained >= np.maximum(_AS_CLEAR * best, 1e-300)[:, None]
+    return [
+        known[int(np.argmax(row))] if clear >= _CLEAR else None
+        for row, clear in zip(near, best, strict=True)
+    ]
+
+
+_OF_K1 = 1e-3  # of k1, for a derivative
+_ROUNDS = 3
+_SEEN = 3.0  # standard errors from which a distortion is undone
+_LARGEST = 0.5
+
+
+def lens_of_marks(strip: Strip, camera: Camera) -> tuple[Camera, float | None]:
+    """The camera with the distortion k1 that the marks show, and the standard error of k1.
+
+    Marks at even distances on a plane ruler have px(n) = (a + b n) / (1 + c n) behind a lens that
+    does not distort. k1 r^3 is not of that form: Gauss and Newton's steps find the k1 that leaves
+    least over. One of less than three standard errors is taken for none.
+
+    Args:
+        strip: the marks.
+        camera: whose k1 is not known; its scale may be off by some percent.
+
+    Returns:
+        The camera; None where the marks are too few, or too close to the optical axis.
+    """
+    k1, stderr = 0.0, math.inf
+    for _ in range(_ROUNDS):
+        here, there = (
+            _left_over(strip, dataclasses.replace(camera, k1=k1 + step)) for step in (0.0, _OF_K1)
+        )
+        if here is None or there is None:
+            return camera, None
+        slope = (there - here) / _OF_K1
+        power = float(slope @ slope)
+        free = max(here.size - 4, 1)
+        if not power > 0:
+            return camera, None
+        k1 -= float(slope @ here) / power
+        if abs(k1) > _LARGEST:
+            return camera, None
+        stderr = math.sqrt(float(here @ here) / free / power)
+    seen = abs(k1) > _SEEN * stderr
+    return (dataclasses.replace(camera, k1=k1) if seen else camera), stderr
+
+
+def straightened(strip: Strip, camera: Camera) -> Numbered:
+    """The marks where a lens without distortion would show them."""
+    if camera.k1 == 0:
+        return strip.marks
+    again = numbered(_shown(strip, camera), strip.marks.pitch)
+    return strip.marks if again is None else again
+
+
+def _shown(strip: Strip, camera: Camera) -> Array:
+    """Places along the strip [px] of the marks behind a lens without distortion."""
+    line, centre = strip.line, np.array(camera.centre)
+    u, v = (line.origin[i] + strip.marks.place * line.along[i] for i in (0, 1))
+    rays = np.stack(camera.rays(u, v), axis=1)
+    return (centre + rays * camera.focal_px - line.origin) @ line.along
+
+
+def _left_over(strip: Strip, camera: Camera) -> Array | None:
+    """What the best projective scale leaves of the marks' places, for this lens [px]."""
+    place, n = _shown(strip, camera), strip.marks.number
+    x = (n - n.mean()) / max(np.ptp(n), 1)
+    if n.size < 8:
+        return None
+    # px = (a + b n) / (1 + c n) is linear in a, b, c but for px in the last column.
+    model = np.column_stack([np.ones_like(x), x, -x * place])
+    fit = np.linalg.lstsq(model, place, rcond=None)[0]
+    return (fit[0] + fit[1] * x) / (1 + fit[2] * x) - place
+
+
+_TURNS = 3
+_PITCHES = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)
+_LEAST_EXACT = 1e-3  # standard error of the scale, relative
+
+
+def calibrate_ruler(
+    image: str | PathLike[str] | Image, *, pitch: float | None = None, distance: float = 1.524,
+    centre: tuple[float, float] | None = None, k1: float | None = None, tone: Tone | None = None,
+    expected_px_per_m: float | None = None, placement_stderr: float | None = None,
+    reader: Reader = read_image,
+) -> Scale:  # fmt: skip
+    """The scale in the mid-plane from a ruler that passes through it at the height of the optical axis.
+
+    The marks' places along the ruler follow px(n) = (a + b n) / (1 + c n) exactly for any tilt in
+    depth; the tilt is sin(tilt) = d c / (1 + c n0) per metre of ruler with n0 where the optical
+    axis meets it, and the scale there its slope over cos(tilt). What no picture of a ruler shows is
+    how far in front of or behind the muscle's axis it was: a distance e changes the scale by e / d.
+
+    Args:
+        image: path of a picture, or the picture: RGB, dtype uint8, shape (h, w, 3). The ruler may
+            lie in any direction, its marks dark or light, long and short, with numbers.
+        pitch: from mark to mark, of the finest that are regular [m]; None reads it off the number of
+            marks from one number, or longest mark, to the next.
+        distance: camera to the mid-plane d [m].
+        centre: where the optical axis meets the picture (u, v) [px]; None takes its middle.
+        k1: radial distortion, as in `Camera`; None takes what the marks show, where that is more than
+            three standard errors.
+        tone: the camera's tone curve; sRGB by default. It hardly matters here.
+        expected_px_per_m: the scale to within a quarter [px/m]; distinguishes a ruler's
+            finer and coarser marks, or its two edges.
+        placement_stderr: standard error of the ruler's place in depth [m]; enters the scale's. None
+            takes it to lie in the plane, and measurements warn of that.
+        reader: from path to picture.
+
+    Returns:
+        The scale; positive `tilt_deg` when its lower, or right, end is further away.
+
+    Raises:
+        RulerNotFound: no regular marks, fewer than 8, too many that do not fit, or a scale no
+            better than 0.1 %.
+        AmbiguousRuler: no scale is expected, and two edges of the ruler show two; or the pitch can be
+            read in two ways, or in none.
+        UnreadableImage, DamagedImage: as `read_image`.
+        ValueError: a figure outside its range.
+
+    References:
+        Chambers 2021, section 4.2.1.
+    """
+    RulerReading(pitch, expected_px_per_m, placement_stderr)  # refuses what cannot be
+    if not (math.isfinite(distance) and distance > 0):
+        raise ValueError(f"distance must be finite and > 0, got {distance} m")
+    path = "" if isinstance(image, np.ndarray) else fspath(image)
+    try:
+        rgb = image if isinstance(image, np.ndarray) else reader(path)
+        luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
+        table = (tone or Tone.srgb()).table.astype(np.float32)
+        light = np.asarray(cv2.LUT(luma, table), np.float32)
+        strip, step = _strip_and_pitch(luma, light, pitch, expected_px_per_m)
+        middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
+        lens = Camera(strip.marks.pitch / step, distance, middle, k1 or 0.0)
+        bent = None
+        if k1 is None:
+            lens, bent = lens_of_marks(strip, lens)
+        marks = straightened(strip, lens)
+        scale = _scale(strip.line, marks, middle, step, distance, placement_stderr or 0.0)
+        return dataclasses.replace(
+            scale, k1=lens.k1, k1_stderr=bent, pitch=step, placement_stderr=placement_stderr
+        )
+    except ImagingError as error:
+        if path:
+            raise error.at(path) from error
+        raise
+
+
+def _aligned(light: Single, strip: Strip) -> Strip:
+    """The strip turned until both of its halves show the marks at the same places."""
+    line = strip.line
+    for _ in range(_TURNS):
+        halves = [marks_of(line.profile(light, part=part), line.pitch) for part in (-1.0, 1.0)]
+        if min(half.size for half in halves) < FEWEST:
+            break
+        nearest = np.abs(halves[0][:, None] - halves[1]).argmin(axis=1)
+        shift = halves[1][nearest] - halves[0]
+        close = np.abs(shift) < 0.3 * line.pitch
+        if close.sum() < FEWEST:
+            break
+        angle = float(np.median(shift[close])) / (line.width / 2)
+        line = line.turned(-np.arctan(angle)) if abs(angle) > 1e-5 else line
+    again = read_strip(light, line)
+    return again if again is not None and is_ruler(again.marks) else Strip(line, strip.marks)
+
+
+def _strip_and_pitch(
+    luma: Image, light: Single, pitch: float | None, expected: float | None
+) -> tuple[Strip, float]:
+    """The marks and their pitch [m], the stated one or that of the numbers beside them."""
+    if pitch is not None:
+        return _aligned(light, choose_strip(luma, light, pitch, expected)), pitch
+    wanted = _PITCHES if expected is not None else _PITCHES[:1]
+    for one in wanted:
+        try:
+            strip = _aligned(light, choose_strip(luma, light, one, expected))
+            return strip, pitch_of(light, strip, expected)
+        except (RulerNotFound, AmbiguousRuler):
+            if one == wanted[-1]:
+                raise
+    raise AssertionError  # the loop returns or raises
+
+
+def _scale(
+    line: Line, marks: Numbered, centre: tuple[float, float], pitch: float, distance: float,
+    placement: float,
+) -> Scale:  # fmt: skip
+    foot = float((np.asarray(centre) - line.origin) @ line.along)
+
+    def scale_and_tilt(fit: Array) -> tuple[float, float]:
+        a, b, c = fit
+        n = (foot - a) / (b - c * foot)
+        below = 1 + c * n
+        sine = float(np.clip(c / below / pitch * distance, -1, 1))
+        slope = (b - a * c) / below**2 / pitch
+        return slope / math.sqrt(1 - sine**2), math.degrees(math.asin(sine))
+
+    fit = marks.coefficients
+    px_per_m, tilt = scale_and_tilt(fit)
+    root = np.sqrt(np.diag(marks.covariance))
+    ends = [[scale_and_tilt(fit + sign * step)[0] for sign in (1, -1)] for step in np.diag(root)]
+    gradient = np.subtract(*np.transpose(ends)) / (2 * root)
+    random = math.sqrt(gradient @ marks.covariance @ gradient)
+    if not random <= _LEAST_EXACT * px_per_m:
+        raise RulerNotFound(
+            f"a ruler's marks must give the scale to {_LEAST_EXACT:.1%} or better; these are too few, "
+            "or scatter too much: is it in focus, are its finest marks 5 px or more apart?",
+            relative_stderr=random / px_per_m, marks=marks.number.size, residual_px=marks.residual,
+        )  # fmt: skip
+    a, b, c = fit
+    return Scale(
+        px_per_m=px_per_m, stderr=math.hypot(random, px_per_m * placement / distance),
+        coefficients=(float(a), float(b / pitch), float(c / pitch)), tilt_deg=tilt,
+        residual_px=marks.residual, marks=marks.number.size, source="ruler",
+    )  # fmt: skip

@@ -1,0 +1,472 @@
+"""Which pixels are cloth, braid and tape: the coarse outline that the fine steps start from."""
+
+import colorsys
+import dataclasses
+import math
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import Array, Flags, Image, Indices, Single
+from .camera import LUMA, Tone, amount_of_look, amount_of_luma
+from .errors import (
+    AmbiguousHue,
+    Clipped,
+    ExtraFitting,
+    ImagingError,
+    MissingFitting,
+    NoMuscle,
+    WrongOrientation,
+)
+from .masks import (
+    TWO_CLASSES,
+    Mask,
+    MuscleMask,
+    areas,
+    light_behind,
+    mask_against_border,
+    muscle_mask,
+    otsu_split,
+    parts,
+    sampled,
+    shaped,
+)
+
+_OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
+_SURE_HUE = 25.0  # the same of the class with more pixels, which is the braid as a rule
+_LEAST_CHROMA = 0.01  # of chromaticity; rendered grey has 0.006 at most, tan on tan 0.018
+_COLOURS = 4000  # pixels that classes and median colours are found on
+
+
+def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[Mask, float]:
+    """The pixels of the tape among those of the muscle.
+
+    Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
+    along its first principal axis gives two classes, and a second one along the line between
+    their means the answer. White braids, whose hue is noise, and red tapes, whose hue lies across
+    the seam, need no special case.
+
+    Args:
+        rgb: picture, shape (h, w, 3).
+        muscle: > 0 on the muscle, shape (h, w).
+        tape_hue: of the tape [deg]; None takes the class with fewer pixels, as does a hue that
+            neither class has.
+
+    Returns:
+        mask: 255 on the tape, shape (h, w).
+        eta: separability of the two colours, 0 to 1.
+    """
+    nothing = np.zeros_like(muscle), 0.0
+    sample = sampled(rgb, muscle, _COLOURS).astype(np.float32)
+    colour = sample / (sample @ np.ones((3, 1), np.float32) + 1)
+    along = np.linalg.eigh(np.cov(colour.T))[1][:, -1]
+    level, eta = _cut(colour @ along)
+    upper = colour @ along > level
+    if upper.all() or not upper.any():
+        return nothing
+    along = colour[upper].mean(axis=0) - colour[~upper].mean(axis=0)
+    if np.linalg.norm(along - along.mean()) < _LEAST_CHROMA:
+        return nothing
+    level, eta = _cut(colour @ along)
+    upper = colour @ along > level
+    if upper.all() or not upper.any():
+        return nothing
+    take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
+    if tape_hue is not None:
+        sides = (sample[upper], sample[~upper])
+        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
+        nearest = bool(away[0] <= away[1])
+        if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
+            take_upper = nearest
+    # along . c > level, multiplied by R + G + B + 1, is one linear form of the picture.
+    form = np.array([[*(along - level), -level]], np.float32)
+    u, v, width, height = cv2.boundingRect(muscle)
+    box = slice(v, v + height), slice(u, u + width)
+    above = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
+    mask = np.zeros_like(muscle)
+    mask[box] = np.where((above == take_upper) & (muscle[box] > 0), 255, 0)
+    return mask, eta
+
+
+def hue_of(rgb: NDArray[np.floating]) -> float:
+    """Hue [deg] of a colour, 0 to 360; zero for grey."""
+    red, green, blue = (float(value) for value in rgb)
+    return 360 * colorsys.rgb_to_hsv(red, green, blue)[0]
+
+
+def hues_apart(a: float, b: float) -> float:
+    """Distance of two hues around the circle [deg], 0 to 180."""
+    return abs((a - b + 180) % 360 - 180)
+
+
+def _cut(values: NDArray[np.floating]) -> tuple[float, float]:
+    """The level between two classes of values, and their separability.
+
+    Otsu's level lies half way between the means and cuts into the wider class, such as a glossy
+    tape; this one is as many standard deviations from the one as from the other.
+    """
+    low, high = np.percentile(values, [0.2, 99.8])
+    if not high > low:
+        return float(high), 0.0
+    place = np.clip((values - low) * (256 / (high - low)), 0, 255).astype(np.intp)
+    split = otsu_split(np.bincount(place, minlength=256))
+    upper = place > split.level
+    if upper.all() or not upper.any():
+        return float(high), 0.0
+    (m0, s0), (m1, s1) = ((part.mean(), part.std()) for part in (values[~upper], values[upper]))
+    level = (m0 * s1 + m1 * s0) / (s0 + s1) if s0 + s1 > 0 else (m0 + m1) / 2
+    return float(level), split.eta
+
+
+_GAP = 0.4  # of the root of half the coloured area: how far apart parts of one tape may be
+_LEAST_TAPE = 0.2  # of the larger tape's area
+
+
+@dataclasses.dataclass(frozen=True)
+class Patch:
+    """The pixels of one tape.
+
+    Attributes:
+        x, y: first column and row of its box.
+        mask: its pixels in the box, shape (h, w).
+    """
+
+    x: int
+    y: int
+    mask: Flags
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle of the box, u and v."""
+        h, w = self.mask.shape
+        return self.x + w / 2, self.y + h / 2
+
+
+def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patch, Patch]:
+    """The two tapes, the upper one first, or the left one where they are at one height.
+
+    Parts that a streak of gloss divides are one tape; what has less than a fifth of the largest
+    one's pixels is none.
+
+    Args:
+        coloured: pixels of the tape's colour, shape (h, w).
+        muscle: pixels of the muscle.
+        eta: separability of the two colours.
+        step: picture pixels to one of these, for the figures of errors.
+
+    Raises:
+        AmbiguousHue, MissingFitting, ExtraFitting, Clipped: there are not two, or not all of them.
+    """
+
+    def patch(number: int) -> Patch:
+        mask = labels == number
+        x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
+        return Patch(x, y, mask[y : y + h, x : x + w])
+
+    coloured = shaped(coloured, cv2.MORPH_OPEN, 3)
+    half = np.count_nonzero(coloured) / 2
+    labels = parts(shaped(coloured, cv2.MORPH_CLOSE, int(max(5, _GAP * np.sqrt(half))) | 1))
+    labels[coloured == 0] = 0
+    area = areas(labels)
+    numbers = np.flatnonzero((area > 0) & (area >= _LEAST_TAPE * area.max()))
+    n = int(numbers.size)
+    lines = {"top": muscle[0], "bottom": muscle[-1], "left": muscle[:, 0], "right": muscle[:, -1]}
+    at_frame = " and ".join(name for name, line in lines.items() if line.any())
+    for holds, error, text in (
+        (n < 2 and at_frame, Clipped,
+         f"both tapes must be in the picture; {n} is seen, and the muscle runs out at the {at_frame}: "
+         "move the camera, or widen the crop"),
+        (n == 0 or (n != 2 and eta < TWO_CLASSES), AmbiguousHue,
+         "the tapes must differ in colour from the braid; no two classes of colour are seen: use "
+         "another tape, or give its hue"),
+        (n == 1, MissingFitting,
+         "two tapes must be seen; one is: is the other covered, too dark, or without colour?"),
+        (n > 2, ExtraFitting,
+         f"two tapes must be seen, and {n} are: remove the rest from the picture, crop it, or give "
+         "the tape's hue"),
+    ):  # fmt: skip
+        if holds:
+            raise error(text, tapes=n, eta_hue=eta)
+    upper, lower = sorted(map(patch, numbers.tolist()), key=lambda patch: patch.centre[1])
+    for x, y, (h, w) in ((each.x, each.y, each.mask.shape) for each in (upper, lower)):
+        if min(x, y) == 0 or x + w == muscle.shape[1] or y + h == muscle.shape[0]:
+            raise Clipped(
+                "the tapes must lie inside the picture; one touches its border: move the camera, "
+                "or widen the crop",
+                left_px=x * step, top_px=y * step, width_px=w * step, height_px=h * step,
+            )  # fmt: skip
+    return upper, lower
+
+
+_BY_BACKGROUND = Clipped, NoMuscle, ExtraFitting, AmbiguousHue, MissingFitting
+_SEPARATE = 0.7  # eta of brightness from which the background is dark and even
+_COARSE_PIXELS = 0.35e6  # the picture is thinned out to about this many for the first look
+_FINE_STEP = 4
+_FEWEST_ROWS = 48
+_GUARD = 2  # pixels next to a tape that its blur may reach
+_MARGIN = 40  # pixels around the muscle that are kept as cloth
+
+
+@dataclasses.dataclass(frozen=True)
+class TapeBand:
+    """One tape ring as it lies in the picture [px].
+
+    Attributes:
+        top, bottom, left, right: bounding box.
+        inner: coefficients of the inner edge, v = polynomial in u, highest power first, shape (3,).
+        inner_limbs: rows of the inner edge at its left and right end.
+    """
+
+    top: float
+    bottom: float
+    left: float
+    right: float
+    inner: Array
+    inner_limbs: tuple[float, float]
+
+    def moved(self, step: int, v0: int, u0: int) -> "TapeBand":
+        """The tape in pixels of the whole picture, v = step p((u - u0) / step) + v0."""
+        a, b, c = self.inner
+        inner = a / step, b - 2 * a * u0 / step, a * u0**2 / step - b * u0 + c * step + v0
+        rows = (self.top, self.bottom, *self.inner_limbs)
+        top, bottom, *limbs = (row * step + v0 for row in rows)
+        left, right = self.left * step + u0, self.right * step + u0
+        return TapeBand(top, bottom, left, right, np.array(inner), (limbs[0], limbs[1]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Segmentation:
+    """The muscle to within some pixels.
+
+    Attributes:
+        rows: rows between the tapes, shape (n,).
+        left, right: columns of the outermost muscle pixels in them, shape (n,).
+        upper, lower: the tapes.
+        cloth, braid, tape: median colours, 0 to 255, shape (3,).
+        eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1; the first nan
+            where the muscle was found by its border and not by its brightness.
+        saturated: part of the muscle with a colour at 254 or more.
+    """
+
+    rows: Indices
+    left: Array
+    right: Array
+    upper: TapeBand
+    lower: TapeBand
+    cloth: Array
+    braid: Array
+    tape: Array
+    eta_value: float
+    eta_hue: float
+    saturated: float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Look:
+    """Muscle and tapes in a picture of which every `step`-th pixel is looked at."""
+
+    step: int
+    small: Image
+    muscle: MuscleMask
+    tape: Mask
+    upper: Patch
+    lower: Patch
+    eta_hue: float
+
+
+def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
+    """The coarse outline of an upright muscle and its two tapes.
+
+    The brightest of the three colours, or the strength of the colour, separates the muscle from
+    the cloth (Otsu on each); where this gives no muscle with two tapes, what is off the colours of
+    the picture's left and right borders does. The chromaticity along the line between the two
+    classes separates the tapes from the braid (Otsu again), without a seam at hue 0. Large pictures
+    are looked at twice, coarse for the place and then at every fourth pixel.
+
+    Args:
+        rgb: picture, shape (h, w, 3).
+        tape_hue: of the tape [deg]; None takes the colour that covers the smaller part.
+
+    Raises:
+        ImagingError: one of NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting,
+            Clipped, WrongOrientation; see these classes.
+    """
+    error: ImagingError | None = None
+    try:
+        found = _segmented(rgb, tape_hue, muscle_mask)
+        if found.eta_value >= _SEPARATE:
+            return found
+    except _BY_BACKGROUND as refused:
+        found, error = None, refused
+    try:
+        return _segmented(rgb, tape_hue, mask_against_border)
+    except ImagingError as also:
+        if found is not None:
+            return found
+        raise also if error is None or light_behind(rgb) else error from None
+
+
+def _segmented(
+    rgb: Image, tape_hue: float | None, mask_by: Callable[[Image], MuscleMask]
+) -> Segmentation:
+    step = max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
+    # A picture that would be looked at a little more finely than a large one needs no second look.
+    step = _FINE_STEP if step == _FINE_STEP - 1 else step
+    look = _look(rgb, step, tape_hue, mask_by)
+    across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre)) * step
+    if across > along:
+        raise WrongOrientation(
+            "the muscle must stand in the picture as the recipe says; the line from tape to tape "
+            'lies across it: turn the camera, or set the orientation to "auto"',
+            across_px=float(across), along_px=float(along),
+        )  # fmt: skip
+    v0 = u0 = 0
+    if step > _FINE_STEP:
+        # The box of both tapes and the muscle between them, with a margin of cloth.
+        top, bottom = look.upper.y, look.lower.y + look.lower.mask.shape[0]
+        columns, margin = (
+            np.flatnonzero(look.muscle.whole[top:bottom].any(axis=0)),
+            [-_MARGIN, _MARGIN],
+        )
+        v0, v1 = np.clip(np.array([top, bottom]) * step + margin, 0, rgb.shape[0]).tolist()
+        u0, u1 = np.clip(columns[[0, -1]] * step + margin, 0, rgb.shape[1]).tolist()
+        look = _look(rgb[v0:v1, u0:u1], _FINE_STEP, tape_hue, mask_by)
+    return _measured(look, v0, u0)
+
+
+def _look(
+    rgb: Image, step: int, tape_hue: float | None, mask_by: Callable[[Image], MuscleMask]
+) -> _Look:
+    h, w = rgb.shape[0] // step, rgb.shape[1] // step
+    even = rgb[: h * step, : w * step]
+    small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
+    soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
+    muscle = mask_by(soft)
+    tape, eta_hue = split_by_colour(soft, muscle.lit, tape_hue)
+    upper, lower = two_tapes(tape, muscle.lit, eta_hue, step)
+    return _Look(step, small, muscle, tape, upper, lower, eta_hue)
+
+
+def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
+    """The look's masks as rows, columns and colours of the whole picture."""
+    step = look.step
+    upper, lower = _tape(look.upper, lower=False), _tape(look.lower, lower=True)
+    first, last = max(upper.inner_limbs), min(lower.inner_limbs)
+    rows = np.arange(
+        int(np.ceil(first * step)) + step + _GUARD, int(last * step) - step - _GUARD + 1
+    )
+    first, last = int(np.ceil(first)), int(last)
+    if rows.size < _FEWEST_ROWS or last - first < _FEWEST_ROWS // step:
+        raise MissingFitting(
+            f"{_FEWEST_ROWS} or more rows of braid must show between the tapes",
+            braid_rows=rows.size,
+        )
+    band = look.muscle.whole[first : last + 1] > 0
+    left = np.argmax(band, axis=1)
+    right = band.shape[1] - 1 - np.argmax(band[:, ::-1], axis=1)
+    if left.min() == 0 or right.max() == band.shape[1] - 1:
+        raise Clipped(
+            "the whole width of the muscle must be in the picture; its outline touches the border: "
+            "move the camera, widen the crop, or put a dark cloth behind all of it",
+            left_px=int(left.min() * step), right_px=int(right.max() * step),
+        )  # fmt: skip
+    at = np.arange(first, last + 1) * step
+    body = shaped(look.muscle.lit, cv2.MORPH_ERODE, 5)
+    inside = np.zeros_like(body)
+    inside[first : last + 1] = body[first : last + 1]
+    cloth = ~shaped(look.muscle.whole, cv2.MORPH_DILATE, 9)
+    cloth, braid, tape = (
+        sampled(look.small, mask, _COLOURS) for mask in (cloth, inside, look.tape & body)
+    )
+    if min(cloth.size, braid.size, tape.size) == 0:
+        raise NoMuscle("cloth, braid and tapes must each show some pixels; one shows none")
+    return Segmentation(
+        rows=rows + v0, left=np.interp(rows, at, left * step) + u0,
+        right=np.interp(rows, at, right * step) + u0, upper=upper.moved(step, v0, u0),
+        lower=lower.moved(step, v0, u0), cloth=np.median(cloth, axis=0),
+        braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=look.muscle.eta,
+        eta_hue=look.eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
+    )  # fmt: skip
+
+
+def _tape(found: Patch, *, lower: bool) -> TapeBand:
+    x, y, patch = found.x, found.y, found.mask
+    h, w = patch.shape
+    edge = y + (np.argmax(patch, axis=0) if lower else h - 1 - np.argmax(patch[::-1], axis=0))
+    columns = np.arange(x, x + w)
+    middle = slice(w // 8, w - w // 8)
+    u, v = columns[middle].astype(float), edge[middle].astype(float)
+    keep = np.abs(v - np.median(v)) <= max(4.0, 0.15 * np.ptp(u))
+    off = np.abs(v - np.polyval(np.polyfit(u[keep], v[keep], 2), u))
+    keep &= off <= max(2.0, 3 * float(np.median(off[keep])))
+    inner = np.polyfit(u[keep], v[keep], 2)
+    limbs = np.polyval(inner, np.array([x, x + w - 1.0]))
+    return TapeBand(y, y + h, x, x + w, inner, (float(limbs[0]), float(limbs[1])))
+
+
+_BESIDE = np.arange(6, 17)  # px from the coarse outline, on either side of it
+_ROWS = 400  # that are looked at, evenly thinned out
+_CONTRAST = 0.12  # of the brighter side: contrast that nine rows in ten must have
+_LUMA_FIRST = 0.5  # of the best colour's contrast with which luma, JPEG's sharpest, is preferred
+
+
+def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Single]:
+    """The picture in which the outline is found, and the linear amount of muscle for its values.
+
+    In front of dark cloth this is luma. In front of another background it is luma, or the colour
+    that separates the muscle where luma does not; where the muscle is the darker one, the picture
+    is inverted, and the amount is that of light which it lacks.
+
+    Args:
+        rgb: picture, shape (h, w, 3).
+        coarse: where the muscle is.
+        tone: the camera's tone curve.
+
+    Returns:
+        The picture, shape (h, w, 3), of which luma is taken, or (h, w); and the amount for the
+        values 0 to 255.
+
+    Raises:
+        NoMuscle: neither luma nor a colour has a contrast all along the outline.
+    """
+    if not math.isnan(coarse.eta_value):
+        return rgb, amount_of_luma(tone, coarse.cloth, coarse.braid)
+    inside, outside = _beside(rgb, coarse, tone)
+    looks, contrasts = [LUMA, *np.eye(3)], []
+    for (
+        look
+    ) in looks:  # the contrast that nine rows in ten have, negative where the muscle is darker
+        one, other = inside @ look, outside @ look
+        relative = (one - other) / np.maximum(np.maximum(one, other), 1e-4)
+        low, high = np.quantile(relative, [0.1, 0.9])
+        contrasts.append(float(low) if low > 0 else float(high) if high < 0 else 0.0)
+    least = np.abs(contrasts)
+    best = 0 if least[0] >= _LUMA_FIRST * least.max() else int(np.argmax(least))
+    if least[best] < _CONTRAST:
+        raise NoMuscle(
+            "all of the muscle's outline must be brighter than its background, or all of it darker; "
+            "it is not: put a dark cloth behind it",
+            contrast=float(least[best]), limit=_CONTRAST,
+        )  # fmt: skip
+    gray = rgb[..., best - 1] if best else cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    gray = np.ascontiguousarray(gray, np.uint8)
+    background, muscle = np.median(outside, axis=0), np.median(inside, axis=0)
+    amount = amount_of_look(tone, background, muscle, looks[best])
+    if contrasts[best] > 0:
+        return gray, amount
+    return cv2.bitwise_not(gray).astype(np.uint8), amount[::-1].copy()
+
+
+def _beside(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Array, Array]:
+    """Linear light inside and outside of both sides of the outline, shape (n, 3) each."""
+    some = slice(None, None, max(1, coarse.rows.size // _ROWS))
+    rows = coarse.rows[some].astype(np.intp)[:, None]
+    found: list[list[Array]] = [[], []]
+    for columns, inward in ((coarse.left[some], 1), (coarse.right[some], -1)):
+        for way, light in zip((inward, -inward), found, strict=True):
+            at = np.rint(columns[:, None] + way * _BESIDE).astype(np.intp)
+            seen = rgb[rows, np.clip(at, 0, rgb.shape[1] - 1)]
+            light.append(tone.table[seen].mean(axis=1))
+    return np.concatenate(found[0]), np.concatenate(found[1])

@@ -1,0 +1,236 @@
+"""A twin: a characterisation folder of a muscle that is known, made by the simulated rig and camera."""
+
+import csv
+import dataclasses
+import datetime
+import io
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from famjax.boundary.errors import InputError
+from famjax.chain.folder import SHEET
+from famjax.chain.simulation import LOG, simulate, simulated_muscle
+from famjax.units import INCH, PSI
+from rig.calibration import Calibration
+from rig.control import Control, Isobaric, PlanFile
+from rig.simulation import MachineClock
+
+from . import Tape, published_ruler, published_scene, render, render_ruler
+from .folder_truth import (
+    MOST,
+    STATED,
+    TRUTH,
+    Truth,
+    TwinErrors,
+    TwinMuscle,
+    drawn_truth,
+    read_truth,
+    truth_text,
+)
+
+TRUE_LENGTHS = "truth-lengths.csv"
+"""The true length in every picture; no step of an evaluation reads it."""
+
+_STRANDS = 36  # of the reference work's braid
+_BEGAN = datetime.datetime(2021, 3, 1, 10, 0, 0, tzinfo=datetime.UTC)
+_LOG_INTERVAL = 0.02  # s, of the simulated machine
+
+_Show = Callable[[str, float, float], None]
+
+
+def write_twin(
+    folder: Path,
+    *,
+    seed: int = 0,
+    size: Literal["small", "large"] = "small",
+    flawed: bool = True,
+    truth: Path | None = None,
+    progress: _Show | None = None,
+) -> TwinMuscle:
+    """Make a characterisation folder of a known muscle.
+
+    A test on the simulated rig in air, photographs of it by a camera with a clock of its own, a
+    ruler, the sheet, and the truth. With noise everywhere, a shutter that jitters, clocks that
+    drift and, if it is to be flawed, a damaged picture and a second that the log lacks. The same
+    arguments make the same bytes.
+
+    Args:
+        folder: must not hold a sheet.
+        seed: of the muscle and of all noise.
+        size: small, for a try in minutes, or large, of ten pressures and two hundred pictures.
+        flawed: whether a picture and the log are damaged.
+        truth: a file as the twin's own `truth.toml`; what it does not say is drawn.
+        progress: called with what is made, what is done and what there is to do.
+
+    Returns:
+        The true muscle.
+
+    Raises:
+        InputError: the folder has a sheet, or what is wrong with the truth.
+    """
+    if (folder / SHEET).exists():
+        raise InputError(f"{folder} has a {SHEET}: give a new folder for the twin")
+    show = progress or (lambda *_: None)
+    made_of = drawn_truth(seed, size, flawed=flawed)
+    if truth is not None:
+        made_of = read_truth(truth, made_of)
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng((seed, 1))
+    record = _test(folder, made_of, seed, show)
+    lengths = _photographs(folder, record, made_of, rng, seed, show)
+    _flaw(folder, made_of, rng)
+    (folder / SHEET).write_text(_sheet(made_of, seed), encoding="utf-8")
+    again = f"`write_twin` of tests/rendering/folder.py, seed {seed}, size {size}, truth {TRUTH}"
+    (folder / TRUTH).write_text(truth_text(made_of, seed, again), encoding="utf-8")
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows([("picture", "length_m"), *lengths.items()])
+    (folder / TRUE_LENGTHS).write_text(table.getvalue(), encoding="utf-8")
+    return made_of.muscle
+
+
+def _test(folder: Path, truth: Truth, seed: int, show: _Show) -> Any:
+    """Journal and log of the test; its record, which the evaluation makes anew."""
+    muscle, rig = truth.muscle, truth.rig
+    plan = Isobaric(rig.pressures, rig.cycles, rig.stroke, rig.rate, settle=rig.settle)
+    limit = max(115 * PSI, 1.15 * max(rig.pressures))
+    held = simulated_muscle(
+        [muscle.muscle()], shortest=muscle.rest_length * (1 - MOST + 0.005),
+        friction=muscle.friction,
+    )  # fmt: skip
+    made = simulate(
+        PlanFile(plan, "air", limit, Control.per_psi(4, 2)), folder, muscle=held,
+        clock=MachineClock(rig.clock_ahead, rig.clock_drift), seed=seed, began=_BEGAN,
+        calibrated=lambda perfect: _calibrated(perfect, truth.errors),
+        progress=lambda done, total: show("simulating the test", done, total),
+    )  # fmt: skip
+    (folder / "dataset.csv").unlink()
+    _rescale(folder / LOG, "Load", 1 + truth.errors.force_reading)
+    return made.analysis.record
+
+
+def _calibrated(perfect: Calibration, errors: TwinErrors) -> Calibration:
+    """What the laboratory believes of its transducer, with the standard errors of that."""
+    gain = perfect.pressure.gain * (1 + errors.pressure_reading)
+    believed = dataclasses.replace(
+        perfect.pressure,
+        gain=gain,
+        zero=perfect.pressure.zero - errors.pressure_zero / gain,
+        gain_std=STATED.pressure_reading * gain,
+        zero_std=STATED.pressure_zero / gain,
+    )
+    return dataclasses.replace(perfect, pressure=believed)
+
+
+def _rescale(log: Path, name: str, by: float) -> None:
+    """Multiply a column of the machine's log; two lines are its header."""
+    rows = list(csv.reader(log.read_text(encoding="utf-8").splitlines()))
+    place = rows[0].index(name)
+    for row in rows[2:]:
+        row[place] = f"{float(row[place]) * by:.4f}"
+    log.write_text("\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8")
+
+
+def _photographs(
+    folder: Path, record: Any, truth: Truth, rng: np.random.Generator, seed: int, show: _Show
+) -> Mapping[str, float]:
+    """Pictures over the strokes of the test, and the ruler; the true length [m] by picture."""
+    camera, rest, fitting = (
+        truth.camera, truth.muscle.rest_length, truth.muscle.bladder_diameter,
+    )  # fmt: skip
+    size = (camera.rows, round(camera.rows * 1100 / 2650))
+    scene = published_scene(0.0, size=size, rest_length=rest)
+    sensor = dataclasses.replace(
+        scene.sensor, full_well=camera.electrons, read_noise=camera.read_noise
+    )
+    scene = dataclasses.replace(scene, sensor=sensor)
+    ruler = dataclasses.replace(
+        published_ruler(size=size), sensor=sensor, offset=camera.ruler_offset
+    )
+    render_ruler(ruler, seed + 1).save(folder / "ruler.jpg")
+    held = np.flatnonzero(np.isfinite(record.set_pressure))
+    times = np.linspace(record.time[held[0]] + 2, record.time[held[-1]] - 2, camera.pictures)
+    taken = times + camera.jitter * rng.standard_normal(times.size)
+    lengths = np.minimum(np.interp(taken, record.time, record.length), rest)
+    (folder / "photographs").mkdir(exist_ok=True)
+    # Yarns as fine as the real ones, at every scale: thick ones shift the outline where they cross.
+    tape = Tape(diameter=fitting)
+    assert scene.muscle is not None
+    body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
+    found = {}
+    for k, (time, length) in enumerate(zip(times, lengths.tolist(), strict=True)):
+        show("taking photographs", k, times.size)
+        contraction = float(np.clip(1 - length / rest, 0.0, MOST))
+        now = dataclasses.replace(
+            body, profile=truth.muscle.shape(contraction), length=length,
+            y0=body.y0 - (rest - length) / 2,
+        )  # fmt: skip
+        shown = camera.clock_ahead + (1 + camera.clock_drift) * float(time)
+        stamp = _BEGAN.replace(tzinfo=None) + datetime.timedelta(seconds=shown)
+        picture = dataclasses.replace(scene, muscle=now, time=stamp)
+        name = f"DSC_{k:04d}.JPG"
+        render(picture, seed + 100 + k).save(folder / "photographs" / name)
+        found[name] = length
+    return found
+
+
+def _flaw(folder: Path, truth: Truth, rng: np.random.Generator) -> None:
+    """Cut pictures short, and a piece out of the machine's log, in the middle half of each."""
+    pictures = sorted((folder / "photographs").iterdir())
+    middle = np.arange(len(pictures) // 4, max(3 * len(pictures) // 4, 1))
+    for k in rng.choice(middle, min(truth.camera.damaged, middle.size), replace=False).tolist():
+        content = pictures[k].read_bytes()
+        pictures[k].write_bytes(content[: len(content) // 3])
+    log = folder / LOG
+    lines = log.read_text(encoding="utf-8").splitlines(keepends=True)
+    first = int(rng.integers(len(lines) // 4, 3 * len(lines) // 4))
+    rows = round(truth.rig.lost / _LOG_INTERVAL)
+    log.write_text("".join(lines[:first] + lines[first + rows :]), encoding="utf-8")
+
+
+def _sheet(truth: Truth, seed: int) -> str:
+    muscle, names = (
+        truth.muscle,
+        ("rest_length", "wall_thickness", "bladder_diameter", "braid_thickness"),
+    )
+    rest, wall, bladder, braid = (
+        f"{(getattr(muscle, name) + getattr(truth.errors, name)) / INCH:.6g}" for name in names
+    )
+    rest_std, wall_std, bladder_std, braid_std = (
+        f"{getattr(STATED, name) / INCH:.3g}" for name in names
+    )
+    return f"""\
+# A twin: made by the simulated rig and camera, seed {seed}. {TRUTH} holds what it was made from.
+
+[specimen]
+name = "twin {seed}"
+rest_length_in = {rest}
+wall_thickness_in = {wall}
+bladder_diameter_in = {bladder}
+braid_thickness_in = {braid}
+
+[records]
+journal = "test.fam"
+machine_log = "machine.csv"
+
+[photographs]
+pictures = "photographs"
+ruler = "ruler.jpg"
+distance_in = 60
+pitch_in = 0.125
+ruler_placement_in = 0.01
+
+[errors]
+rest_length_in = {rest_std}
+wall_thickness_in = {wall_std}
+bladder_diameter_in = {bladder_std}
+braid_thickness_in = {braid_std}
+force_reading = {STATED.force_reading:g}
+
+[fit]
+law = "polynomial"
+order = {min(len(muscle.coefficients), 4)}
+starts = 4
+"""

@@ -1,0 +1,301 @@
+"""What a twin is made from: a muscle, a test, a rig and a camera, as a file that a person can edit."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal
+
+import jax.numpy as jnp
+import numpy as np
+
+import famjax
+from famjax.boundary.errors import InputError
+from famjax.boundary.toml_file import (
+    Form,
+    NotNegative,
+    Positive,
+    from_entries,
+    read_toml,
+    to_entries,
+    toml_text,
+)
+from famjax.units import INCH, PSI
+from fitting.data import SharedErrors
+from fitting.data.shared_errors import FORM as SHARED_ERRORS
+
+from .muscle import stroke_shape
+
+TRUTH = "truth.toml"
+"""Name of the file in a twin's folder; no step of an evaluation reads it."""
+MOST = 0.35
+"""Contraction up to which the shapes are known."""
+LONGEST = 0.34
+"""Stroke over rest length that the machine allows."""
+
+STATED = SharedErrors(
+    rest_length=0.005 * INCH, wall_thickness=0.0003 * INCH, bladder_diameter=0.002 * INCH,
+    braid_thickness=0.0003 * INCH, pressure_reading=1e-3, pressure_zero=0.05 * PSI,
+    force_reading=1e-3,
+)  # fmt: skip
+"""Standard errors of what the laboratory says of muscle and sensors."""
+
+_STATIONS, _CONTRACTIONS = 201, 29
+_REST, _BORE = 9.28125 * INCH, 0.875 * INCH  # of the reference work's muscle
+_THREAD = 9.89 / 9.28125  # of the rest length
+
+
+@dataclasses.dataclass(frozen=True)
+class TwinMuscle:
+    """A muscle like the reference work's 7/8 in one: its shapes, in any size, and any law.
+
+    Attributes:
+        coefficients: E_1, E_2, ... of the law [Pa].
+        deadband: P_d [Pa].
+        turns: of one thread.
+        rest_length: L0 [m]; the shapes are stretched to it.
+        bladder_diameter: outside at rest, and of fittings and tapes [m]; the shapes widen with it.
+        wall_thickness: of the bladder at rest [m].
+        braid_thickness: [m].
+        friction: part of the force by which the branches differ from their mean.
+    """
+
+    coefficients: tuple[float, ...]
+    deadband: NotNegative
+    turns: Positive
+    rest_length: Positive = _REST
+    bladder_diameter: Positive = _BORE
+    wall_thickness: Positive = 0.0625 * INCH
+    braid_thickness: NotNegative = 0.011 * INCH
+    friction: NotNegative = 0.01
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> "TwinMuscle":
+        """Within a tenth of the reference work's, stable."""
+        scale = 1 + rng.uniform(-0.1, 0.1, 3)
+        law = np.array([257.8, -57.9, 32.7]) * PSI * scale
+        return cls(
+            (float(law[0]), float(law[1]), float(law[2])),
+            float(rng.uniform(2e3, 12e3)),
+            float(1.09 * (1 + rng.uniform(-0.02, 0.02))),
+        )
+
+    def shape(self, contraction: float) -> Any:
+        """Diameter [m] over z/L at a contraction from 0 to `MOST`."""
+        widening = self.bladder_diameter / _BORE
+        known = stroke_shape(contraction, _BORE)
+        return known if widening == 1 else lambda x: widening * known(x)
+
+    def muscle(self) -> famjax.Muscle:
+        """As a model: the shape that the camera sees, and the law."""
+        x, c = np.linspace(0, 1, _STATIONS), np.linspace(0.0, MOST, _CONTRACTIONS)
+        shapes = np.stack([np.asarray(self.shape(float(one))(x)) for one in c])
+        rest = self.rest_length
+        braid = famjax.Braid(_THREAD * rest, self.turns, self.braid_thickness)
+        surface = famjax.profiles.SampledSurface(
+            lengths=rest * (1 - c),
+            pressures=[0.0],
+            diameters=shapes[None],
+            braid=braid,
+            margin=0.0,
+        )
+        bladder = famjax.Bladder(rest, self.bladder_diameter, self.wall_thickness)
+        geometry = famjax.MeasuredGeometry(surface, bladder)
+        law = famjax.PolynomialMaterial(jnp.array(self.coefficients))
+        return famjax.Muscle(geometry, law, self.deadband)
+
+
+@dataclasses.dataclass(frozen=True)
+class TwinRig:
+    """The test, the rig and the machine.
+
+    Attributes:
+        pressures: that are set, gauge [Pa].
+        cycles: strokes at each.
+        stroke: of the machine [m].
+        rate: of its motion [m/s].
+        settle: how long a pressure is held before its strokes [s].
+        clock_ahead: reading of the machine's clock when the journal begins [s].
+        clock_drift: by which it gains, s per s.
+        lost: how much of the log is missing somewhere in its middle half [s].
+    """
+
+    pressures: tuple[float, ...]
+    cycles: int
+    stroke: Positive
+    rate: Positive = 0.1 * INCH
+    settle: NotNegative = 6.0
+    clock_ahead: float = 0.0
+    clock_drift: float = 0.0
+    lost: NotNegative = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class TwinCamera:
+    """The camera and its ruler.
+
+    Attributes:
+        pictures: how many, evenly over the test.
+        rows: of a picture; the scale follows, so that the muscle fills it.
+        jitter: standard deviation of the shutter's delay [s].
+        clock_ahead: what its clock is ahead of the journal's [s].
+        clock_drift: by which it gains, s per s.
+        electrons: of a white pixel, the fewer the noisier [-]; 1900 at ISO 3200.
+        read_noise: standard deviation in electrons [-].
+        ruler_offset: how far the ruler lies behind the plane of the axis [m].
+        damaged: pictures in the middle half that are cut short.
+    """
+
+    pictures: int
+    rows: int
+    jitter: NotNegative = 0.01
+    clock_ahead: float = 0.0
+    clock_drift: float = 0.0
+    electrons: Positive = 1900.0
+    read_noise: NotNegative = 3.0
+    ruler_offset: float = 0.0
+    damaged: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class TwinErrors:
+    """What the laboratory is wrong by, as said less as it is; the sheet and the journal state how wrong.
+
+    Attributes:
+        rest_length, wall_thickness, bladder_diameter, braid_thickness: of the sheet [m].
+        pressure_reading, force_reading: of the transducer and the machine's load cell, in parts of
+            the reading.
+        pressure_zero: of the transducer [Pa].
+    """
+
+    rest_length: float = 0.0
+    wall_thickness: float = 0.0
+    bladder_diameter: float = 0.0
+    braid_thickness: float = 0.0
+    pressure_reading: float = 0.0
+    pressure_zero: float = 0.0
+    force_reading: float = 0.0
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> "TwinErrors":
+        """Each with the standard error that is stated of it."""
+        return cls(
+            **{
+                field.name: float(rng.normal(0, getattr(STATED, field.name)))
+                for field in dataclasses.fields(cls)
+            }
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Truth:
+    """All that a twin is made from, but for the seed of its noise."""
+
+    muscle: TwinMuscle
+    rig: TwinRig
+    camera: TwinCamera
+    errors: TwinErrors
+
+
+_SIZES: dict[str, tuple[tuple[float, ...], int, float, int, int]] = {
+    "small": ((40.0, 70.0, 100.0), 2, 2.4, 36, 900),
+    "large": (tuple(range(10, 101, 10)), 3, 3.1, 200, 1200),
+}
+"""Set pressures [psi], cycles, stroke [in], pictures, rows."""
+
+_FORM = Form(
+    {
+        **SHARED_ERRORS.kinds,
+        **dict.fromkeys(("coefficients", "deadband", "pressures"), "pressure"),
+        **dict.fromkeys(("stroke", "ruler_offset"), "length"),
+        **dict.fromkeys(("settle", "clock_ahead", "lost", "jitter"), "time"),
+        "rate": "rate",
+    }
+)
+
+
+def drawn_truth(seed: int, size: Literal["small", "large"], *, flawed: bool) -> Truth:
+    """The truth of a seed: a muscle near the reference work's; clocks, a ruler and sensors that are off.
+
+    Args:
+        seed: of what is drawn.
+        size: small, for a try in minutes, or large, of ten pressures and two hundred pictures.
+        flawed: whether a picture is damaged and a second of the log is lost.
+    """
+    rng = np.random.default_rng(seed)
+    muscle, ruler = TwinMuscle.drawn(rng), float(rng.normal(0, 0.01 * INCH))
+    pressures, cycles, stroke, pictures, rows = _SIZES[size]
+    return Truth(
+        muscle,
+        TwinRig(
+            tuple(P * PSI for P in pressures), cycles, stroke * INCH,
+            clock_ahead=float(rng.uniform(-20, 20)), clock_drift=float(rng.uniform(-60e-6, 60e-6)),
+            lost=1.0 if flawed else 0.0,
+        ),
+        TwinCamera(
+            pictures, rows,
+            clock_ahead=float(rng.uniform(-300, 300)), clock_drift=float(rng.uniform(-30e-6, 30e-6)),
+            ruler_offset=ruler, damaged=1 if flawed else 0,
+        ),
+        TwinErrors.drawn(rng),
+    )  # fmt: skip
+
+
+def read_truth(path: Path, drawn: Truth) -> Truth:
+    """A truth from a file; what the file does not say is as drawn.
+
+    Raises:
+        InputError: what is wrong with the file, with the place.
+    """
+    content = read_toml(path, "truth")
+    if unknown := content.keys() - {field.name for field in dataclasses.fields(Truth)}:
+        raise InputError(
+            f"{path}: a truth has the tables [muscle], [rig], [camera] and [errors], all or some; got "
+            f"{', '.join(sorted(unknown))}"
+        )
+    entries = {name: _merged(content.get(name, {}), part) for name, part in vars(drawn).items()}
+    found = from_entries(Truth, entries, _FORM, where=f"{path}: ")
+    _check(found, path)
+    return found
+
+
+def truth_text(truth: Truth, seed: int, command: str) -> str:
+    """The file of a truth."""
+    head = (
+        f"# What this twin was made from, with the noise of seed {seed}. No evaluation reads it.\n"
+    )
+    again = f"# Edit it, and make another: {command}\n\n"
+    return head + again + toml_text(to_entries(truth, _FORM)).lstrip("\n")
+
+
+def _merged(given: Any, drawn: Any) -> Any:
+    """The entries of a table, and those drawn of the fields that they do not name, in whatever unit."""
+    if not isinstance(given, dict):
+        return given
+    kept = {
+        _FORM.key(field.name): getattr(drawn, field.name)
+        for field in dataclasses.fields(drawn)
+        if not any(
+            key == field.name or (field.name in _FORM.kinds and key.startswith(f"{field.name}_"))
+            for key in given
+        )
+    }
+    return {key: list(one) if isinstance(one, tuple) else one for key, one in kept.items()} | given
+
+
+def _check(truth: Truth, path: Path) -> None:
+    """Refuse what cannot be made."""
+    muscle, rig, camera = truth.muscle, truth.rig, truth.camera
+    longest = LONGEST * muscle.rest_length  # what the machine's limit switch leaves
+    for holds, said in (
+        (bool(muscle.coefficients), "[muscle]: coefficients must be a list of one number or more"),
+        (bool(rig.pressures) and min(rig.pressures, default=0) > 0,
+         f"[rig]: pressures must be numbers > 0, got {list(rig.pressures)}"),
+        (rig.cycles >= 1, f"[rig]: cycles must be >= 1, got {rig.cycles}"),
+        (rig.stroke <= longest, f"[rig]: stroke must be at most {longest:.5g} m, which is "
+         f"{LONGEST:g} of the rest length, got {rig.stroke:.5g} m"),
+        (camera.pictures >= 2, f"[camera]: pictures must be >= 2, got {camera.pictures}"),
+        (400 <= camera.rows <= 5000, f"[camera]: rows must be 400 to 5000, got {camera.rows}"),
+        (0 <= camera.damaged <= camera.pictures // 4, "[camera]: damaged must be 0 to a quarter of "
+         f"the pictures, got {camera.damaged}"),
+    ):  # fmt: skip
+        if not holds:
+            raise InputError(f"{path}: {said}")

@@ -1,0 +1,366 @@
+"""A whole photograph before it is taken: light, lens, sensor and file; as published, or drawn at random."""
+
+import dataclasses
+import datetime
+import functools
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imaging import Camera, Tone
+from imaging.arrays import Array
+
+from .muscle import (
+    INCH,
+    PUBLISHED_CONTRACTIONS,
+    REST_LENGTH,
+    TAN,
+    MuscleScene,
+    Tape,
+    published_shape,
+    stroke_shape,
+)
+
+Reflectance = Literal["lambert", "oren-nayar", "sqrt"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Lamp:
+    """A soft lamp far away.
+
+    Attributes:
+        direction: from the muscle to the lamp (X right, Y down, Z away from the camera); only the
+            direction counts.
+        strength: light it sends on a white surface that faces it [-], 1 is the picture's white.
+        softness: sine of the angle over which its light fades at the terminator [-], > 0.
+    """
+
+    direction: tuple[float, float, float]
+    strength: float
+    softness: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not (self.softness > 0 and self.strength >= 0 and np.linalg.norm(self.direction) > 0):
+            raise ValueError(f"a lamp has a direction, strength >= 0 and softness > 0; got {self}")
+
+    @functools.cached_property
+    def towards(self) -> Array:
+        """Unit vector to the lamp, shape (3,)."""
+        return np.array(self.direction) / np.linalg.norm(self.direction)
+
+    def irradiance(self, normal: Array) -> Array:
+        """Light on surfaces with these normals, shape (n, 3) -> (n,)."""
+        x, w = normal @ self.towards, self.softness
+        return self.strength * np.where(x > w, x, np.clip(x + w, 0, None) ** 2 / (4 * w))
+
+
+@dataclasses.dataclass(frozen=True)
+class Light:
+    """Lamps, ambient light and what the cloth makes of them.
+
+    Attributes:
+        lamps: the lamps.
+        ambient: light from everywhere [-].
+        reflectance: how the threads scatter: "lambert" as the cosine, "oren-nayar" as a rough
+            surface, "sqrt" as the root of the cosine.
+        cloth: reflected light of the cloth [-].
+        cloth_gradient: its relative change from the left edge of the picture to the right [-].
+        other_cloth: of the cloth beyond `border` [-]; None where there is one cloth alone.
+        border: part of the picture's width, or of its height where `border_down`, at which the
+            other cloth begins.
+        colour: of all light, linear RGB; (1, 0.6, 0.25) is tungsten under a daylight setting.
+        stray: light of an out-of-focus reflection on the cloth [-].
+        stray_place: its middle, as parts of the picture's width and height.
+    """
+
+    lamps: tuple[Lamp, ...]
+    ambient: float = 0.10
+    reflectance: Reflectance = "oren-nayar"
+    cloth: float = 0.006
+    cloth_gradient: float = 0.5
+    other_cloth: float | None = None
+    border: float = 0.5
+    border_down: bool = False
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    stray: float = 0.012
+    stray_place: tuple[float, float] = (0.12, 0.75)
+
+    @classmethod
+    def side(cls) -> "Light":
+        """Two soft lamps, 60 degrees to the left and 55 to the right: bright limbs, as advised."""
+        return cls((Lamp((-0.87, -0.10, -0.50), 0.85), Lamp((0.82, -0.15, -0.57), 0.70)))
+
+    @classmethod
+    def frontal(cls) -> "Light":
+        """Two lamps beside the camera: the limb a quarter as bright as the middle."""
+        return cls((Lamp((-0.2, -0.1, -0.97), 0.5), Lamp((0.2, -0.1, -0.97), 0.5)), ambient=0.28)
+
+    @classmethod
+    def harsh(cls) -> "Light":
+        """One hard lamp at the camera: the limb at 8 percent, where thresholds fail."""
+        return cls((Lamp((0.0, -0.05, -1.0), 1.0, 0.02),), ambient=0.08)
+
+
+PUBLISHED_PX_PER_IN = 226.63
+PUBLISHED_DISTANCE = 60 * INCH
+PUBLISHED_CROP = (2650, 1100)
+PUBLISHED_FRAME = (3712, 5568)
+_STRANDS = 36
+
+
+@dataclasses.dataclass(frozen=True)
+class Lens:
+    """What the lens does to the picture, in linear light.
+
+    Attributes:
+        blur_px: standard deviation of the Gaussian point spread [px]; the pixel's own box comes on top.
+        defocus_px: radius of the disk of a defocused lens [px].
+        halo: part of the light that is spread over a Gaussian of `halo_px` [-].
+        halo_px: its standard deviation [px].
+        motion_px: way of the muscle during the exposure, at constant speed [px].
+        motion_deg: its direction, from the picture's vertical to the right [deg]; 90 is across.
+    """
+
+    blur_px: float = 0.9
+    defocus_px: float = 0.0
+    halo: float = 0.0
+    halo_px: float = 6.0
+    motion_px: float = 0.0
+    motion_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        widths = (self.blur_px, self.defocus_px, self.halo_px, self.motion_px)
+        if not (min(widths) >= 0 and 0 <= self.halo < 1):
+            raise ValueError(f"a lens has widths >= 0 and a halo in [0, 1), got {self}")
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraSensor:
+    """What sensor and camera program make of the light.
+
+    Attributes:
+        full_well: electrons of a white pixel [-]; 1900 at ISO 3200, inversely as the ISO number.
+        read_noise: standard deviation of the read noise in electrons [-].
+        exposure: factor on the light [-]; more than 1 saturates.
+        bayer: one colour per pixel (RGGB), the others interpolated.
+        sharpening: amount of an unsharp mask of `sharpening_px` on the encoded picture [-].
+        sharpening_px: its standard deviation [px].
+        s_curve: steepness that a picture style adds to the middle of the encoded sRGB values [-]:
+            e + s e (1 - e) (2 e - 1), -2 to 1.
+        gamma: exponent on the encoded values [-], 1 is sRGB.
+        denoising: range of a bilateral filter on the encoded picture, as phones have one [-], of
+            white; its spatial standard deviation is 2 px. It comes before the sharpening.
+    """
+
+    full_well: float = 1900.0
+    read_noise: float = 3.0
+    exposure: float = 1.0
+    bayer: bool = False
+    sharpening: float = 0.0
+    sharpening_px: float = 1.0
+    s_curve: float = 0.0
+    gamma: float = 1.0
+    denoising: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive = min(self.full_well, self.exposure, self.sharpening_px, self.gamma) > 0
+        noisy = min(self.read_noise, self.sharpening, self.denoising) >= 0
+        if not (positive and noisy and -2 <= self.s_curve <= 1):
+            raise ValueError(
+                "a sensor has full_well, exposure, sharpening_px and gamma > 0, read_noise, "
+                "sharpening and denoising >= 0, and a curve that never falls, s_curve in [-2, 1]; "
+                f"got {self}"
+            )
+
+    def encoded(self, light: NDArray[np.floating]) -> Array:
+        """Encoded value in [0, 1] of linear light; light above 1 and below 0 is cut off."""
+        light = np.clip(np.asarray(light, float), 0, 1)
+        e = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+        e = np.clip(e, 0, 1) ** self.gamma
+        return e + self.s_curve * e * (1 - e) * (2 * e - 1)
+
+    def tone(self) -> Tone:
+        """The tone curve that undoes `encoded`: what a perfect calibration would find."""
+        light = np.linspace(0, 1, 1 << 16)
+        return Tone(np.interp(np.arange(256) / 255, self.encoded(light), light))
+
+
+@dataclasses.dataclass(frozen=True)
+class Jpeg:
+    """The file: quality 1 to 100, chroma subsampling "444", "422" or "420"."""
+
+    quality: int = 92
+    subsampling: Literal["444", "422", "420"] = "422"
+
+    def __post_init__(self) -> None:
+        if not (1 <= self.quality <= 100 and self.subsampling in {"444", "422", "420"}):
+            raise ValueError(
+                "a JPEG has a quality from 1 to 100 and the subsampling '444', '422' or '420'; "
+                f"got {self}"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """Everything that a photograph depends on, but for what it shows and the noise's seed.
+
+    Attributes:
+        camera: the camera, its centre in this picture's px.
+        size: rows and columns of the picture.
+        light, lens, sensor: see their classes.
+        jpeg: the file's compression; None keeps the picture as it left the sensor.
+        time: when it was taken, local; None leaves the file without a time stamp.
+        lying: the camera was turned by 90 degrees: the muscle lies across the picture, its upper
+            end to the left. The truth stays that of the upright picture.
+    """
+
+    camera: Camera
+    size: tuple[int, int]
+    _: dataclasses.KW_ONLY
+    light: Light = dataclasses.field(default_factory=Light.side)
+    lens: Lens = dataclasses.field(default_factory=Lens)
+    sensor: CameraSensor = dataclasses.field(default_factory=CameraSensor)
+    jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)
+    time: datetime.datetime | None = None
+    lying: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene(Setting):
+    """A muscle, or the cloth alone, before it is photographed.
+
+    Attributes:
+        muscle: the muscle; None leaves the cloth alone.
+        camera, size, light, lens, sensor, jpeg, time, lying: as in `Setting`.
+    """
+
+    muscle: MuscleScene | None
+
+
+def published_scene(
+    contraction: float = 0.2625,
+    *,
+    size: tuple[int, int] = PUBLISHED_CROP,
+    rest_length: float = REST_LENGTH,
+) -> Scene:
+    """The reference work's muscle at 100 psi, as its camera saw it, in any picture size.
+
+    60 in away, cropped to 2650 x 1100 px at 226.63 px/in. Another height takes proportionally fewer
+    px per inch, and thicker strands in the same measure; the frame of 3712 x 5568 px has the
+    crop's own scale. Tapes of 0.875 in.
+
+    Args:
+        contraction: (L0 - L)/L0 [-], 0 to 0.35; the three-term Fourier profiles at the published
+            contractions (0, 0.0875, 0.175, 0.2625, 0.35), blends of them between.
+        size: rows and columns of the picture.
+        rest_length: L0 [m].
+    """
+    px_per_in = PUBLISHED_PX_PER_IN
+    if size != PUBLISHED_FRAME:
+        px_per_in *= size[0] / PUBLISHED_CROP[0]
+    fitting = 0.875 * INCH
+    if contraction in PUBLISHED_CONTRACTIONS:
+        profile = published_shape(contraction)
+        tape = Tape()
+    else:
+        profile = stroke_shape(contraction, fitting)
+        tape = Tape(diameter=fitting)
+    strands = max(8, 4 * round(_STRANDS * px_per_in / PUBLISHED_PX_PER_IN / 4))
+    muscle = MuscleScene(
+        profile, rest_length * (1 - contraction), strands=strands, upper=tape, lower=tape
+    )
+    centre = ((size[1] - 1) / 2, (size[0] - 1) / 2)
+    return Scene(Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre), size, muscle)
+
+
+_WHITE_THREAD = (0.75, 0.75, 0.72)
+_HUES = (222.0, 130.0, 355.0)  # blue, green, red across the seam of the circle
+_ROOM = 0.35 * INCH  # of cloth beside the muscle and beyond the tapes
+
+
+def random_scene(
+    seed: int, *, px_per_in: tuple[float, float] = (100.0, 400.0), length: float = REST_LENGTH
+) -> Scene:
+    """A scene drawn from what a laboratory may set up: no two alike, all of them measurable.
+
+    Distance 30 to 100 in, contraction 0 to 0.35, up to 3 in beside the optical axis and 2 in along
+    it, rolled by up to 3 degrees; lamps on either side, stronger on one, cloth more or less black;
+    tan, white or black-flecked threads; blue, green or red tape, as thick as the braid's end or up
+    to 0.1 in thicker; ISO 800 to 6400, a lens of 0.7 to 1.3 px, mosaic or not. The crop has its
+    own place in the frame: the optical axis is not in its middle.
+
+    Args:
+        seed: of everything.
+        px_per_in: range of the scale; small figures make small pictures.
+        length: of the muscle at rest [m].
+    """
+    random = np.random.default_rng(seed)
+    scale = random.uniform(*px_per_in) / INCH
+    contraction = random.uniform(0, 0.35)
+    shape = stroke_shape(contraction)
+    muscle = MuscleScene(
+        shape,
+        length * (1 - contraction),
+        x0=random.uniform(-3, 3) * INCH,
+        y0=random.uniform(-2, 2) * INCH,
+        roll=np.deg2rad(random.uniform(-3, 3)),
+        strands=int(np.clip(4 * round(9 * scale * INCH / 226), 8, 36)),
+        albedo=TAN if random.random() < 0.6 else _WHITE_THREAD,
+        flecks=random.choice([0.0, 0.05]),
+        weave_seed=int(random.integers(1 << 30)),
+    )
+    hue = float(random.choice(_HUES) + random.uniform(-6, 6)) % 360
+    thicker = random.uniform(0, 0.1) * INCH if random.random() < 0.5 else 0.0
+    tape = Tape(hue=hue, diameter=float(shape(0.0)) + thicker)
+    muscle = dataclasses.replace(muscle, upper=tape, lower=tape)
+    distance = random.uniform(30, 100) * INCH
+    size, centre = _crop(muscle, scale, random)
+    return Scene(
+        Camera(scale, distance, centre),
+        size,
+        muscle,
+        light=_light(random),
+        lens=Lens(blur_px=random.uniform(0.7, 1.3)),
+        sensor=CameraSensor(
+            full_well=float(random.choice([7600.0, 3800.0, 1900.0, 950.0])),
+            bayer=bool(random.random() < 0.3),
+        ),
+    )
+
+
+def _crop(
+    muscle: MuscleScene, scale: float, random: np.random.Generator
+) -> tuple[tuple[int, int], tuple[float, float]]:
+    """Size of a picture that holds the muscle, and the optical axis in it."""
+    cos, sin = np.cos(muscle.roll), np.sin(muscle.roll)
+    widest = float(muscle.diameter(np.linspace(0, 1, 101)).max())
+    tape = muscle.upper.width if muscle.upper else 0.0
+    reach = muscle.length + 2 * tape + 2 * _ROOM
+    height = 1.04 * reach * cos + widest * abs(sin)  # nearer parts look larger
+    width = 1.1 * widest + muscle.length * abs(sin) + 4 * _ROOM
+    across = cos * muscle.x0 - sin * muscle.y0
+    along = sin * muscle.x0 + cos * muscle.y0
+    size = round(height * scale), round(width * scale)
+    aside = random.uniform(-0.3, 0.3, 2) * _ROOM
+    u = (size[1] - 1) / 2 - scale * (across + aside[0])
+    v = (size[0] - 1) / 2 - scale * (along + aside[1])
+    return size, (float(u), float(v))
+
+
+def _light(random: np.random.Generator) -> Light:
+    """Two lamps, one on each side."""
+    lamps = []
+    for side in (-1, 1):
+        angle = np.deg2rad(random.uniform(40, 70))
+        direction = (side * np.sin(angle), random.uniform(-0.4, 0.1), -np.cos(angle))
+        lamps.append(Lamp(direction, random.uniform(0.5, 0.9), random.uniform(0.1, 0.4)))
+    return Light(
+        tuple(lamps),
+        ambient=random.uniform(0.05, 0.2),
+        reflectance=random.choice(["lambert", "oren-nayar", "sqrt"]),
+        cloth=random.uniform(0.003, 0.012),
+        cloth_gradient=random.uniform(-0.8, 0.8),
+        stray=random.uniform(0, 0.015),
+        stray_place=(random.choice([0.1, 0.9]), random.uniform(0.2, 0.8)),
+    )

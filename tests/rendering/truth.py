@@ -1,0 +1,116 @@
+"""What a perfect measurement of a picture would find, by closed forms that the renderer does not use."""
+
+import dataclasses
+
+import numpy as np
+
+from imaging.arrays import Array
+
+from .world import World
+
+
+@dataclasses.dataclass(frozen=True)
+class MuscleTruth:
+    """What a perfect measurement of the picture would find.
+
+    Attributes:
+        rows: rows v at which both sides of the braid are seen [px], shape (m,).
+        left: columns of the braid's outline at these rows [px], relief included.
+        right: the same on the right.
+        z: positions along the muscle from the upper tape's edge [m], shape (1001,).
+        diameter: D(z), of the mean outline [m].
+        length: L, between the inner edges of the tapes along the axis [m].
+        volume: integral of pi D^2 / 4 over z [m3].
+        mean_diameter: mean of D over z [m].
+        maximum_diameter: largest D [m].
+        braid_angle: theta(z), of the strands against the circumference [rad].
+        turns: of a strand about the axis over the length [-].
+        px_per_m: scale in the plane of the axis [px/m].
+        x0: distance of the axis from the optical axis [m].
+        roll: turn of the axis in the picture [rad], positive clockwise.
+        y0: middle of the braid along the axis [m].
+        upper_edge: points (u, v) of the upper tape's inner edge, the front half of a circle [px],
+            shape (k, 2), from the left to the right.
+        lower_edge: the same of the lower tape.
+    """
+
+    rows: Array
+    left: Array
+    right: Array
+    z: Array
+    diameter: Array
+    length: float
+    volume: float
+    mean_diameter: float
+    maximum_diameter: float
+    braid_angle: Array
+    turns: float
+    px_per_m: float
+    x0: float
+    roll: float
+    y0: float
+    upper_edge: Array
+    lower_edge: Array
+
+    @property
+    def tape_rows(self) -> tuple[float, float]:
+        """Rows at which the tapes' inner edges cross the middle of the muscle, upper and lower."""
+        middle = self.upper_edge.shape[0] // 2
+        return float(self.upper_edge[middle, 1]), float(self.lower_edge[middle, 1])
+
+
+@dataclasses.dataclass(frozen=True)
+class RulerTruth:
+    """What a perfect reading of a ruler would find.
+
+    Attributes:
+        px_per_m: scale in the mid-plane, where the muscle's axis lies [px/m]: what a measurement of
+            the muscle needs.
+        line: scale along the ruler from its first mark to its last, seen from the camera [px/m]:
+            what the picture alone shows of a ruler that is neither tilted nor misplaced.
+        marks: middles (u, v) of the marks at half their length [px], shape (n, 2).
+        tilt_deg: turn of the ruler in depth [deg], its lower end away from the camera.
+    """
+
+    px_per_m: float
+    line: float
+    marks: Array
+    tilt_deg: float
+
+
+_POINTS = 1001
+
+
+def true_figures(world: World) -> MuscleTruth:
+    """What a perfect measurement of this world's picture would find."""
+    from scipy.integrate import simpson
+    from scipy.interpolate import CubicSpline
+
+    muscle = world.muscle
+    sides = [CubicSpline(v, u) for u, v in world.outline()]
+    first = max(side.x[0] for side in sides)
+    last = min(side.x[-1] for side in sides)
+    rows = np.arange(np.ceil(first), np.floor(last) + 1)
+    z = np.linspace(0, world.length, _POINTS)
+    D = muscle.diameter(z / world.length)
+    lower = world.axis.first + muscle.length
+    along = world.axis.first + z * muscle.length / world.length
+    return MuscleTruth(
+        rows=rows,
+        left=sides[0](rows),
+        right=sides[1](rows),
+        z=z,
+        diameter=D,
+        length=world.length,
+        volume=float(simpson(np.pi / 4 * D**2, x=z)),
+        mean_diameter=float(simpson(D, x=z)) / world.length,
+        maximum_diameter=float(D.max()),
+        braid_angle=np.arctan2(1, np.interp(along, world.y, world.weave.cotangent)),
+        turns=float(np.ptp(world.weave.twist)) / (2 * np.pi),
+        px_per_m=world.camera.px_per_m,
+        x0=muscle.x0,
+        roll=muscle.roll,
+        y0=muscle.y0,
+        upper_edge=world.ring(world.axis.first, world.edge_radius(muscle.upper, 0)),
+        lower_edge=world.ring(lower, world.edge_radius(muscle.lower, -1)),
+    )
