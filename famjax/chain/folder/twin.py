@@ -13,7 +13,8 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.units import INCH, PSI
 from rig.calibration import Calibration
-from rig.control import Control, Isobaric, PlanFile
+from rig.control import Control
+from rig.plan import Isobaric, PlanFile
 from rig.simulation import MachineClock
 
 from ..simulation import LOG, simulate, simulated_muscle

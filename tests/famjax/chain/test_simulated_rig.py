@@ -13,8 +13,9 @@ from famjax.chain import SimulatedTest, analyse, simulate
 from fitting import read_csv
 from fitting.records import read_machine_log
 from rig import Journal, Rig, RigFault, audit, read_journal
-from rig.control import Control, Isobaric, PlanFile
+from rig.control import Control
 from rig.link import VirtualLink, mean_counts
+from rig.plan import Isobaric, PlanFile
 from rig.protocol import Hello, Sample, Splitter, parse
 from rig.simulation import (
     ByteChannel,
