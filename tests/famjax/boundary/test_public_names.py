@@ -22,8 +22,6 @@ def test_every_listed_name_is_there(name: str) -> None:
         ("famjax.NeoHookeanMaterial", "famjax.materials"),
         ("imaging.Quality", "imaging.quality"),
         ("imaging.read_machine_log", "fitting.records"),
-        ("rig.Sensor", "rig.calibration"),
-        ("rig.analyse", "famjax.chain"),
     ],
 )
 def test_an_old_name_still_works_and_says_where_it_is(old: str, new: str) -> None:
