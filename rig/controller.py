@@ -38,7 +38,6 @@ LAW_FIELDS = {
     b"cal": ("zero", "span"),
 }
 
-
 # The limits that act at once: attribute, and in what unit of the command's number it is kept.
 LIMITS = {
     b"floor": ("floor", 1),
@@ -72,7 +71,6 @@ HELD_SHIFT = 9  # the holding output follows with a time constant of 512 records
 
 # Whether the reading was seen to vary at rest, as that of a transducer with noise does.
 NOT_KNOWN, QUIET, ALIVE = range(3)
-
 
 NOTHING, STEP, START = range(3)  # what the pressure has to answer
 

@@ -34,7 +34,6 @@ _HEX = b"0123456789ABCDEF"
 _NUMBER = re.compile(rb"(-?)(\d{1,6})(?:\.(\d{0,4}))?").fullmatch
 _REQUEST = re.compile(rb"(\d{1,10}) ([\dA-Fa-f]{1,16})").fullmatch
 
-
 # Verb: how many numbers it needs, and how each is stored: value * unit, rounded, within [low, high].
 ARGUMENTS: dict[bytes, tuple[int, tuple[tuple[int, int, int], ...]]] = {
     **dict.fromkeys((b"hello", b"status", b"hb", b"rp", b"run", b"stop", b"clear"), (0, ())),

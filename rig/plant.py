@@ -23,9 +23,8 @@ from .errors import RigError
 
 ATMOSPHERE = 101325.0  # ambient pressure [Pa], absolute
 ANR_PRESSURE = 1e5  # of the reference atmosphere in which ISO 6358 states volume flow [Pa]
-SLOW_FLOW = (
-    0.95  # pressure ratio above which the flow is taken as linear: its slope is infinite at 1
-)
+# Pressure ratio above which the flow is taken as linear: its slope is infinite at 1.
+SLOW_FLOW = 0.95
 
 
 def iso_6358_flow(
