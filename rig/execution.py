@@ -188,8 +188,8 @@ def record_test(
                 journal.note("meta", entries=dict(meta))
             with rig_of(test, link, calibration, journal=journal, camera=camera) as rig:
                 empty = False
-                for sentence in rig.unseen if attendant else ():
-                    attendant.tell(f"note: {sentence}")
+                for sentence in rig.unseen:
+                    (attendant or Attendant()).tell(f"note: {sentence}")
                 run(rig, test.plan, machine=machine, first_block=first_block, attendant=attendant,
                     asked=asked)  # fmt: skip
     except RigError:

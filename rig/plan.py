@@ -216,8 +216,10 @@ _PLAN_FORM = Form(
     | dict.fromkeys(("settle", "photograph_every"), "time")
 )
 _RIG_FORM = Form(
-    kinds=dict.fromkeys(("pressure_limit", "jump_limit"), "pressure")
-    | dict.fromkeys(("still", "frozen", "stall"), "time"),
+    kinds={
+        **dict.fromkeys(("pressure_limit", "jump_limit"), "pressure"),
+        **dict.fromkeys(("still", "frozen", "stall"), "time"),
+    },
     keys={
         "floor": "reading_floor_counts",
         "ceiling": "reading_ceiling_counts",

@@ -376,7 +376,7 @@ def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
     needed = len(made._fields) + (_LAW - 1 if made is DeviceSettings else 0)
     if len(numbers) != needed or not all(map(_INTEGER, numbers)):
         return None
-    values = [int(number) for number in numbers]
+    values: list[Any] = [int(number) for number in numbers]
     if made is DeviceSettings:
         values[2 : 2 + _LAW] = [ControlLaw(*values[2 : 2 + _LAW])]
     return made(*values)

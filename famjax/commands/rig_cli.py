@@ -388,7 +388,7 @@ def run(
     from rig.plan import duration, read_plan
 
     test = read_plan(plan)
-    entries = dict(entry.partition("=")[::2] for entry in meta)
+    entries = {name: value for name, _, value in (entry.partition("=") for entry in meta)}
     if not all(map(str.strip, (*entries, *entries.values()))) or len(entries) < len(meta):
         raise RigError(
             f"--meta must read name=value, once for each name, as in operator=A; got {meta}"

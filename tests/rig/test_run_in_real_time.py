@@ -37,6 +37,8 @@ def wait_for_output(sim: SimulatedRig) -> None:
     assert sim.device.output
 
 
+# pyserial leaves a socket open whose peer has reset it.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_cable_pulled_during_a_run_ends_in_a_sentence_and_a_sound_journal(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
