@@ -235,7 +235,8 @@ class SimulatedRig:
         if not abs(clock_rate) < 0.1:
             raise RigError(f"clock_rate must be a small part, as -0.002, got {clock_rate}")
         if baud not in BAUD_RATES:
-            raise RigError(f"the firmware is built for {[*BAUD_RATES]} baud, got {baud}")
+            known = " or ".join(map(str, BAUD_RATES))
+            raise RigError(f"the firmware is built for {known} baud, got {baud}")
         bytes_per_tick, ring = BAUD_RATES[baud]
         muscle = muscle or mckibben()
         self.machine = machine or machine_for(muscle)
