@@ -5,7 +5,7 @@ import dataclasses
 from famjax.boundary.toml_file import NotNegative, Positive, check_fields
 from famjax.units import PSI
 from rig.errors import RigError
-from rig.simulation.circuits import ANR_PRESSURE, ATMOSPHERE
+from rig.plant import ANR_PRESSURE, ATMOSPHERE
 
 _NORMAL_LITRE_PER_MINUTE = 1e-3 / 60  # m3/s, ANR
 

@@ -49,7 +49,7 @@ def isobar(fluid: str, statistic: str) -> Callable[[Case], float]:
     """Pressure of the simulated isobars [psi]: largest error of a mean, least or largest spread."""
 
     def measure(case: Case) -> float:
-        rows = _program(case, ("rig_isobaric.py", "--no-speed"))["rows"]
+        rows = _program(case, ("rig_simulated.py", "isobaric", "--no-speed"))["rows"]
         if statistic == "mean":
             return max(abs(row[f"mean_{fluid}_psi"] - row["set_psi"]) for row in rows)
         spread = [row[f"std_{fluid}_psi"] for row in rows]
@@ -59,19 +59,20 @@ def isobar(fluid: str, statistic: str) -> Callable[[Case], float]:
 
 
 def _rigs() -> Iterable[Promise]:
-    identity, link, isobaric = ("rig_identity.py",), ("rig_link.py",), "rig_isobaric.py"
+    identity, link = ("rig_firmware.py", "identity"), ("rig_link.py",)
+    firmware, isobaric = " ".join(identity), "rig_simulated.py isobaric"
     rows: list[tuple[str, str, Callable[[Case], float], str, float, Direction]] = [
-        (identity[0], "Python = C", rig(identity, "python_c", "ticks"), "equal ticks", 3e6,
+        (firmware, "Python = C", rig(identity, "python_c", "ticks"), "equal ticks", 3e6,
          "at least"),
-        (identity[0], "AVR = C", rig(identity, "avr_c", "records"), "equal records", 1e5,
+        (firmware, "AVR = C", rig(identity, "avr_c", "records"), "equal records", 1e5,
          "at least"),
-        (identity[0], "over-pressure", rig(identity, "safety", "over_pressure", "greatest_s"),
+        (firmware, "over-pressure", rig(identity, "safety", "over_pressure", "greatest_s"),
          "time to output 0 [s], 1000 phases", 6.5e-3, "at most"),
-        (identity[0], "silence, latest", rig(identity, "safety", "silence", "greatest_s"),
+        (firmware, "silence, latest", rig(identity, "safety", "silence", "greatest_s"),
          "time to output 0 [s]", 1.005, "at most"),
-        (identity[0], "silence, earliest", rig(identity, "safety", "silence", "least_s"),
+        (firmware, "silence, earliest", rig(identity, "safety", "silence", "least_s"),
          "time to output 0 [s]", 0.995, "at least"),
-        (identity[0], "hang", rig(identity, "safety", "hang", "greatest_s"),
+        (firmware, "hang", rig(identity, "safety", "hang", "greatest_s"),
          "time to output 0 [s]", 0.27, "at most"),
         (link[0], "damaged line, samples", rig(link, "damaged", "samples"), "samples", 1e7,
          "at least"),
@@ -97,7 +98,7 @@ def _rigs() -> Iterable[Promise]:
 
 
 def _faults() -> Iterable[Promise]:
-    words = ("rig_faults.py",)
+    words = ("rig_firmware.py", "faults")
     rows: list[tuple[str, tuple[str, str], str, float, Direction]] = [
         ("transducer that lies", ("faults", "cases"), "combinations of fault, pressure, time, gains",
          1000, "at least"),
@@ -107,19 +108,19 @@ def _faults() -> Iterable[Promise]:
         ("sound tests, tripped", ("sound", "tripped"), "false trips", 0, "at most"),
     ]  # fmt: skip
     for name, path, statistic, limit, direction in rows:
-        yield Promise(15, f"rig, {name}", rig(words, *path), f"python benchmarks/{words[0]}",
+        yield Promise(15, f"rig, {name}", rig(words, *path), f"python benchmarks/{' '.join(words)}",
                       "simulated rig", "all", statistic, limit, direction, cost="long")  # fmt: skip
 
 
 def _datasets() -> Iterable[Promise]:
-    words = ("rig_datasets.py",)
+    words = ("rig_simulated.py", "datasets")
     rows = [
         ("E_1, E_2, deadband, thread length", "largest_of_all", "largest standard errors", 3.0),
         ("force against the truth", "largest_rms_N", "largest RMS of a seed [N]", 1.6),
     ]
     for name, key, statistic, limit in rows:
         yield Promise(15, f"dataset of a simulated rig, {name}", rig(words, key),
-                      f"python benchmarks/{words[0]}", "seeds 0 to 19", "all", statistic, limit,
+                      f"python benchmarks/{' '.join(words)}", "seeds 0 to 19", "all", statistic, limit,
                       cost="long")  # fmt: skip
 
 

@@ -34,13 +34,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "rig"))
 
+from faulty_channel import FaultyChannel  # pyright: ignore[reportMissingImports]
 from native import NativeDevice, build_native  # pyright: ignore[reportMissingImports]
 
 from rig.device import Device
 from rig.journal import Journal, read_journal
-from rig.link import Link, Lost, Session, serial_opener
+from rig.link import Link, serial_opener
 from rig.protocol import Sample, parse
-from rig.simulation import ByteChannel
+from rig.session import Lost, Session
 
 SLICE = 2
 """Ticks between two looks of the host at its bytes: 4 ms."""
@@ -67,8 +68,6 @@ class Damaged:
     lost_in_silence: int = 0
     wrong: int = 0
     recovered: int = 0
-    repeated: int = 0
-    confirmed: int = 0
     bad_lines: int = 0
     spoilt_bytes: int = 0
     seconds: float = 0.0
@@ -78,7 +77,7 @@ class DamagedLine:
     """A device at the far end of a line with faults; what it truly sent is remembered for a while.
 
     Args:
-        chances: of the faults of `ByteChannel`, both ways.
+        chances: of the faults of `FaultyChannel`, both ways.
         baud: of the line; the device keeps to it.
         folder: for the compiled core.
         seed: of faults and counts.
@@ -87,8 +86,8 @@ class DamagedLine:
     def __init__(self, chances: dict[str, float], baud: int, folder: Path, seed: int) -> None:
         self.device = make_device(folder, baud)
         damage, drop, duplicate = chances["damage"], chances["drop"], chances["duplicate"]
-        self.up = ByteChannel(baud=baud, damage=damage, drop=drop, duplicate=duplicate, seed=seed)
-        self.down = ByteChannel(damage=damage, drop=drop, duplicate=duplicate, seed=seed + 1)
+        self.up = FaultyChannel(baud=baud, damage=damage, drop=drop, duplicate=duplicate, seed=seed)
+        self.down = FaultyChannel(damage=damage, drop=drop, duplicate=duplicate, seed=seed + 1)
         self.now = 0.0
         rng = np.random.default_rng(seed)
         turn = np.arange(COUNTS) * 2 * np.pi / COUNTS
@@ -144,7 +143,7 @@ def damaged_line(
     first = -1
     while found.samples < samples:
         data = line.advance()
-        session.kick(line.now)
+        session.keep_alive(line.now)
         for event in session.feed(data, line.now):
             if isinstance(event, Lost):
                 found.lost += event.records
@@ -159,12 +158,10 @@ def damaged_line(
             reported = time.perf_counter()
             progress = f"{found.samples:>10} records, {found.lost} lost, {found.wrong} wrong"
             print(f"  {progress}, {found.samples / (reported - began):.0f}/s", file=sys.stderr)
-    order = session.order
-    found.made = (order.newest.seq + 1 if order.newest else 0) - first
+    found.made = (session.newest.seq + 1 if session.newest else 0) - first
     # What is neither here, nor reported as lost, nor still asked for, would be lost in silence.
-    found.lost_in_silence = found.made - found.samples - len(order.gaps) - found.lost
-    found.recovered, found.repeated = order.recovered, order.repeated
-    found.confirmed, found.bad_lines = order.confirmed, session.bad_lines
+    found.lost_in_silence = found.made - found.samples - len(session.gaps) - found.lost
+    found.recovered, found.bad_lines = session.recovered, session.bad_lines
     found.spoilt_bytes = line.up.faulty + line.down.faulty
     found.seconds = time.perf_counter() - began
     return found
@@ -222,7 +219,7 @@ def record_for_ever(port: str, path: str) -> None:
     link.attach(Journal(path, lambda: link.now, reserve_bytes=0))
     link.command("hello")
     while True:
-        link.kick()
+        link.keep_alive()
         link.sleep(0.1)
 
 

@@ -1,22 +1,24 @@
 from . import (
     calibration as calibration,
     control as control,
+    controller as controller,
     device as device,
     errors as errors,
+    execution as execution,
     journal as journal,
     link as link,
+    plan as plan,
+    plant as plant,
     protocol as protocol,
+    session as session,
     simulation as simulation,
 )
-from .calibration.whole_rig import Calibration as Calibration, read_calibration as read_calibration
-from .control.plan_file import read_plan as read_plan
-from .control.plan_run import run as run
-from .control.rig import Rig as Rig
-from .errors import RigError as RigError
-from .fault import RigFault as RigFault
-from .journal.law_audit import audit as audit
-from .journal.reader import read_journal as read_journal
-from .journal.writer import Journal as Journal
-from .link.serial_link import Link as Link
+from .calibration import Calibration as Calibration, read_calibration as read_calibration
+from .control import Rig as Rig
+from .errors import RigError as RigError, RigFault as RigFault
+from .execution import run as run
+from .journal import Journal as Journal, audit as audit, read_journal as read_journal
+from .link import Link as Link
+from .plan import read_plan as read_plan
 
 __famjax__: str

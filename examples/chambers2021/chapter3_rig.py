@@ -19,8 +19,9 @@ from twin import Twin
 from famjax import units
 from famjax.chain import analyse, simulate, simulated_muscle
 from fitting.records import Characterisation, force_rmse, read_machine_log
-from rig.control import Control, Isobaric, PlanFile
+from rig.control import Control
 from rig.journal import read_journal
+from rig.plan import Isobaric, PlanFile
 
 chapter = Chapter(__name__)
 FAM = "7/8 in"

@@ -20,7 +20,8 @@ from famjax.compile_options import quick_jit
 from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
 from famjax.profiles import AssumedShapeFamily, EllipticToroidEnds, SampledSurface
 from famjax.terms import AbstractForceTerm, BladderWall, PressurisedBraid, VirtualWork
-from rig.control import Control, Isobaric, PlanFile
+from rig.control import Control
+from rig.plan import Isobaric, PlanFile
 
 ORDER = 3
 """Of the law that the work chose."""

@@ -13,11 +13,12 @@ import famjax
 from famjax.units import INCH, PSI
 from fitting.records import read_machine_log, write_dataset
 from rig.calibration import Calibration
-from rig.control import JOURNAL, Attendant, PlanFile, Request, Situation, record_test
 from rig.device import Device
 from rig.errors import RigError
+from rig.execution import JOURNAL, Attendant, Request, Situation, record_test
 from rig.journal import read_journal
 from rig.link import VirtualLink
+from rig.plan import PlanFile
 from rig.simulation import (
     CIRCUITS,
     MachineClock,

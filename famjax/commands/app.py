@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from cyclopts import App, Parameter
 
 from .. import __version__
-from . import rig
+from . import rig_cli
 
 _HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
 
@@ -51,6 +51,19 @@ COMMANDS = {
 }
 """Where each command is, `module:function`, and the first sentence of its help."""
 
+RIG_COMMANDS = {
+    "rig:rig_characterise": (
+        "Turn a test's journal and the test machine's log into curves, figures and a dataset to fit."
+    ),
+    "rig:rig_convert": (
+        "Write a journal's records as a table with units; the journal stays the record."
+    ),
+    "rig:rig_simulate": (
+        "Carry out the same test against a simulated rig, far faster than real time."
+    ),
+}
+"""Commands of the rig that need the muscle or the records; all others are in `rig_cli`."""
+
 
 def _as_typed(default: object) -> str | None:
     """A default as one would type it; None for what is not given, off or empty."""
@@ -73,8 +86,11 @@ def command_line(arguments: Sequence[str]) -> App:
     app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
               default_parameter=_OPTIONS, suppress_keyboard_interrupt=False)  # fmt: skip
     _register(app, __name__.rpartition(".")[0], COMMANDS, command)
-    rig_app = App(name="rig", help=rig.HELP, help_format="markdown", default_parameter=_OPTIONS)
-    _register(rig_app, rig.__name__, rig.COMMANDS, of_rig)
+    help_ = rig_cli.__doc__
+    rig_app = App(name="rig", help=help_, help_format="markdown", default_parameter=_OPTIONS)
+    for function in rig_cli.COMMANDS:
+        rig_app.command(function)
+    _register(rig_app, __name__.rpartition(".")[0], RIG_COMMANDS, of_rig)
     app.command(rig_app)
     app.register_install_completion_command(
         help="Complete commands and options in your shell: bash, zsh, fish. It adds a line to its "

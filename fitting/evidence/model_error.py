@@ -35,7 +35,7 @@ the lengths beyond its map by a few per cent of the largest force."""
 PRIOR_FREEDOM = 1.5
 """Number of lengths left out that the prior counts as."""
 
-DISAGREEMENT = 1.5
+DISAGREEMENT = 1.75
 """Times the root mean square difference to the models that fit alike: half the width of what they add to
 the band. Two of them may be off to the same side."""
 

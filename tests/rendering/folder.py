@@ -15,7 +15,8 @@ from famjax.chain.folder import SHEET
 from famjax.chain.simulation import LOG, simulate, simulated_muscle
 from famjax.units import INCH, PSI
 from rig.calibration import Calibration
-from rig.control import Control, Isobaric, PlanFile
+from rig.control import Control
+from rig.plan import Isobaric, PlanFile
 from rig.simulation import MachineClock
 
 from . import Tape, published_ruler, published_scene, render, render_ruler

@@ -1,11 +1,11 @@
 """A device on a table: no plant, counts from a seed, a line with faults, and what was truly sent."""
 
 import numpy as np
+from faulty_channel import FaultyChannel
 
 from rig.device import Device
 from rig.errors import RigError
 from rig.link import VirtualLink
-from rig.simulation import ByteChannel
 
 TICK = 0.002
 
@@ -15,8 +15,8 @@ class BareRig:
 
     def __init__(self, seed: int = 0, *, ring: int = 64, **chances: float) -> None:
         self.device = Device(ring=ring)
-        self.to_device = ByteChannel(baud=115200, seed=seed, **chances)
-        self.to_host = ByteChannel(seed=seed + 1, **chances)
+        self.to_device = FaultyChannel(baud=115200, seed=seed, **chances)
+        self.to_host = FaultyChannel(seed=seed + 1, **chances)
         self.now = 0.0
         self.ticks = 0
         self.truth: set[bytes] = set()
@@ -79,7 +79,7 @@ class Recorder:
     def run(self, seconds: float) -> None:
         end = self.link.now + seconds
         while self.link.now < end - 1e-9:
-            self.link.kick()
+            self.link.keep_alive()
             self.link.sleep(min(0.5, end - self.link.now))
 
     def wrong(self) -> int:

@@ -43,17 +43,8 @@ def avr(harness: Path) -> Avr:
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of a simulated test of 40 and 80 psi."""
     folder = tmp_path_factory.mktemp("simulated")
+    plan, out = write_plan(folder), folder / "out"
     with pytest.raises(SystemExit) as stop:
-        main(
-            [
-                "rig",
-                "simulate",
-                str(write_plan(folder)),
-                "--output",
-                str(folder / "out"),
-                "--seed",
-                "4",
-            ]
-        )
+        main(["rig", "simulate", str(plan), "--output", str(out), "--seed", "4"])
     assert not stop.value.code
-    return folder / "out"
+    return out

@@ -5,7 +5,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from rig.device import POWER_ON, TRIP_CEILING, Device, Latch, Memory, firmware_folder
+from rig.controller import Latch
+from rig.device import POWER_ON, TRIP_CEILING, Device, Memory, firmware_folder
 from rig.errors import RigError
 from rig.protocol import DRIVEN
 

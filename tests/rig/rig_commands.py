@@ -1,5 +1,6 @@
 """Commands of `famjax rig` as a person types them, and plans for them."""
 
+import io
 from pathlib import Path
 
 import pytest
@@ -32,11 +33,14 @@ def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, st
     return int(stop.value.code or 0), captured.out, captured.err
 
 
+def words(option: str, values: list) -> list:
+    """An option that is repeated."""
+    return [word for value in values for word in (option, value)]
+
+
 def write_plan(folder: Path, **changes: str) -> Path:
-    fields = {
-        "pressures": "40, 80", "circuit": "air", "limit": "pressure_limit_psi = 110", "settle": "3",
-        "stroke": "3.2",
-    }  # fmt: skip
+    fields = {"pressures": "40, 80", "circuit": "air", "limit": "pressure_limit_psi = 110",
+              "settle": "3", "stroke": "3.2"}  # fmt: skip
     path = folder / "plan.toml"
     path.write_text(PLAN.format(**(fields | changes)))
     return path
@@ -45,3 +49,14 @@ def write_plan(folder: Path, **changes: str) -> Path:
 def calibrated(folder: Path, **changes: str) -> Path:
     write_calibration(folder / "calibration.toml", SimulatedRig(PneumaticCircuit()).calibration())
     return write_plan(folder, **changes)
+
+
+class Typed(io.StringIO):
+    """Standard input on which something was typed."""
+
+    def __init__(self, text: str, *, terminal: bool) -> None:
+        super().__init__(text)
+        self.terminal = terminal
+
+    def isatty(self) -> bool:
+        return self.terminal

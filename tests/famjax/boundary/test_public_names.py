@@ -20,8 +20,6 @@ def test_every_listed_name_is_there(name: str) -> None:
     ("old", "new"),
     [
         ("famjax.NeoHookeanMaterial", "famjax.materials"),
-        ("rig.Sensor", "rig.calibration"),
-        ("rig.analyse", "famjax.chain"),
     ],
 )
 def test_an_old_name_still_works_and_says_where_it_is(old: str, new: str) -> None:

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import famjax
-from famjax.commands import app, rig
+from famjax.commands import app, rig_cli
 
 HEAVY = ("jax", "numpy", "scipy", "matplotlib", "pint", "cv2", "skimage", "serial", "jinja2")
 
@@ -35,18 +35,18 @@ def test_a_namespace_is_imported_as_a_module_or_as_a_name() -> None:
 
 def commands() -> list[tuple[tuple[str, ...], str, str]]:
     """What a person types, the function behind it, and the sentence that the help shows for it."""
-    every = [
-        ((), "famjax.commands.", app.COMMANDS),
-        (("rig",), "famjax.commands.rig.", rig.COMMANDS),
-    ]
+    every = [((), path, sentence) for path, sentence in app.COMMANDS.items()]
+    every += [(("rig",), path, sentence) for path, sentence in app.RIG_COMMANDS.items()]
+    for function in rig_cli.COMMANDS:
+        sentence = (inspect.getdoc(function) or "").split("\n\n")[0]
+        every.append((("rig",), f"rig_cli:{function.__name__}", sentence))
     return [
         (
             (*group, path.partition(":")[2].removeprefix("rig_").replace("_", "-")),
-            package + path,
+            f"famjax.commands.{path}",
             sentence,
         )
-        for group, package, table in every
-        for path, sentence in table.items()
+        for group, path, sentence in every
     ]
 
 

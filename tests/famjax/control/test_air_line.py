@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import famjax
 from famjax.control import AirLine, HeldLength, HeldLoad, Outcome, fluid_volume
-from rig.simulation import SLOW_FLOW, iso_6358_flow
+from rig.plant import SLOW_FLOW, iso_6358_flow
 
 CLOSED = 1e-12  # quadrature of a constant: rounding
 STEPPED = 1e-7  # what solve_ivp leaves at rtol 1e-10, relative

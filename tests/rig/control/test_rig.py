@@ -10,13 +10,14 @@ import pytest
 
 from famjax.chain.journals import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
-from rig.control import Control, Isobaric, Rig, calibrate_feed_forward, next_block, run
+from rig.control import Control, Rig
 from rig.device import firmware_folder
-from rig.errors import RigError
-from rig.fault import RigFault
+from rig.errors import RigError, RigFault
+from rig.execution import calibrate_feed_forward, run
 from rig.journal import Journal, audit, read_journal
-from rig.link import VirtualLink, mean_counts
-from rig.protocol import MANUAL, PRESSURE_UNIT, RUN, SAFE, frame
+from rig.link import VirtualLink
+from rig.plan import Isobaric, next_block
+from rig.protocol import PRESSURE_UNIT, RUN, SAFE, frame
 from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
 
 PSI = 6894.757293168361
@@ -319,13 +320,6 @@ def test_whatever_ends_a_test_vents(error: BaseException) -> None:
     assert sim.pressure < 5 * PSI
 
 
-def test_a_rig_that_cannot_be_set_up_is_vented_and_said() -> None:
-    sim = SimulatedRig()
-    with pytest.raises(RigError, match=r"the device refuses 'gain"):
-        opened(sim, control=Control.per_psi(1e5, 0)).__enter__()
-    assert vented(sim)
-
-
 def test_a_plan_that_hangs_vents_by_itself() -> None:
     sim = SimulatedRig()
     with opened(sim) as rig:
@@ -335,17 +329,6 @@ def test_a_plan_that_hangs_vents_by_itself() -> None:
         assert vented(sim)
         with pytest.raises(RigFault, match=r"went to SAFE by itself: silence"):
             rig.check()
-
-
-def test_a_test_is_stopped_on_request() -> None:
-    sim = SimulatedRig()
-    with pytest.raises(RigFault, match=r"stopped on request"), opened(sim) as rig:
-        rig.set_pressure(20 * PSI)
-        begin = sim.now
-        rig.cancel()
-        rig.wait(10.0)
-    assert vented(sim)
-    assert sim.now < begin + 1.0
 
 
 def test_a_device_that_does_not_answer_is_said_and_never_left_with_heartbeats() -> None:
@@ -358,20 +341,6 @@ def test_a_device_that_does_not_answer_is_said_and_never_left_with_heartbeats() 
         rig.wait(2.0)
         sim.to_host.cut = sim.to_device.cut = True
     assert vented(sim)
-
-
-def test_means_are_those_of_the_records() -> None:
-    sim = SimulatedRig()
-    with opened(sim) as rig:
-        rig.set_pressure(30 * PSI)
-        rig.wait(3.0)
-        pressure, force = mean_counts(rig.link, 2.0, rig.wait)
-        calibration = sim.calibration()
-        assert calibration.pressure.value(pressure) == pytest.approx(sim.pressure, abs=0.5 * PSI)
-        assert calibration.force.value(force) == pytest.approx(sim.force, abs=20)
-        rig.manual(100)
-        rig.wait(0.1)
-        assert rig.link.newest.state == MANUAL
 
 
 def test_the_calibration_in_the_readme_holds_a_pressure(

@@ -21,9 +21,10 @@ from session_fuzz import Fuzz
 
 from famjax.chain.journals import table
 from rig import Journal, Rig, audit, read_journal, run
-from rig.control import Control, Isobaric
+from rig.control import Control
 from rig.device import Device, firmware_folder
 from rig.link import VirtualLink
+from rig.plan import Isobaric
 from rig.protocol import RUN, DeviceStatus, Hello, Splitter, frame, parse
 from rig.simulation import SimulatedRig
 

@@ -9,7 +9,6 @@ import pytest
 from native import NativeDevice, build_native
 from session_fuzz import Fuzz
 
-from rig import RigError
 from rig.device import Device, firmware_folder
 from rig.protocol import RUN, frame
 
@@ -117,14 +116,3 @@ def test_makefile_builds_the_same_core(tmp_path: Path) -> None:
     assert built.returncode == 0, built.stderr
     core = NativeDevice(tmp_path / "famrig_host.so")
     assert _same(Device(), core, Fuzz(21), TICKS // 10) > TICKS // 10
-
-
-def test_a_compiler_that_fails_is_quoted(tmp_path: Path, native_library: Path) -> None:
-    with pytest.raises(RigError, match=r"the C compiler failed: .*-DFR_RING=-1"):
-        build_native(tmp_path, ring=-1)
-
-
-def test_a_missing_compiler_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(RigError, match="a C compiler is needed on the path as 'cc'"):
-        build_native(tmp_path)

@@ -277,6 +277,7 @@ def test_calibration_is_not_changed_under_a_running_controller(bench: Bench) -> 
     [
         ("set", (-1,)),
         ("set", (1024,)),
+        ("cal", (1024, 200)),
         ("set", (40, 255.01)),
         ("set", ()),
         ("set", (1, 2, 3)),

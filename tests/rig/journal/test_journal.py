@@ -17,8 +17,7 @@ import pytest
 from bare_rig import BareRig, Recorder
 
 from famjax.chain.journals import clocks
-from rig.errors import RigError
-from rig.fault import RigFault
+from rig.errors import RigError, RigFault
 from rig.journal import Journal, Missing, read_journal
 from rig.protocol import TICK_HZ, TICKS, Sample, frame
 
@@ -62,11 +61,6 @@ def test_what_goes_in_comes_out_in_order(whole: Path) -> None:
     assert [note["second"] for note in record.notes_of("mark")] == list(range(10))
     assert record.notes_of("mark")[0]["text"] == "Größe * 5"
     assert (np.diff([note["n"] for note in record.notes]) == 1).all()
-
-
-def test_lines_are_the_devices_own(whole: Path) -> None:
-    lines = [line for line in whole.read_bytes().split(b"\n") if line.startswith(b"T")]
-    assert all(frame(line[:-5].decode()) == line + b"\n" for line in lines)
 
 
 def tears(data: bytes, number: int) -> Iterator[bytes]:
@@ -149,15 +143,6 @@ def test_a_page_that_stands_twice_goes_back_to_its_boot(tmp_path: Path) -> None:
     assert found.missing == (Missing(1, 8, 3, False),)
 
 
-def test_sixteen_boots_later_is_another_boot(tmp_path: Path) -> None:
-    path = tmp_path / "boots.fam"
-    status = [frame(f"S,{boot},0,0,0,0,200,0,0,0,0,0") for boot in (0, 16)]
-    lines = [record(k) for k in range(5)]
-    path.write_bytes(b"".join([status[0], *lines, status[1], *lines]))
-    assert [s.boot for _, s in read_journal(path).statuses] == [0, 16]
-    assert [epoch for epoch, _ in read_journal(path).statuses] == [0, 1]
-
-
 def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(tmp_path: Path) -> None:
     path = tmp_path / "run.fam"
     with Journal(path, lambda: 1.0, reserve_bytes=0) as journal:
@@ -195,25 +180,6 @@ def test_a_note_that_is_not_json_is_refused(tmp_path: Path) -> None:
             journal.note("bad", value=float("nan"))
         journal.note("good", value=1.5)
     assert read_journal(tmp_path / "n.fam").missing_notes == 0
-
-
-def test_a_slow_disk_keeps_nobody_waiting(tmp_path: Path) -> None:
-    """While a sync hangs, lines are taken at once and reach the file."""
-    hangs, go_on = threading.Event(), threading.Event()
-
-    def sync(_: int) -> None:
-        hangs.set()
-        assert go_on.wait(10)
-
-    path = tmp_path / "slow.fam"
-    journal = Journal(path, lambda: 0.0, reserve_bytes=0, sync_period=0.001, sync=sync)
-    assert hangs.wait(10)
-    journal.lines(record(0))
-    journal.note("mark")
-    until(lambda: b'"mark"' in path.read_bytes())
-    journal.check()
-    go_on.set()
-    journal.close()
 
 
 def test_a_hanging_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,20 +2,19 @@
 
 # ruff: noqa: PT012 -- what is told comes at some time, not at the first call
 
-import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from rig.device import Device
-from rig.errors import RigError
-from rig.fault import RigFault
+from rig.errors import RigError, RigFault
 from rig.journal import Journal, read_journal
-from rig.link import Link, Silent, serial_opener
+from rig.link import Link, serial_opener
+from rig.session import Silent
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="a pty is needed")
 
@@ -110,9 +109,9 @@ def test_a_port_that_goes_away_is_opened_again(port: InProcessPort) -> None:
         link.command("hello")
         until(lambda: link.newest is not None)
         port.broken = True
-        until(lambda: not link.connected)
+        until(lambda: link.port is None)
         port.broken = False
-        until(lambda: link.connected)
+        until(lambda: link.port is not None)
         assert link.command("status").seq is not None
     assert port.closed == 2
 
@@ -145,89 +144,13 @@ def test_a_port_that_is_not_there_is_said() -> None:
         Link(serial_opener("/dev/no-such-port"))
 
 
-class Pty:
-    """A device behind a pty in real time, reached by a name that outlives the pty."""
-
-    def __init__(self, name: Path) -> None:
-        self.name, self.device = name, Device()
-        self._closing = threading.Event()
-        self._master = -1
-        self.plug()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def plug(self) -> None:
-        import tty
-
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        os.set_blocking(master, False)
-        self.name.unlink(missing_ok=True)
-        self.name.symlink_to(os.ttyname(slave))
-        os.close(slave)
-        self._master = master
-
-    def unplug(self) -> None:
-        master, self._master = self._master, -1
-        os.close(master)
-
-    def close(self) -> None:
-        self._closing.set()
-        self._thread.join()
-        if self._master >= 0:
-            self.unplug()
-
-    def _run(self) -> None:
-        start, ticks = time.monotonic(), 0
-        while not self._closing.wait(0.001):
-            while ticks * 0.002 < time.monotonic() - start:
-                ticks += 1
-                self._exchange()
-
-    def _exchange(self) -> None:
-        master = self._master
-        received = b""
-        try:
-            received = os.read(master, 4096) if master >= 0 else b""
-        except OSError:  # nothing came, or nobody has the other end open
-            received = b""
-        self.device.feed(received)
-        self.device.tick(200, 500)
-        sent = self.device.take()
-        try:
-            if master >= 0 and sent:
-                os.write(master, sent)
-        except OSError:
-            return
-
-
-@pytest.fixture
-def pty(tmp_path: Path) -> Iterator[Pty]:
-    pytest.importorskip("serial")
-    device = Pty(tmp_path / "ttyRIG")
-    yield device
-    device.close()
-
-
-@posix
-def test_a_serial_port_is_this_programs_alone(pty: Pty) -> None:
-    with Link(serial_opener(str(pty.name))) as link:
-        link.command("hello")
-        assert link.command("trip", 600).seq is not None
-        with pytest.raises(RigError, match=r"exclusively lock port"):
-            Link(serial_opener(str(pty.name)))
-        assert link.command("status").seq is not None
-
-
-@posix
-def test_a_cable_that_comes_back_under_its_name_goes_on(pty: Pty) -> None:
-    with Link(serial_opener(str(pty.name))) as link:
-        link.command("hello")
-        until(lambda: link.newest is not None)
-        before = link.newest.seq
-        pty.unplug()
-        until(lambda: not link.connected)
-        pty.plug()
-        until(lambda: link.connected and link.newest.seq > before + 20)
-        assert not link.session.order.gaps or link.session.order.recovered > 0
-        assert link.command("status").seq is not None
+def test_a_serial_port_is_opened_for_this_program_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    serial = pytest.importorskip("serial")
+    opened: list[tuple[str, int, bool | None]] = []
+    monkeypatch.setattr(
+        serial, "serial_for_url",
+        lambda path, baud, **options: opened.append((path, baud, options.get("exclusive"))),
+    )  # fmt: skip
+    for path in ("/dev/ttyACM0", "socket://127.0.0.1:1"):  # which pyserial cannot lock
+        serial_opener(path, 500_000)()
+    assert opened == [("/dev/ttyACM0", 500_000, True), ("socket://127.0.0.1:1", 500_000, None)]

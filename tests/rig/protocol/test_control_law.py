@@ -3,8 +3,6 @@
 import random
 from fractions import Fraction
 
-import pytest
-
 from rig.protocol import ControlLaw, drive, next_integral, pressure_error
 
 SEED_COUNT = 400
@@ -80,21 +78,9 @@ def test_small_errors_are_integrated_too() -> None:
     assert next_integral(law, 0, round(5 * 0.01 * 128)) > 0
 
 
-def test_default_limits_are_symmetric_about_the_feed_forward() -> None:
-    law = ControlLaw(feed_forward=128 * 256)
-    assert law.low == -law.high
-    assert (drive(law, law.low * 32768, 0), drive(law, law.high * 32768, 0)) == (0, 255)
-
-
 def test_literal_reading_cannot_exhaust_at_the_set_point() -> None:
     """An integral in 0..255 upon v = 128 never goes below 128 where the error is 0."""
     literal = ControlLaw(feed_forward=128 * 256, proportional=4 * 256, low=0, high=255)
     lowest = next_integral(literal, 0, -(10**6))
     assert drive(literal, lowest, 0) == 128
     assert drive(literal._replace(low=-128, high=128), -128 * 32768, 0) == 0
-
-
-def test_properties_are_what_was_stored() -> None:
-    law = ControlLaw(set_point=5120, proportional=round(1.2 * 256), integral=512)
-    assert law.set_point_psi == 40.0
-    assert law.gains == (pytest.approx(1.1992, abs=5e-5), 2.0)

@@ -7,12 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rig import RigError
+from rig.plant import iso_6358_flow
 from rig.simulation import (
     HydraulicCircuit,
     Plant,
     PneumaticCircuit,
     SimulatedMuscle,
-    iso_6358_flow,
     machine_for,
     mckibben,
 )

@@ -1,0 +1,319 @@
+"""What turns a rig's counts into pascals and newtons, and the output that holds a pressure.
+
+`read_calibration` reads a rig's TOML file, units in every key; `fit_sensor` and `fit_feed_forward`
+make its parts.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
+
+from .errors import RigError
+
+READINGS = 5  # of the converter in one record's sum
+FULL_SCALE = 1023 * READINGS  # largest sum of a record [counts]
+FULL_OUTPUT = 255  # largest output [counts of pulse-width modulation], 5 V
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensor:
+    """A linear sensor, neglecting curvature, which shows in `scatter`.
+
+    value = gain (counts - zero), counts the sum of five readings of 10 bits.
+
+    Attributes:
+        gain: [unit/count], not zero.
+        zero: counts at value zero; may lie outside 0..5115.
+        gain_std: standard error of the gain [unit/count].
+        zero_std: standard error of the zero [counts].
+        correlation: of the two errors, in [-1, 1].
+        scatter: root mean square [unit] of the references about the line, n - 2 degrees of freedom.
+    """
+
+    gain: float
+    zero: float
+    gain_std: float = math.inf
+    zero_std: float = math.inf
+    correlation: float = 0.0
+    scatter: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.gain) and self.gain != 0 and math.isfinite(self.zero)):
+            raise RigError(
+                f"a sensor's gain must be finite and not zero and its zero finite, got gain "
+                f"{self.gain} per count, zero {self.zero} counts"
+            )
+
+    def value(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Values [unit] of counts, any shape."""
+        return self.gain * (np.asarray(counts, np.float64) - self.zero)
+
+    def counts(self, value: float) -> float:
+        """Counts at which a value [unit] reads, not rounded."""
+        return self.zero + value / self.gain
+
+    def error(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Standard error [unit] of values, from the calibration alone, any shape."""
+        if not (math.isfinite(self.gain_std) and math.isfinite(self.zero_std)):
+            return np.full(np.shape(counts), math.inf)
+        from_zero = np.asarray(counts, np.float64) - self.zero
+        a, b = from_zero * self.gain_std, -self.gain * self.zero_std
+        return np.sqrt(a * a + b * b + 2 * self.correlation * a * b)
+
+
+def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
+    """The sensor that reads the references best, neglecting the references' own errors.
+
+    Least squares of counts = zero + references / gain: the counts are noisy, the references are not.
+
+    Args:
+        counts: mean counts at each reference, shape (n,), n >= 3, strictly between 0 and 5115.
+        references: what was applied [unit], shape (n,), two different values at least.
+
+    Returns:
+        The sensor with the standard errors of both parameters and their correlation.
+
+    Raises:
+        RigError: too few or equal references, counts at the converter's end, or no response.
+
+    References:
+        Draper & Smith 1998, Applied Regression Analysis, section 1.7 (inverse regression).
+
+    >>> sensor = fit_sensor([500, 1500, 2500, 3500], [0.0, 1e5, 2e5, 3e5])
+    >>> round(sensor.gain, 9), round(sensor.zero, 6)
+    (100.0, 500.0)
+    """
+    y, x = np.asarray(counts, np.float64), np.asarray(references, np.float64)
+    if y.ndim != 1 or y.shape != x.shape:
+        raise RigError(f"counts and references must have one shape (n,), got {y.shape}, {x.shape}")
+    if y.size < 3:
+        raise RigError(f"a sensor's errors need three references or more, got {y.size}")
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise RigError("counts and references must be finite; leave out what was not read")
+    bad = np.flatnonzero((y <= 0) | (y >= FULL_SCALE))
+    if bad.size:
+        raise RigError(
+            f"reading {bad[0] + 1} is {y[bad[0]]:g} counts, the end of the converter's range "
+            f"0..{FULL_SCALE}; leave it out or check the wiring"
+        )
+    spread = float(np.sum((x - x.mean()) ** 2))
+    if spread == 0:
+        raise RigError(f"all references are {x[0]:g}; apply two different ones at least")
+    slope = float(np.sum((x - x.mean()) * (y - y.mean()))) / spread
+    zero = float(y.mean() - slope * x.mean())
+    variance = float(np.sum((y - zero - slope * x) ** 2)) / (y.size - 2)
+    slope_std = math.sqrt(variance / spread)
+    if abs(slope) <= 3 * slope_std or slope == 0:
+        raise RigError(
+            f"the counts do not follow the references: {slope:.3g} +- {slope_std:.1g} counts per "
+            "unit; check the wiring and the order of the table"
+        )
+    zero_std = math.sqrt(variance * (1 / y.size + x.mean() ** 2 / spread))
+    # gain = 1/slope turns the sign of its correlation with the zero
+    correlation = variance * x.mean() / spread / (slope_std * zero_std) if variance else 0.0
+    gain = 1 / slope
+    scatter = math.sqrt(variance) * abs(gain)
+    return Sensor(gain, zero, slope_std * gain * gain, zero_std, float(correlation), scatter)
+
+
+@dataclasses.dataclass(frozen=True)
+class FeedForward:
+    """Output v that is added to the controller's, v = sum c_k (P / P_s)^k, k = 0..3.
+
+    Attributes:
+        coefficients: c_k [counts], shape (4,).
+        scale: P_s [Pa], > 0.
+        pressure_range: lowest and highest pressure [Pa] at which v is known.
+        scatter: root mean square [counts] of the steps about the cubic.
+    """
+
+    coefficients: tuple[float, ...]
+    scale: float = 1.0
+    pressure_range: tuple[float, float] = (0.0, math.inf)
+    scatter: float = math.inf
+
+    @classmethod
+    def bias(cls, output: float = 127.5) -> "FeedForward":
+        """The same output at every pressure: 2.5 V, the proportional valve's middle."""
+        return cls((output, 0.0, 0.0, 0.0))
+
+    def output(self, pressure: float) -> float:
+        """Output [counts, 0..255] that holds a pressure [Pa].
+
+        Raises:
+            RigError: the pressure lies outside `pressure_range`, or the output outside 0..255.
+        """
+        low, high = self.pressure_range
+        if not low <= pressure <= high:
+            raise RigError(
+                f"the feed-forward is known from {low:.0f} to {high:.0f} Pa, not at {pressure:.0f} "
+                "Pa; step the pump over the whole range of the plan"
+            )
+        v = math.fsum(c * (pressure / self.scale) ** k for k, c in enumerate(self.coefficients))
+        if not 0 <= v <= FULL_OUTPUT:
+            raise RigError(f"the feed-forward at {pressure:.0f} Pa is {v:.1f}; it must be 0..255")
+        return v
+
+
+def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
+    """The cubic through steps of the output, neglecting the pressures' noise.
+
+    Args:
+        pressures: mean pressure [Pa] at each step, shape (n,), n >= 5, four different at least.
+        outputs: the steps [counts, 0..255], shape (n,).
+
+    Returns:
+        v(P), known between the extreme pressures.
+
+    Raises:
+        RigError: too few steps, or a cubic that does not rise over the whole range: the pump did
+            not follow.
+
+    >>> P = np.linspace(0, 7e5, 8)
+    >>> v = fit_feed_forward(P, 20 + 180 * (P / 7e5) ** 2 + 30 * P / 7e5)
+    >>> round(v.output(3.5e5), 6)
+    80.0
+    """
+    P, u = np.asarray(pressures, np.float64), np.asarray(outputs, np.float64)
+    if P.ndim != 1 or P.shape != u.shape:
+        raise RigError(f"pressures and outputs must have one shape (n,), got {P.shape}, {u.shape}")
+    if not (np.isfinite(P).all() and np.isfinite(u).all()):
+        raise RigError("pressures and outputs must be finite; leave out steps that were not read")
+    if u.size < 5 or np.unique(u).size < 4 or np.unique(P).size < 4:
+        raise RigError(f"a cubic with its error needs five steps of four outputs, got {u.size}")
+    scale = float(np.abs(P).max())
+    A = np.vander(P / scale, 4, increasing=True)
+    c, _, rank, _ = np.linalg.lstsq(A, u)
+    if rank < 4:
+        raise RigError("the pressures do not fix a cubic; spread the steps over the whole range")
+    scatter = float(np.sqrt(np.sum((A @ c - u) ** 2) / (u.size - 4)))
+    x = np.linspace(P.min(), P.max(), 257) / scale
+    slope = c[1] + 2 * c[2] * x + 3 * c[3] * x * x
+    if (slope <= 0).any():
+        at = x[np.argmin(slope)] * scale
+        raise RigError(
+            f"the output must rise with the pressure, but falls near {at:.0f} Pa; wait longer at "
+            "each step, start where the pump begins to deliver, and check the needle valve"
+        )
+    return FeedForward(tuple(c.tolist()), scale, (float(P.min()), float(P.max())), scatter)
+
+
+def _sensor_form(unit: str) -> Form:
+    keys = {name: f"{name}_{unit}_per_count" for name in ("gain", "gain_std")}
+    counts = {"zero": "zero_counts", "zero_std": "zero_std_counts"}
+    return Form(keys=keys | counts | {"scatter": f"scatter_{unit}"})
+
+
+_FORMS = {
+    "pressure": _sensor_form("Pa"),
+    "force": _sensor_form("N"),
+    "feed_forward": Form(
+        keys={
+            "coefficients": "coefficients_counts",
+            "scale": "scale_Pa",
+            "pressure_range": "pressure_range_Pa",
+            "scatter": "scatter_counts",
+        }
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """What turns a rig's counts into pascals and newtons and holds a pressure.
+
+    Attributes:
+        pressure: the transducer, Pa gauge; its gain is positive, as the device's trip needs.
+        force: the load cell, N, positive when the muscle pulls.
+        feed_forward: output that holds a pressure.
+    """
+
+    pressure: Sensor
+    force: Sensor
+    feed_forward: FeedForward = dataclasses.field(default_factory=FeedForward.bias)
+
+    def __post_init__(self) -> None:
+        if self.pressure.gain <= 0:
+            raise RigError(
+                f"the transducer's gain must be positive, got {self.pressure.gain:g} Pa/count: the "
+                "device trips when counts rise; swap its wires"
+            )
+
+
+def calibration_as_dict(calibration: Calibration) -> dict[str, Any]:
+    """The calibration with the unit in each key; what is not known or unlimited is left out."""
+    return {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
+
+
+def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibration:
+    """The calibration of such a dictionary.
+
+    Args:
+        content: a table for each sensor, and one for the feed-forward or none.
+        where: the place of the tables, for messages.
+
+    Raises:
+        RigError: a sensor is missing, a key is unknown or a value is no number.
+    """
+    tables = from_entries(_Tables, content, where=where, error=RigError)
+    kinds: dict[str, Any] = {"pressure": Sensor, "force": Sensor, "feed_forward": FeedForward}
+    return Calibration(
+        **{
+            name: from_entries(kinds[name], table, form, where=f"{where}[{name}]: ", error=RigError)
+            for name, form in _FORMS.items()
+            if (table := getattr(tables, name)) is not None
+        }
+    )
+
+
+def read_calibration(path: str | Path) -> Calibration:
+    """The calibration in a TOML file.
+
+    Raises:
+        RigError: the file cannot be read or is not a calibration.
+    """
+    return calibration_from_dict(read_toml(path, "calibration", RigError), where=f"{path}: ")
+
+
+def write_calibration(path: str | Path, calibration: Calibration) -> None:
+    """Write the calibration as TOML; reading it back gives the same numbers."""
+    _write(path, calibration_as_dict(calibration))
+
+
+def update_calibration(path: str | Path, name: str, part: Sensor | FeedForward) -> None:
+    """Put one part into a calibration's file and keep its other parts; the file is made if need be.
+
+    Args:
+        path: of the file.
+        name: pressure, force or feed_forward.
+        part: what was found.
+
+    Raises:
+        RigError: the file cannot be read, or the calibration cannot be.
+    """
+    known = read_toml(path, "calibration", RigError) if Path(path).exists() else {}
+    content = known | {name: to_entries(part, _FORMS[name])}
+    if {"pressure", "force"} <= content.keys():
+        calibration_from_dict(content, where=f"{path}: ")
+    _write(path, {name: content[name] for name in _FORMS if name in content})
+
+
+def _write(path: str | Path, content: dict[str, Any]) -> None:
+    heading = "# value = gain (counts - zero), counts: sum of five readings, 0..5115\n"
+    Path(path).write_text(heading + toml_text(content), encoding="utf-8")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Tables:
+    """The tables of a calibration."""
+
+    pressure: dict[str, Any]
+    force: dict[str, Any]
+    feed_forward: dict[str, Any] | None = None

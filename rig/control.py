@@ -1,0 +1,585 @@
+"""Pressure control that vents however a test ends: limits, gains, guards, and the device under them.
+
+`Rig` is the device inside a `with` block. Nothing runs without a pressure limit, nothing but a person
+acknowledges a trip, and heartbeats go on only while the code that supervises the test runs.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, NoReturn, Self
+
+from msgspec import Meta
+
+from famjax.boundary.toml_file import check_fields
+from famjax.units import PSI
+
+from .calibration import READINGS, Calibration, calibration_as_dict
+from .errors import RigError, RigFault
+from .journal import Journal
+from .link import AbstractLink
+from .protocol import DRIVEN, FAULTS, PROTOCOL, RUN, STATES, TICK_HZ, TRIP, DeviceStatus, Sample
+from .session import Lost, Reset, Silent
+
+JUMP_LIMIT = 15 * PSI  # change of the pressure within five ticks (10 ms) that trips [Pa]
+LEAST_JUMP = 5  # counts, above noise of a count or two
+LIVE_ZERO = 20  # least counts at 0 Pa of a transducer that has a floor: 0.1 V
+FLOOR_SHARE = 0.6  # floor over the counts at 0 Pa: 0.3 V of 0.5 V
+LOOK = 0.05  # s between two looks at the device's state during a wait
+SETTLE = 0.7  # s for which the device keeps its last records
+HELLOS = 5  # times a device is greeted: a board that opening its port has reset starts in 2 s
+REST_PRESSURE = 5 * PSI  # a vented rig may still read it, up or down: offset and drift [Pa]
+REST_TIME = 8.0  # s for which the reading is watched at rest at most; two seconds at rest suffice
+_ALIVE = 2  # of `DeviceStatus.alive`
+
+# What to check after each fault of the device.
+ADVICE = {
+    "silence": "no line reached it for a second; check the cable and the load on this computer",
+    "over-pressure": "the pressure limit was reached, or the transducer is unplugged",
+    "jump": "the pressure changed by more than the jump limit in 10 ms: a transducer that fails, or a "
+    "small muscle that fills fast; then raise jump_limit_<unit> in the plan's [rig], or step less",
+    "stall": "output or integral stood at its limit and the pressure did not rise; check supply, hose, "
+    "muscle and transducer",
+    "watchdog": "its program had stopped; check its supply",
+    "range": "the reading was outside floor and ceiling: a broken wire, a short, an unplugged "
+    "transducer or one without supply",
+    "frozen": "the reading did not vary, or not with the output: check transducer and its line before "
+    "anything else, the true pressure may be higher than what was read",
+    "no response": "the pressure did not follow the output after a start or a higher set pressure: a "
+    "blocked or kinked line to the transducer, no supply, an open circuit; or a circuit slower than "
+    "this guard takes it for: then raise frozen_s in the plan's [rig]",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Control:
+    """Gains of the pressure controller, u = v + Kp e + Ki int e dt, in counts of pulse-width modulation.
+
+    Attributes:
+        proportional: Kp [counts/Pa], >= 0. The device stores it in 1/256 count per psi.
+        integral: Ki [counts/(Pa s)], >= 0, likewise.
+        integral_limits: least and greatest integral term [counts], within -255..0 and 0..255.
+            Symmetric limits hold the published pressures, limits of 0..255 do not.
+    """
+
+    proportional: float
+    integral: float
+    integral_limits: tuple[int, int] = (-128, 128)
+
+    @classmethod
+    def per_psi(cls, proportional: float, integral: float) -> Self:
+        """Gains in counts per psi and per psi and second, as the reference work prints them."""
+        return cls(proportional / PSI, integral / PSI)
+
+
+_Reading = Annotated[int, Meta(ge=0, le=1023, description="0 to 1023 counts")]
+
+
+@dataclasses.dataclass(frozen=True)
+class Guards:
+    """When the device trips because its reading is implausible; the reasons are in `firmware/README.md`.
+
+    Attributes:
+        floor: least plausible reading [counts of one conversion]; None derives it from the
+            calibration, see `floor_counts`.
+        ceiling: greatest plausible reading [counts]: 4.7 V, where no transducer of 0.5 to 4.5 V is.
+        still: time [s] within two counts that trips, of a reading that varied at rest;
+            one that varied little has up to three times as long.
+        frozen_output: PWM counts by which the output may exceed the one that held the pressure;
+            255 switches this off.
+        frozen: time [s] at twice that output without a move of the reading that trips.
+        stall: time [s] with output or integral at its upper limit without a rise that trips.
+    """
+
+    floor: _Reading | None = None
+    ceiling: _Reading = 963
+    still: Annotated[float, Meta(ge=0.5, le=60, description="0.5 to 60 s")] = 0.7
+    frozen_output: Annotated[int, Meta(ge=1, le=255, description="1 to 255 counts")] = 4
+    frozen: Annotated[float, Meta(ge=0.1, le=2, description="0.1 to 2 s")] = 0.75
+    stall: Annotated[float, Meta(ge=0.5, le=30, description="0.5 to 30 s")] = 3.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, RigError)
+
+    def commands(self, calibration: Calibration, trip: int) -> list[tuple[str, tuple[float, ...]]]:
+        """The commands that set them, under a pressure limit [counts].
+
+        Raises:
+            RigError: a transducer at 0 Pa reads outside floor and ceiling, or the limit does.
+        """
+        zero = calibration.pressure.zero / READINGS
+        if self.floor is not None and not self.floor < zero:
+            raise RigError(
+                f"the floor must lie below the {zero:.0f} counts that the transducer reads at 0 Pa, "
+                f"got {self.floor}; leave it out and it is derived"
+            )
+        if not trip <= self.ceiling:
+            raise RigError(
+                f"the pressure limit of {trip} counts must not exceed the ceiling of plausible "
+                f"readings, {self.ceiling} counts; lower the one or raise the other"
+            )
+        return [
+            ("floor", (floor_counts(calibration) if self.floor is None else self.floor,)),
+            ("ceiling", (self.ceiling,)),
+            ("still", (round(1000 * self.still),)),
+            ("frozen", (self.frozen_output, round(1000 * self.frozen))),
+            ("stall", (round(1000 * self.stall),)),
+        ]
+
+
+def floor_counts(calibration: Calibration) -> int:
+    """Least plausible reading of one conversion [counts]; 0 where the transducer can have none.
+
+    A gauge pressure is never far below zero, so a transducer whose 0 Pa lies above the converter's
+    end reads less only when it fails: six tenths of its reading at 0 Pa. One of 0 to 5 V reads 0 at
+    0 Pa and with a broken wire alike.
+
+    >>> from rig.simulation import load_cell, pressure_transducer
+    >>> floor_counts(Calibration(pressure_transducer().calibration(), load_cell().calibration()))
+    61
+    """
+    zero = calibration.pressure.zero / READINGS
+    return math.floor(FLOOR_SHARE * zero) if zero >= LIVE_ZERO else 0
+
+
+@dataclasses.dataclass(frozen=True)
+class RigSettings:
+    """What a device controls and trips with.
+
+    Attributes:
+        pressure_limit: at which it trips [Pa gauge]; there is no default.
+        control: gains.
+        jump_limit: change of the pressure within 10 ms at which it trips [Pa].
+        guards: when it rejects its reading as implausible.
+    """
+
+    pressure_limit: float
+    control: Control
+    jump_limit: float = JUMP_LIMIT
+    guards: Guards = dataclasses.field(default_factory=Guards)
+
+    def commands(self, calibration: Calibration) -> list[tuple[str, tuple[float, ...]]]:
+        """The commands that set them, and the transducer.
+
+        Raises:
+            RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
+        """
+        trip, gains = self._trip_counts(calibration), self.control
+        return [
+            ("cal", _device_calibration(calibration)),
+            ("trip", (trip,)),
+            ("jump", (self._jump_counts(calibration),)),
+            *self.guards.commands(calibration, trip),
+            ("gain", (gains.proportional * PSI, gains.integral * PSI)),
+            ("ilim", gains.integral_limits),
+        ]
+
+    def as_note(self, calibration: Calibration) -> dict[str, Any]:
+        """What a journal holds of them, units in the keys."""
+        return {
+            "pressure_limit_Pa": self.pressure_limit,
+            "jump_limit_Pa": self.jump_limit,
+            "guards": dataclasses.asdict(self.guards),
+            "control": dataclasses.asdict(self.control),
+            "calibration": calibration_as_dict(calibration),
+        }
+
+    def _trip_counts(self, calibration: Calibration) -> int:
+        """The pressure limit in counts of one reading, rounded down."""
+        limit: float | None = self.pressure_limit
+        if limit is None or not math.isfinite(limit) or limit <= 0:
+            raise RigError(
+                f"a rig runs only under a pressure limit > 0, got {limit}; give the muscle's or the "
+                "circuit's, whichever is lower"
+            )
+        counts = int(calibration.pressure.counts(limit) // READINGS)
+        if not 1 <= counts <= 1023 - 3:
+            raise RigError(
+                f"the limit of {limit:.0f} Pa is {counts} counts of the transducer, which ends at "
+                "1023: it could not be seen; choose a lower limit or another transducer"
+            )
+        return counts
+
+    def _jump_counts(self, calibration: Calibration) -> int:
+        """The change within five ticks that trips, in counts of one reading, rounded.
+
+        A transducer that breaks or is unplugged jumps. So does the pressure of a small muscle that a
+        large valve fills: then the limit must be higher, and protects less.
+        """
+        limit, count = self.jump_limit, calibration.pressure.gain * READINGS
+        counts = round(limit / count) if math.isfinite(limit) else 0
+        if not LEAST_JUMP <= counts <= 1023:
+            least, most = LEAST_JUMP * count / PSI, 1023 * count / PSI
+            raise RigError(
+                f"a jump limit of {limit:.0f} Pa is {counts} counts of the transducer; the device "
+                f"takes {LEAST_JUMP} to 1023, here {least:.3g} to {most:.4g} psi"
+            )
+        return counts
+
+
+def _device_calibration(calibration: Calibration) -> tuple[float, float]:
+    """Zero [counts of one reading] and span [psi per 1024 counts], as the device takes them.
+
+    A transducer of 0 to 5 V has its zero half a count below the converter's end, which rounds down:
+    less than a count below counts as 0.
+    """
+    sensor = calibration.pressure
+    zero, span = sensor.zero / READINGS, sensor.gain * READINGS * 1024 / PSI
+    zero = 0.0 if -1 < zero < 0 else zero
+    if not (0 <= zero < 1023.9 and 1 / 64 <= span < 1023.9):
+        raise RigError(
+            f"the device takes a zero of 0 to 1023.9 counts and a span of 0.02 to 1023.9 psi, the "
+            f"calibration gives {zero:.2f} counts and {span:.2f} psi; check the transducer"
+        )
+    return zero, span
+
+
+class Rig:
+    """A device under a pressure limit, recorded; leaving the `with` block vents it, however it ends.
+
+    Args:
+        link: to the device.
+        calibration: of its sensors and its valve or pump.
+        pressure_limit: at which the device trips [Pa gauge]; there is no default.
+        control: gains.
+        jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
+        guards: when the device rejects its reading as implausible.
+        journal: records everything, or None.
+        camera: called with a name to take a photograph, or None.
+
+    Attributes:
+        settings: what the device controls and trips with.
+        lost: records that the line lost.
+        unseen: faults of its transducer that the device cannot detect, in sentences; known once entered.
+        set_point: the pressure that was set last [Pa], nan before.
+
+    Raises:
+        RigError: no pressure limit, or a limit that the transducer cannot see.
+    """
+
+    def __init__(
+        self,
+        link: AbstractLink,
+        calibration: Calibration,
+        *,
+        pressure_limit: float,
+        control: Control,
+        jump_limit: float = JUMP_LIMIT,
+        guards: Guards | None = None,
+        journal: Journal | None = None,
+        camera: Callable[[str], None] | None = None,
+    ) -> None:
+        self.link, self.calibration = link, calibration
+        self.settings = RigSettings(pressure_limit, control, jump_limit, guards or Guards())
+        self.settings.commands(calibration)  # refused before the port is used
+        self.lost, self.set_point = 0, math.nan
+        self.unseen: tuple[str, ...] = ()
+        self._journal, self._camera = journal, camera
+        self._active_from: int | None = None
+
+    def __enter__(self) -> Self:
+        self.link.attach(self._journal)
+        try:
+            greet(self.link)
+            self._set_up()
+        except BaseException as error:
+            self._leave(error)
+            raise
+        return self
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        self._leave(error)
+
+    def note(self, kind: str, /, **fields: object) -> None:
+        """A note in the journal, if there is one."""
+        if self._journal is not None:
+            self._journal.note(kind, **fields)
+
+    def set_pressure(self, pressure: float) -> None:
+        """Hold a pressure from now on.
+
+        Args:
+            pressure: [Pa gauge], >= 0 and below the limit.
+
+        Raises:
+            RigError: it is not, or the feed-forward does not know it.
+        """
+        limit = self.settings.pressure_limit
+        if not 0 <= pressure < limit:
+            must = f"must be >= 0 and below the limit of {limit:.0f} Pa"
+            raise RigError(f"a set pressure {must}, got {pressure:.0f} Pa")
+        output = self.calibration.feed_forward.output(pressure)
+        answer = self.link.command("set", pressure / PSI, output)
+        self.note("set", pressure_Pa=pressure, feed_forward_counts=output, seq=answer.seq)
+        self.set_point = pressure
+        newest = self.link.newest
+        if self._active_from is None or newest is None or newest.state != RUN:
+            self._activate("run")
+        self.link.keep_alive()
+
+    @property
+    def pressure(self) -> float:
+        """The newest record's pressure [Pa gauge], nan where there is none."""
+        return float(self.calibration.pressure.value(_newest(self.link, "pressure_sum")))
+
+    @property
+    def force(self) -> float:
+        """The newest record's force [N], nan where there is none."""
+        return float(self.calibration.force.value(_newest(self.link, "force_sum")))
+
+    def manual(self, output: int) -> None:
+        """Hold an output [counts, 0..255] with the controller off, for calibrations."""
+        self._activate("man", output)
+        self.note("manual", output=output)
+
+    def stop(self) -> None:
+        """Output off, dump valve open."""
+        self._active_from = None
+        self.link.command("stop")
+
+    def wait(self, seconds: float) -> None:
+        """Wait for a time [s] and supervise the rig meanwhile.
+
+        Raises:
+            RigFault: the device tripped, was reset or is silent, or the recorder has failed.
+        """
+        end = self.link.now + seconds
+        self.link.keep_alive()
+        while (left := end - self.link.now) > 1e-9:
+            self.link.sleep(min(LOOK, left))
+            self.link.keep_alive()
+            self.check()
+
+    def check(self) -> None:
+        """Look at the device, the link and the recorder once; see `wait`."""
+        self.link.check()
+        while self.link.alarms:
+            match self.link.alarms.popleft():
+                case Lost(_, _, records):
+                    self.lost += records
+                case Reset(old, new, cause):
+                    what = f"was reset (boot {old} to {new}, cause {cause}); check its supply"
+                    self._fault(f"the device {what}; it vents")
+                case Silent(seconds):
+                    what = f"is silent for {seconds:.1f} s; check the cable"
+                    self._fault(f"the device {what}; it vents by itself")
+        newest, since = self.link.newest, self._active_from
+        if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
+            self._left_by_itself(newest)
+
+    def sync(self, seconds: float) -> None:
+        """Raise the sync pin for a time [s], in whole records, and note with which one it begins.
+
+        Raises:
+            RigError: less than a record or more than a thousand.
+        """
+        settings = self.link.session.settings
+        records = round(seconds * TICK_HZ / (settings.ticks_per_record if settings else READINGS))
+        answer = self.link.command("sync", records)
+        self.note("sync", seq=answer.seq, records=records)
+
+    def trigger(self, name: str) -> None:
+        """Take a photograph and note the tick of the request."""
+        newest = self.link.newest
+        self.note("trigger", name=name, tick=newest.tick if newest else None)
+        if self._camera is not None:
+            self._camera(name)
+
+    def _set_up(self) -> None:
+        """Send the device all that it controls with, and note what governs the test."""
+        link, session = self.link, self.link.session
+        link.command("stop")
+        status = device_status(link)
+        if status.state == TRIP:
+            raise RigError(
+                f"the device is tripped: {trip_text(status, self.calibration)}. Find the cause, then "
+                "acknowledge the trip: `famjax rig acknowledge PORT`"
+            )
+        for verb, values in self.settings.commands(self.calibration):
+            link.command(verb, *values)
+        until = link.now + 1.0
+        while not session.settings_known:
+            if link.now > until:
+                raise RigFault("the device does not report its settings; check the cable")
+            link.sleep(LOOK)
+        self.unseen = tuple(unseen(self.calibration, alive=watch_rest(link, self.calibration)))
+        hello, stored = session.hello, session.settings
+        if hello is None or stored is None:
+            raise RigFault("the device was reset while it was set up; check its supply")
+        self.note(
+            "rig", **self.settings.as_note(self.calibration), unseen=self.unseen,
+            trip_counts=stored.trip, jump_counts=stored.jump,
+            gains_stored_counts_per_psi=stored.law.gains, hello=hello._asdict(),
+        )  # fmt: skip
+
+    def _left_by_itself(self, record: Sample) -> NoReturn:
+        """Report why, for a trip with the reading and the output at that moment."""
+        self._active_from = None
+        self.link.sleep(LOOK)  # the status follows the record
+        fault, status = FAULTS[record.fault], self.link.session.status
+        at, trip = "", {}
+        if record.state == TRIP and status is not None and status.state == TRIP:
+            at = _at_trip(status, self.calibration)
+            trip = {"cause": fault, "tick": status.tripped_at, "counts": status.tripped_count,
+                    "output": status.tripped_output}  # fmt: skip
+        what = f"the device went to {STATES[record.state]} by itself: {fault}{at}; it has vented. "
+        self._fault(what + ADVICE.get(fault, "").capitalize(), **trip)
+
+    def _fault(self, what: str, **trip: object) -> NoReturn:
+        """Stop the heartbeats and raise; a fault is reported once."""
+        self._active_from = None
+        self.link.rest()
+        self.note("fault", what=what, **trip)
+        raise RigFault(what)
+
+    def _activate(self, verb: str, *values: float) -> None:
+        self.link.keep_alive()
+        self._active_from = None
+        self._active_from = self.link.command(verb, *values).seq
+
+    def _leave(self, error: BaseException | None) -> None:
+        """Vent, note how the test ended, and detach the journal."""
+        self.link.rest()
+        failure: RigFault | None = RigFault("interrupted before the device had stopped")
+        try:
+            self.stop()
+            failure = None
+        except (RigError, RigFault) as stop_error:
+            failure = RigFault(
+                f"the device did not confirm that it stopped ({stop_error}); without heartbeats it "
+                "vents by itself within a second: look at the pressure before you touch the rig"
+            )
+        finally:
+            self.link.settle(SETTLE if failure is None else 0.0)
+            reason = "complete" if error is None else f"{type(error).__name__}: {error}"
+            self.note("end", reason=reason, confirmed=failure is None)
+            self.link.attach(None)
+        if failure is not None and error is None:
+            raise failure
+        if failure is not None and error is not None:
+            error.add_note(str(failure))
+
+
+def greet(link: AbstractLink) -> None:
+    """Wait for a device that speaks this protocol and sends records.
+
+    Raises:
+        RigFault: there is none.
+    """
+    session = link.session
+    for attempt in range(HELLOS):
+        try:
+            link.command("hello")
+            link.command("strict", 1)
+        except (RigFault, RigError):  # before that, a damaged command may be misunderstood
+            if attempt == HELLOS - 1:
+                raise
+            continue
+        link.sleep(4 * LOOK)
+        if session.hello is not None and link.newest is not None:
+            break
+    if session.hello is None or link.newest is None or session.hello.protocol != PROTOCOL:
+        raise RigFault(
+            f"the device answers, but not in protocol {PROTOCOL} with a hello and records; upload the "
+            "firmware that comes with this program"
+        )
+    link.alarms.clear()  # opening the port may have reset the board
+
+
+def device_status(link: AbstractLink) -> DeviceStatus:
+    """The device's state and, of a trip, its fault, reading and output.
+
+    Raises:
+        RigFault: it does not answer.
+    """
+    link.command("status")
+    link.sleep(2 * LOOK)
+    if link.session.status is None:
+        raise RigFault("the device answers but sends no status; is it famrig?")
+    return link.session.status
+
+
+def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> None:
+    """Clear a trip, because a person has found its cause; no program does so by itself.
+
+    Args:
+        link: to the device.
+        calibration: of its transducer; a device that was reset has forgotten the floor of one of
+            0 to 5 V.
+
+    Raises:
+        RigError: the device refuses: the pressure is still at the limit, or the reading is out of
+            range, or it runs.
+        RigFault: it does not answer.
+    """
+    if calibration is not None:
+        link.command("floor", floor_counts(calibration))
+    link.command("clear")
+
+
+def trip_text(status: DeviceStatus, calibration: Calibration | None = None) -> str:
+    """A trip as the device reports it: fault, reading, output, and what to check.
+
+    >>> trip_text(DeviceStatus(1, 9, 45, 3, 6, 0, 0, 0, 0, 0, 0, 40, 12, 131, 0))
+    'range at 12 counts, output 131; the reading was outside floor and ceiling: a broken wire, a \
+short, an unplugged transducer or one without supply'
+    """
+    fault = FAULTS[status.fault]
+    return f"{fault}{_at_trip(status, calibration)}; {ADVICE.get(fault, '')}"
+
+
+def _at_trip(status: DeviceStatus, calibration: Calibration | None = None) -> str:
+    """Reading and output at the trip: ' at 563 counts (112.4 psi), output 131'."""
+    reading = f"{status.tripped_count} counts"
+    if calibration is not None:
+        pressure = float(calibration.pressure.value(READINGS * status.tripped_count))
+        reading += f" ({pressure / PSI:.4g} psi)"
+    return f" at {reading}, output {status.tripped_output}"
+
+
+def _newest(link: AbstractLink, name: str) -> float:
+    """Sum of five readings in the newest record [counts], nan where there is none."""
+    newest, settings = link.newest, link.session.settings
+    if newest is None or settings is None:
+        return math.nan
+    return getattr(newest, name) * READINGS / settings.ticks_per_record
+
+
+def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
+    """Whether the transducer's reading varies at rest, after it has vented.
+
+    Raises:
+        RigError: it reads a pressure although the dump valve is open.
+    """
+    until = link.now + REST_TIME
+    while True:
+        link.keep_alive()
+        status = device_status(link)
+        pressure = float(calibration.pressure.value(_newest(link, "pressure_sum")))
+        vented, late = abs(pressure) <= REST_PRESSURE, link.now > until
+        if vented and (status.alive or late):
+            return status.alive == _ALIVE
+        if late:
+            raise RigError(
+                f"the transducer reads {pressure / 1e3:.4g} kPa ({pressure / PSI:.3g} psi) with the "
+                "dump valve open: it is stuck, its calibration is not this one's, or the rig does "
+                "not vent; compare it with a gauge"
+            )
+
+
+def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
+    """Faults of this transducer that the device cannot detect, one sentence each.
+
+    Args:
+        calibration: of the transducer.
+        alive: whether its reading varied at rest.
+    """
+    floor = (
+        "the transducer reads no counts at 0 Pa, so that it cannot have a floor: a broken wire reads "
+        "like 0 Pa; one of 0.5 to 4.5 V is better"
+    )
+    frozen = (
+        "the reading hardly varies at rest, so that one that freezes close to the set pressure cannot "
+        "be distinguished from a quiet one"
+    )
+    return [floor] * (not floor_counts(calibration)) + [frozen] * (not alive)

@@ -1,0 +1,467 @@
+"""The device's control in the integers of its firmware: states, guards, law, and plausible readings."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from .protocol import (
+    DRIVEN,
+    INTEGRAL_UNIT,
+    MANUAL,
+    PRESSURE_UNIT,
+    RUN,
+    SAFE,
+    TRIP,
+    ControlLaw,
+    Sample,
+    drive,
+    next_integral,
+    pressure_error,
+)
+
+SILENCE, OVER_PRESSURE, JUMP, STALL, WATCHDOG, RANGE, FROZEN, NO_RESPONSE = range(1, 9)  # of FAULTS
+TRIPS = (OVER_PRESSURE, JUMP, STALL, RANGE, FROZEN, NO_RESPONSE)
+IN_A_ROW = 3  # conversions beyond a limit that trip
+JUMP_TICKS = 5
+STALL_RISE = 5  # counts that count as a rise: about 1 psi of 200
+COUNTER = 0xFFFFFFFF  # records and ticks wrap here, after 99 days
+
+OK, VERB, NUMBER, TRIPPED, NO_LIMIT, PRESSURE, RUNNING, BAUD, OUTSIDE, ABOVE_CEILING = range(10)
+REASONS = ("OK", "unknown verb", "number missing or out of range", "tripped: clear first",
+           "no trip limit", "pressure above trip", "running: stop first", "too fast for this baud",
+           "reading out of range", "above the compiled-in ceiling")  # fmt: skip
+
+# The fields of the law that the numbers of a command set.
+LAW_FIELDS = {
+    b"set": ("set_point", "feed_forward"),
+    b"gain": ("proportional", "integral"),
+    b"ilim": ("low", "high"),
+    b"cal": ("zero", "span"),
+}
+
+# The limits that act at once: attribute, and in what unit of the command's number it is kept.
+LIMITS = {
+    b"floor": ("floor", 1),
+    b"ceiling": ("ceiling", 1),
+    b"jump": ("jump", 1),
+    b"stall": ("stall", 2),
+    b"hbms": ("silent", 2),
+}
+
+CLOSE_BAND = 1  # counts within which a reading that varies does not stay for 0.1 s
+WIDE_BAND = 2  # the same for a second
+REST_BAND = 3  # left often by a reading that is alive, at rest
+WATCH_TICKS = 1000  # for which the reading is watched at rest
+WATCH_DRIFT = 8  # counts: more is a pressure that falls, not noise
+ALIVE_MOVES = 8  # times that it leaves its band in that time, at least
+LIVELY_MOVES = 24  # so often, and `still` is enough; with fewer it takes longer
+ANSWER = 5  # counts by which a pressure answers the controller, in the mean
+STEP_SIZE = 3 * PRESSURE_UNIT  # a smaller one need not be answered: strokes hide it
+QUICK_CHANGE = 8  # counts in four ticks: faster than strokes move a pressure
+QUICK_TICKS = 500  # for which less push is allowed after that, a start or a step
+OFF = 255  # of `frozen`
+PUSH_LIMIT = 75  # PWM counts above the holding output that count at most
+FIRST_LIMIT = 50  # the same before the circuit has answered: how slow it is is not known
+MOST_PUSH = 65000  # PWM counts * ticks
+HEADROOM = 20 * PRESSURE_UNIT  # with less below the limit less push is allowed
+CLOSE_TICKS = 50  # for which a lively reading is never within CLOSE_BAND
+LEAP = 8  # counts in one tick: no pressure stops within a tick after that
+LEAP_TICKS = 20  # within CLOSE_BAND after a leap: the reading is not the pressure's
+SETTLED_SHIFT = 7  # the settled one, which knows nothing of a wound integral, of 128
+HELD_SHIFT = 9  # the holding output follows with a time constant of 512 records
+
+# Whether the reading was seen to vary at rest, as that of a transducer with noise does.
+NOT_KNOWN, QUIET, ALIVE = range(3)
+
+NOTHING, STEP, START = range(3)  # what the pressure has to answer
+
+
+class Latch(NamedTuple):
+    """What a trip leaves behind, also over a reset; `fault` is none of `TRIPS` where none is latched."""
+
+    fault: int = 0
+    output: int = 0
+    reading: int = 0
+
+
+class DeviceControl:
+    """State machine, guards and controller: one call of `step` per tick.
+
+    Guards compare raw counts before any arithmetic. A command's settings are staged and act from the
+    first tick of the next record, so that one law governs the whole of every record; `stop` and the
+    limits of the guards act at once.
+    """
+
+    def __init__(
+        self, boot: int, fault: int, least_div: int, trip_ceiling: int, latch: Latch
+    ) -> None:
+        self._boot = boot & 15
+        self._least_div = least_div  # ticks per record that the serial line can carry
+        self._trip_ceiling = trip_ceiling
+        self.latch = latch if latch.fault in TRIPS else Latch()
+        self.state, self.fault = (TRIP, latch.fault) if self.latch.fault else (SAFE, fault)
+        self.output = self.tick = self.seq = self.count = self.silence = 0
+        self.phase = self.since = self.tripped_at = 0
+        self.sync = self.report_state = self.report_settings = False
+        self.changed = False  # settings wait for the next record
+        self.law = self.next_law = ControlLaw()
+        self.div = self.next_div = 5
+        self.trip, self.jump, self.stall, self.silent = 0, 77, 1500, 500
+        self.floor, self.ceiling = 51, 963
+        self.plausibility = Plausibility()
+        self._next_state, self._next_manual, self._next_sync = SAFE, 0, 0
+        self._manual = self._sync_left = self._integral = self._sum_p = self._sum_f = 0
+        self._history, self._oldest = [0] * JUMP_TICKS, 0
+        self._over = self._jumped = self._outside = self._stall_ticks = self._stall_from = 0
+
+    def step(self, pressure: int, force: int) -> Sample | None:
+        """One tick: guards, output, and the record where one is complete."""
+        self.tick = (self.tick + 1) & COUNTER
+        if self.phase == 0:
+            self._begin_record()
+        oldest = self._oldest
+        if self.state in DRIVEN:
+            self._guard(pressure, pressure - self._history[oldest])
+        else:
+            self.plausibility.watch(pressure)
+        self.count = self._history[oldest] = pressure
+        self._oldest = oldest + 1 if oldest < JUMP_TICKS - 1 else 0
+        self._sum_p += pressure
+        self._sum_f += force
+        self.phase += 1
+        if self.state == RUN:
+            self._regulate(pressure)
+        elif self.state == MANUAL:
+            self.output = self._manual
+        return self._end_record() if self.phase == self.div else None
+
+    def _begin_record(self) -> None:
+        self._sum_p = self._sum_f = 0
+        if self.changed:
+            self.changed = False
+            self.plausibility.change(
+                self.law, self.next_law, self.trip, self._integral, self._history
+            )
+            self.law, self.div, self.since = self.next_law, self.next_div, self.seq
+            self.report_settings = True
+        if self._next_state != SAFE:
+            self._enter(self._next_state)
+        if self._next_sync:
+            self._sync_left, self._next_sync = self._next_sync, 0
+        # the pin is checked at every record only, so its edges fall between two records.
+        self.sync = self._sync_left > 0
+        self._sync_left -= self.sync
+
+    def _enter(self, state: int) -> None:
+        self.state, self.fault, self._next_state = state, 0, SAFE
+        self._manual = self._next_manual
+        self._integral = 0
+        self._over = self._jumped = self._outside = self._stall_ticks = 0
+        self.plausibility.enter(self.count, self._history)
+        self.report_state = True
+
+    def leave(self, state: int, fault: int, pressure: int = 0) -> None:
+        """Output off, dump valve open, at once; a trip is latched with its reading and output."""
+        if state == TRIP:
+            self.latch, self.tripped_at = Latch(fault, self.output, pressure), self.tick
+        self.plausibility.rest()
+        self.state, self.fault, self._next_state = state, fault, SAFE
+        self.output = self._integral = 0
+        self.report_state = True
+
+    def _out_of_range(self, pressure: int) -> bool:
+        return not self.floor <= pressure <= self.ceiling
+
+    def _guard(self, pressure: int, change: int) -> None:
+        still = self.plausibility.stands_still(pressure)
+        self._outside = self._outside + 1 if self._out_of_range(pressure) else 0
+        self._over = self._over + 1 if pressure >= self.trip else 0
+        self._jumped = 0 if -self.jump <= change <= self.jump else self._jumped + 1
+        self.silence += 1
+        if self._over >= IN_A_ROW:
+            self.leave(TRIP, OVER_PRESSURE, pressure)
+        elif self._outside >= IN_A_ROW:
+            self.leave(TRIP, RANGE, pressure)
+        elif self._jumped >= IN_A_ROW:
+            self.leave(TRIP, JUMP, pressure)
+        elif self.silence >= self.silent:
+            self.leave(SAFE, SILENCE)
+        elif still:
+            self.leave(TRIP, FROZEN, pressure)
+
+    def _regulate(self, pressure: int) -> None:
+        law = self.law
+        error = pressure_error(law, pressure)
+        record = self.phase == self.div
+        if record:
+            self._integral = next_integral(
+                law, self._integral, pressure_error(law, self._sum_p, self.div)
+            )
+        self.output = output = drive(law, self._integral, error)
+        oldest = self._history[self._oldest]
+        now = Tick(pressure, oldest, error, output, self._integral, record)
+        if self._stalls(pressure, error):
+            self.leave(TRIP, STALL, pressure)
+        elif self.plausibility.is_frozen(now, law):
+            self.leave(TRIP, FROZEN, pressure)
+        elif self.plausibility.no_answer(now, law, self._history):
+            self.leave(TRIP, NO_RESPONSE, pressure)
+
+    def _stalls(self, pressure: int, error: int) -> bool:
+        """Whether output or integral is at the end of its range for too long without a rise."""
+        high = self.law.high
+        wound = high > 0 and self._integral >= high * INTEGRAL_UNIT
+        if error <= 0 or not (self.output == 255 or wound):
+            self._stall_ticks = 0
+            return False
+        if self._stall_ticks == 0 or pressure >= self._stall_from + STALL_RISE:
+            self._stall_from, self._stall_ticks = pressure, 0
+        self._stall_ticks += 1
+        return self._stall_ticks >= self.stall
+
+    def _end_record(self) -> Sample:
+        self.phase = 0
+        seq, self.seq = self.seq, (self.seq + 1) & COUNTER
+        sums = self._sum_p, self.count, self._sum_f
+        flags = self.state + 4 * self.sync + 16 * self.fault
+        return Sample(self._boot, seq, self.tick, *sums, self.output, self._integral, flags)
+
+    def in_force(self) -> int:
+        """The first record that a command given now governs in full."""
+        return (self.seq + (self.phase > 0)) & COUNTER
+
+    def measured(self) -> int:
+        """The last pressure [1/128 psi]."""
+        return self.law.set_point - pressure_error(self.law, self.count)
+
+    def integral_counts(self) -> int:
+        """The integral term [PWM counts], rounded."""
+        return (self._integral + INTEGRAL_UNIT // 2) // INTEGRAL_UNIT
+
+    def execute(self, verb: bytes, values: list[int]) -> int:
+        """Carry out one command of the controller; index into `REASONS`."""
+        match verb, values:
+            case b"set" | b"gain" | b"ilim" | b"cal", _:
+                if verb == b"cal" and self.state in DRIVEN:
+                    return RUNNING
+                fields = zip(LAW_FIELDS[verb], values, strict=False)  # `set` may lack the second
+                self.next_law = self.next_law._replace(**dict(fields))
+            case b"tele", [ticks]:
+                if ticks < self._least_div:
+                    return BAUD
+                self.next_div = ticks
+            case b"trip", [counts]:
+                if counts > self._trip_ceiling:
+                    return ABOVE_CEILING
+                self.trip = counts
+            case b"frozen", [counts, milliseconds]:
+                self.plausibility.frozen = counts
+                self.plausibility.frozen_ticks = milliseconds // 2
+            case b"still", [milliseconds]:
+                self.plausibility.still = milliseconds // 2
+            case _ if verb in LIMITS:
+                name, ticks = LIMITS[verb]
+                setattr(self, name, values[0] // ticks)
+            case _:
+                return self._change_state(verb, values)
+        self.changed = True
+        return OK
+
+    def _change_state(self, verb: bytes, values: list[int]) -> int:
+        match verb:
+            case b"run" | b"man":
+                return self._start(RUN if verb == b"run" else MANUAL, *values)
+            case b"stop":
+                self._next_state = SAFE
+                if self.state in DRIVEN:
+                    self.leave(SAFE, 0)
+            case b"clear":
+                return self._clear()
+            case b"sync":
+                self._next_sync = values[0]
+        return OK
+
+    def _start(self, state: int, output: int = 0) -> int:
+        if self.state == TRIP:
+            return TRIPPED
+        if self.trip == 0:
+            return NO_LIMIT
+        if self._out_of_range(self.count):
+            return OUTSIDE
+        self._next_state, self._next_manual = state, output
+        if self.state == self._next_state == RUN:
+            self._next_state = SAFE  # it runs already: nothing is staged
+        return OK
+
+    def _clear(self) -> int:
+        if self.state in DRIVEN:
+            return RUNNING
+        if self.state == TRIP and self.trip and self.count >= self.trip:
+            return PRESSURE
+        if self.state == TRIP and self._out_of_range(self.count):
+            return OUTSIDE
+        self.latch = self.latch._replace(fault=0)
+        self.leave(SAFE, 0)
+        return OK
+
+
+class Band:
+    """Readings from which the present one has not moved away."""
+
+    __slots__ = ("high", "low")
+
+    def __init__(self) -> None:
+        self.low = self.high = 0
+
+    def left(self, reading: int, width: int) -> bool:
+        """Whether the reading has left the band, which then begins anew with it."""
+        if reading < self.low:
+            self.low = reading
+        elif reading > self.high:
+            self.high = reading
+        if self.high - self.low <= width:
+            return False
+        self.low = self.high = reading
+        return True
+
+
+class Tick(NamedTuple):
+    """One tick of the controller.
+
+    Attributes:
+        reading: counts.
+        oldest: the reading four ticks before.
+        error: [1/128 psi].
+        output: PWM counts.
+        integral: [1/32768 PWM count].
+        record: whether a record ends with it.
+    """
+
+    reading: int
+    oldest: int
+    error: int
+    output: int
+    integral: int
+    record: bool
+
+
+class Plausibility:
+    """Watches the readings at rest, and in RUN whether they follow the output.
+
+    Attributes:
+        still: ticks within `WIDE_BAND` that trip, of a reading that is alive; a less lively one has longer.
+        frozen: PWM counts by which the output may exceed the one that held the pressure.
+        frozen_ticks: ticks at twice that output that trip; fewer at a higher one.
+        alive: `NOT_KNOWN`, `QUIET` or `ALIVE`.
+    """
+
+    def __init__(self) -> None:
+        self.still, self.frozen, self.frozen_ticks = 350, 4, 375
+        self.alive, self._liveliness = NOT_KNOWN, LIVELY_MOVES
+        self._close, self._wide = Band(), Band()
+        self._held = self._settled = self._answer_held = 0
+        self._headroom = self._still_ticks = self._close_ticks = 0
+        self._push = self._wound_push = self._answer_push = self._answer_sum = 0
+        self._watch_ticks = self._watch_from = self._moves = 0
+        self._asked, self._quick_ticks = NOTHING, 0
+        self._leapt = False
+
+    def enter(self, reading: int, recent: Sequence[int]) -> None:
+        """The output comes on; `recent` are the last five readings, `reading` the last."""
+        self._close.low = self._close.high = reading
+        self._held = self._settled = self._still_ticks = self._close_ticks = 0
+        self._push = self._wound_push = 0
+        self._leapt = False
+        self._expect_answer(START, 0, recent)
+
+    def rest(self) -> None:
+        """The output goes off: what was watched before does not count."""
+        self._watch_ticks = 0
+
+    def change(
+        self,
+        before: ControlLaw,
+        law: ControlLaw,
+        trip: int,
+        integral: int,
+        recent: Sequence[int],
+    ) -> None:
+        """Another law governs, or another limit; an answer is due to a higher set point."""
+        if law.set_point >= before.set_point + STEP_SIZE and self._asked == NOTHING:
+            self._expect_answer(STEP, integral, recent)
+        self._headroom = -pressure_error(law, trip)
+
+    def watch(self, reading: int) -> None:
+        """One reading at rest: does noise move it? Only one that is alive can be seen to freeze."""
+        if self._watch_ticks == 0:
+            self._watch_from, self._moves = reading, 0
+        self._moves += self._wide.left(reading, REST_BAND)
+        self._watch_ticks += 1
+        if self._watch_ticks == WATCH_TICKS:
+            self._watch_ticks = 0
+            if abs(reading - self._watch_from) <= WATCH_DRIFT:
+                self.alive = ALIVE if self._moves >= ALIVE_MOVES else QUIET
+                self._liveliness = min(self._moves, LIVELY_MOVES)
+
+    def stands_still(self, reading: int) -> bool:
+        """Whether a reading that is alive has not varied for too long."""
+        self._still_ticks = 0 if self._wide.left(reading, WIDE_BAND) else self._still_ticks + 1
+        enough = self._still_ticks * self._liveliness >= self.still * LIVELY_MOVES
+        return enough and self.alive != QUIET
+
+    def is_frozen(self, now: Tick, law: ControlLaw) -> bool:
+        """Whether the output has pushed more than a reading that has not moved can bear."""
+        self._close_ticks += 1
+        before = self._close.low
+        if self._close.left(now.reading, CLOSE_BAND):
+            self._held = now.integral
+            self._leapt = abs(now.reading - before) > LEAP
+            self._close_ticks = self._push = self._wound_push = 0
+        if abs(now.reading - now.oldest) >= QUICK_CHANGE:
+            self._quick_ticks = QUICK_TICKS
+        elif self._quick_ticks:
+            self._quick_ticks -= 1
+        least = min(self._settled, self._held)
+        self._push = self._pushed(self._push, now.output, self._held, law, self.frozen)
+        slack = OFF if self.frozen == OFF else 0
+        self._wound_push = self._pushed(self._wound_push, now.output, least, law, slack)
+        if now.record:
+            self._held += (now.integral - self._held) >> HELD_SHIFT
+            self._settled += (now.integral - self._settled) >> SETTLED_SHIFT
+        enough = LEAP_TICKS if self._leapt else CLOSE_TICKS
+        rests = self._close_ticks * self._liveliness >= enough * LIVELY_MOVES
+        wound = self.alive != QUIET and rests
+        push = max(self._push, self._wound_push) if wound else self._push
+        half = now.error // 2 if now.error >= 0 else -(-now.error // 2)  # as C divides
+        known = 0 if self._leapt else self._headroom + half  # it may have been at the limit
+        headroom = max(min(known, HEADROOM), HEADROOM // 4)
+        quiet = self.alive == QUIET and self._asked != START
+        share = (1 if self._quick_ticks else 2) << quiet
+        return push * HEADROOM >= self.frozen * self.frozen_ticks * share * headroom
+
+    def no_answer(self, now: Tick, law: ControlLaw, recent: Sequence[int]) -> bool:
+        """Whether the mean pressure does not follow a start or a higher set point."""
+        if self._asked == NOTHING:
+            return False
+        quiet = self.alive == QUIET
+        slack = self.frozen // 4 if quiet and self.frozen != OFF else self.frozen
+        self._answer_push = self._pushed(
+            self._answer_push, now.output, self._answer_held, law, slack
+        )
+        if self._answer_push >= self.frozen * self.frozen_ticks << (self._asked == STEP):
+            return True
+        answered = abs(sum(recent) - self._answer_sum) >= ANSWER * len(recent)
+        reached = now.record and now.error <= (law.span * (1 if quiet else ANSWER)) >> 9
+        if answered or reached:
+            self._asked = NOTHING
+        return False
+
+    def _expect_answer(self, to: int, integral: int, recent: Sequence[int]) -> None:
+        self._asked, self._answer_push, self._quick_ticks = to, 0, QUICK_TICKS
+        self._answer_held, self._answer_sum = integral, sum(recent)
+
+    def _pushed(self, push: int, output: int, held: int, law: ControlLaw, slack: int) -> int:
+        """What the output has pushed so far [counts * ticks], from what exceeds the one that held."""
+        holding = (law.feed_forward * PRESSURE_UNIT + held + INTEGRAL_UNIT // 2) // INTEGRAL_UNIT
+        limit = FIRST_LIMIT if self._asked == START else PUSH_LIMIT
+        excess = min(output - slack - holding, limit)
+        return push if excess >= 0 and push >= MOST_PUSH else max(push + excess, 0)

@@ -1,0 +1,408 @@
+"""The firmware in Python, byte for byte what its C core sends: a device without hardware."""
+
+import re
+import struct
+from importlib import resources
+from pathlib import Path
+
+from .controller import COUNTER, NUMBER, OK, REASONS, VERB, WATCHDOG, DeviceControl, Latch
+from .protocol import DRIVEN, PROTOCOL, STATES, TICK_HZ, Sample, crc16, frame
+
+FIRMWARE = 2  # version of the firmware that this is the port of
+
+# Causes of a reset, as the ATmega328P's MCUSR has them.
+POWER_ON, RESET_PIN, BROWN_OUT, WATCHDOG_RESET = 1, 2, 4, 8
+
+# Baud rates of the firmware: bytes sent in a tick and records in the ring, as in its Makefile.
+BAUD_RATES = {115200: (21, 64), 500000: (91, 32)}
+
+# Highest pressure limit [counts] that the firmware takes, unless built with another: 4.4 V.
+TRIP_CEILING = 900
+
+RECEIVE_LIMIT = 127  # bytes received and not yet read that the device can hold
+
+_LIMIT = 200  # bytes to send that the device can hold
+_SAMPLE = 68  # room that a record needs; what else is sent leaves as much
+_ANSWER, _REPEAT, _REPORT, _SETTINGS = _SAMPLE + 50, 2 * _SAMPLE, _SAMPLE + 100, _SAMPLE + 120
+_FUTURE = 1 << 31  # a record this old is one that is still to come
+_MEMORY = struct.Struct("<HBBH")
+
+LINE_LIMIT = 63  # bytes of the longest line the device takes, its end aside
+
+_PRINTABLE = bytes(range(ord(" "), ord("~") + 1))
+_HEX = b"0123456789ABCDEF"
+_NUMBER = re.compile(rb"(-?)(\d{1,6})(?:\.(\d{0,4}))?").fullmatch
+_REQUEST = re.compile(rb"(\d{1,10}) ([\dA-Fa-f]{1,16})").fullmatch
+
+# Verb: how many numbers it needs, and how each is stored: value * unit, rounded, within [low, high].
+ARGUMENTS: dict[bytes, tuple[int, tuple[tuple[int, int, int], ...]]] = {
+    **dict.fromkeys((b"hello", b"status", b"hb", b"rp", b"run", b"stop", b"clear"), (0, ())),
+    b"strict": (1, ((1, 0, 1),)),
+    b"human": (1, ((1, 0, 1),)),
+    b"set": (1, ((128, 0, 131071), (256, 0, 65280))),
+    b"gain": (2, ((256, 0, 32767), (256, 0, 32767))),
+    b"ilim": (2, ((1, -255, 0), (1, 0, 255))),
+    b"cal": (2, ((16, 0, 16383), (64, 1, 65535))),
+    b"man": (1, ((1, 0, 255),)),
+    b"sync": (1, ((1, 1, 1000),)),
+    b"tele": (1, ((1, 1, 50),)),
+    b"trip": (1, ((1, 1, 1023),)),
+    b"jump": (1, ((1, 1, 1023),)),
+    b"stall": (1, ((1, 500, 30000),)),
+    b"hbms": (1, ((1, 100, 10000),)),
+    b"floor": (1, ((1, 0, 1022),)),
+    b"ceiling": (1, ((1, 1, 1023),)),
+    b"still": (1, ((1, 500, 60000),)),
+    b"frozen": (2, ((1, 1, 255), (1, 100, 2000))),
+}
+
+
+def firmware_folder() -> Path:
+    """Where the sources of the firmware and its prebuilt `famrig.hex` are."""
+    return Path(str(resources.files("rig"))) / "firmware"
+
+
+class Device:
+    r"""The device as the host sees it: bytes in, counts in, bytes and an output out.
+
+    It has no clock and no thread: `tick` is one 2 ms tick of the controller. As on the hardware, a
+    tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
+
+    Args:
+        eeprom: six bytes that outlive the device: boot counter, and the trip that is latched (fault,
+            output, counts); with two, the counter alone. Blank where none is given.
+        ring: records that can be repeated, 1 to 1024.
+        bytes_per_tick: sent in 2 ms: 21 at 115200 baud, 91 at 500000.
+        trip_ceiling: highest pressure limit that `trip` sets [counts], 1 to 1020.
+
+    Attributes:
+        output: PWM counts, 0 to 255; 0 is the safe output.
+        boot: the boot counter.
+
+    Raises:
+        ValueError: `ring`, `bytes_per_tick` or `trip_ceiling` is out of range.
+
+    >>> device = Device()
+    >>> device.feed(b"trip 600\n")
+    >>> for _ in range(3):
+    ...     device.tick(102, 0)
+    >>> b"A,0,OK,1" in device.take()
+    True
+    """
+
+    def __init__(
+        self,
+        eeprom: bytearray | None = None,
+        *,
+        ring: int = 64,
+        bytes_per_tick: int = 21,
+        trip_ceiling: int = TRIP_CEILING,
+    ) -> None:
+        if not 1 <= ring <= 1024:
+            raise ValueError(f"ring must be 1 to 1024 records, got {ring}")
+        if not 2 <= bytes_per_tick <= 200:
+            raise ValueError(f"bytes_per_tick must be 2 to 200, got {bytes_per_tick}")
+        if not 1 <= trip_ceiling <= 1020:
+            raise ValueError(f"trip_ceiling must be 1 to 1020 counts, got {trip_ceiling}")
+        self._memory = Memory(eeprom)
+        self._trip_ceiling = trip_ceiling
+        self._size = ring
+        self._budget = bytes_per_tick
+        self._out = bytearray()
+        self.reset(POWER_ON)
+
+    def reset(self, cause: int) -> None:
+        """Start again: output off, dump valve open, boot counter advanced; unsent bytes are lost."""
+        self.boot = (self._memory.boot + 1) & 0xFFFF
+        self._cause = cause
+        fault = WATCHDOG if cause & WATCHDOG_RESET else 0
+        self._control = DeviceControl(
+            self.boot,
+            fault,
+            least_div=-(-_SAMPLE // self._budget),
+            trip_ceiling=self._trip_ceiling,
+            latch=self._memory.latch,
+        )
+        self._latched = self._control.latch
+        self._memory.store(self.boot, self._latched)
+        self._ring: list[Sample] = []
+        self._received, self._line = bytearray(), bytearray()
+        self._sending = bytearray(b"\n")  # ends the line that the reset has cut
+        self._strict = self._human = False
+        self._last = (0, 0, OK, 0)  # id, CRC, reason and record of the last command
+        self._base = self._mask = 0
+        self._range_sent = False
+        self._bad = self._good = self._overrun = self._dropped = 0
+        self._hello = True
+        self._control.report_state = self._control.report_settings = True
+        self._comment = False
+
+    @property
+    def output(self) -> int:
+        """The output [PWM counts], 0 to 255."""
+        return self._control.output
+
+    @property
+    def dump_open(self) -> bool:
+        """Whether the normally open dump valve is open: in every state but RUN and MAN."""
+        return self._control.state not in DRIVEN
+
+    @property
+    def sync(self) -> bool:
+        """Whether the sync pin is high."""
+        return self._control.sync
+
+    @property
+    def state(self) -> int:
+        """`SAFE`, `RUN`, `MANUAL` or `TRIP`."""
+        return self._control.state
+
+    @property
+    def fault(self) -> int:
+        """What made it leave `RUN` or `MANUAL`, a place in `rig.protocol.FAULTS`; 0 for nothing."""
+        return self._control.fault
+
+    def feed(self, data: bytes) -> None:
+        """Bytes that have arrived; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
+        room = RECEIVE_LIMIT - len(self._received)
+        self._received += data[:room]
+        self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF
+
+    def take(self) -> bytes:
+        """The bytes sent since the last call."""
+        if not self._out:
+            return b""
+        sent = bytes(self._out)
+        self._out.clear()
+        return sent
+
+    def tick(self, pressure_counts: int, force_counts: int) -> None:
+        """One tick of 2 ms.
+
+        Args:
+            pressure_counts: of the converter, 0 to 1023.
+            force_counts: of the converter, 0 to 1023.
+
+        Raises:
+            ValueError: counts that a 10 bit converter does not give.
+        """
+        if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
+            raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
+        control, sending = self._control, self._sending
+        record = control.step(pressure_counts, force_counts)
+        if record is not None:
+            self._ring.append(record)
+            if len(self._ring) > self._size:
+                del self._ring[0]
+            self._send_record(record)
+        if control.latch is not self._latched:
+            self._latched = control.latch
+            self._memory.store(self.boot, control.latch)
+        if control.tick % TICK_HZ == 0:
+            control.report_state = control.report_settings = True
+        if self._human and control.tick % 100 == 0:
+            self._comment = True
+        answered = self._received and self._room() >= _ANSWER and self._read()
+        if not answered:
+            if self._hello or control.report_state or control.report_settings or self._comment:
+                self._report()
+            elif self._mask and self._room() >= _REPEAT:
+                self._repeat()
+        if sending:
+            self._out += sending[: self._budget]
+            del sending[: self._budget]
+
+    def _room(self) -> int:
+        return _LIMIT - len(self._sending)
+
+    def _send(self, kind: str, *fields: int | str) -> None:
+        self._sending += frame(",".join([kind, *map(str, fields)]))
+
+    def _send_record(self, record: Sample) -> None:
+        if self._room() < _SAMPLE:
+            self._dropped = (self._dropped + 1) & 0xFFFF
+            return
+        body = b"T,%d,%d,%d,%d,%d,%d,%d,%d,%d" % record
+        self._sending += b"%b*%04X\n" % (body, crc16(body))
+
+    def _report(self) -> None:
+        """One of the lines that are due, where there is room."""
+        c = self._control
+        settings = not (self._hello or c.report_state) and c.report_settings
+        if self._room() < (_SETTINGS if settings else _REPORT):
+            return
+        if self._hello:
+            self._hello = False
+            reset, built = (self.boot, self._cause), (self._size, self._budget, self._trip_ceiling)
+            self._send("H,famrig", PROTOCOL, FIRMWARE, *reset, TICK_HZ, c.div, *built)
+        elif c.report_state:
+            c.report_state = False
+            now = self.boot, c.seq, c.tick, c.state, c.fault, c.count
+            counters = self._bad, self._good, self._overrun, self._dropped, 0
+            trip = c.tripped_at, c.latch.reading, c.latch.output
+            self._send("S", *now, *counters, *trip, c.plausibility.alive)
+        elif settings:
+            c.report_settings = False
+            guards = c.div, c.trip, c.jump, c.stall, c.silent, c.floor, c.ceiling
+            frozen = c.plausibility.still, c.plausibility.frozen, c.plausibility.frozen_ticks
+            self._send("P", self.boot, c.since, *c.law, *guards, *frozen)
+        else:
+            self._comment = False
+            self._send(
+                f"# p={_hundredths(c.measured())} set={_hundredths(c.law.set_point)} u={c.output} "
+                f"i={c.integral_counts()} {STATES[c.state]} fault={c.fault}"
+            )
+
+    def _repeat(self) -> None:
+        """The next record of the re-request; that some are too old is reported once per request."""
+        seq, kept = self._control.seq, len(self._ring)
+        while self._mask:
+            wanted, age = self._mask & 1, (seq - self._base) & COUNTER
+            self._mask >>= 1
+            self._base = (self._base + 1) & COUNTER
+            if wanted and 1 <= age <= kept:
+                self._send_record(self._ring[-age])
+                return
+            if wanted and kept < age < _FUTURE and not self._range_sent:
+                self._range_sent = True
+                self._send("L", (seq - kept) & COUNTER, seq)
+                return
+
+    def _read(self) -> bool:
+        """Read up to the end of one line; whether it was answered."""
+        while self._received:
+            ends = [at for at in map(self._received.find, (b"\r", b"\n")) if at >= 0]
+            end = min(ends, default=len(self._received))
+            self._line += self._received[:end][: LINE_LIMIT + 1 - len(self._line)]
+            del self._received[: end + 1]
+            if ends and self._line:
+                line, self._line = bytes(self._line), bytearray()
+                return self._handle(line)
+        return False
+
+    def _handle(self, line: bytes) -> bool:
+        body = body_of(line, strict=self._strict)
+        if body is None:
+            self._bad = (self._bad + 1) & 0xFFFF
+            return False
+        id_, verb, words = split_command(body)
+        if verb not in ARGUMENTS and body is line:  # noise without a CRC is no heartbeat
+            self._bad = (self._bad + 1) & 0xFFFF
+        else:
+            self._good = (self._good + 1) & 0xFFFF
+            self._control.silence = 0
+        if verb in (b"hb", b"rp"):
+            if verb == b"rp":
+                self._request(words)
+            return False
+        check = crc16(body)
+        if id_ == 0 or self._last[:2] != (id_, check) or verb == b"hello":
+            reason = self._execute(verb, words)
+            self._last = (id_, check, reason, self._control.in_force())
+        _, _, reason, seq = self._last
+        self._send("A", id_, *(("OK", seq) if reason == OK else ("ERR", REASONS[reason])))
+        return True
+
+    def _request(self, words: list[bytes]) -> None:
+        request = read_request(words)
+        if request is not None:
+            self._base, self._mask = request
+            self._range_sent = False
+
+    def _execute(self, verb: bytes, words: list[bytes]) -> int:
+        if verb not in ARGUMENTS:
+            return VERB
+        values = read_numbers(verb, words)
+        if values is None:
+            return NUMBER
+        match verb:
+            case b"strict":
+                self._strict = bool(values[0])
+            case b"human":
+                self._human = bool(values[0])
+            case b"hello" | b"status":
+                self._hello = self._hello or verb == b"hello"
+                self._control.report_state = self._control.report_settings = True
+            case _:
+                return self._control.execute(verb, values)
+        return OK
+
+
+class Memory:
+    """What outlives a reset.
+
+    Args:
+        eeprom: where it is kept; what does not fit into it lives as long as the device.
+
+    Attributes:
+        boot: the boot counter.
+        latch: the trip: fault, output, counts.
+    """
+
+    def __init__(self, eeprom: bytearray | None) -> None:
+        self._eeprom = bytearray() if eeprom is None else eeprom
+        blank = b"\xff" * (_MEMORY.size - len(self._eeprom))
+        self.boot, *latch = _MEMORY.unpack((self._eeprom + blank)[: _MEMORY.size])
+        self.latch = Latch(*latch)
+
+    def store(self, boot: int, latch: Latch) -> None:
+        """Keep both."""
+        self.boot, self.latch = boot, latch
+        self._eeprom[:] = _MEMORY.pack(boot, *latch)[: len(self._eeprom)]
+
+
+def _hundredths(pressure: int) -> str:
+    """A pressure in 1/128 psi as psi with two decimals."""
+    value = (100 * abs(pressure) + 64) >> 7
+    return f"{'-' * (pressure < 0)}{value // 100}.{value % 100:02d}"
+
+
+def body_of(line: bytes, *, strict: bool) -> bytes | None:
+    """The line without its CRC, or None where it must be refused."""
+    if len(line) > LINE_LIMIT or line.translate(None, _PRINTABLE):
+        return None
+    if len(line) > 4 and line[-5:-4] == b"*":
+        digits = line[-4:]
+        if all(d in _HEX for d in digits) and int(digits, 16) == crc16(line[:-5]):
+            return line[:-5]
+        return None
+    return None if strict or b"*" in line else line
+
+
+def split_command(body: bytes) -> tuple[int, bytes, list[bytes]]:
+    """Id (0 where there is none), verb and words of a command."""
+    words = [word for word in body.split(b" ") if word]
+    first = words[0] if words else b""
+    numbered = 1 <= len(first) <= 5 and first.isdigit() and int(first) <= 0xFFFF
+    id_ = int(words.pop(0)) if numbered else 0
+    return id_, words[0] if words else b"", words[1:]
+
+
+def read_number(word: bytes, unit: int, low: int, high: int) -> int | None:
+    """A decimal number of at most six digits and four decimals, as the device stores it."""
+    match = _NUMBER(word)
+    if match is None or (unit == 1 and b"." in word):
+        return None
+    sign, whole, fraction = match.groups(b"")
+    tens = 10 ** len(fraction)
+    part = (2 * int(fraction or b"0") * unit + tens) // (2 * tens)
+    value = int(whole) * unit + part
+    value = -value if sign else value
+    return value if low <= value <= high else None
+
+
+def read_numbers(verb: bytes, words: list[bytes]) -> list[int] | None:
+    """The numbers of a command, or None where one is missing, too many or out of range."""
+    least, numbers = ARGUMENTS[verb]
+    if not least <= len(words) <= len(numbers):
+        return None
+    values = [read_number(word, *number) for word, number in zip(words, numbers, strict=False)]
+    return None if None in values else values  # pyright: ignore[reportReturnType]
+
+
+def read_request(words: list[bytes]) -> tuple[int, int] | None:
+    """First record and mask of a re-request, `rp base hexmask`."""
+    match = _REQUEST(b" ".join(words))
+    if match is None or int(match[1]) > 0xFFFFFFFF:
+        return None
+    return int(match[1]), int(match[2], 16)

@@ -1,5 +1,0 @@
-"""The firmware's core in Python, byte for byte: a device without hardware."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,625 @@
+"""The record of a test: written line by line, read back verified, checked against the control law.
+
+The file is append-only text: the device's own lines verbatim, and notes as JSON with the same CRC.
+
+    {"note":"set","n":12,"at":3.20112,"pressure_Pa":275790.3}*5A1C
+    T,...*09F2
+
+`Journal` writes: what was queued is in the kernel within milliseconds, so killing this process loses
+no more than that; it is on the disk within about a second. Neither blocks the caller. `read_journal`
+reads what can be verified and lists what is missing, `audit` recomputes what the device did.
+"""
+
+import dataclasses
+import datetime
+import json
+import os
+import queue
+import shutil
+import threading
+from array import array
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .calibration import Calibration, calibration_from_dict
+from .errors import RigError, RigFault
+from .protocol import (
+    MANUAL,
+    RUN,
+    TICKS,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Sample,
+    crc16,
+    drive,
+    frame,
+    next_integral,
+    parse,
+    pressure_error,
+)
+
+FORMAT = "famjax journal 1"
+COLUMNS = Sample._fields
+RESERVE_BYTES = 50_000_000  # free space on the disk at which a recording stops
+# Bytes queued for the disk at which it counts as hung: ten minutes and more.
+BACKLOG_LIMIT = 1 << 22
+
+_sync_data: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
+
+
+class Journal:
+    """A journal that is being written.
+
+    Lines and notes may be queued from any thread and keep their order. One thread writes them to
+    the kernel at once; a second one syncs the file to the disk every `sync_period`.
+
+    Args:
+        path: the file; created, or with `append` continued after its last complete line.
+        now: the clock of the notes [s].
+        append: continue an existing journal.
+        plan_seconds: expected duration [s]; the disk must have room for three times its records.
+        reserve_bytes: free space at which `check` raises.
+        began: date of the recording, of a simulated one; now if None.
+        sync_period: seconds between two syncs.
+        sync: brings a file descriptor's data to the disk.
+
+    Raises:
+        RigError: the file exists (or does not, with `append`), its folder cannot be written, or the
+            disk has too little room for the plan.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        now: Callable[[], float],
+        *,
+        append: bool = False,
+        plan_seconds: float = 0.0,
+        reserve_bytes: int = RESERVE_BYTES,
+        began: datetime.datetime | None = None,
+        sync_period: float = 1.0,
+        sync: Callable[[int], None] = _sync_data,
+    ) -> None:
+        self.path = Path(path)
+        self._now, self._reserve = now, reserve_bytes
+        self._sync, self._sync_period = sync, sync_period
+        # 100 records, statuses and notes need 6000 bytes a second.
+        folder, needed = self.path.absolute().parent, 3 * plan_seconds * 6000 + reserve_bytes
+        if folder.is_dir() and (free := shutil.disk_usage(folder).free) < needed:
+            raise RigError(
+                f"{folder} has {free / 1e6:.0f} MB free, the plan needs {needed / 1e6:.0f} MB (three "
+                "times its records and a reserve); make room or record elsewhere"
+            )
+        self._file = _open(self.path, append)
+        self._lock = threading.Lock()  # orders the notes' numbers with the queue
+        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._notes = self._queued = self._written = 0
+        self._failure: str | None = None
+        self._closing = threading.Event()
+        self._writer = threading.Thread(target=self._write, name="journal writer", daemon=True)
+        self._syncer = threading.Thread(target=self._keep_synced, name="journal sync", daemon=True)
+        self._writer.start()
+        self._syncer.start()
+        began = began or datetime.datetime.now(datetime.UTC)
+        self.note("journal", format=FORMAT, wall=began.isoformat(timespec="milliseconds"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def lines(self, data: bytes) -> None:
+        """Queue verified lines of the device, each with its end."""
+        with self._lock:
+            self._put(data)
+
+    def note(self, kind: str, /, **fields: Any) -> None:
+        """Queue a note; every field must be JSON, numbers finite, units in the names."""
+        with self._lock:
+            content = {"note": kind, "n": self._notes, "at": round(self._now(), 6), **fields}
+            text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+            self._put(frame(text.replace("*", r"\u002a")))  # the asterisk begins the CRC
+            self._notes += 1
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that are queued and not yet in the kernel."""
+        return self._queued - self._written
+
+    def check(self) -> None:
+        """Nothing unless the recording has failed.
+
+        Raises:
+            RigFault: it has; all that was written before stays.
+        """
+        if self._failure is not None:
+            raise RigFault(self._failure)
+        if self.waiting > BACKLOG_LIMIT:
+            raise RigFault(
+                f"{self.waiting / 1e6:.1f} MB wait for the disk of {self.path}, which hangs; "
+                "record to a local disk"
+            )
+
+    def close(self) -> None:
+        """Write and sync all that is queued; closing twice does nothing.
+
+        Raises:
+            RigFault: not all of it could be written.
+        """
+        if self._closing.is_set():
+            return
+        with self._lock:
+            self._closing.set()
+            self._queue.put(None)
+        self._writer.join()
+        self._syncer.join()
+        try:
+            self._sync(self._file)
+        except OSError as error:
+            self._fail(error)
+        os.close(self._file)
+        self.check()
+
+    def _put(self, data: bytes) -> None:
+        if data and self._failure is None and not self._closing.is_set():
+            self._queued += len(data)
+            self._queue.put(data)
+
+    def _write(self) -> None:
+        """Write all that is queued in one call: in virtual time one call per line is too slow."""
+        waiting: list[bytes | None] = []
+        while not waiting or waiting[-1] is not None:  # nothing comes after None
+            waiting = [self._queue.get()]
+            while not self._queue.empty():
+                waiting.append(self._queue.get())
+            view = memoryview(b"".join(filter(None, waiting)))
+            size = len(view)
+            try:
+                while view:
+                    view = view[os.write(self._file, view) :]
+            except OSError as error:
+                self._fail(error)
+                return
+            self._written += size
+
+    def _keep_synced(self) -> None:
+        synced = 0
+        while not self._closing.wait(self._sync_period):
+            try:
+                if self._written > synced:
+                    synced = self._written
+                    self._sync(self._file)
+                free = shutil.disk_usage(self.path.absolute().parent).free
+            except OSError as error:
+                self._fail(error)
+                return
+            if free < self._reserve:
+                self._failure = (
+                    f"less than {self._reserve / 1e6:.0f} MB are free beside {self.path}; "
+                    "the recording stops while all of it can still be written"
+                )
+                return
+
+    def _fail(self, error: OSError) -> None:
+        self._failure = self._failure or f"cannot write {self.path}: {error.strerror}"
+
+
+def _open(path: Path, append: bool) -> int:
+    flags = os.O_RDWR | os.O_APPEND if append else os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    try:
+        file = os.open(path, flags | getattr(os, "O_BINARY", 0), 0o644)
+    except FileExistsError:
+        raise RigError(f"{path} exists; give another name, or resume it") from None
+    except OSError as error:
+        raise RigError(f"cannot write {path}: {error.strerror}") from None
+    if append and (size := os.fstat(file).st_size):
+        os.lseek(file, size - 1, os.SEEK_SET)
+        if os.read(file, 1) != b"\n":  # ends a line that was cut short
+            os.write(file, b"\n")
+    return file
+
+
+class Damage(NamedTuple):
+    """Bytes of a file that cannot be verified: offset of the first one, and how many."""
+
+    offset: int
+    size: int
+
+
+class Missing(NamedTuple):
+    """Records that are not in the file: first <= seq < first + records.
+
+    Attributes:
+        epoch: the device's boots in the file, counted from 0.
+        first: number of the first record.
+        records: how many.
+        noted: whether the recorder knew: the line lost them. If not, the file did.
+    """
+
+    epoch: int
+    first: int
+    records: int
+    noted: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """The contents of a journal.
+
+    Attributes:
+        path: the file.
+        rows: one row of counts for each record, columns as in `COLUMNS`, ordered by epoch and number,
+            int64, shape (n, 9). Ticks go on beyond the device's counter, which wraps.
+        epoch: of each row, shape (n,): the device's boots in this file, counted from 0.
+        notes: in their order.
+        note_parts: the part of the recording of each note, counted from 0: a recording that was
+            resumed has two, and their clocks may differ.
+        epoch_parts: the part of each epoch.
+        settings: (epoch, what the device controlled with), in the order of the file.
+        missing: records that are missing.
+        missing_notes: how many notes are missing.
+        damage: bytes that could not be verified.
+        refused: (epoch, seq) of rows whose CRC is right but that contradict their neighbours.
+    """
+
+    path: Path
+    rows: NDArray[np.int64]
+    epoch: NDArray[np.int64]
+    notes: tuple[dict[str, Any], ...]
+    note_parts: tuple[int, ...]
+    epoch_parts: tuple[int, ...]
+    settings: tuple[tuple[int, DeviceSettings], ...]
+    missing: tuple[Missing, ...]
+    missing_notes: int
+    damage: tuple[Damage, ...]
+    refused: tuple[tuple[int, int], ...]
+
+    def column(self, name: str) -> NDArray[np.int64]:
+        """One column of `COLUMNS`, shape (n,)."""
+        return self.rows[:, COLUMNS.index(name)]
+
+    def governing(self) -> NDArray[np.int64]:
+        """For each row, the index in `settings` of what governed it, -1 where that is not known."""
+        index = np.full(len(self.rows), -1)
+        order = sorted(range(len(self.settings)), key=lambda k: self.settings[k][1].since)
+        for epoch in {epoch for epoch, _ in self.settings}:
+            mine = [k for k in order if self.settings[k][0] == epoch]
+            rows = self.epoch == epoch
+            begins = [self.settings[k][1].since for k in mine]
+            latest = np.searchsorted(begins, self.rows[rows, 1], side="right")
+            index[rows] = np.array([-1, *mine])[latest]
+        return index
+
+    def notes_of(self, kind: str) -> list[dict[str, Any]]:
+        """The notes of one kind, in their order."""
+        return [note for note in self.notes if note["note"] == kind]
+
+
+def read_journal(path: str | Path) -> Record:
+    """The record in a journal, also in one that was torn, zeroed in places or cut short.
+
+    A line counts when its CRC is right, and a row when it also fits its neighbours.
+
+    Args:
+        path: the journal.
+
+    Returns:
+        The verified rows in order, the notes, and a list of all that is missing.
+
+    Raises:
+        RigError: the file cannot be read, or nothing in it is a journal's.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RigError(f"cannot read {path}: {error.strerror}") from None
+    found = _Lines(data)
+    if not found.numbers and not found.notes:
+        raise RigError(f"{path} is not a journal: none of its {len(data)} bytes can be verified")
+    for note in found.notes:
+        if note["note"] == "journal" and note.get("format") != FORMAT:
+            raise RigError(f"{path} has the format {note.get('format')!r}; this reads {FORMAT!r}")
+    rows = np.array(found.numbers, np.int64).reshape(-1, len(COLUMNS))
+    rows, epoch, refused = _in_order(rows, np.array(found.epochs, np.int64))
+    return Record(
+        path, rows, epoch, tuple(found.notes), tuple(found.note_parts), tuple(found.epoch_parts),
+        tuple(found.settings), _missing(rows, epoch, found.losses), found.missing_notes,
+        tuple(found.damage), refused,
+    )  # fmt: skip
+
+
+def stored_calibration(record: Record) -> Calibration:
+    """The calibration with which a journal was recorded.
+
+    Raises:
+        RigError: the journal has none.
+    """
+    notes = record.notes_of("rig")
+    if not notes:
+        raise RigError(f"{record.path} has no calibration in it; give one")
+    return calibration_from_dict(notes[-1]["calibration"])
+
+
+class _Lines:
+    """The lines of a journal one by one: what can be verified, and where the rest is.
+
+    Args:
+        data: the whole file.
+
+    Attributes:
+        numbers: the records in the order of the file, field after field.
+        epochs: of each record: the device's boots in the file, counted from 0.
+        losses: (epoch, first, records) that the recorder noted.
+        notes, note_parts, epoch_parts, settings, damage: as in `Record`. A part of the recording begins
+            with a "journal" note.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self.numbers = array("q")
+        self.epochs: list[int] = []
+        self.notes: list[dict[str, Any]] = []
+        self.note_parts: list[int] = []
+        self.epoch_parts: list[int] = []
+        self.losses: list[tuple[int, int, int]] = []
+        self.settings: list[tuple[int, DeviceSettings]] = []
+        self.damage: list[Damage] = []
+        self._boots: list[int] = []  # modulo 16, of each epoch
+        self._epoch, self._first = -1, 0  # the present one, and the first of this part
+        self._broken = True
+        self._seen: set[bytes] = set()
+        self._numbers: list[set[int]] = [set()]  # of the notes, part by part
+        offset = 0
+        for line in data.split(b"\n"):
+            size = min(len(line) + 1, len(data) - offset)
+            if line and not self._take(line):
+                self._damaged(offset, size)
+            offset += size
+        # Numbers that the notes skip.
+        self.missing_notes = sum(max(part) + 1 - len(part) for part in self._numbers if part)
+
+    def _take(self, line: bytes) -> bool:
+        """Take one line; whether it could be verified."""
+        if line.startswith(b"{"):
+            note = _note(line)
+            if note is not None and line not in self._seen:  # else a page is duplicated
+                self._seen.add(line)
+                self._take_note(note)
+            return note is not None
+        message = parse(line)
+        if type(message) is Sample:
+            if self._broken or message.boot != self._boots[self._epoch]:
+                self._enter(message.boot)
+            self.numbers.extend(message)
+            self.epochs.append(self._epoch)
+        elif isinstance(message, DeviceSettings | DeviceStatus | Hello):
+            self._enter(message.boot & 15)
+            if isinstance(message, DeviceSettings):
+                self.settings.append((self._epoch, message))
+        return message is not None
+
+    def _enter(self, boot: int) -> None:
+        """Go to the epoch of a boot: the last one of this part with its number, or a new one.
+
+        A page that is in the file twice returns to its own epoch.
+        """
+        for epoch in range(len(self._boots) - 1, self._first - 1, -1):
+            if self._boots[epoch] == boot:
+                self._epoch = epoch
+                break
+        else:
+            self._epoch = len(self._boots)
+            self._boots.append(boot)
+            self.epoch_parts.append(len(self._numbers) - 1)
+        self._broken = False
+
+    def _take_note(self, note: dict[str, Any]) -> None:
+        if note["note"] == "journal":  # a recording begins, or goes on after a pause
+            self._broken, self._first = True, len(self._boots)
+            if self._numbers[-1]:
+                self._numbers.append(set())
+            self._seen = {line for line in self._seen if line.startswith(b'{"note":"journal"')}
+        self._numbers[-1].add(note["n"])
+        self.notes.append(note)
+        self.note_parts.append(len(self._numbers) - 1)
+        if note["note"] == "lost" and note["boot"] in self._boots:
+            epoch = len(self._boots) - 1 - self._boots[::-1].index(note["boot"])
+            self.losses.append((epoch, note["first"], note["records"]))
+
+    def _damaged(self, offset: int, size: int) -> None:
+        if self.damage and sum(self.damage[-1]) == offset:
+            offset, before = self.damage.pop()
+            size += before
+        self.damage.append(Damage(offset, size))
+
+
+def _note(line: bytes) -> dict[str, Any] | None:
+    """A note whose CRC is right."""
+    body, _, digits = line.rpartition(b"*")
+    try:
+        note = json.loads(body) if digits == b"%04X" % crc16(body) else None
+    except ValueError:
+        return None
+    complete = isinstance(note, dict) and isinstance(note.get("n"), int) and "note" in note
+    return note if complete else None
+
+
+def _in_order(
+    rows: NDArray[np.int64], epoch: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[tuple[int, int], ...]]:
+    """Rows by epoch and number, each once; those that contradict another are left out and listed."""
+    if np.unique(epoch).size > np.unique(rows[:, 0]).size:
+        # Two boots have one number: a page may be in the file twice.
+        _, first = np.unique(rows, axis=0, return_index=True)
+        rows, epoch = rows[first], epoch[first]
+    order = np.lexsort((rows[:, 1], epoch))
+    rows, epoch = _unwrapped(rows[order], epoch[order]), epoch[order]
+    twice = (np.diff(epoch) == 0) & (rows[1:] == rows[:-1]).all(axis=1)
+    keep = np.append(~twice, True) if len(rows) else np.ones(0, bool)
+    rows, epoch = rows[keep], epoch[keep]
+    same = (np.diff(epoch) == 0) & (np.diff(rows[:, 1]) == 0)
+    bad = _off_grid(rows, epoch)
+    bad[1:] |= same
+    bad[:-1] |= same
+    refused = tuple(zip(epoch[bad].tolist(), rows[bad, 1].tolist(), strict=True))
+    return rows[~bad], epoch[~bad], refused
+
+
+def _unwrapped(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows whose ticks go on where the device's counter began again from 0."""
+    back = np.rint(-np.diff(rows[:, 2], prepend=rows[:1, 2]) / TICKS).astype(np.int64)
+    total = np.cumsum(np.where(np.diff(epoch, prepend=epoch[:1]) == 0, back, 0))
+    # What an epoch has wrapped does not concern the next.
+    rows[:, 2] += TICKS * (total - total[np.searchsorted(epoch, epoch)])
+    return rows
+
+
+def _off_grid(rows: NDArray[np.int64], epoch: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Rows whose ticks per record disagree with what comes before and with what comes after."""
+    bad = np.zeros(len(rows), bool)
+    if len(rows) < 4:
+        return bad
+    records, ticks = np.diff(rows[:, 1]), np.diff(rows[:, 2])
+    broken = (np.diff(epoch) != 0) | (records == 0)
+    slope = ticks / np.where(broken, 1, records)
+    slope[broken] = np.nan  # equal to nothing
+    like_next = np.append(slope[:-1] == slope[1:], False)
+    like_last = np.insert(like_next[:-1], 0, False)
+    odd = ~(like_next | like_last | broken)
+    bad[1:-1] = odd[:-1] & odd[1:]
+    return bad
+
+
+def _missing(
+    rows: NDArray[np.int64], epoch: NDArray[np.int64], losses: list[tuple[int, int, int]]
+) -> tuple[Missing, ...]:
+    """The gaps between the rows of each epoch, split into what the recorder noted and the rest."""
+    found: list[Missing] = []
+    for e in np.unique(epoch).tolist():
+        seq = rows[epoch == e, 1]
+        noted = sorted((first, first + count) for at, first, count in losses if at == e)
+        if noted and noted[0][0] < seq[0]:
+            seq = np.insert(seq, 0, noted[0][0] - 1)
+        for i in np.flatnonzero(np.diff(seq) > 1).tolist():
+            start, end = int(seq[i]) + 1, int(seq[i + 1])
+            for first, after in noted:
+                a, b = max(first, start), min(after, end)
+                if a < b:
+                    found += [Missing(e, start, a - start, False), Missing(e, a, b - a, True)]
+                    start = b
+            found.append(Missing(e, start, end - start, False))
+    return tuple(gap for gap in found if gap.records > 0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Audit:
+    """What an audit found.
+
+    Attributes:
+        records: rows in the journal.
+        lost: records that the line lost, as the recorder noted.
+        torn: records that the file lost, without a note.
+        missing_notes: notes that the file lost.
+        damaged_bytes: bytes of the file that cannot be verified.
+        refused: rows that contradict their neighbours.
+        checked: records whose output and integral were recomputed.
+        equal: those that came out as recorded.
+        unchecked: records in RUN whose law or whose predecessor is not known.
+        first_wrong: (epoch, seq) of the first record that did not, or None.
+        ended: reason in the last "end" note, or None where the recording was cut off.
+    """
+
+    records: int
+    lost: int
+    torn: int
+    missing_notes: int
+    damaged_bytes: int
+    refused: int
+    checked: int
+    equal: int
+    unchecked: int
+    first_wrong: tuple[int, int] | None
+    ended: str | None
+
+    @property
+    def sound(self) -> bool:
+        """Whether the file is whole and every recomputed record equal; losses on the line do not count."""
+        return not self.faults
+
+    @property
+    def faults(self) -> list[str]:
+        """Why the record is not sound, in words."""
+        wrong, (_, at) = self.checked - self.equal, self.first_wrong or (0, 0)
+        found = {
+            f"the file lost {self.torn} records": self.torn,
+            f"the file lost {self.missing_notes} notes": self.missing_notes,
+            f"{self.damaged_bytes} bytes are damaged": self.damaged_bytes,
+            f"{self.refused} rows contradict their neighbours": self.refused,
+            f"{wrong} records do not follow the law, the first is record {at}": wrong,
+            "the recording was cut off": self.ended is None,
+        }
+        return [text for text, number in found.items() if number]
+
+    def __str__(self) -> str:
+        verdict = f"NOT sound: {'; '.join(self.faults)}" if self.faults else "sound"
+        found = {**dataclasses.asdict(self), "verdict": verdict}
+        return "\n".join(f"{name.replace('_', ' '):15}{value}" for name, value in found.items())
+
+
+def audit(record: Record) -> Audit:
+    """The control law recomputed from every recorded sample, and all that is missing.
+
+    In RUN the integral must follow from the one before and the sum of the pressure counts, and the
+    output from it and the last count; in every other state but MAN both must be zero.
+
+    Args:
+        record: a journal read back.
+    """
+    right, known = _recomputed(record)
+    wrong = np.flatnonzero(known & ~right)[:1]
+    first = list(zip(record.epoch[wrong].tolist(), record.rows[wrong, 1].tolist(), strict=True))
+    ends, begins = record.notes_of("end"), record.notes_of("journal")
+    return Audit(
+        records=len(record.rows),
+        lost=sum(gap.records for gap in record.missing if gap.noted),
+        torn=sum(gap.records for gap in record.missing if not gap.noted),
+        missing_notes=record.missing_notes,
+        damaged_bytes=sum(damage.size for damage in record.damage),
+        refused=len(record.refused),
+        checked=int(known.sum()),
+        equal=int((right & known).sum()),
+        unchecked=int((~known).sum()),
+        first_wrong=first[0] if first else None,
+        ended=ends[-1].get("reason") if ends and len(ends) >= len(begins) else None,
+    )
+
+
+def _recomputed(record: Record) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which rows came out as recorded, and which could be recomputed at all."""
+    right, known = np.zeros(len(record.rows), bool), np.ones(len(record.rows), bool)
+    last = (-1, -1, 0, -1)  # epoch, seq, integral, state
+    laws = [settings for _, settings in record.settings]
+    governing = zip(record.epoch.tolist(), record.governing().tolist(), strict=True)
+    for i, (row, (epoch, at)) in enumerate(zip(record.rows.tolist(), governing, strict=True)):
+        _, seq, _, pressure_sum, pressure_count, _, output, integral, flags = row
+        state, next_to = flags & 3, (epoch, seq - 1) == last[:2]
+        if state == MANUAL:
+            right[i] = integral == 0
+        elif state != RUN:
+            right[i] = output == 0 and integral == 0
+        elif at < 0 or not (next_to or seq == 0):
+            known[i] = False
+        else:
+            law, ticks = laws[at].law, laws[at].ticks_per_record
+            before = last[2] if next_to and last[3] == RUN else 0
+            expected = next_integral(law, before, pressure_error(law, pressure_sum, ticks))
+            error = pressure_error(law, pressure_count)
+            right[i] = integral == expected and output == drive(law, expected, error)
+        last = (epoch, seq, integral, state)
+    return right, known

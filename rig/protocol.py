@@ -1,0 +1,419 @@
+"""What host and device exchange: lines with a CRC, messages, and the control law in integers.
+
+Every line of the device, and every line of a host under `strict 1`, ends in `*HHHH`, the CRC-16 of
+the text before the asterisk. `firmware/README.md` lists the lines and their fields.
+
+The controller is PI with feed-forward: u = v + Kp e + I, dI/dt = Ki e, e = set point - measured
+pressure. The C core, its Python port and the audit of a record compute the same integers, so each
+sample determines what its output had to be.
+"""
+
+import binascii
+import re
+from typing import Any, NamedTuple
+
+PROTOCOL = 2  # version of the protocol, field `proto` of the hello line
+TICK_HZ = 500  # ticks of the controller per second
+TICKS = 1 << 32  # a device counts its ticks modulo this: from 0 again after 99 days
+
+PRESSURE_UNIT = 128  # set point and error are in 1/128 psi
+GAIN_UNIT = 256  # gains and feed-forward: 1/256 of PWM counts (per psi, per psi and second)
+INTEGRAL_UNIT = PRESSURE_UNIT * GAIN_UNIT  # the integral is in 1/32768 PWM count: Kp e fits
+ZERO_UNIT = 16  # the zero of the transducer is in 1/16 count of the converter
+SPAN_UNIT = 64  # the span of the transducer, psi per 1024 counts, is in 1/64 psi
+MAX_ERROR = 32767  # the proportional term sees at most this error [1/128 psi], 256 psi
+_SPAN_SHIFT = 13  # 2^4 per count of zero and 2^16 of span, to 2^7 per psi
+
+SAFE, RUN, MANUAL, TRIP = range(4)  # states of the device
+STATES = ("SAFE", "RUN", "MAN", "TRIP")
+DRIVEN = (RUN, MANUAL)  # states in which the output may be on and the dump valve is shut
+# Why the device left RUN or MAN on its own, or started with the output off.
+FAULTS = ("none", "silence", "over-pressure", "jump", "stall", "watchdog", "range", "frozen",
+          "no response")  # fmt: skip
+
+
+class ControlLaw(NamedTuple):
+    """The parameters of the controller, exactly as the device stores them.
+
+    Attributes:
+        set_point: 1/128 psi, 0 to 131071.
+        feed_forward: v [1/256 PWM count], 0 to 65280.
+        proportional: Kp [1/256 PWM count / psi], 0 to 32767.
+        integral: Ki [1/256 PWM count / (psi s)], 0 to 32767.
+        low: least value of the integral term [PWM counts], -255 to 0.
+        high: greatest value of the integral term [PWM counts], 0 to 255. The defaults are symmetric
+            about the feed-forward and span the whole output at v = 128.
+        zero: converter counts at 0 psi [1/16 count].
+        span: psi per 1024 counts [1/64 psi]; the default is a 200 psi transducer of 0 to 5 V.
+
+    >>> ControlLaw(set_point=40 * PRESSURE_UNIT).set_point_psi
+    40.0
+    """
+
+    set_point: int = 0
+    feed_forward: int = 0
+    proportional: int = 0
+    integral: int = 0
+    low: int = -128
+    high: int = 128
+    zero: int = 0
+    span: int = 200 * SPAN_UNIT
+
+    @property
+    def set_point_psi(self) -> float:
+        """The set point [psi]."""
+        return self.set_point / PRESSURE_UNIT
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """Kp [PWM counts / psi] and Ki [PWM counts / (psi s)] as stored."""
+        return self.proportional / GAIN_UNIT, self.integral / GAIN_UNIT
+
+
+def pressure_error(law: ControlLaw, counts: int, ticks: int = 1) -> int:
+    """Set point minus measured pressure, summed over `ticks` ticks [1/128 psi], rounded once.
+
+    E = n set - span (16 counts - n zero) / 2^13, counts the sum of n conversions.
+
+    >>> law = ControlLaw(set_point=40 * PRESSURE_UNIT)
+    >>> pressure_error(law, 200) / PRESSURE_UNIT  # 200 counts of 200 psi / 1024 are 39.06 psi
+    0.9375
+    """
+    measured = law.span * (ZERO_UNIT * counts - ticks * law.zero)
+    return ticks * law.set_point - ((measured + (1 << (_SPAN_SHIFT - 1))) >> _SPAN_SHIFT)
+
+
+def next_integral(law: ControlLaw, integral: int, error: int) -> int:
+    """The integral term after one record [1/32768 PWM count], limited to [low, high].
+
+    I + round(Ki E / 500), halves away from zero.
+
+    Args:
+        law: the law.
+        integral: I before.
+        error: E, `pressure_error` of the sum over the ticks of the record.
+
+    >>> law = ControlLaw(integral=2 * GAIN_UNIT)
+    >>> next_integral(law, 0, 500 * PRESSURE_UNIT) / INTEGRAL_UNIT  # 1 psi for 1 s, Ki = 2
+    2.0
+    """
+    size = (law.integral * abs(error) + TICK_HZ // 2) // TICK_HZ
+    value = integral + (size if error >= 0 else -size)
+    return min(max(value, law.low * INTEGRAL_UNIT), law.high * INTEGRAL_UNIT)
+
+
+def drive(law: ControlLaw, integral: int, error: int) -> int:
+    """The output u [PWM counts], v + Kp e + I, rounded and limited to 0..255.
+
+    Args:
+        law: the law.
+        integral: I [1/32768 PWM count].
+        error: e [1/128 psi] of one tick; beyond `MAX_ERROR` it counts as that.
+
+    >>> drive(ControlLaw(feed_forward=128 * GAIN_UNIT, proportional=4 * GAIN_UNIT), 0, 256)
+    136
+    """
+    if not -MAX_ERROR <= error <= MAX_ERROR:
+        error = MAX_ERROR if error > 0 else -MAX_ERROR
+    sum_ = law.proportional * error + integral + law.feed_forward * PRESSURE_UNIT
+    output = (sum_ + INTEGRAL_UNIT // 2) >> 15
+    return 0 if output < 0 else output if output < 255 else 255
+
+
+class Sample(NamedTuple):
+    """One record: `T,boot,seq,tick,p,q,f,u,i,st`.
+
+    Attributes:
+        boot: the boot counter modulo 16.
+        seq: number of the record since boot.
+        tick: the 2 ms tick it ended with, counted since boot.
+        pressure_sum: sum of the pressure counts over the ticks of the record.
+        pressure_count: the pressure count of the last tick.
+        force_sum: sum of the force counts over the ticks of the record.
+        output: u [PWM counts], set from `pressure_count` and `integral`.
+        integral: I [1/32768 PWM count].
+        flags: state + 4 * sync + 16 * fault.
+    """
+
+    boot: int
+    seq: int
+    tick: int
+    pressure_sum: int
+    pressure_count: int
+    force_sum: int
+    output: int
+    integral: int
+    flags: int
+
+    @property
+    def state(self) -> int:
+        """`SAFE`, `RUN`, `MANUAL` or `TRIP`, at the last tick."""
+        return self.flags & 3
+
+    @property
+    def sync(self) -> bool:
+        """Whether the sync pin is high."""
+        return bool(self.flags & 4)
+
+    @property
+    def fault(self) -> int:
+        """Index into `FAULTS`."""
+        return self.flags >> 4
+
+
+class DeviceStatus(NamedTuple):
+    """`S,boot,seq,tick,state,fault,p,bad,good,overrun,dropped,late,at,counts,u,alive`.
+
+    Counters wrap at 65536.
+
+    Attributes:
+        boot: the boot counter.
+        seq: number of the next record.
+        tick: the tick of this line.
+        state: as in `Sample`.
+        fault: as in `Sample`.
+        pressure_count: the last pressure count.
+        bad: lines of the host that were refused: CRC, length, no CRC under `strict 1`.
+        good: lines of the host that were accepted.
+        overrun: bytes of the host for which there was no room.
+        dropped: lines of the device for which there was no room.
+        late: ticks that came late.
+        tripped_at: tick of the last trip since the boot, 0 where there was none or it is older.
+        tripped_count: the pressure count that tripped.
+        tripped_output: the output [PWM counts] before it was taken off.
+        alive: whether the reading varied at rest: 0 not known yet, 1 quiet, 2 alive.
+    """
+
+    boot: int
+    seq: int
+    tick: int
+    state: int
+    fault: int
+    pressure_count: int
+    bad: int
+    good: int
+    overrun: int
+    dropped: int
+    late: int
+    tripped_at: int
+    tripped_count: int
+    tripped_output: int
+    alive: int
+
+
+class DeviceSettings(NamedTuple):
+    """What governs the records from `since` on.
+
+    `P,boot,since,<law>,div,trip,jump,stall,silence,floor,ceiling,still,frozen,frozen_ticks`.
+
+    Attributes:
+        boot: the boot counter.
+        since: the first record that all of this governs.
+        law: the control law.
+        ticks_per_record: as set by `tele`.
+        trip: over-pressure limit [counts]; 0 where none has been set.
+        jump: limit of the change over 5 ticks [counts].
+        stall: ticks with output or integral at its upper limit without a rise.
+        silence: ticks without an accepted line.
+        floor: least reading that is plausible [counts].
+        ceiling: greatest one.
+        still: ticks within two counts of a reading that varied at rest.
+        frozen: PWM counts by which the output may exceed the one that held the pressure.
+        frozen_ticks: ticks at twice that output without a move of the reading.
+    """
+
+    boot: int
+    since: int
+    law: ControlLaw
+    ticks_per_record: int
+    trip: int
+    jump: int
+    stall: int
+    silence: int
+    floor: int
+    ceiling: int
+    still: int
+    frozen: int
+    frozen_ticks: int
+
+
+class Hello(NamedTuple):
+    """`H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget,limit`.
+
+    Attributes:
+        protocol: `PROTOCOL`.
+        firmware: version of the firmware.
+        boot: the boot counter.
+        cause: of the reset: 1 power, 2 reset pin, 4 brown-out, 8 watchdog, 0 unknown.
+        tick_hz: ticks per second.
+        ticks_per_record: as set by `tele`.
+        ring: records that the device can still repeat.
+        bytes_per_tick: bytes that it can send in a tick.
+        trip_ceiling: highest pressure limit that it takes [counts].
+    """
+
+    protocol: int
+    firmware: int
+    boot: int
+    cause: int
+    tick_hz: int
+    ticks_per_record: int
+    ring: int
+    bytes_per_tick: int
+    trip_ceiling: int
+
+
+class Ack(NamedTuple):
+    """`A,id,OK,seq` or `A,id,ERR,why`.
+
+    Attributes:
+        id: of the command.
+        seq: the first record that the command governs in full; None where it was refused.
+        reason: why it was refused; empty where it was not.
+    """
+
+    id: int
+    seq: int | None
+    reason: str
+
+
+class StoredRange(NamedTuple):
+    """`L,oldest,next`: the records that can still be repeated, oldest <= seq < next."""
+
+    oldest: int
+    next: int
+
+
+class Comment(NamedTuple):
+    """`# text`, to be read in a terminal."""
+
+    text: str
+
+
+Message = Sample | DeviceStatus | DeviceSettings | Hello | Ack | StoredRange | Comment
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16 of `data`: polynomial 0x1021, start 0xFFFF, not reflected.
+
+    >>> hex(crc16(b"123456789"))
+    '0x29b1'
+    """
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+def frame(body: str) -> bytes:
+    r"""The line that carries `body`, with its CRC.
+
+    Raises:
+        ValueError: `body` holds an asterisk, a line end or a character that is not ASCII.
+
+    >>> frame("0 hb")
+    b'0 hb*E088\n'
+    """
+    if not body.isascii() or any(c in body for c in "*\r\n"):
+        raise ValueError(f"a line is ASCII without '*' and line ends, got {body!r}")
+    data = body.encode()
+    return b"%b*%04X\n" % (data, crc16(data))
+
+
+def command_body(id_: int, verb: str, *values: float | str) -> str:
+    """The body of a command, numbers with at most four decimals and no trailing zeros.
+
+    The device reads no more decimals than that; it stores gains in 1/256 steps and reports them.
+
+    >>> command_body(7, "set", 40.0, 127.53125)
+    '7 set 40 127.5312'
+    """
+    words = [
+        value if isinstance(value, str) else f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(".")
+        for value in values
+    ]
+    return " ".join([str(id_), verb, *words])
+
+
+_SAMPLE = re.compile(
+    rb"T,(\d{1,2}),(\d{1,10}),(\d{1,10}),(\d{1,5}),(\d{1,4}),(\d{1,5}),(\d{1,3}),(-?\d{1,8}),(\d{1,3})"
+).fullmatch
+_INTEGER = re.compile(rb"-?\d{1,10}").fullmatch
+_LAW = len(ControlLaw._fields)
+
+
+def parse(line: bytes) -> Message | None:
+    """The message in a line of the device, or None where its CRC or its form is wrong.
+
+    Args:
+        line: without the line feed.
+
+    >>> parse(frame("T,3,17,90,1025,205,512,131,-42,1")[:-1]).pressure_sum
+    1025
+    >>> parse(b"T,3,17,90,1025,205,512,131,-42,1*0000") is None
+    True
+    """
+    body = line[:-5]
+    if b"*%04X" % binascii.crc_hqx(body, 0xFFFF) != line[-5:]:
+        return None
+    if body[:2] == b"T,":
+        match = _SAMPLE(body)
+        return Sample._make(map(int, match.groups())) if match else None
+    if body[:2] == b"# ":
+        return Comment(body[2:].decode("latin-1"))
+    kind, *fields = body.split(b",")
+    return _of_integers(kind, fields)
+
+
+def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
+    """The message of any other kind."""
+    made: Any = {b"S": DeviceStatus, b"P": DeviceSettings, b"H": Hello, b"L": StoredRange}.get(kind)
+    if kind == b"A" and len(fields) == 3 and _INTEGER(fields[0]):
+        id_, said, rest = fields
+        if said == b"OK" and _INTEGER(rest):
+            return Ack(int(id_), int(rest), "")
+        return Ack(int(id_), None, rest.decode("latin-1")) if said == b"ERR" else None
+    if made is None or (made is Hello and fields[:1] != [b"famrig"]):
+        return None
+    numbers = fields[1:] if made is Hello else fields
+    needed = len(made._fields) + (_LAW - 1 if made is DeviceSettings else 0)
+    if len(numbers) != needed or not all(map(_INTEGER, numbers)):
+        return None
+    values: list[Any] = [int(number) for number in numbers]
+    if made is DeviceSettings:
+        values[2 : 2 + _LAW] = [ControlLaw(*values[2 : 2 + _LAW])]
+    return made(*values)
+
+
+class Splitter:
+    r"""Cuts a stream of bytes into lines; longer ones than `limit` bytes are discarded and counted.
+
+    Attributes:
+        discarded: bytes discarded so far.
+
+    >>> Splitter(limit=200).feed(b"one\ntwo\r\nthr")
+    [b'one', b'two']
+    """
+
+    def __init__(self, limit: int = 200) -> None:
+        self.discarded = 0
+        self._limit = limit
+        self._rest = b""
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The lines that `data` completes, without their ends and without empty ones."""
+        *lines, rest = (self._rest + data).split(b"\n")
+        if self._skipping and lines:
+            self.discarded += len(lines.pop(0))
+            self._skipping = False
+        if len(rest) > self._limit or self._skipping:
+            self.discarded += len(rest)
+            self._skipping = True
+            rest = b""
+        self._rest = rest
+        kept = []
+        for line in lines:
+            line = line.removesuffix(b"\r")  # noqa: PLW2901 -- the line without its end
+            if len(line) > self._limit:
+                self.discarded += len(line)
+            elif line:
+                kept.append(line)
+        return kept

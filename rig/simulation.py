@@ -1,0 +1,323 @@
+"""A whole rig without hardware, in virtual time: device, sensors, serial line and plant."""
+
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+
+from famjax.boundary.toml_file import NotNegative, check_fields
+from famjax.units import LBF, PSI
+
+from .calibration import READINGS, Calibration, FeedForward, Sensor, fit_feed_forward
+from .device import BAUD_RATES, Device
+from .errors import RigError
+from .plant import (
+    HydraulicCircuit,
+    MachineClock,
+    Plant,
+    PneumaticCircuit,
+    SimulatedMuscle,
+    TestMachine,
+    mckibben,
+)
+
+CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}  # of each name in a plan
+TICK = 2e-3  # the device's tick [s] by its own clock
+_BITS_PER_BYTE = 10  # start, eight, stop
+FULL_COUNTS = 1023
+_STEPS = 1024  # of the converter over its reference
+_REFERENCE_VOLTS = 5.0
+_BLOCK = 4096  # noise is drawn in blocks: a draw for one reading costs as much as a whole step
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulatedSensor:
+    """A linear sensor read by a 10-bit converter with a reference of 5 V.
+
+    counts = floor((low_volts + (high_volts - low_volts)(x - low)/(high - low) + noise) 1024 / 5)
+
+    held within 0..1023, as the data sheet of the ATmega328P has it.
+
+    Attributes:
+        low: reading [SI] at `low_volts`.
+        high: reading [SI] at `high_volts`.
+        noise: standard deviation [SI], normal.
+        correlation_time: [s] of the noise; 0 for white noise. Noise that is correlated survives
+            the mean of several readings, as pick-up and pump ripple do.
+        low_volts: output [V] at `low`; above 0, so that a broken wire differs from a low reading.
+        high_volts: output [V] at `high`.
+    """
+
+    low: float
+    high: float
+    noise: NotNegative
+    correlation_time: NotNegative = 0.0
+    low_volts: float = 0.5
+    high_volts: float = 4.5
+
+    def __post_init__(self) -> None:
+        check_fields(self, RigError)
+        if not self.high > self.low:
+            raise RigError(f"high must exceed low, got {self.low} and {self.high}")
+        if not 0 <= self.low_volts < self.high_volts <= _REFERENCE_VOLTS:
+            raise RigError(
+                f"0 <= low_volts < high_volts <= 5 must hold, got {self.low_volts} and "
+                f"{self.high_volts} V"
+            )
+
+    @cached_property
+    def counts_per_unit(self) -> float:
+        """Counts per SI unit of the reading."""
+        span = (self.high_volts - self.low_volts) / (self.high - self.low)
+        return span * _STEPS / _REFERENCE_VOLTS
+
+    @cached_property
+    def zero_counts(self) -> float:
+        """Counts, not rounded down, at a reading of zero."""
+        return self.low_volts * _STEPS / _REFERENCE_VOLTS - self.low * self.counts_per_unit
+
+    def counts(self, reading: float, error: float = 0.0) -> int:
+        """Counts [0..1023] of a reading [SI] with an error [counts]; the range ends are the ADC's."""
+        counts = int(self.zero_counts + self.counts_per_unit * reading + error)
+        return 0 if counts < 0 else counts if counts < FULL_COUNTS else FULL_COUNTS
+
+    def calibration(self) -> Sensor:
+        """The result of a perfect calibration of this sensor, for sums of five readings.
+
+        A converter rounds down, so that its counts are half a count low in the mean.
+        """
+        return Sensor(1 / (READINGS * self.counts_per_unit), READINGS * (self.zero_counts - 0.5))
+
+    def errors(self, interval: float, seed: int | np.random.Generator) -> Iterator[float]:
+        """Endless noise [counts], one value every `interval` [s].
+
+        The seed alone decides the values. Correlated noise is a first-order Gauss-Markov process.
+        """
+        rng = np.random.default_rng(seed)
+        scale = self.noise * self.counts_per_unit
+        keep = math.exp(-interval / self.correlation_time) if self.correlation_time else 0.0
+        fresh = math.sqrt(1.0 - keep * keep) * scale
+        last = float(rng.normal()) * scale
+        while True:
+            for draw in rng.normal(size=_BLOCK).tolist():
+                last = keep * last + fresh * draw
+                yield last
+
+
+def pressure_transducer(
+    high: float = 200 * PSI, noise: float = 0.25 * PSI, correlation_time: float = 0.01
+) -> SimulatedSensor:
+    """The reference work's transducer, 0 to 200 psi; its noise and their correlation are ASSUMED.
+
+    Both are part of what is measured: with the air circuit's own motion below 0.12 psi, the printed
+    standard deviations of 0.27 to 0.34 psi are mostly the transducer's.
+
+    >>> round(1 / (pressure_transducer().counts_per_unit * PSI), 3)  # psi per count
+    0.244
+    """
+    return SimulatedSensor(0.0, high, noise, correlation_time)
+
+
+def load_cell(high: float = 1500 * LBF, noise: float = 0.5 * LBF) -> SimulatedSensor:
+    """A load cell of -5 % to 100 % of its range; range and noise are ASSUMED.
+
+    The reference work's reads up to 1000 lbf, which the 7/8 in muscle exceeds at 100 psi.
+    """
+    return SimulatedSensor(-0.05 * high, high, noise)
+
+
+class ByteChannel:
+    """One direction of a serial line: bytes arrive one after the other, at its baud rate.
+
+    Args:
+        baud: bits a second; None delivers at once.
+        limit: bytes that may wait; what comes on top is lost, as in a UART. None for no limit.
+
+    Attributes:
+        waiting: bytes that have not been received.
+        cut: whether the cable is out: nothing enters, and bytes under way are lost.
+    """
+
+    def __init__(self, *, baud: float | None = None, limit: int | None = None) -> None:
+        if baud is not None and not baud > 0:
+            raise RigError(f"baud must be positive, or None for no delay, got {baud}")
+        self._per_byte = _BITS_PER_BYTE / baud if baud else 0.0
+        self._limit = limit
+        self._queue: deque[tuple[float, bytes]] = deque()
+        self._free_at = -math.inf
+        self.waiting, self.cut = 0, False
+
+    def send(self, data: bytes, now: float) -> None:
+        """Put bytes in at a time [s], which must not go back."""
+        if self.cut or not data:
+            return
+        if self._limit is not None:
+            data = data[: max(0, self._limit - self.waiting)]
+        start = now if now > self._free_at else self._free_at
+        self._free_at = start + len(data) * self._per_byte
+        self._queue.append((start, data))
+        self.waiting += len(data)
+
+    def receive(self, now: float) -> bytes:
+        """The bytes that have arrived by a time [s]."""
+        queue, arrived = self._queue, []
+        if self.cut:
+            queue.clear()
+            self.waiting, self._free_at = 0, -math.inf
+        while queue:
+            start, data = queue[0]
+            if start + len(data) * self._per_byte <= now + 1e-12:
+                arrived.append(data)
+                queue.popleft()
+                continue
+            n = int((now - start) / self._per_byte + 1e-9) if now > start else 0
+            if n > 0:
+                arrived.append(data[:n])
+                queue[0] = (start + n * self._per_byte, data[n:])
+            break
+        out = b"".join(arrived)
+        self.waiting -= len(out)
+        return out
+
+
+class SimulatedRig:
+    r"""The far end of a serial line: a device, its sensors and its plant.
+
+    Nothing waits: `advance` runs the rig. The same arguments give the same bytes, whatever the
+    steps in which it is advanced.
+
+    Args:
+        circuit: pneumatic unless given.
+        muscle: the reference work's 7/8 in muscle unless given.
+        machine: a test machine at the muscle's rest length unless given.
+        device: the Python port of the firmware for this baud rate unless given.
+        pressure_sensor: `pressure_transducer()` unless given.
+        force_sensor: `load_cell()` unless given.
+        baud: of the line, one of `BAUD_RATES`.
+        to_device: line from the host; at this baud rate, with no faults, unless given.
+        to_host: line from the device; at this baud rate, with no faults, unless given.
+        clock_rate: by which the device's clock gains on true time [-]; -0.002 is usual for an Uno.
+        seed: of the sensors' noise.
+
+    Attributes:
+        now: true time [s], and the host's.
+        machine: the test machine.
+        plant: circuit, muscle and machine.
+        device: the device.
+        sensor_fault: counts that the converter reads in place of the pressure (1023: unplugged,
+            with the input biased high), or None.
+
+    >>> rig = SimulatedRig()
+    >>> rig.write(b"1 hello\n")
+    >>> rig.advance(0.1)
+    >>> b"A,1,OK" in rig.read()
+    True
+    """
+
+    def __init__(
+        self,
+        circuit: PneumaticCircuit | HydraulicCircuit | None = None,
+        muscle: SimulatedMuscle | None = None,
+        machine: TestMachine | None = None,
+        device: Device | None = None,
+        *,
+        pressure_sensor: SimulatedSensor | None = None,
+        force_sensor: SimulatedSensor | None = None,
+        baud: int = 115200,
+        to_device: ByteChannel | None = None,
+        to_host: ByteChannel | None = None,
+        clock_rate: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        if not abs(clock_rate) < 0.1:
+            raise RigError(f"clock_rate must be a small part, as -0.002, got {clock_rate}")
+        if baud not in BAUD_RATES:
+            known = " or ".join(map(str, BAUD_RATES))
+            raise RigError(f"the firmware is built for {known} baud, got {baud}")
+        bytes_per_tick, ring = BAUD_RATES[baud]
+        muscle = muscle or mckibben()
+        self.machine = machine or machine_for(muscle)
+        self.circuit = circuit or PneumaticCircuit()
+        self.plant = Plant(self.circuit.start(), muscle, self.machine)
+        self.device = device or Device(ring=ring, bytes_per_tick=bytes_per_tick)
+        self.pressure_sensor = pressure_sensor or pressure_transducer()
+        self.force_sensor = force_sensor or load_cell()
+        self.to_device = to_device or ByteChannel(baud=baud, limit=4096)
+        self.to_host = to_host or ByteChannel(baud=baud)
+        self.sensor_fault: int | None = None
+        self.now = 0.0
+        self._tick = TICK / (1 + clock_rate)
+        self._ticks = 0
+        self._pressure_noise = self.pressure_sensor.errors(TICK, seed)
+        self._force_noise = self.force_sensor.errors(TICK, seed + 1)
+
+    @property
+    def pressure(self) -> float:
+        """True gauge pressure P [Pa] in the muscle."""
+        return self.plant.circuit.pressure
+
+    @property
+    def force(self) -> float:
+        """True pull F [N] of the muscle, friction included."""
+        return self.plant.force
+
+    def write(self, data: bytes) -> None:
+        """Bytes from the host, now."""
+        self.to_device.send(data, self.now)
+
+    def read(self) -> bytes:
+        """The bytes that have arrived at the host since the last call."""
+        return self.to_host.receive(self.now)
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass: the plant, then one tick of the device, every 2 ms of its clock."""
+        if not seconds >= 0:
+            raise RigError(f"time passes forwards, got {seconds} s")
+        end = self.now + seconds
+        device, plant, circuit, machine = self.device, self.plant, self.plant.circuit, self.machine
+        pressure_counts, force_counts = self.pressure_sensor.counts, self.force_sensor.counts
+        pressure_noise, force_noise = self._pressure_noise, self._force_noise
+        dt, output, dump_open = self._tick, device.output, device.dump_open
+        while (at := (self._ticks + 1) * dt) <= end:
+            self._ticks += 1
+            machine.sync = device.sync
+            plant.step(at, dt, output, dump_open)
+            if self.to_device.waiting:
+                device.feed(self.to_device.receive(at))
+            counts = pressure_counts(circuit.pressure, next(pressure_noise))
+            if self.sensor_fault is not None:
+                counts = self.sensor_fault
+            device.tick(counts, force_counts(plant.force, next(force_noise)))
+            if sent := device.take():
+                self.to_host.send(sent, at)
+            output, dump_open = device.output, device.dump_open
+        self.now = end
+
+    def calibration(self) -> Calibration:
+        """The result of a perfect calibration of this rig, the feed-forward included.
+
+        The hydraulic feed-forward is the cubic fitted to the pump's steady outputs, 5 to 115 psi.
+        """
+        sensors = self.pressure_sensor.calibration(), self.force_sensor.calibration()
+        if not isinstance(self.circuit, HydraulicCircuit):
+            return Calibration(*sensors, FeedForward.bias(128.0))
+        pressures = [5 * PSI * k for k in range(1, 24)]
+        outputs = [self.circuit.steady_output(P) for P in pressures]
+        return Calibration(*sensors, fit_feed_forward(pressures, outputs))
+
+
+def machine_for(
+    muscle: SimulatedMuscle, clock: MachineClock | None = None, seed: int = 0
+) -> TestMachine:
+    """A test machine that holds a muscle at its rest length, and stops short of its table's end.
+
+    Args:
+        muscle: to be held.
+        clock: of the machine's log.
+        seed: of the noise of its load.
+    """
+    shortest = float(muscle.lengths[0] + 0.01 * (muscle.rest_length - muscle.lengths[0]))
+    return TestMachine(muscle.rest_length, shortest=shortest, clock=clock, seed=seed)

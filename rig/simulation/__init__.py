@@ -1,5 +1,0 @@
-"""A rig without hardware: circuits, muscle, sensors, test machine, serial line, device."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,386 @@
+"""The commands of `famjax rig` as a person types them: exit codes, output, files."""
+
+import csv
+import itertools
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rig_commands import Typed, calibrated, run, words, write_plan
+
+from famjax.commands import rig_cli
+from fitting import read_csv
+from rig import read_journal, read_plan
+from rig.calibration import read_calibration, write_calibration
+from rig.journal import stored_calibration
+from rig.link import VirtualLink
+from rig.protocol import SAFE, TRIP, Sample, frame
+from rig.simulation import HydraulicCircuit, SimulatedRig
+
+PSI = 6894.757293168361
+REFERENCES = ["0psi", "40psi", "80psi", "120psi"]
+PRESSURE = ("calibrate-sensor", "pressure", *words("--reference", REFERENCES))
+FORCE = ("calibrate-sensor", "force", *words("--reference", ["0N", "1kN", "2kN", "4kN"]))
+COUNTS = words("--reading", [509, 1329, 2148, 2967])
+Capsys = pytest.CaptureFixture
+
+
+# ---- simulated tests and what is made of them ----
+
+
+def test_simulate_writes_everything_that_a_fit_needs(simulated: Path) -> None:
+    names = {path.name for path in simulated.iterdir()}
+    assert names == {
+        "test.fam", "machine.csv", "dataset.csv", "characterisation.json", "characterisation.png",
+    }  # fmt: skip
+    data = read_csv(simulated / "dataset.csv")
+    assert data.specimen.rest_length == pytest.approx(9.28125 * 0.0254)
+    assert data.specimen.braid_thickness == pytest.approx(0.011 * 0.0254)
+    assert data.notes == ()
+    found = json.loads((simulated / "characterisation.json").read_text())
+    blocked = [row["blocked_force_N"] / 4.4482216 for row in found["isobars"]]
+    assert blocked == pytest.approx([400, 832], rel=0.05)  # table 6.11: 403 and 850 lbf tested
+
+
+def test_simulate_gives_the_same_files_by_the_same_seed(
+    simulated: Path, tmp_path: Path, capsys: Capsys
+) -> None:
+    code, out, _ = run(
+        capsys, "simulate", write_plan(tmp_path), "--output", tmp_path / "o", "--seed", 4, "--json"
+    )
+    assert code == 0
+    assert len(json.loads(out)["isobars"]) == 2
+    for name in ("machine.csv", "dataset.csv"):
+        assert (tmp_path / "o" / name).read_bytes() == (simulated / name).read_bytes()
+    ours, theirs = (read_journal(path / "test.fam") for path in (tmp_path / "o", simulated))
+    assert np.array_equal(ours.rows, theirs.rows)  # the journal's first note has today's date
+
+
+@pytest.mark.parametrize(
+    ("more", "method"), [((), "load"), (("--sync-column", "Digital input (-)"), "pulses")]
+)
+def test_characterise_repeats_what_simulate_found(
+    more: tuple, method: str, simulated: Path, tmp_path: Path, capsys: Capsys
+) -> None:
+    code, out, _ = run(
+        capsys, "characterise", simulated / "test.fam", simulated / "machine.csv",
+        "--rest-length", "9.28125in", "--specimen", "wall_thickness_in=0.0625",
+        "--output", tmp_path, "--units", "metric", *more,
+    )  # fmt: skip
+    assert code == 0
+    assert "set kPa" in out
+    ours, theirs = (
+        json.loads((folder / "characterisation.json").read_text())
+        for folder in (tmp_path, simulated)
+    )
+    assert ours["alignment"]["method"] == method
+    apart = ours["alignment"]["offset_s"] - theirs["alignment"]["offset_s"]
+    assert abs(apart) < 3 * ours["alignment"]["offset_error_s"] + 1e-3
+    if not more:
+        assert ours["isobars"] == theirs["isobars"]
+    assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
+
+
+def test_characterise_takes_columns_that_the_log_does_not_tell(
+    simulated: Path, tmp_path: Path, capsys: Capsys
+) -> None:
+    """A second load is refused by name; the option that the message asks for chooses."""
+    lines = (simulated / "machine.csv").read_text().splitlines()
+    more = [",Load 2", ",(N)", *[",7.5"] * (len(lines) - 2)]
+    log = tmp_path / "two.csv"
+    log.write_text("\n".join(a + b for a, b in zip(lines, more, strict=True)))
+    command = ("characterise", simulated / "test.fam", log, "--rest-length", "9.28125in",
+               "--output", tmp_path)  # fmt: skip
+    code, _, err = run(capsys, *command)
+    assert (code, "--log-columns force=" in err) == (2, True)
+    assert run(capsys, *command, "--log-columns", "force=Load")[0] == 0
+
+
+def test_characterise_says_which_stroke_a_torn_journal_costs(
+    simulated: Path, tmp_path: Path, capsys: Capsys
+) -> None:
+    data = bytearray((simulated / "test.fam").read_bytes())
+    middle = len(data) // 4
+    data[middle : middle + 4096] = bytes(4096)
+    (tmp_path / "torn.fam").write_bytes(data)
+    code, out, _ = run(
+        capsys, "characterise", tmp_path / "torn.fam", simulated / "machine.csv",
+        "--rest-length", "9.28125in", "--output", tmp_path,
+    )  # fmt: skip
+    assert (code, "stroke 1 lacks 0." in out) == (0, True)
+    (bar,) = json.loads((tmp_path / "characterisation.json").read_text())["isobars"]
+    assert bar["set_pressure_Pa"] == pytest.approx(80 * PSI, rel=1e-3)
+
+
+def test_check_recomputes_every_record_and_finds_what_was_edited_or_forged(
+    simulated: Path, tmp_path: Path, capsys: Capsys
+) -> None:
+    code, out, _ = run(capsys, "check", simulated / "test.fam", "--json")
+    found = json.loads(out)
+    assert (code, found["sound"]) == (0, True)
+    assert found["checked"] == found["equal"] == found["records"] > 5000
+    lines = (simulated / "test.fam").read_bytes().split(b"\n")
+    at, line = next((k, x) for k, x in enumerate(lines) if k > 2000 and x.startswith(b"T,"))
+    fields = line.rpartition(b"*")[0].decode().split(",")
+    fields[7] = str(int(fields[7]) ^ 1)  # the output, its CRC made right
+    wrong = f"1 records do not follow the law, the first is record {fields[2]}"
+    lost = f"the file lost 1 records; {len(line) + 1} bytes are damaged"
+    for other, words_ in ((frame(",".join(fields))[:-1], wrong), (line.replace(b",", b";"), lost)):
+        (tmp_path / "other.fam").write_bytes(b"\n".join([*lines[:at], other, *lines[at + 1 :]]))
+        code, out, _ = run(capsys, "check", tmp_path / "other.fam")
+        assert (code, f"NOT sound: {words_}" in out) == (1, True)
+
+
+def test_convert_keeps_every_record(simulated: Path, tmp_path: Path, capsys: Capsys) -> None:
+    assert run(capsys, "convert", simulated / "test.fam", tmp_path / "t.csv")[0] == 0
+    with (tmp_path / "t.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(read_journal(simulated / "test.fam").rows)
+    assert {"time_s", "pressure_Pa", "force_N", "set_pressure_Pa"} <= rows[0].keys()
+
+
+# ---- what is refused, and what a person reads ----
+
+
+def test_bad_input_ends_in_a_sentence(simulated: Path, tmp_path: Path, capsys: Capsys) -> None:
+    journal, no_limit = simulated / "test.fam", write_plan(tmp_path, limit="")
+    missing = "[rig]: pressure_limit_<unit> is missing: a number >= 0 and finite, as"
+    for arguments, sentence in (
+        (("check", tmp_path / "none.fam"), "cannot read"),
+        (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
+        (("characterise", journal, "b", "--rest-length", "9"), "has no unit"),
+        (("convert", journal, tmp_path / "t.xls"), "must end in .parquet, .nc or .csv"),
+        (("simulate", calibrated(tmp_path / ".."), "--output", simulated), "test.fam exists"),
+        (("run", no_limit, "--output", tmp_path / "o"), missing),
+        (("simulate", no_limit, "--output", tmp_path / "o"), missing),
+    ):
+        code, _, err = run(capsys, *arguments)
+        assert (code, sentence in err) == (2, True), err
+    assert not (tmp_path / "o").exists()
+    assert run(capsys, "ports")[0] == 0
+
+
+def test_the_plan_in_the_help_is_one(tmp_path: Path) -> None:
+    example = (rig_cli.__doc__ or "").partition("```toml\n")[2].partition("```")[0]
+    (tmp_path / "plan.toml").write_text(example)
+    everything = example.replace("# photo", "photo").replace("# jump", "jump")
+    (tmp_path / "all.toml").write_text(everything.replace("# integral", "integral"))
+    short, full = (read_plan(tmp_path / name) for name in ("plan.toml", "all.toml"))
+    assert full.plan.photograph_every == 1.0
+    assert (full.jump_limit, full.control) == (short.jump_limit, short.control)
+
+
+def test_values_are_a_line_with_units() -> None:
+    assert rig_cli.values(None, None, "us") == "no record yet"
+    sample = Sample(1, 7, 40, 1000, 200, 500, 131, 0, 3 + 16 * 2)
+    line = "record 7  pressure 200 counts  force 100 counts  output 131  TRIP  fault: over-pressure"
+    assert rig_cli.values(sample, None, "us") == line
+    known = SimulatedRig().calibration()
+    shown = rig_cli.values(sample, known, "us", wanted=10 * PSI)
+    assert f"pressure {float(known.pressure.value(1000)) / PSI:.5g} of 10 psi  force" in shown
+
+
+# ---- calibration ----
+
+
+def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path: Path, capsys: Capsys) -> None:
+    file = tmp_path / "calibration.toml"
+    code, out, _ = run(capsys, *PRESSURE, *COUNTS, "--calibration", file)
+    assert code == 0
+    assert "pressure at the references [psi]" in out
+    assert "zero at 509." in out
+    assert set(tomllib.loads(file.read_text())) == {"pressure"}
+    counts = words("--reading", [704, 1289, 1874, 3043])
+    assert run(capsys, *FORCE, *counts, "--calibration", file)[0] == 0
+    found = read_calibration(file)
+    assert float(found.pressure.value(1329)) == pytest.approx(40 * PSI, rel=2e-3)
+    assert float(found.force.value(1289)) == pytest.approx(1000, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("counts", "message"),
+    [
+        ([509, 1329, 2148], "must have one shape"),
+        ([509, 1329, 2148, 5115], "the end of the converter's range"),
+        ([2967, 2148, 1329, 509], "gain must be positive"),
+        ([], "which port?"),
+    ],
+)
+def test_what_is_no_calibration_leaves_the_file_as_it_was(
+    counts: list, message: str, tmp_path: Path, capsys: Capsys
+) -> None:
+    file = tmp_path / "calibration.toml"
+    write_calibration(file, SimulatedRig().calibration())
+    before = file.read_bytes()
+    more = words("--reading", counts)
+    code, _, err = run(capsys, *PRESSURE, *more, "--calibration", file)
+    assert (code, message in err) == (2, True)
+    assert file.read_bytes() == before
+
+
+def test_counts_are_read_while_a_person_applies_the_references(
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim, at = SimulatedRig(), iter([102, 266, 430, 593])
+    asked: list[str] = []
+
+    def answer(question: str) -> str:
+        asked.append(question)
+        sim.sensor_fault = next(at)  # what the transducer shows then
+        return ""
+
+    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr("rig.link.Link", lambda opener: VirtualLink(sim))
+    file = tmp_path / "calibration.toml"
+    code, out, _ = run(capsys, *PRESSURE, "--port", "none", "--calibration", file)
+    assert code == 0
+    assert asked == [f"Apply {text} and press Enter: " for text in REFERENCES]
+    assert "40psi: 1330.00 counts" in out
+    assert sim.device.output == 0
+
+
+@pytest.mark.parametrize(
+    ("circuit", "more", "message"),
+    [
+        ("water", [], ""),
+        ("air", [], "whose valve neither"),
+        ("water", words("--steps", [40, 300]), "0 to 255 counts, got 300"),
+    ],
+)
+def test_a_pump_is_stepped_under_the_limits_of_its_plan(
+    circuit: str, more: list, message: str, tmp_path: Path, capsys: Capsys,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    sim = SimulatedRig(HydraulicCircuit())
+    true = sim.calibration()
+    write_calibration(tmp_path / "calibration.toml", true)
+    monkeypatch.setattr("rig.link.Link", lambda opener: VirtualLink(sim))
+    plan = write_plan(tmp_path, circuit=circuit)
+    code, out, err = run(capsys, "calibrate-pump", plan, "--port", "none", "--yes", *more)
+    if message:
+        assert (code, message in err, sim.now) == (2, True, 0)
+        return
+    assert code == 0
+    assert "relief valve" in out
+    assert "output 200: " in out
+    assert (sim.device.output, sim.device.dump_open) == (0, True)
+    found = read_calibration(tmp_path / "calibration.toml")
+    assert found.pressure == true.pressure
+    for psi in (20, 80):
+        steady = sim.circuit.steady_output(psi * PSI)
+        assert found.feed_forward.output(psi * PSI) == pytest.approx(steady, abs=2.0)
+
+
+# ---- a trip is cleared by a person alone ----
+
+
+def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim = SimulatedRig()
+    first = itertools.count(1000, 1000)  # a link numbers its commands from a number of its own
+    monkeypatch.setattr("rig.link.Link", lambda opener: VirtualLink(sim, next(first)))
+    link = VirtualLink(sim)
+    for verb, *values in (("trip", 600), ("man", 50)):
+        link.command(verb, *values)
+    sim.sensor_fault = 1023
+    sim.advance(0.1)
+    assert sim.device.state == TRIP
+    calibrated(tmp_path)
+    command = ("acknowledge", "none", "--calibration", tmp_path / "calibration.toml")
+    code, _, err = run(capsys, *command, "--yes")
+    assert (code, "refuses 'clear'" in err) == (2, True)
+    sim.sensor_fault = None
+    sim.advance(5.0)
+    code, out, err = run(capsys, *command)
+    assert (code, "at 1023 counts (" in out, "give --yes" in err) == (2, True, True)
+    assert sim.device.state == TRIP
+    code, out, _ = run(capsys, *command, "--yes")
+    assert (code, "acknowledged" in out, sim.device.state) == (0, True, SAFE)
+    assert "is not tripped" in run(capsys, *command)[1]
+
+
+# ---- what `run` asks and refuses before a port is opened ----
+
+
+@pytest.mark.parametrize("circuit", ["air", "water"])
+def test_run_prints_what_no_software_can_see(circuit: str, tmp_path: Path, capsys: Capsys) -> None:
+    code, out, err = run(capsys, "run", write_plan(tmp_path, circuit=circuit))
+    assert (code, "dump valve" in out, "which port?" in err) == (2, True, True)
+    assert ("relief valve" in out) == (circuit == "water")
+
+
+def test_a_dry_run_prints_the_plan_and_its_duration(tmp_path: Path, capsys: Capsys) -> None:
+    code, out, _ = run(capsys, "run", calibrated(tmp_path), "--dry-run", "--output", tmp_path / "o")
+    assert code == 0
+    assert "block 1: 551581 Pa" in out
+    assert "lasts 70 s (1 min 10 s)" in out  # two of 3 s and 2 x 3.2 in at 0.2 in/s
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_run_waits_for_a_yes(
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ("run", calibrated(tmp_path), "--port", tmp_path / "none", "--output", tmp_path / "o")
+    for text, terminal, more, sentence in (
+        ("yes\n", False, (), "give --yes"),
+        ("y\n", True, (), "not started"),
+        ("yes\n", True, (), "cannot open the port"),  # it went on
+        ("", False, ("--yes",), "cannot open the port"),
+        ("", False, ("--yes", "--start", "asked"), "here is no terminal: at-once"),
+        ("", False, ("--yes", "--meta", "operator"), "must read name=value"),
+    ):
+        monkeypatch.setattr("sys.stdin", Typed(text, terminal=terminal))
+        code, _, err = run(capsys, *command, *more)
+        assert (code, sentence in err) == (2, True), err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("settle_s", "photograph_every_s = 1\nsettle_s", "photograph_every_s = 1 needs a camera"),
+        ("pressure_limit_psi = 110", "pressure_limit_psi = inf", ">= 0 and finite, got inf"),
+        ("pressure_limit_psi = 110", "pressure_limit_psi = 1e308", ">= 0 and finite, got inf"),
+        ("pressure_limit_psi = 110", "pressure_limit_psi = 60", "the limit is 413685 Pa"),
+    ],
+)
+def test_a_refused_plan_leaves_nothing_behind(
+    old: str, new: str, sentence: str, tmp_path: Path, capsys: Capsys
+) -> None:
+    plan = calibrated(tmp_path)
+    plan.write_text(plan.read_text().replace(old, new))
+    for command in ["run"] if "photo" in new else ["run", "simulate"]:
+        more = ["--yes", "--port", "none"] if command == "run" else []
+        code, _, err = run(capsys, command, plan, "--output", tmp_path / "o", *more)
+        assert (code, sentence in err) == (2, True)
+        assert not (tmp_path / "o" / "test.fam").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("[40, 80]", "[40, 90]", "plan"),
+        ("cycles = 1", "cycles = 2", "plan"),
+        ("pressure_limit_psi = 110", "pressure_limit_psi = 115", "pressure_limit_Pa"),
+        ("psi = 4", "psi = 5", "control"),
+        ("", "", "calibration"),
+    ],
+)
+def test_only_the_same_test_is_resumed(
+    old: str, new: str, what: str, simulated: Path, tmp_path: Path, capsys: Capsys
+) -> None:
+    plan = calibrated(tmp_path)
+    lines = (simulated / "test.fam").read_bytes().splitlines(keepends=True)
+    second = next(k for k, line in enumerate(lines) if b'"block":1' in line)
+    (tmp_path / "test.fam").write_bytes(b"".join(lines[: second + 1]))
+    command = ("run", plan, "--output", tmp_path, "--resume", "--yes", "--port", "none")
+    if old:
+        began = stored_calibration(read_journal(tmp_path / "test.fam"))
+        write_calibration(tmp_path / "calibration.toml", began)
+        assert "cannot open the port" in run(capsys, *command)[2]  # it would go on
+        assert "lasts 35 s" in run(capsys, *command, "--dry-run")[1]  # one of two pressures
+    plan.write_text(plan.read_text().replace(old, new))
+    code, _, err = run(capsys, *command)
+    assert (code, f"it was begun with another {what}." in err) == (2, True)
