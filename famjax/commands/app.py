@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from cyclopts import App, Parameter
 
 from .. import __version__
-from . import rig_cli
 
+_RIG_HELP = "Control a muscle's pressure, record a test, or simulate both; see rig/firmware."
 _HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
 
 COMMANDS = {
@@ -86,17 +86,27 @@ def command_line(arguments: Sequence[str]) -> App:
     app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
               default_parameter=_OPTIONS, suppress_keyboard_interrupt=False)  # fmt: skip
     _register(app, __name__.rpartition(".")[0], COMMANDS, command)
-    help_ = rig_cli.__doc__
-    rig_app = App(name="rig", help=help_, help_format="markdown", default_parameter=_OPTIONS)
-    for function in rig_cli.COMMANDS:
-        rig_app.command(function)
-    _register(rig_app, __name__.rpartition(".")[0], RIG_COMMANDS, of_rig)
-    app.command(rig_app)
+    app.command(_rig(of_rig) if command in {"rig", "--install-completion"} else _rig_unasked())
     app.register_install_completion_command(
         help="Complete commands and options in your shell: bash, zsh, fish. It adds a line to its "
         "start-up file."
     )
     return app
+
+
+def _rig(asked: str) -> App:
+    from . import rig_cli
+
+    app = App(name="rig", help=rig_cli.__doc__, help_format="markdown", default_parameter=_OPTIONS)
+    for function in rig_cli.COMMANDS:
+        app.command(function)
+    _register(app, __name__.rpartition(".")[0], RIG_COMMANDS, asked)
+    return app
+
+
+def _rig_unasked() -> App:
+    """The rig's commands where none of them is asked for: a sentence of the help."""
+    return App(name="rig", help=_RIG_HELP)
 
 
 def _register(app: App, package: str, commands: Mapping[str, str], asked: str) -> None:

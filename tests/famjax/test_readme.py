@@ -26,6 +26,7 @@ def test_examples_run(
     number: int, capsys: pytest.CaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(Path(__file__).parents[2] / "examples")
     exec(compile(EXAMPLES[number], f"README example {number}", "exec"), {})
     printed = capsys.readouterr().out
     assert printed.strip()
