@@ -23,7 +23,8 @@ import numpy as np
 from famjax.chain import simulate
 from famjax.units import INCH, PSI
 from fitting.records import MachineLog, synchronise
-from rig.control import Control, Isobaric, PlanFile
+from rig.control import Control
+from rig.plan import Isobaric, PlanFile
 from rig.simulation import MachineClock, mckibben
 
 LIMITS = (0.8, 1.2)

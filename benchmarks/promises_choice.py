@@ -148,7 +148,7 @@ def _muscles() -> list[Promise]:
     found = []
     for data, rmse, pressure, length in ((A1, 4.0, 4.2, 11.0), (A2, 1.25, 1.55, 8.0)):
         found += [
-            _row("no option", lambda case: chosen(case).rmse, data, "RMSE [N]", rmse,
+            _row("no option", lambda case: chosen(case).chosen.errors.rmse, data, "RMSE [N]", rmse,
                  of_its_data=True, command="famjax fit MAP.csv"),
             _row("no option, one pressure out", pressures_out, data, "RMSE [N]", pressure,
                  of_its_data=True, cost="long"),
@@ -176,7 +176,7 @@ CHOICE: tuple[Promise, ...] = (
     _row("95 % band, its width", lambda case: float(
              both_muscles(case).width.mean() / both_muscles(case).rmse), _BOTH,
          "mean full width / RMSE", 8.0, part=_ONE_OUT),
-    *(_row("no option, raw ramps", lambda case: chosen(case).rmse, data, "RMSE [N]", 2.3,
+    *(_row("no option, raw ramps", lambda case: chosen(case).chosen.errors.rmse, data, "RMSE [N]", 2.3,
            of_its_data=True, command="famjax ramps ... && famjax fit famjax-ramps/map.csv")
       for data in ("bpa10 10cm", "bpa10 30cm")),
     _row("one specimen from another", lambda case: from_the_other(case).rmse, _PAIR, "RMSE [N]",

@@ -28,6 +28,7 @@ import fitting
 from famjax.boundary.errors import InputError
 from famjax.commands.fits.steps import judged as judgement_of
 from fitting import ForceData
+from fitting.evidence import Evidence
 
 MUST_SHOW = ("units", "absolute", "sign", "mixed", "outliers", "thick wall", "wrong bore")
 """Kinds of mistakes all of which must end in exit code 1."""
@@ -62,7 +63,9 @@ def judged(path: Path) -> tuple[str, float, str]:
     """Level, misfit [%] and suspicions of a file, as bare `famjax fit` has them."""
     try:
         choice = fitting.choose(fitting.read_csv(path), starts=16, seed=0)
-        judgement = judgement_of(choice.chosen, choice, lambda *_: None)
+        judgement = judgement_of(
+            choice.chosen, choice, Evidence(left_out=choice.left_out), lambda *_: None
+        )
     except InputError as error:
         return "refused", np.nan, str(error)
     told = " ".join(one.sentence for one in judgement.suspicions)

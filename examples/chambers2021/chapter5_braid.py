@@ -122,7 +122,7 @@ def moduli() -> list[Row]:
     return [
         beside("5, thread", entry, modulus, "psi", f"specimen.thread_modulus_in_situ_{name}_psi",
                float(size), WHY)
-        for (entry, name), modulus, size in zip(entries, found, spread, strict=True)
+        for (entry, name), modulus, size in zip(entries, found, np.ravel(spread), strict=True)
     ]  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def model() -> list[Row]:
     """The model against the diameters that were photographed."""
     pixel = 1 / printed()["photogrammetry"]["scale_px_per_in"]
     return [
-        beside("5.1", f"D of the model, {P} psi", stretch().elastic.diameter[_at(P)], "in",
+        beside("5.1", f"D of the model, {P} psi", float(stretch().elastic.diameter[_at(P)]), "in",
                f"elastic_braid.D_in.{k}", pixel, "a pixel of the photographs")
         for k, P in enumerate(printed()["elastic_braid"]["pressure_psi"])
     ]  # fmt: skip

@@ -19,7 +19,8 @@ from ..trace import run_fits
 from .choose import Choice, choose
 
 _STARTS = 4
-_MOST = 20  # folds
+MOST = 20
+"""Folds at most."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +50,7 @@ def validate_choice(
     choice: Choice,
     groups: str = "length",
     *,
-    most: int = _MOST,
+    most: int = MOST,
     executor: AnyExecutor = None,
     resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,

@@ -46,8 +46,9 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
     unit = unit_system(system)["force"]
 
     def force(value: float | None) -> str:
-        known = value is not None and np.isfinite(value)
-        return f"{from_si(value, unit, 'force'):.4g}" if known else ""
+        if value is None or not np.isfinite(value):
+            return ""
+        return f"{from_si(value, unit, 'force'):.4g}"
 
     def part(one: Tried) -> str:
         if one is choice.tried[0]:

@@ -15,7 +15,7 @@ from famjax.boundary.class_path import class_named, class_path
 from famjax.boundary.errors import InputError
 
 from ..choice.choose import choose
-from ..choice.nested import validate_choice
+from ..choice.nested import MOST, validate_choice
 from ..data.force_data import ForceData
 from ..evidence.leave_out import leave_out_each
 from ..evidence.left_out import LeftOut
@@ -46,10 +46,9 @@ def choice_row(data: ForceData, starts: int, seed: int) -> ComparisonRow:
     except InputError as refused:
         return row.noted(str(refused))
     held_out: list[LeftOut | None] = []
-    for groups, most in (("pressure", _PRESSURE_GROUPS), ("length", None)):
+    for groups, most in (("pressure", _PRESSURE_GROUPS), ("length", MOST)):
         try:
-            options = {} if most is None else {"most": most}
-            held_out.append(validate_choice(choice, groups, **options, starts=_STARTS, seed=seed))
+            held_out.append(validate_choice(choice, groups, most=most, starts=_STARTS, seed=seed))
         except InputError as refused:
             held_out.append(None)
             row = row.noted(f"without a {groups}: {refused}")

@@ -207,7 +207,7 @@ def map_of_columns(
         InputError: what is wrong with a column.
     """
     columns = columns_of(header)
-    arrays = {
+    arrays: dict[str, Any] = {
         column.quantity: column.factor * check_numbers(f"column {name}", numbers)
         for name, column, numbers in zip(header, columns, values, strict=True)
     }

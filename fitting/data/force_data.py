@@ -64,7 +64,8 @@ class Specimen:
             if size is None and name not in {"rest_length", "wall_thickness"}:
                 continue
             must = "a length >= 0" if name == "braid_thickness" else "a positive length"
-            if not (is_number(size) and 0 <= size < math.inf and (size > 0 or "0" in must)):
+            known = size is not None and is_number(size)
+            if size is None or not (known and 0 <= size < math.inf and (size > 0 or "0" in must)):
                 raise InputError(f"{name} must be {must} in m, got {size!r}")
             check_plausible(name, size, QUANTITIES[name])
         if not isinstance(self.name, str):

@@ -79,4 +79,4 @@ def seen_slack(
     contradicted = ((L[pulls] <= L[slack, None]) & (P[pulls] <= P[slack, None])).any(axis=1)
     L, P = L[slack][~contradicted], P[slack][~contradicted]
     within = (length[:, None] <= (1 + SAME) * L) & (pressure[:, None] <= (1 + _EXACT) * P)
-    return within.any(axis=1)
+    return np.asarray(within.any(axis=1))

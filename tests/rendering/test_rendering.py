@@ -50,7 +50,7 @@ from rendering.world import World
 RAY_PX = 1e-4  # table of 4097 radii, three steps, positions tried every 5e-5 px
 LATTICE_PX = 0.01  # 55 rays in a pixel, rows averaged
 MARK_PART = 0.04  # of a pixel: 55 rays, the face's grain, the scale's change with the tilt
-REFERENCE = Path(__file__).parents[3] / "benchmarks/reference/chambers2021.toml"
+REFERENCE = Path(__file__).parents[2] / "benchmarks/reference/chambers2021.toml"
 SIZE = (500, 220)
 # Even light, no lens: what is left is geometry.
 GEOMETRY = Light(lamps=(), ambient=1.0, cloth=0.0, stray=0.0)
@@ -187,7 +187,7 @@ def flat(light: float, sensor: CameraSensor) -> tuple[np.ndarray, np.ndarray, np
     plain = Light(lamps=(), cloth=light, cloth_gradient=0.0, stray=0.0)
     scene = dataclasses.replace(small(), muscle=None, light=plain, jpeg=None)
     linear = render_linear(scene)
-    seen = (sensor.tone().linear(expose(linear, k, sensor=sensor).rgb) for k in (1, 2))
+    seen = (sensor.tone().table[expose(linear, k, sensor=sensor).rgb] for k in (1, 2))
     return linear.light * sensor.full_well, *(each * sensor.full_well for each in seen)
 
 

@@ -78,10 +78,10 @@ def predict_by_card(
         for i, j in np.ndindex(L.size, P.size):
             row = {"length_m": float(L[i]), "pressure_Pa": float(P[j]), "force_N": float(force[i, j]),
                    "model_force_N": float(model[i, j]), "slack": bool(force[i, j] <= 0)}  # fmt: skip
-            impossible = _impossible(safe, L[i])
+            impossible = _impossible(safe, float(L[i]))
             if impossible is not None:
                 row |= {"force_N": None, "model_force_N": None, "slack": None}
-            rows.append(row | _inside(impossible or _beyond(safe.region, L[i], P[j])))
+            rows.append(row | _inside(impossible or _beyond(safe.region, float(L[i]), float(P[j]))))
     if onset:
         highest = float(safe.region.pressure[1])
         begins = np.asarray(safe.onset_pressure(L, highest, throw=False))

@@ -86,7 +86,7 @@ def test_draws_of_an_unknown_name(posterior: Posterior) -> None:
 def test_refusals(result: Identification) -> None:
     with pytest.raises(fitting.InputError, match="the noise is a standard deviation > 0"):
         fitting.sample(result, noise=-1.0)
-    with pytest.raises(fitting.InputError, match="draws must be at least 4, got 1"):
+    with pytest.raises(fitting.InputError, match="draws must be a whole number >= 4, got 1"):
         fitting.sample(result, draws=1)
 
 

@@ -308,7 +308,7 @@ def test_another_map_of_the_same_shape_is_not_compiled_again(
 
 
 def test_bad_options_are_refused() -> None:
-    with pytest.raises(InputError, match="orders of the law lie between 1 and 4"):
+    with pytest.raises(InputError, match="orders must be a whole number 1 to 4"):
         sweep(DATA, geometry(), orders=(5,))
     with pytest.raises(InputError, match="constraints: known are"):
         sweep(DATA, geometry(), constraints=("convex",))
