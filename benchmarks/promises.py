@@ -25,6 +25,7 @@ from first_answer_inputs import load
 from promise import VERDICTS, Case, Outcome, Promise, judge, shown
 from promises_chain import CHAIN
 from promises_choice import CHOICE
+from promises_default import DEFAULT
 from promises_export import EXPORT
 from promises_first_answer import FIRST_ANSWER
 from promises_fits import FITS
@@ -55,6 +56,7 @@ PROMISES: tuple[Promise, ...] = tuple(
         (
             *FITS,
             *CHOICE,
+            *DEFAULT,
             *TABLES,
             *KERNELS,
             *PHOTOGRAPHS,
