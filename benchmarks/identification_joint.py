@@ -24,6 +24,7 @@ from specimen import geometries
 
 import famjax
 import fitting
+from fitting.plausible import any_units
 
 Result = TypeVar("Result")
 
@@ -110,6 +111,7 @@ def _by_lmfit(ours: fitting.Identification, starts: int) -> np.ndarray:
     return np.array(found)
 
 
+@any_units()
 def sweep_bootstrap(replicates: int) -> dict[str, Any]:
     """The 48 fits of the reconstruction with bootstrap errors, through the public call."""
     data, geometry = force_map(), geometries()[GEOMETRY]

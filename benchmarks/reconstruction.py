@@ -36,6 +36,7 @@ from famjax import Muscle, units
 from famjax.geometries import AbstractGeometry
 from famjax.materials import PressurePolynomialMaterial
 from fitting import ForceData, Specimen
+from fitting.plausible import any_units
 
 CHAPTERS = Path(__file__).resolve().parents[1] / "examples" / "chambers2021"
 if str(CHAPTERS) not in sys.path:
@@ -209,6 +210,7 @@ def measured_geometry() -> AbstractGeometry:
     return geometries()["measured"]
 
 
+@any_units()
 def force_map(n_pressures: int = 10, thin: int = 1) -> ForceData:
     """The mean of the branches of the SYNTHETIC isobars in inch, psi and lbf.
 

@@ -27,6 +27,8 @@ from beside_print import Row, Table
 from matplotlib.figure import Figure
 from notes import NOT_COMPUTED, NOTES
 
+from fitting.plausible import any_units
+
 Progress = Callable[[int, int, str], None]
 """Called before each table and figure with the number of those done, of all, and its name, and once
 at the end."""
@@ -107,7 +109,10 @@ def reproduce(
 def reconstructed() -> tuple[Table, ...]:
     """Chapter 7's tables of the SYNTHETIC reconstruction in the measured geometry."""
     data, shape = reconstruction.force_map(), reconstruction.measured_geometry()
-    return chapter7_identification.tables(chapter7_identification.Isobars("SYNTHETIC", data, shape))
+    isobars = chapter7_identification.Isobars("SYNTHETIC", data, shape)  # in inch, psi and lbf
+    return tuple(
+        (title, any_units()(table)) for title, table in chapter7_identification.tables(isobars)
+    )
 
 
 _STYLE = """

@@ -1,7 +1,9 @@
 """Plausible sizes of a muscle's quantities: a number far from them has another unit than it says."""
 
+import contextlib
+import contextvars
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from famjax.boundary.errors import InputError
@@ -62,6 +64,22 @@ _NARROWEST = 1e-6  # of a value: a prior that says more holds it
 _ALIKE = 0.5  # decades between guesses that are equally good
 
 
+_ANY_UNITS = contextvars.ContextVar("any consistent units", default=False)
+
+
+@contextlib.contextmanager
+def any_units() -> Iterator[None]:
+    """Within it, maps may be in any consistent set of units, such as inch, psi and lbf.
+
+    Nothing is taken for a slip then. It is a decorator, too: `@any_units()`.
+    """
+    token = _ANY_UNITS.set(True)
+    try:
+        yield
+    finally:
+        _ANY_UNITS.reset(token)
+
+
 def check_plausible(what: str, value: float, quantity: str | None, unit: str = "") -> None:
     """Refuse a number that no muscle has, and say which unit it looks like.
 
@@ -81,7 +99,7 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
 0.005 and 5 m. It looks like mm, not m
     """
     size = abs(value)
-    if quantity is None or size == 0 or not math.isfinite(size):
+    if quantity is None or size == 0 or not math.isfinite(size) or _ANY_UNITS.get():
         return
     known = PLAUSIBLE[quantity]
     si = si_unit(known.kind)

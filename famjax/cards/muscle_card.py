@@ -156,12 +156,21 @@ def _number(value: Any, annotation: Any, where: str) -> Any:
         plain = numbers.astype(float).tolist()
         return tuple(plain) if isinstance(plain, list) else plain
     array = as_number(numbers.astype(float))
-    if not isinstance(array, annotation):
+    if not _has_shape(array.shape, annotation.dim_str.split()):
         raise InputError(
             f"{where} of the muscle card must be numbers of shape ({annotation.dim_str.strip()}), "
             f"got shape {array.shape}"
         )
     return array
+
+
+def _has_shape(shape: tuple[int, ...], sizes: list[str]) -> bool:
+    """Whether a shape is that of an annotation; sizes by name are free, those of one part of another's."""
+    if "..." in sizes:
+        return len(shape) >= len(sizes) - 1
+    return len(shape) == len(sizes) and all(
+        not size.isdigit() or int(size) == n for size, n in zip(sizes, shape, strict=True)
+    )
 
 
 def _key(name: str, form: str | CardPart) -> str:

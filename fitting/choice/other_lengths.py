@@ -61,10 +61,9 @@ def other_lengths(families: Sequence[Fitted], max_force: float) -> OtherLengths 
         max_force: largest force measured [N].
 
     Returns:
-        None where there is but one thing to make a muscle pull late, by what a user says or for lack of
-        readings.
+        None where there are none.
     """
-    if {one.candidate.rig for one in families} != {False, True}:
+    if not families:
         return None
     return OtherLengths(
         names=tuple(one.candidate.name for one in families),

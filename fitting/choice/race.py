@@ -95,6 +95,8 @@ def fitted(
         return "The rig of the best fit is rigid, or gives way as much as the bounds allow."
     order = np.argsort([one.cost for one in ends])
     point = problem.solve(problem.parameters(end.u), "values")
+    if not np.isfinite(point.x).all():
+        return "The rig of the best fit gives way so much that it has no force at some of the readings."
     return Fitted(
         candidate, posed, np.stack([ends[k].u for k in order]),
         problem.parts[0].mounted(muscle_at(problem, point, 0), point.parameters),
