@@ -60,7 +60,7 @@ class Row:
         """Whether the difference is within the tolerance; rounding of binary numbers forgiven."""
         if self.difference is None or self.tolerance is None:
             return None
-        return abs(self.difference) <= self.tolerance * (1 + 1e-9)
+        return bool(abs(self.difference) <= self.tolerance * (1 + 1e-9))
 
     @property
     def verdict(self) -> str:

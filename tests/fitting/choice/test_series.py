@@ -70,11 +70,13 @@ def specimen(rest: float, seed: int, stretch: float = 0.0) -> ForceData:
     return ForceData(force[keep], P[keep], L[keep], of)
 
 
+NO_DEADBAND = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}
+
+
 @pytest.fixture(scope="module")
 def series() -> Series:
     maps = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
-    held = Parameter(value=0.0, vary=False, unit="Pa")
-    return identify_series(maps, laws=LAWS, parameters={"deadband_pressure": held})
+    return identify_series(maps, laws=LAWS, parameters=NO_DEADBAND)
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +124,10 @@ def test_the_saved_series_predicts_the_same(series: Series, saved: Path) -> None
     assert rows[0]["band"] == "linear, specimens"
     assert [row["inside"] for row in rows[:3]] == [True, True, False]
     assert rows[0]["high_95_N"] - rows[0]["low_95_N"] == pytest.approx(3.92 * std[0])
-    alone = np.asarray(famjax.cut_to_length(fit.muscle, 0.125).force(lengths, 4e5))
-    np.testing.assert_allclose([r["muscle_force_N"] for r in rows[:3]], alone, rtol=1e-9)
+    rigs = [famjax.cut_to_length(one.muscle, 0.125) for one in (fit.mounted, *fit.others)]
+    alone = np.average([one.force(lengths, 4e5) for one in rigs], axis=0, weights=fit.weights)
+    muscle = [r["muscle_force_N"] for r in rows[:3]]
+    np.testing.assert_allclose(muscle, np.maximum(alone, 0.0), rtol=1e-9)
     assert alone[0] > force[0]  # the rig gives way
     assert 0 < rows[4]["onset_pressure_Pa"] < 4e5  # shorter than at rest: pressure is needed
     assert not predict(fit, lengths, np.array([4e5]), rest_length=0.4)[0]["inside"]
@@ -166,12 +170,13 @@ def test_the_band_is_the_delta_method(series: Series) -> None:
 def test_jigs_that_are_wrong_widen_the_band() -> None:
     """Lengths half a millimetre off either way: the error between specimens says so."""
     data = [specimen(SEEN[0], 1, stretch=5e-4), specimen(SEEN[1], 2, stretch=-5e-4)]
-    found = identify_series(data, laws=LAWS)
+    found = identify_series(data, laws=LAWS, parameters=NO_DEADBAND)
     assert found.between > 4 * NOISE
     L, P = points(0.15)
     truth = np.asarray(in_rig(0.15, TRUTH).force(L, P))
     force, std = found.predict(0.15, L, P)
-    assert (np.abs(force - truth) < 2 * std).mean() > 0.9
+    pulls = truth > 0
+    assert (np.abs(force - truth) < 2 * std)[pulls].mean() > 0.9
 
 
 def test_what_is_no_series_is_refused() -> None:
