@@ -2,6 +2,7 @@ from . import (
     choice as choice,
     comparison as comparison,
     convex as convex,
+    covariance as covariance,
     data as data,
     engine as engine,
     evidence as evidence,
@@ -16,7 +17,6 @@ from . import (
     search as search,
     shapes as shapes,
     sweeps as sweeps,
-    trace as trace,
     verdict as verdict,
 )
 from .choice.choose import Choice as Choice, choose as choose

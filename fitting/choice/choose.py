@@ -19,7 +19,7 @@ from ..search.checks import check_starts
 from ..search.identification import solve
 from ..search.result import Identification
 from ..search.robust import check_objective
-from ..trace import run_fits
+from ..tasks import run_fits
 from .ladder import MODEL_ERROR, Candidate, ladder
 from .other_lengths import OtherLengths, accounts, other_lengths
 from .race import Fitted, fitted_in_step, left_out_of, posed_of

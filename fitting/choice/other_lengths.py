@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import famjax
 
 from ..data.force_data import ForceData
+from ..engine import solve
 from ..families.parameters import Parameter
 from ..search.summary import muscle_at
 from .ladder import Candidate, ladder
@@ -75,5 +76,5 @@ def _pulls_late_by(candidate: Candidate) -> str | None:
 
 def _mounted(fitted: Fitted) -> famjax.MountedMuscle:
     problem = fitted.posed.problem
-    point = problem.solve(problem.parameters(fitted.ends[0]), "values")
+    point = solve(problem, problem.parameters(fitted.ends[0]))
     return problem.parts[0].mounted(muscle_at(problem, point, 0), point.parameters)

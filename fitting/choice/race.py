@@ -13,14 +13,14 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
 
 from ..data.force_data import ForceData
-from ..engine.descent import End, descend_many
-from ..engine.problem import Problem
+from ..descent import End, descend_many
 from ..evidence.leave_out import grouped, groups_of, leave_out_each
 from ..evidence.left_out import LeftOut
 from ..evidence.refit import force_error
+from ..problem import Problem
 from ..search.multi_start import best_of, latin_hypercube
 from ..search.posing import Posed, pose_one
-from ..trace import run_fits
+from ..tasks import run_fits
 from .ladder import FEWEST_LENGTHS, Candidate
 from .ranking import ALIKE, score
 

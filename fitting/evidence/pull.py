@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
+from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
-
-from ..trace.in_numpy import in_numpy
 
 ROWS, MANY = 65, 4096
 """Rows that a tape computes at once, of few and of many; fewer are filled up, more computed in parts."""
@@ -71,13 +70,14 @@ def pull(
     for start in range(0, len(length), rows):
         L, P = length[start : start + rows], pressure[start : start + rows]
         lengths, pressures = (np.pad(values, (0, rows - len(values)), "edge") for values in (L, P))
-        found = in_numpy(
-            _pull, mounted, of, spread, np.asarray(length_std), lengths, pressures, rig
+        found = _pull(
+            as_arrays(mounted), of, spread, np.asarray(length_std), lengths, pressures, rig
         )
         parts.append([values[: len(L)] for values in found])
     return Pull(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
+@quick_jit
 def _pull(
     mounted: famjax.MountedMuscle,
     rest_length: Array | np.ndarray | None,

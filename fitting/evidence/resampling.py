@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float, Int
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store
 
-from ..engine.problem import Problem
+from ..problem import Problem
 from ..search.result import Identification
-from ..trace import run_fits
+from ..tasks import run_fits
 from .refit import force_error, refit
 from .validation import check_nothing_own
 

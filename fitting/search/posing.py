@@ -12,8 +12,6 @@ from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData, check_maps
-from ..engine.problem import Problem
-from ..engine.response import Constraint, PressureDependence
 from ..families.geometry_source import (
     AbstractGeometrySource,
     EstimatedSource,
@@ -22,6 +20,8 @@ from ..families.geometry_source import (
 )
 from ..families.laws import Law, LawGiven, law_named
 from ..families.parameters import Entry, Parameter, base_name, complete_table
+from ..problem import Problem
+from ..response import Constraint, PressureDependence
 from .build import own_names, pose
 from .checks import (
     check_affine,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from famjax.boundary.errors import InputError
 
-from ..engine.response import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
+from ..response import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
 
