@@ -2,7 +2,6 @@ from . import (
     choice as choice,
     comparison as comparison,
     convex as convex,
-    covariance as covariance,
     data as data,
     engine as engine,
     evidence as evidence,

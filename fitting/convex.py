@@ -92,14 +92,14 @@ class Optimum(eqx.Module):
         status: a `Status`.
     """
 
-    x: Float[Array, "*batch n"]
-    multipliers: Float[Array, "*batch m"]
-    active: Bool[Array, "*batch m"]
-    objective: Float[Array, "*batch"]
-    kkt_residual: Float[Array, "*batch"]
-    duality_gap: Float[Array, "*batch"]
-    condition: Float[Array, "*batch"]
-    status: Int[Array, "*batch"]
+    x: Float[Array | np.ndarray, "*batch n"]
+    multipliers: Float[Array | np.ndarray, "*batch m"]
+    active: Bool[Array | np.ndarray, "*batch m"]
+    objective: Float[Array | np.ndarray, "*batch"]
+    kkt_residual: Float[Array | np.ndarray, "*batch"]
+    duality_gap: Float[Array | np.ndarray, "*batch"]
+    condition: Float[Array | np.ndarray, "*batch"]
+    status: Int[Array | np.ndarray, "*batch"]
 
 
 def solve_qp(
@@ -259,13 +259,13 @@ class NearestPoint(eqx.Module):
         inverse: P above N* of the active rows, shape (2 n, n).
     """
 
-    y: Float[Array, "*batch n"]
-    multipliers: Float[Array, "*batch n"]
-    rows: Int[Array, "*batch n"]
-    used: Bool[Array, "*batch n"]
-    steps: Int[Array, "*batch"]
-    status: Int[Array, "*batch"]
-    inverse: Float[Array, "*batch rows n"]
+    y: Float[Array | np.ndarray, "*batch n"]
+    multipliers: Float[Array | np.ndarray, "*batch n"]
+    rows: Int[Array | np.ndarray, "*batch n"]
+    used: Bool[Array | np.ndarray, "*batch n"]
+    steps: Int[Array | np.ndarray, "*batch"]
+    status: Int[Array | np.ndarray, "*batch"]
+    inverse: Float[Array | np.ndarray, "*batch rows n"]
 
 
 def nearest_point(

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 from .convex import Status, bucket
 from .problem import Part, Problem
 from .programs import (
+    BULK,
     MEMBERS,
     Layout,
     Projected,
@@ -36,6 +37,9 @@ _REACHES = 25  # linear models of a compliant rig, each about the forces of the 
 _ROUNDS = 60  # in which the censored readings that pull settle
 _HALVINGS = 40  # of the interval in which the lowest point of a line lies
 _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
+
+
+_IN_BULK: set[tuple] = set()  # structures whose programs are compiled for many fits
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +99,7 @@ class Point:
 
 
 class Chunk(NamedTuple):
-    """What the programs returned for up to `MEMBERS` fits, in padded arrays."""
+    """What the programs returned for several fits, in padded arrays."""
 
     problems: list[Problem]
     layout: Layout
@@ -151,8 +155,13 @@ class Batch:
     def __init__(self, problems: Sequence[Problem], *, bulk: bool = False) -> None:
         self.problems, self.like = list(problems), problems[0]
         self.layout = at = Layout(self.like)
-        self._program = linear_program(at.forms, self.like.constraint, at.sizes, bulk=bulk)
-        self._projected = projected_program(bulk=bulk)
+        structure = at.forms, self.like.constraint, at.sizes
+        bulk = bulk or structure in _IN_BULK  # what is compiled already is not compiled otherwise
+        if bulk:
+            _IN_BULK.add(structure)
+        self.size = BULK if bulk else MEMBERS
+        self._program = linear_program(*structure, bulk=bulk)
+        self._projected = projected_program()
         inputs = [part.inputs for part in self.like.parts]
         self._length, self._pressure = (
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
@@ -226,8 +235,8 @@ class Batch:
             For each member what holds its fit, and its place in it.
         """
         found: list[tuple[Chunk, int]] = []
-        for first in range(0, len(members), MEMBERS):
-            here = slice(first, first + MEMBERS)
+        for first in range(0, len(members), self.size):
+            here = slice(first, first + self.size)
             own = None if near is None else near[here]
             chunk = self._chunk(members[here], parameters[here], own, tolerance)
             found += [(chunk, row) for row in range(len(members[here]))]
@@ -241,9 +250,9 @@ class Batch:
         tolerance: float,
     ) -> Chunk:
         count = len(members)
-        every = np.minimum(np.arange(MEMBERS), count - 1)
+        every = np.minimum(np.arange(self.size), count - 1)
         which, sizes = members[every], self.layout.sizes
-        about, reached = np.zeros((MEMBERS, sizes.coefficients)), self._force[which].copy()
+        about, reached = np.zeros((self.size, sizes.coefficients)), self._force[which].copy()
         if any(part.rig for part in self.like.parts):
             for k, one in enumerate(near or ()):
                 if one is not None:
@@ -306,7 +315,7 @@ class Batch:
     ) -> Float[np.ndarray, "points n"]:
         """Derivatives of the force [N] in the coefficients, about some of them."""
         about = np.pad(x, (0, self.layout.sizes.coefficients - x.size))
-        given = (np.repeat(v[None], MEMBERS, axis=0) for v in (parameters, about, self._force[0]))
+        given = (np.repeat(v[None], self.size, axis=0) for v in (parameters, about, self._force[0]))
         return np.asarray(self.linear(*given)[0].columns[0])[self.layout.readings, : x.size]
 
     def linear(
@@ -317,8 +326,8 @@ class Batch:
         length: Float[np.ndarray, "b readings"] | None = None,
         pressure: Float[np.ndarray, "b readings"] | None = None,
     ) -> tuple[Linear, Linear]:
-        """The linear models of `MEMBERS` fits, and their derivatives."""
-        p = np.zeros((MEMBERS, self.layout.sizes.parameters))
+        """The linear models of `size` fits, and their derivatives."""
+        p = np.zeros((self.size, self.layout.sizes.parameters))
         p[:, : parameters.shape[1]] = parameters
         readings = tuple(
             np.ascontiguousarray(np.broadcast_to(own, reached.shape))
@@ -343,9 +352,7 @@ class Batch:
         ends = self._ends[:, members]
         of = Weighing(
             self._force[members], self._weight[members] * keep, ends[0], ends[1],
-            np.broadcast_to(self._rows, (MEMBERS, *self._rows.shape)), targets,
-            np.broadcast_to(self._d_targets, (MEMBERS, *self._d_targets.shape)),
-            np.full(MEMBERS, self.like.ridge),
+            self._rows, targets, self._d_targets, np.asarray(self.like.ridge),
         )  # fmt: skip
         return self._projected(linear, slopes, of)
 
@@ -425,7 +432,7 @@ def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "
     at, q, n = batch.layout, len(problem.names), len(problem.linear)
 
     def members(values: np.ndarray) -> np.ndarray:
-        return np.repeat(values[None], MEMBERS, axis=0)
+        return np.repeat(values[None], batch.size, axis=0)
 
     about = np.pad(point.about, (0, at.sizes.coefficients - n))
     reached = at.spread(point.reached)
@@ -465,22 +472,22 @@ def predict(
     here = at.readings[first] + np.arange(size)
     parameters = parameters.copy()
     parameters[part.at[len(part.family.nonlinear) :]] = 0.0
-    about = np.zeros((MEMBERS, at.sizes.coefficients))
+    about = np.zeros((batch.size, at.sizes.coefficients))
     about[:, :n] = x
-    given = np.repeat(parameters[None], MEMBERS, axis=0)
+    given = np.repeat(parameters[None], batch.size, axis=0)
     found = np.empty(length.size)
-    for begin in range(0, length.size, MEMBERS * size):
-        those = slice(begin, begin + MEMBERS * size)
+    for begin in range(0, length.size, batch.size * size):
+        those = slice(begin, begin + batch.size * size)
         count = length[those].size
 
         def folded(values: np.ndarray, count: int = count) -> np.ndarray:
-            full = np.pad(values, (0, MEMBERS * size - count), mode="edge")
-            wide = np.repeat(batch._length[None], MEMBERS, axis=0)
-            wide[:, here] = full.reshape(MEMBERS, size)
+            full = np.pad(values, (0, batch.size * size - count), mode="edge")
+            wide = np.repeat(batch._length[None], batch.size, axis=0)
+            wide[:, here] = full.reshape(batch.size, size)
             return wide
 
         own = folded(length[those]), folded(pressure[those])
-        reached = np.zeros((MEMBERS, at.sizes.readings))
+        reached = np.zeros((batch.size, at.sizes.readings))
         for _ in range(_REACHES if part.rig else 1):
             linear, _ = batch.linear(given, about, reached, *own)
             force, columns = (np.asarray(leaf) for leaf in linear[:2])

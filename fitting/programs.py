@@ -24,6 +24,8 @@ from .response import Constraint, Linear, MapInputs, Report, linear_response, re
 
 MEMBERS = 8
 """Fits that a compiled program takes at once."""
+BULK = 32
+"""The same where there are hundreds."""
 
 
 class Sizes(NamedTuple):
@@ -43,11 +45,13 @@ class Group(eqx.Module):
         arrays: of families and inputs.
         to_p: 1 where a parameter of the problem is one of the part, shape (parts, q, parameters).
         to_x: likewise of the coefficients, shape (parts, n, coefficients).
+        alone: whether it is one part, whose parameters and coefficients are the first.
     """
 
     arrays: tuple[Any, ...]
     to_p: Float[Array | np.ndarray, "parts q parameters"]
     to_x: Float[Array | np.ndarray, "parts n coefficients"]
+    alone: bool = eqx.field(static=True)
 
 
 class Form(NamedTuple):
@@ -133,7 +137,11 @@ class Layout:
             stacked = tuple(
                 np.stack(leaves) for leaves in zip(*(a for _, a in members), strict=True)
             )
-            groups.append(Group(stacked, np.stack(to_p), np.stack(to_x)))
+            alone = len(problem.parts) == 1 and all(
+                np.array_equal(places, np.arange(places.size))
+                for places in (problem.parts[0].at, problem.parts[0].coefficients)
+            )
+            groups.append(Group(stacked, np.stack(to_p), np.stack(to_x), alone))
         self.groups = tuple(groups)
         self.readings = np.concatenate([at_readings[k] for k in range(len(problem.parts))])
         if along:
@@ -160,10 +168,8 @@ def linear_of(
     constraint: Constraint,
     p: Float[Array, " parameters"],
     x0: Float[Array, " coefficients"],
-    readings: tuple[Array, Array, Array] | None,
-    *,
-    slopes: bool,
-) -> tuple[Linear, Linear | None]:
+    readings: tuple[Array, Array, Array],
+) -> tuple[Linear, Linear]:
     """The linear model of a problem, and its derivatives along each parameter.
 
     Args:
@@ -172,69 +178,76 @@ def linear_of(
         constraint: on the coefficients.
         p: parameters of the problem.
         x0: its coefficients.
-        readings: length [m], pressure [Pa] and force reached [N] in the place of those of the
-            groups, each of shape (readings,).
-        slopes: whether derivatives are wanted.
+        readings: length [m], pressure [Pa] and force reached [N], each of shape (readings,).
     """
-    values, derivatives, first = [], [], 0
+    values, slopes, first = [], [], 0
     for form, group in zip(forms, groups, strict=True):
-        parts, q = group.to_p.shape[:2]
+        parts = len(group.to_p)
         here = slice(first, first + parts * form.points)
         first = here.stop
-        own = None if readings is None else tuple(v[here].reshape(parts, -1) for v in readings)
-
-        def one(
-            arrays: Sequence[Array],
-            to_p: Array,
-            to_x: Array,
-            own: Any,
-            form: Form = form,
-            q: int = q,
-        ) -> tuple[Linear, Linear | None]:
-            family, at = form.filled(arrays)
-            length, pressure, reached = (at.length, at.pressure, at.force) if own is None else own
-            at = dataclasses.replace(at, length=length, pressure=pressure)
-
-            def response(p: Array) -> Linear:
-                return linear_response(family, constraint, at, p, to_x @ x0, reached)
-
-            def wide(linear: Linear, *to_q: Array) -> Linear:
-                both = [jnp.tensordot(*to_q, leaf, (0, 0)) if to_q else leaf for leaf in linear]
-                return Linear(both[0], both[1] @ to_x, both[2], both[3] @ to_x)
-
-            if not slopes:
-                return wide(response(to_p @ p)), None
-            if not q:
-                value = response(to_p @ p)
-                none = [jnp.zeros((0, *leaf.shape)) for leaf in value]
-                return wide(value), wide(Linear(*none), to_p)
-            value, slope = jax.linearize(response, to_p @ p)
-            return wide(value), wide(jax.vmap(slope)(jnp.eye(q)), to_p)
-
+        one = functools.partial(_of_part, form, constraint, group.alone, p, x0)
+        own = tuple(v[here].reshape(parts, -1) for v in readings)
+        each = group.arrays, group.to_p, group.to_x, own
         if parts == 1:
-            alone = jax.tree.map(lambda leaf: leaf[0], (group.arrays, group.to_p, group.to_x, own))
-            found = jax.tree.map(lambda leaf: leaf[None], one(*alone))
+            found = jax.tree.map(lambda leaf: leaf[None], one(*jax.tree.map(lambda v: v[0], each)))
         else:
-            found = jax.vmap(one)(group.arrays, group.to_p, group.to_x, own)
-        value, derivative = found
+            found = jax.vmap(one)(*each)
+        value, slope = found
         values.append(Linear(*(leaf.reshape(-1, *leaf.shape[2:]) for leaf in value)))
-        if derivative is not None:
-            moved = (jnp.moveaxis(leaf, 0, 1) for leaf in derivative)
-            derivatives.append(
-                Linear(*(leaf.reshape(len(leaf), -1, *leaf.shape[3:]) for leaf in moved))
-            )
+        moved = (jnp.moveaxis(leaf, 0, 1) for leaf in slope)
+        slopes.append(Linear(*(leaf.reshape(len(leaf), -1, *leaf.shape[3:]) for leaf in moved)))
 
     def joined(each: list[Linear], axis: int) -> Linear:
         return Linear(*(jnp.concatenate(leaves, axis) for leaves in zip(*each, strict=True)))
 
-    return joined(values, 0), joined(derivatives, 1) if slopes else None
+    return joined(values, 0), joined(slopes, 1)
+
+
+def _of_part(
+    form: Form,
+    constraint: Constraint,
+    alone: bool,
+    p: Array,
+    x0: Array,
+    arrays: Sequence[Array],
+    to_p: Float[Array, "q parameters"],
+    to_x: Float[Array, "n coefficients"],
+    readings: tuple[Array, Array, Array],
+) -> tuple[Linear, Linear]:
+    """The linear model of a part in the parameters and coefficients of the problem, and its slopes."""
+    (q, wide_q), (n, wide_n) = to_p.shape, to_x.shape
+    family, at = form.filled(arrays)
+    length, pressure, reached = readings
+    at = dataclasses.replace(at, length=length, pressure=pressure)
+    # What one part has for itself needs no products, which are slow in code that is not optimised.
+    own_p, own_x = (p[:q], x0[:n]) if alone else (to_p @ p, to_x @ x0)
+
+    def in_x(leaf: Float[Array, "... n"]) -> Float[Array, "... coefficients"]:
+        if alone:
+            return jnp.pad(leaf, ((0, 0),) * (leaf.ndim - 1) + ((0, wide_n - n),))
+        return leaf @ to_x
+
+    def in_p(leaf: Array) -> Array:
+        if alone:
+            return jnp.pad(leaf, ((0, wide_q - q),) + ((0, 0),) * (leaf.ndim - 1))
+        return jnp.tensordot(to_p, leaf, (0, 0))
+
+    def response(own_p: Array) -> Linear:
+        found = linear_response(family, constraint, at, own_p, own_x, reached)
+        return Linear(found[0], in_x(found[1]), found[2], in_x(found[3]))
+
+    if not q:
+        value = response(own_p)
+        return value, Linear(*(jnp.zeros((wide_q, *leaf.shape)) for leaf in value))
+    value, slope = jax.linearize(response, own_p)
+    return value, Linear(*(in_p(leaf) for leaf in jax.vmap(slope)(jnp.eye(q))))
 
 
 @functools.lru_cache(maxsize=128)
 def linear_program(
     forms: tuple[Form, ...], constraint: Constraint, sizes: Sizes, *, bulk: bool = False
 ) -> Any:
-    """The compiled linear model of a structure, for `MEMBERS` at once.
+    """The compiled linear model of a structure, for several fits at once.
 
     Args:
         forms: of the groups of parts.
@@ -245,8 +258,8 @@ def linear_program(
 
     def one(
         groups: tuple[Group, ...], p: Array, x0: Array, readings: tuple[Array, Array, Array]
-    ) -> tuple[Linear, Linear | None]:
-        value, slope = linear_of(forms, groups, constraint, p, x0, readings, slopes=True)
+    ) -> tuple[Linear, Linear]:
+        value, slope = linear_of(forms, groups, constraint, p, x0, readings)
         readings_, rows = sizes.readings - len(value.force), sizes.rows - len(value.values)
         by = Linear(*(((0, more),) for more in (readings_, readings_, rows, rows)))
 
@@ -254,7 +267,6 @@ def linear_program(
             rest = ((0, 0),) * (leaf.ndim - leading - 1)
             return jnp.pad(leaf, ((0, 0),) * leading + by + rest)
 
-        assert slope is not None
         return (
             Linear(*(padded(v, b, 0) for v, b in zip(value, by, strict=True))),
             Linear(*(padded(v, b, 1) for v, b in zip(slope, by, strict=True))),
@@ -326,10 +338,11 @@ def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
 
 
 @functools.cache
-def projected_program(*, bulk: bool = False) -> Any:
-    """The compiled convex fit with its Jacobian, for `MEMBERS` at once; see `linear_program`."""
-    options = bulk_options() if bulk else quick_options()
-    return jax.jit(jax.vmap(projected), compiler_options=options)
+def projected_program() -> Any:
+    """The compiled convex fit with its Jacobian, for several at once; all structures share it."""
+    options = bulk_options()
+    shared = Weighing(*(0,) * 4, None, 0, None, None)
+    return jax.jit(jax.vmap(projected, in_axes=(0, 0, shared)), compiler_options=options)
 
 
 @functools.lru_cache(maxsize=128)

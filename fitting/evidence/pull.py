@@ -16,7 +16,7 @@ import famjax
 from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 
-ROWS, MANY = 65, 4096
+ROWS = 512
 """Rows that a tape computes at once, of few and of many; fewer are filled up, more computed in parts."""
 
 
@@ -66,10 +66,9 @@ def pull(
     rig = "gives way" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
     parts = []
-    rows = ROWS if len(length) <= ROWS else MANY
-    for start in range(0, len(length), rows):
-        L, P = length[start : start + rows], pressure[start : start + rows]
-        lengths, pressures = (np.pad(values, (0, rows - len(values)), "edge") for values in (L, P))
+    for start in range(0, len(length), ROWS):
+        L, P = length[start : start + ROWS], pressure[start : start + ROWS]
+        lengths, pressures = (np.pad(values, (0, ROWS - len(values)), "edge") for values in (L, P))
         found = _pull(
             as_arrays(mounted), of, spread, np.asarray(length_std), lengths, pressures, rig
         )
