@@ -23,7 +23,7 @@ import enum
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -32,6 +32,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from famjax.compile_options import quick_options
+
+if TYPE_CHECKING:
+    AnyArray = Any  # of JAX or NumPy, which no checker can know
+else:
+    AnyArray = Array | np.ndarray
 
 _REFINEMENTS = 2
 _PARALLEL = 1e-8  # squared sine of the angle to the other rows below which no guess is trusted
@@ -92,21 +97,21 @@ class Optimum(eqx.Module):
         status: a `Status`.
     """
 
-    x: Float[Array | np.ndarray, "*batch n"]
-    multipliers: Float[Array | np.ndarray, "*batch m"]
-    active: Bool[Array | np.ndarray, "*batch m"]
-    objective: Float[Array | np.ndarray, "*batch"]
-    kkt_residual: Float[Array | np.ndarray, "*batch"]
-    duality_gap: Float[Array | np.ndarray, "*batch"]
-    condition: Float[Array | np.ndarray, "*batch"]
-    status: Int[Array | np.ndarray, "*batch"]
+    x: Float[AnyArray, "*batch n"]
+    multipliers: Float[AnyArray, "*batch m"]
+    active: Bool[AnyArray, "*batch m"]
+    objective: Float[AnyArray, "*batch"]
+    kkt_residual: Float[AnyArray, "*batch"]
+    duality_gap: Float[AnyArray, "*batch"]
+    condition: Float[AnyArray, "*batch"]
+    status: Int[AnyArray, "*batch"]
 
 
 def solve_qp(
-    A: Float[Array | np.ndarray, "k n"],
-    b: Float[Array | np.ndarray, " k"],
-    G: Float[Array | np.ndarray, "m n"],
-    h: Float[Array | np.ndarray, " m"],
+    A: Float[AnyArray, "k n"],
+    b: Float[AnyArray, " k"],
+    G: Float[AnyArray, "m n"],
+    h: Float[AnyArray, " m"],
 ) -> Optimum:
     """The certified minimiser of 1/2 |A x - b|^2 subject to G x >= h.
 
@@ -132,14 +137,15 @@ def solve_qp(
             f"A needs at least as many rows as columns, got shape {A.shape}: "
             "give more data points or fewer coefficients"
         )
-    given = tuple(jnp.asarray(value) for value in (A, b, G, h))
+    given: Any = tuple(jnp.asarray(value) for value in (A, b, G, h))
     face, condition, status = jax.lax.stop_gradient(_active_face(*given))
     x = jnp.where(status == int(Status.OPTIMAL), _on_face(*given, face), jnp.nan)
     multipliers, active = jnp.zeros_like(given[3]), jnp.zeros(given[3].shape, bool)
     if given[3].size:
         multipliers = multipliers.at[face.rows].add(face.multipliers)
         active = active.at[face.rows].max(face.used)
-    certificate = certificate_of(*jax.lax.stop_gradient((*given, x)), multipliers, face.to_x)
+    A, b, G, h, still = jax.lax.stop_gradient((*given, x))
+    certificate = certificate_of(A, b, G, h, still, multipliers, face.to_x)
     return Optimum(x, multipliers, active, *certificate, condition, status)
 
 
@@ -259,13 +265,13 @@ class NearestPoint(eqx.Module):
         inverse: P above N* of the active rows, shape (2 n, n).
     """
 
-    y: Float[Array | np.ndarray, "*batch n"]
-    multipliers: Float[Array | np.ndarray, "*batch n"]
-    rows: Int[Array | np.ndarray, "*batch n"]
-    used: Bool[Array | np.ndarray, "*batch n"]
-    steps: Int[Array | np.ndarray, "*batch"]
-    status: Int[Array | np.ndarray, "*batch"]
-    inverse: Float[Array | np.ndarray, "*batch rows n"]
+    y: Float[AnyArray, "*batch n"]
+    multipliers: Float[AnyArray, "*batch n"]
+    rows: Int[AnyArray, "*batch n"]
+    used: Bool[AnyArray, "*batch n"]
+    steps: Int[AnyArray, "*batch"]
+    status: Int[AnyArray, "*batch"]
+    inverse: Float[AnyArray, "*batch rows n"]
 
 
 def nearest_point(
@@ -546,8 +552,8 @@ def _refined_jvp(primals: tuple, tangents: tuple) -> tuple:
 
 
 def cholesky(
-    matrix: Float[Array | np.ndarray, "*batch n n"],
-) -> Float[Array | np.ndarray, "*batch n n"]:
+    matrix: Float[AnyArray, "*batch n n"],
+) -> Float[AnyArray, "*batch n n"]:
     """The lower triangle L with L L^T = matrix; nan where the matrix is not positive definite."""
     xp, n = matrix.__array_namespace__(), matrix.shape[-1]
     if n > _WRITTEN_OUT:
@@ -561,8 +567,8 @@ def cholesky(
 
 
 def inverse_lower(
-    lower: Float[Array | np.ndarray, "*batch n n"],
-) -> Float[Array | np.ndarray, "*batch n n"]:
+    lower: Float[AnyArray, "*batch n n"],
+) -> Float[AnyArray, "*batch n n"]:
     """The inverse of a lower triangle with a diagonal without zeros."""
     xp, n = lower.__array_namespace__(), lower.shape[-1]
     if n > _WRITTEN_OUT:
@@ -575,11 +581,11 @@ def inverse_lower(
 
 
 def inverse_upper(
-    R: Float[Array | np.ndarray, "*batch n n"], size: int
+    R: Float[AnyArray, "*batch n n"], size: int
 ) -> tuple[
-    Float[Array | np.ndarray, "*batch n n"],
-    Float[Array | np.ndarray, "*batch"],
-    Bool[Array | np.ndarray, "*batch"],
+    Float[AnyArray, "*batch n n"],
+    Float[AnyArray, "*batch"],
+    Bool[AnyArray, "*batch"],
 ]:
     """The inverse of an upper triangle, its condition number, and whether it is singular.
 
@@ -604,10 +610,10 @@ def inverse_upper(
 
 
 def nearest_points_of_each(
-    G: Float[Array | np.ndarray, "batch m n"],
-    centre: Float[Array | np.ndarray, "batch n"],
-    J: Float[Array | np.ndarray, "batch n n"],
-    guess: tuple[Int[Array | np.ndarray, "batch n"], Bool[Array | np.ndarray, "batch n"]] | None,
+    G: Float[AnyArray, "batch m n"],
+    centre: Float[AnyArray, "batch n"],
+    J: Float[AnyArray, "batch n n"],
+    guess: tuple[Int[AnyArray, "batch n"], Bool[AnyArray, "batch n"]] | None,
 ) -> NearestPoint:
     """The points of cones G J y >= 0, each its own; of NumPy's arrays by a program for many sizes.
 

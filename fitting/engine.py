@@ -284,10 +284,9 @@ class Batch:
         if self._side.any():
             keep = self._settled(members, parameters, linear, slopes)
         found = self._project(members, parameters, linear, slopes, keep)
-        return Chunk(
-            [self.problems[k] for k in members], self.layout, parameters,
-            *jax.tree.map(np.asarray, (linear, found)), reached, about, keep,
-        )  # fmt: skip
+        linear, found = jax.tree.map(np.asarray, (linear, found))
+        problems = [self.problems[k] for k in members]
+        return Chunk(problems, self.layout, parameters, linear, found, reached, about, keep)
 
     @property
     def residuals(self) -> int:
@@ -373,7 +372,7 @@ class Batch:
         side, weight = self._side, self._weight[members]
         force, columns = (np.asarray(leaf) for leaf in linear[:2])
         A, b = weight[..., None] * columns, weight * (self._force[members] - force)
-        keep = np.broadcast_to(side == 0, b.shape).copy()
+        keep = np.broadcast_to(1.0 * (side == 0), b.shape)
         x: np.ndarray | None = None
         settled = np.zeros(len(b), bool)
         for _ in range(_ROUNDS):
@@ -381,13 +380,13 @@ class Batch:
             target = np.asarray(found.optimum.x)
             excess = side * ((A @ target[:, :, None])[:, :, 0] - b)
             size = _ROUNDING * np.abs(excess).max(axis=1, keepdims=True)
-            settled = (side == 0) | ((excess > 0) == keep) | ~(np.abs(excess) > size)
+            settled = (side == 0) | ((excess > 0) == (keep > 0)) | ~(np.abs(excess) > size)
             settled = settled.all(axis=1) | ~np.isfinite(target).all(axis=1)
             if settled.all():
                 break
             x = target if x is None else _lowest(side, A, b, found, x, target)
             pulls = side * ((A @ x[:, :, None])[:, :, 0] - b) > 0
-            keep = np.where(settled[:, None] | (side == 0), keep, pulls)
+            keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
         # One that does not settle has no fit.
         return np.where(settled[:, None], keep, np.nan)
 

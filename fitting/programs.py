@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from famjax.compile_options import bulk_options, quick_options
 
-from .convex import Optimum, bucket, solve_qp
+from .convex import AnyArray, Optimum, bucket, solve_qp
 from .problem import Part, Problem
 from .response import Constraint, Linear, MapInputs, Report, linear_response, report
 
@@ -49,8 +49,8 @@ class Group(eqx.Module):
     """
 
     arrays: tuple[Any, ...]
-    to_p: Float[Array | np.ndarray, "parts q parameters"]
-    to_x: Float[Array | np.ndarray, "parts n coefficients"]
+    to_p: Float[AnyArray, "parts q parameters"]
+    to_x: Float[AnyArray, "parts n coefficients"]
     alone: bool = eqx.field(static=True)
 
 
@@ -187,7 +187,7 @@ def linear_of(
         first = here.stop
         one = functools.partial(_of_part, form, constraint, group.alone, p, x0)
         own = tuple(v[here].reshape(parts, -1) for v in readings)
-        each = group.arrays, group.to_p, group.to_x, own
+        each: Any = group.arrays, group.to_p, group.to_x, own
         if parts == 1:
             found = jax.tree.map(lambda leaf: leaf[None], one(*jax.tree.map(lambda v: v[0], each)))
         else:
@@ -288,14 +288,14 @@ class Weighing(NamedTuple):
         ridge: see `Problem`.
     """
 
-    force: Float[Array, " readings"]
-    weight: Float[Array, " readings"]
-    low: Float[Array, " coefficients"]
-    high: Float[Array, " coefficients"]
-    rows: Float[Array, "others coefficients"]
-    targets: Float[Array, " others"]
-    d_targets: Float[Array, "parameters others"]
-    ridge: Float[Array, ""]
+    force: Float[AnyArray, " readings"]
+    weight: Float[AnyArray, " readings"]
+    low: Float[AnyArray, " coefficients"]
+    high: Float[AnyArray, " coefficients"]
+    rows: Float[AnyArray, "others coefficients"]
+    targets: Float[AnyArray, " others"]
+    d_targets: Float[AnyArray, "parameters others"]
+    ridge: Float[AnyArray, ""]
 
 
 def programme(linear: Linear, of: Weighing) -> tuple[Array, Array, Array, Array]:
@@ -314,12 +314,12 @@ class Projected(NamedTuple):
     """The convex fit at given parameters, and its residual A x - b with the derivative in these."""
 
     optimum: Optimum
-    residual: Float[Array, " rows"]
-    jacobian: Float[Array, "parameters rows"]
-    A: Float[Array, "rows coefficients"]
-    b: Float[Array, " rows"]
-    G: Float[Array, "m coefficients"]
-    h: Float[Array, " m"]
+    residual: Float[AnyArray, " rows"]
+    jacobian: Float[AnyArray, "parameters rows"]
+    A: Float[AnyArray, "rows coefficients"]
+    b: Float[AnyArray, " rows"]
+    G: Float[AnyArray, "m coefficients"]
+    h: Float[AnyArray, " m"]
 
 
 def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
@@ -341,7 +341,8 @@ def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
 def projected_program() -> Any:
     """The compiled convex fit with its Jacobian, for several at once; all structures share it."""
     options = bulk_options()
-    shared = Weighing(*(0,) * 4, None, 0, None, None)
+    axes: Any = (*(0,) * 4, None, 0, None, None)  # of rows, slopes and ridge there is one for all
+    shared = Weighing(*axes)
     return jax.jit(jax.vmap(projected, in_axes=(0, 0, shared)), compiler_options=options)
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .convex import solve_qp
+from .convex import AnyArray, solve_qp
 from .engine import Point
 from .problem import Problem
 from .response import (
@@ -30,7 +30,7 @@ class _Part(eqx.Module):
 
     family: AbstractFamily
     inputs: MapInputs
-    weight: Float[Array | np.ndarray, " points"]
+    weight: Float[AnyArray, " points"]
     at: Int[np.ndarray, " q"]
     coefficients: Int[np.ndarray, " n"]
 
@@ -62,15 +62,15 @@ class PureProblem(eqx.Module):
     """
 
     parts: tuple[_Part, ...]
-    low: Float[Array | np.ndarray, " q"]
-    high: Float[Array | np.ndarray, " q"]
+    low: Float[AnyArray, " q"]
+    high: Float[AnyArray, " q"]
     free: tuple[int, ...] = eqx.field(static=True)
-    limits: tuple[Float[Array | np.ndarray, "m n"], Float[Array | np.ndarray, " m"]]
-    prior_rows: tuple[Float[Array | np.ndarray, "k n"], Float[Array | np.ndarray, " k"]]
+    limits: tuple[Float[AnyArray, "m n"], Float[AnyArray, " m"]]
+    prior_rows: tuple[Float[AnyArray, "k n"], Float[AnyArray, " k"]]
     priors: tuple[
-        Int[Array | np.ndarray, " r"],
-        Float[Array | np.ndarray, " r"],
-        Float[Array | np.ndarray, " r"],
+        Int[AnyArray, " r"],
+        Float[AnyArray, " r"],
+        Float[AnyArray, " r"],
     ]
     constraint: Constraint = eqx.field(static=True)
     compliant: bool = eqx.field(static=True)

@@ -21,6 +21,8 @@ from jaxtyping import Array, Float, Int
 
 import famjax
 
+from .convex import AnyArray
+
 Values = Mapping[str, Any]
 """Numbers [SI] by name."""
 
@@ -49,11 +51,6 @@ class AbstractFamily(eqx.Module):
     @abc.abstractmethod
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """Active length L0 [m] at which every actuation path starts."""
-
-    @property
-    def identity(self) -> Any:
-        """What the models follow from, besides the numbers in arrays: by it tapes are kept."""
-        return self
 
     @property
     def derived_names(self) -> tuple[str, ...]:
@@ -88,13 +85,13 @@ class MapInputs(eqx.Module):
         stations: parts of the path in [0, 1], shape (paths, stations).
     """
 
-    length: Float[Array | np.ndarray, " points"]
-    pressure: Float[Array | np.ndarray, " points"]
-    force: Float[Array | np.ndarray, " points"]
-    length_index: Int[Array | np.ndarray, " points"]
-    path_pressure: Float[Array | np.ndarray, " paths"]
-    path_end: Float[Array | np.ndarray, " paths"]
-    stations: Float[Array | np.ndarray, "paths stations"]
+    length: Float[AnyArray, " points"]
+    pressure: Float[AnyArray, " points"]
+    force: Float[AnyArray, " points"]
+    length_index: Int[AnyArray, " points"]
+    path_pressure: Float[AnyArray, " paths"]
+    path_end: Float[AnyArray, " paths"]
+    stations: Float[AnyArray, "paths stations"]
 
 
 class Linear(NamedTuple):
@@ -107,10 +104,10 @@ class Linear(NamedTuple):
         rows: their derivative in the coefficients, shape (rows, n).
     """
 
-    force: Float[Array, " points"]
-    columns: Float[Array, "points n"]
-    values: Float[Array, " rows"]
-    rows: Float[Array, "rows n"]
+    force: Float[AnyArray, " points"]
+    columns: Float[AnyArray, "points n"]
+    values: Float[AnyArray, " rows"]
+    rows: Float[AnyArray, "rows n"]
 
 
 class Report(NamedTuple):
@@ -128,24 +125,24 @@ class Report(NamedTuple):
         path_end: where each path ends [m], shape (paths,).
     """
 
-    numbers: Float[Array, " l"]
-    d_numbers: Float[Array, "l unknowns"]
-    derived: Float[Array, " d"]
-    d_derived: Float[Array, "d q"]
-    path_modulus: Float[Array, "paths stations"]
-    slope: Float[Array, "paths stations"]
-    largest_strain: Float[Array, " paths"]
-    rest: Float[Array, ""]
-    path_end: Float[Array, " paths"]
+    numbers: Float[AnyArray, " l"]
+    d_numbers: Float[AnyArray, "l unknowns"]
+    derived: Float[AnyArray, " d"]
+    d_derived: Float[AnyArray, "d q"]
+    path_modulus: Float[AnyArray, "paths stations"]
+    slope: Float[AnyArray, "paths stations"]
+    largest_strain: Float[AnyArray, " paths"]
+    rest: Float[AnyArray, ""]
+    path_end: Float[AnyArray, " paths"]
 
 
 def linear_response(
     family: AbstractFamily,
     constraint: Constraint,
     at: MapInputs,
-    p: Float[Array, " q"],
-    x0: Float[Array, " n"],
-    reached: Float[Array, " points"],
+    p: Float[AnyArray, " q"],
+    x0: Float[AnyArray, " n"],
+    reached: Float[AnyArray, " points"],
 ) -> Linear:
     """The linear model about (p, x0).
 
@@ -182,9 +179,9 @@ def linear_response(
 def report(
     family: AbstractFamily,
     at: MapInputs,
-    p: Float[Array, " q"],
-    x: Float[Array, " n"],
-    reached: Float[Array, " points"],
+    p: Float[AnyArray, " q"],
+    x: Float[AnyArray, " n"],
+    reached: Float[AnyArray, " points"],
 ) -> Report:
     """What is reported of the model of (p, x); arguments as of `linear_response`."""
     placed = _Placed.of(family, at, p, reached)

@@ -1,4 +1,4 @@
-"""The force of an identified muscle with its error band, by one small tape for any question.
+"""The force of an identified muscle with its error band, by one small program for any question.
 
 The linear theory (delta method): the numbers of the muscle vary along directions of one standard
 deviation each, independent of one another, and the force with them; see `muscle_spread`.
@@ -17,7 +17,7 @@ from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 
 ROWS = 512
-"""Rows that a tape computes at once, of few and of many; fewer are filled up, more computed in parts."""
+"""Rows that one call computes; fewer are filled up, more computed in parts."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 import famjax
 from famjax.compile_options import as_arrays, quick_jit
 
+from ..convex import AnyArray
 from ..families.muscle_family import assembled
 from .paths import SAMPLES, PathFunctions
 
@@ -44,7 +45,7 @@ class FixedGeometry(eqx.Module):
 
 @quick_jit
 def _columns(
-    of: FixedGeometry, length: Float[Array, " k"], pressure: Float[Array, " k"]
+    of: FixedGeometry, length: Float[AnyArray, " k"], pressure: Float[AnyArray, " k"]
 ) -> tuple[Float[Array, " k"], Float[Array, "k order"]]:
     """Force [N] without the bladder, and of it per coefficient [N/Pa]."""
     force, column = jax.linearize(
@@ -55,7 +56,7 @@ def _columns(
 
 @quick_jit
 def _along(
-    of: FixedGeometry, pressure: Float[Array, " paths"], length: Float[Array, "paths k"]
+    of: FixedGeometry, pressure: Float[AnyArray, " paths"], length: Float[AnyArray, "paths k"]
 ) -> tuple[Float[Array, "paths k order"], Float[Array, "paths k strains"]]:
     """Modulus [-] of each coefficient at lengths of paths, and axial and hoop strains there."""
     both = famjax.materials.path_strains(of.geometry, length, pressure[:, None])
