@@ -20,7 +20,7 @@ from ..search.checks import check_starts
 from ..search.identification import solve
 from ..search.result import Identification
 from ..search.robust import check_objective
-from ..trace import run_fits
+from ..tasks import run_fits
 from .ladder import MODEL_ERROR, ladder
 from .other_lengths import OtherLengths, accounts, other_lengths
 from .race import Fitted, fitted, left_out_of, posed_of

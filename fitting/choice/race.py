@@ -10,11 +10,12 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData
-from ..engine.descent import End, descend_many
-from ..engine.problem import Problem
+from ..descent import End, descend_many
+from ..engine import solve
 from ..evidence.leave_out import groups_of, leave_out_each
 from ..evidence.left_out import LeftOut
 from ..evidence.refit import force_error
+from ..problem import Problem
 from ..search.multi_start import best_of, latin_hypercube
 from ..search.posing import Posed, pose_one
 from ..search.summary import muscle_at
@@ -94,7 +95,7 @@ def fitted(
     if candidate.rig and _rig_of_the_bounds(problem, end):
         return "The rig of the best fit is rigid, or gives way as much as the bounds allow."
     order = np.argsort([one.cost for one in ends])
-    point = problem.solve(problem.parameters(end.u), "values")
+    point = solve(problem, problem.parameters(end.u))
     return Fitted(
         candidate, posed, np.stack([ends[k].u for k in order]),
         problem.parts[0].mounted(muscle_at(problem, point, 0), point.parameters),

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..data.levels import groups_of_levels
-from ..engine.problem import Problem
+from ..problem import Problem
 from ..search.multi_start import latin_hypercube
 from .left_out import LeftOut
 from .refit import refit

@@ -1,4 +1,4 @@
-"""The force of an identified muscle with its error band, by one small tape for any question.
+"""The force of an identified muscle with its error band, by one small program for any question.
 
 The linear theory (delta method): the numbers of the muscle vary along directions of one standard
 deviation each, independent of one another, and the force with them; see `muscle_spread`.
@@ -13,12 +13,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
+from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 
-from ..trace.in_numpy import in_numpy
-
-ROWS, MANY = 65, 4096
-"""Rows that a tape computes at once, of few and of many; fewer are filled up, more computed in parts."""
+ROWS = 512
+"""Rows that one call computes; fewer are filled up, more computed in parts."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,17 +66,17 @@ def pull(
     rig = "gives way" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
     parts = []
-    rows = ROWS if len(length) <= ROWS else MANY
-    for start in range(0, len(length), rows):
-        L, P = length[start : start + rows], pressure[start : start + rows]
-        lengths, pressures = (np.pad(values, (0, rows - len(values)), "edge") for values in (L, P))
-        found = in_numpy(
-            _pull, mounted, of, spread, np.asarray(length_std), lengths, pressures, rig
+    for start in range(0, len(length), ROWS):
+        L, P = length[start : start + ROWS], pressure[start : start + ROWS]
+        lengths, pressures = (np.pad(values, (0, ROWS - len(values)), "edge") for values in (L, P))
+        found = _pull(
+            as_arrays(mounted), of, spread, np.asarray(length_std), lengths, pressures, rig
         )
         parts.append([values[: len(L)] for values in found])
     return Pull(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
+@quick_jit
 def _pull(
     mounted: famjax.MountedMuscle,
     rest_length: Array | np.ndarray | None,

@@ -13,8 +13,6 @@ from famjax.boundary.errors import InputError
 
 from ..arguments import check_mapping, check_names
 from ..data.force_data import ForceData, check_maps, several_maps
-from ..engine.problem import Problem
-from ..engine.response import Constraint, PressureDependence
 from ..families.geometry_source import (
     AbstractGeometrySource,
     EstimatedSource,
@@ -23,6 +21,8 @@ from ..families.geometry_source import (
 )
 from ..families.laws import Law, LawGiven, law_named
 from ..families.parameters import Entry, Parameter, base_name, complete_table
+from ..problem import Problem
+from ..response import Constraint, PressureDependence
 from .build import own_names, pose
 from .checks import (
     check_affine,
