@@ -98,7 +98,7 @@ def _of_term(term: AbstractForceTerm, at: Dimensions, pressure: Real) -> RealArr
     wanted = jnp.shape(at.length)
     shape = force.shape if isinstance(force, jax.Array | np.ndarray) else np.shape(force)
     alone = not isinstance(force, tuple | list | None)
-    if not alone or len(shape) > len(wanted) or np.broadcast_shapes(shape, wanted) != wanted:
+    if not alone or len(shape) > len(wanted) or jnp.broadcast_shapes(shape, wanted) != wanted:
         came = f"the shape {shape}" if alone else f"a {type(force).__name__}"
         raise ValueError(
             f"force(at, pressure) of {type(term).__name__} must return one force [N] for each state, "
