@@ -38,7 +38,7 @@ def fitted_tube(
         length: of the readings [m], the longest of them that at rest.
         pressure: of the readings [Pa].
         force: of the readings [N], > 0.
-        seed: of what is drawn.
+        seed: seed of the random draws.
     """
     random = np.random.default_rng((seed, 2))
     while True:

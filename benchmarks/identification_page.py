@@ -39,7 +39,7 @@ for a violated row, two refinements of 12 n^2 each, Cholesky and its inverse, 2/
 
 
 def write(folder: Path, lines: list[Any], peak: float) -> list[Path]:
-    """The page `identification.html` in the folder, which is made if need be.
+    """The page `identification.html` in the folder, created if missing.
 
     Args:
         folder: for the page.

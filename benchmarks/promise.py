@@ -71,7 +71,7 @@ class CannotRunError(RuntimeError):
 
 @dataclasses.dataclass(frozen=True)
 class Promise:
-    """One must-show row of an issue.
+    """One acceptance figure with its limit.
 
     Attributes:
         issue: its number.

@@ -1,4 +1,4 @@
-"""Every must-show row of the issues as one line: what holds, and what does not.
+"""Every acceptance figure as one line: what holds, and what does not.
 
     python benchmarks/promises.py [--only PATTERN ...] [--data [NAME=]MAP ...] [--quick | --long]
                                   [--list] [--json FILE] [--reference FILE]

@@ -292,7 +292,9 @@ def line(row: Row) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line for each map, and the figures of each group; 1 where one is silently wrong."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--group", nargs="+", choices=tuple(COUNTS), help="all unless given")
+    parser.add_argument(
+        "--group", nargs="+", choices=tuple(COUNTS), help="groups of maps; all if omitted"
+    )
     parser.add_argument("--count", type=int, help="maps of each group")
     parser.add_argument(
         "--seed", type=int, default=0, help="of the first map; they go on from there"

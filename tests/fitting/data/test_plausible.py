@@ -91,7 +91,14 @@ def outcomes() -> dict[str, str]:
     for slip, (call, _) in SLIPS.items():
         try:
             call()
-        except Exception as error:
+        except (
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            OSError,
+            TypeError,
+            ValueError,
+        ) as error:
             found[slip] = f"{type(error).__name__}: {error}"
     return found
 
