@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
+from dense_truth import Group
 from promise import Case, Promise
 from promises_choice import chosen
 
@@ -10,7 +11,7 @@ import fitting
 _MAPS = "python benchmarks/silent_errors.py --group"
 
 
-def _of_group(group: str, figure: str) -> Callable[[Case], float]:
+def _of_group(group: Group, figure: str) -> Callable[[Case], float]:
     """A figure of `silent_errors.py`, whose maps are examined once for all of them."""
 
     def measure(case: Case) -> float:
@@ -46,7 +47,7 @@ def _rows() -> Iterator[Promise]:
         "hard": "24 such muscles that fit the map of the DMSP-10-250",
         "bundled": "both bundled maps thinned and with noise; the truth is the fit of the whole",
     }
-    limits = (
+    limits: tuple[tuple[Group, str, float, str], ...] = (
         ("own", "silently wrong", 0.0, "at most"),
         ("own", "mean RMSE, %", 0.5, "at most"),
         ("own", "mean half-band, %", 2.2, "at most"),
