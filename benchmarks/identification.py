@@ -29,8 +29,7 @@ from identification_problem import ORDERS, Programme, programmes, shared
 from jaxtyping import Array, Float, Int
 from scipy import sparse
 
-from fitting.convex.active_set import nearest_points
-from fitting.convex.small_dense import cholesky, inverse_lower
+from fitting.convex import cholesky, inverse_lower, nearest_points
 from fitting.sweeps.design import Design
 from fitting.sweeps.fits import Fits, solve, solved
 from fitting.sweeps.forms import CONSTRAINTS, DEPENDENCES, Forms

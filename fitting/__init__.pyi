@@ -16,7 +16,6 @@ from . import (
     search as search,
     shapes as shapes,
     sweeps as sweeps,
-    trace as trace,
     verdict as verdict,
 )
 from .choice.choose import Choice as Choice, choose as choose

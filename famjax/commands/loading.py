@@ -18,7 +18,7 @@ STANDARD_INPUT = "<stdin>"
 
 
 def load_fitting():
-    """The fitting package, with JAX in float64; programs and tapes of fits are kept on disk."""
+    """The fitting package, with JAX in float64; compiled programs are kept on disk."""
     from .. import require
     from .compilation_cache import switch_on
 
@@ -26,10 +26,7 @@ def load_fitting():
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    if folder := switch_on():
-        from fitting.trace.tape_store import keep_tapes
-
-        keep_tapes(Path(folder) / "famjax-tapes")
+    switch_on()
     return fitting
 
 

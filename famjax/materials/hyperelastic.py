@@ -140,6 +140,18 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
         I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
         return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
 
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa], 2 (lambda_i^2 - lambda_r^2) (C10 + lambda_j^2 C01)."""
+        del pressure
+        axial, hoop = (1 + as_real(axial_strain)) ** 2, (1 + as_real(hoop_strain)) ** 2
+        radial = 1 / (axial * hoop)
+        return (
+            2 * (axial - radial) * (self.c10 + hoop * self.c01),
+            2 * (hoop - radial) * (self.c10 + axial * self.c01),
+        )
+
     @property
     def initial_shear_modulus(self) -> RealArray:
         """Shear modulus [Pa] at zero strain, 2 (C10 + C01)."""
@@ -220,6 +232,19 @@ class OgdenMaterial(AbstractHyperelastic):
         a = self.exponents
         powers = axial**a + hoop**a + (axial * hoop) ** -a
         return jnp.sum(self.moduli / a * (powers - 3), axis=-1)
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa], sum over p of mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
+        del pressure
+        axial = (1 + as_real(axial_strain))[..., None] ** self.exponents
+        hoop = (1 + as_real(hoop_strain))[..., None] ** self.exponents
+        radial = 1 / (axial * hoop)
+        return (
+            jnp.sum(self.moduli * (axial - radial), axis=-1),
+            jnp.sum(self.moduli * (hoop - radial), axis=-1),
+        )
 
     @property
     def initial_shear_modulus(self) -> RealArray:

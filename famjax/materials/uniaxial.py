@@ -98,6 +98,13 @@ class SaturatingMaterial(AbstractUniaxialLaw):
         saturating = size + s * jnp.expm1(-size / s)
         return self.final_modulus * eps**2 / 2 + self.saturation_stress * saturating
 
+    def stress(self, strain: Real) -> RealArray:
+        """True stress sigma [Pa] of one direction at engineering strain eps [-]."""
+        eps = as_real(strain)
+        sign = jnp.where(eps >= 0, 1.0, -1.0)
+        rising = -sign * jnp.expm1(-sign * eps / self.strain_scale)
+        return self.final_modulus * eps + self.saturation_stress * rising
+
     @property
     def initial_modulus(self) -> RealArray:
         """Tangent modulus [Pa] at zero strain, E_inf + S/s."""

@@ -1,7 +1,6 @@
 """`choose`: the family that predicts best what it has not seen, beside those that fit the data alike."""
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -9,7 +8,6 @@ from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.tasks import AnyExecutor
 
 from ..data.force_data import ForceData
 from ..evidence.disagreement import disagreement, where_they_differ
@@ -20,7 +18,6 @@ from ..search.checks import check_starts
 from ..search.identification import solve
 from ..search.result import Identification
 from ..search.robust import check_objective
-from ..trace import run_fits
 from .ladder import MODEL_ERROR, ladder
 from .other_lengths import OtherLengths, accounts, other_lengths
 from .race import Fitted, fitted, left_out_of, posed_of
@@ -120,7 +117,6 @@ def choose(
     objective: str = "sum_of_squares",
     starts: int = 16,
     seed: int = 0,
-    executor: AnyExecutor = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Choice:
     """The model of a force map, from a ladder of families, by what each predicts of readings left out.
@@ -141,15 +137,13 @@ def choose(
         objective: of the fit of the chosen family.
         starts: of the fit of the chosen family; others are compared with a few.
         seed: of the starts.
-        executor: what fits and judges the families, each a task: this process, processes or a cluster,
-            see `famjax.boundary.tasks.AnyExecutor`; the choice is the same.
         progress: called with (what is done, steps done, steps).
 
     Returns:
         The choice.
 
     Raises:
-        InputError: what `identify` refuses of the plainest family, or the executor is gone.
+        InputError: what `identify` refuses of the plainest family.
         RuntimeError: float64 is off.
     """
     check_starts(starts)
@@ -163,20 +157,28 @@ def choose(
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
     plainest = posed_of(weighed, candidates[0], constraint, box)  # refused here: it is no muscle
-    steps = 2 * len(candidates) + 1
 
-    def tell(what: str, before: int, names: Sequence[str]) -> Callable[[int, int], None] | None:
-        def told(done: int, total: int) -> None:
-            if progress is not None and done < total:
-                progress(f"{what} {names[done]}", before + done, steps)
+    def tell(what: str) -> Callable[[int, int], None] | None:
+        if progress is None:
+            return None
+        return lambda done, total: progress(what, done, total)
 
-        return told
-
-    names = [one.name for one in candidates]
-    fit = functools.partial(fitted, weighed, constraint, box, min(starts, _COMPARED), seed)
-    outcomes = run_fits(fit, candidates, executor=executor, progress=tell("fitting:", 0, names))
+    elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
+    # Those whose rig is rigid come first: they wait for none that gives way.
+    rigid_first = sorted([*candidates, *elsewhere], key=lambda one: one.rig)
+    outcomes = dict(
+        zip(
+            map(id, rigid_first),
+            fitted(
+                weighed, constraint, box, min(starts, _COMPARED), seed, rigid_first,
+                tell("fitting all families"),
+            ),
+            strict=True,
+        )
+    )  # fmt: skip
     families, refused = [], {}
-    for candidate, one in zip(candidates, outcomes, strict=True):
+    for candidate in candidates:
+        one = outcomes[id(candidate)]
         if isinstance(one, Fitted):
             families.append(one)
         else:
@@ -186,31 +188,30 @@ def choose(
         solve(plainest, plainest.starts(starts, seed), seed=seed)
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
     least = min(one.rmse for one in families)
-    judged = [one for one in families if one.rmse <= _HOPELESS * least]
-    errors = run_fits(
-        functools.partial(left_out_of, seed), judged, executor=executor,
-        progress=tell("held-out error:", len(candidates), [one.candidate.name for one in judged]),
-    )  # fmt: skip
+    judged = sorted(
+        (one for one in families if one.rmse <= _HOPELESS * least),
+        key=lambda one: one.candidate.rig,
+    )
+    errors = left_out_of(judged, seed, tell("leaving readings out"))
     left_out = dict(zip([one.candidate.name for one in judged], errors, strict=True))
     tried = ranked(
         [(one.candidate, one.rmse, left_out.get(one.candidate.name)) for one in families],
         data.max_force,
     )
     order = preferred(tried)
-    if progress is not None:
-        progress(f"identifying: {tried[order[0]].candidate.name}", steps - 1, steps)
 
     def identified(place: int) -> Identification | None:
-        posed = families[place].posed
+        posed, near = families[place].posed, families[place].ends
+        points = np.concatenate([near, posed.starts(starts, seed)])[:starts]
         try:
-            (result,) = solve(posed, posed.starts(starts, seed), objective=objective, seed=seed)
+            (result,) = solve(
+                posed, points, objective=objective, seed=seed,
+                progress=tell(f"identifying: {tried[place].candidate.name}"),
+            )  # fmt: skip
         except InputError:
             return None
         return dataclasses.replace(result, data=data)
 
-    elsewhere = run_fits(
-        fit, accounts(candidates, data, {*(bounds or {}), *(parameters or {})}), executor=executor
-    )
     place, chosen = _first_converged(tried, order, identified)
     if chosen is None:
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
@@ -232,7 +233,8 @@ def choose(
         alike=alike,
         error=error,
         other_lengths=other_lengths(
-            [one for one in elsewhere if isinstance(one, Fitted)], data.max_force
+            [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
+            data.max_force,
         ),
         open_question=where_they_differ(data, chosen.mounted, alike.values()),
     )

@@ -8,6 +8,7 @@ way by a power of the force; either does, and with both a map of one muscle tell
 """
 
 import dataclasses
+import functools
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -193,8 +194,15 @@ def law_of(law: LawGiven) -> Law:
     Raises:
         InputError: no such law, or nothing that can be identified by what is given.
     """
+    if isinstance(law, str) and law in LAWS:
+        return _of_the_ladder(law)
     options = options_of(law)
     return law_named(options["law"], options.get("order"))
+
+
+@functools.cache
+def _of_the_ladder(law: str) -> Law:
+    return law_named(**{"order": None, **LAWS[law]})
 
 
 def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:

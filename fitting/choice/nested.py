@@ -15,7 +15,7 @@ from famjax.boundary.tasks import AnyExecutor, Store
 from ..data.force_data import ForceData
 from ..data.levels import groups_of_levels
 from ..evidence.left_out import LeftOut, levels_of_groups
-from ..trace import run_fits
+from ..tasks import run_fits
 from .choose import Choice, choose
 
 _STARTS = 4

@@ -1,7 +1,8 @@
 """Families of a map, each fitted to all of it and judged by what it predicts of readings left out."""
 
 import dataclasses
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -10,11 +11,12 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData
-from ..engine.descent import End, descend_many
-from ..engine.problem import Problem
+from ..descent import End, descend_many
 from ..evidence.leave_out import groups_of, leave_out_each
 from ..evidence.left_out import LeftOut
 from ..evidence.refit import force_error
+from ..families.shared_program import sharing_one_program
+from ..problem import Problem
 from ..search.multi_start import best_of, latin_hypercube
 from ..search.posing import Posed, pose_one
 from ..search.summary import muscle_at
@@ -33,7 +35,7 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str, box: str) -
     """
     return pose_one(
         data, constraint=constraint, box=box, bounds=candidate.bounds,
-        parameters=candidate.parameters, **candidate.options,
+        parameters=candidate.parameters, program=sharing_one_program, **candidate.options,
     )  # fmt: skip
 
 
@@ -43,16 +45,27 @@ def descended(problem: Problem, starts: int, seed: int) -> End:
     Raises:
         InputError: no start ends at a force for every reading.
     """
-    return best_of(_descents(problem, starts, seed))
+    return best_of(_descents([problem], starts, seed))
 
 
-def _descents(problem: Problem, starts: int, seed: int) -> list[End]:
-    cube = latin_hypercube(len(problem.free), starts, seed)
-    return list(
-        descend_many(
-            [problem] * starts, list(cube),
-            max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE,
-        )
+def _descents(
+    problems: Sequence[Problem],
+    starts: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[End]:
+    """The ends of a few descents of each problem, one problem after another."""
+    counter = itertools.count(1)
+
+    def ended(_: int) -> None:
+        if progress is not None:
+            progress(next(counter), starts * len(problems))
+
+    cubes = [latin_hypercube(len(problem.free), starts, seed) for problem in problems]
+    return descend_many(
+        [problem for problem in problems for _ in range(starts)],
+        [start for cube in cubes for start in cube],
+        max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=ended,
     )  # fmt: skip
 
 
@@ -81,12 +94,44 @@ class Fitted:
 
 
 def fitted(
-    data: ForceData, constraint: str, box: str, starts: int, seed: int, candidate: Candidate
-) -> Fitted | str:
-    """A family fitted to all readings; in words why the map cannot carry it, where it cannot."""
+    data: ForceData,
+    constraint: str,
+    box: str,
+    starts: int,
+    seed: int,
+    candidates: Sequence[Candidate],
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Fitted | str]:
+    """Families fitted to all readings, all in step; in words why the map cannot carry one, where it cannot.
+
+    Args:
+        data: the map.
+        constraint: on the coefficients.
+        box: of the standard bounds.
+        starts: of each.
+        seed: of the starts.
+        candidates: the families.
+        progress: called with (descents done, descents).
+    """
+    posed: list[Posed | str] = []
+    for one in candidates:
+        try:
+            posed.append(posed_of(data, one, constraint, box))
+        except InputError as error:
+            posed.append(str(error))
+    problems = [one.problem for one in posed if isinstance(one, Posed)]
+    ends = iter(_descents(problems, starts, seed, progress))
+    return [
+        one
+        if isinstance(one, str)
+        else _fitted(candidate, one, [next(ends) for _ in range(starts)])
+        for candidate, one in zip(candidates, posed, strict=True)
+    ]
+
+
+def _fitted(candidate: Candidate, posed: Posed, ends: list[End]) -> Fitted | str:
+    """A family of the ends of its descents."""
     try:
-        posed = posed_of(data, candidate, constraint, box)
-        ends = _descents(posed.problem, starts, seed)
         end = best_of(ends)
     except InputError as error:
         return str(error)
@@ -94,31 +139,39 @@ def fitted(
     if candidate.rig and _rig_of_the_bounds(problem, end):
         return "The rig of the best fit is rigid, or gives way as much as the bounds allow."
     order = np.argsort([one.cost for one in ends])
-    point = problem.solve(problem.parameters(end.u), "values")
-    if not np.isfinite(point.x).all():
-        return "The rig of the best fit gives way so much that it has no force at some of the readings."
     return Fitted(
         candidate, posed, np.stack([ends[k].u for k in order]),
-        problem.parts[0].mounted(muscle_at(problem, point, 0), point.parameters),
+        problem.parts[0].mounted(muscle_at(problem, end.point, 0), end.point.parameters),
         force_error(problem, end)[problem.side == 0],
     )  # fmt: skip
 
 
-def left_out_of(seed: int, family: Fitted) -> dict[str, LeftOut] | None:
-    """Errors of a family without each length and without groups of neighbouring pressures.
+def left_out_of(
+    families: Sequence[Fitted], seed: int, progress: Callable[[int, int], None] | None = None
+) -> list[dict[str, LeftOut] | None]:
+    """Errors of families without each length and without groups of neighbouring pressures.
 
-    None where it has no force at some of what was left out, and of a rig that gives way on a map of too
-    few lengths to leave one out: nothing else tells it from a soft bladder.
+    None of one that has no force at some of what was left out, and of a rig that gives way on a map of
+    too few lengths to leave one out: nothing else tells it from a soft bladder.
     """
-    problem = family.posed.problem
-    if family.candidate.rig and "length" not in _kinds(problem):
-        return None
+    told = [
+        one for one in families
+        if not one.candidate.rig or "length" in _kinds(one.posed.problem)
+    ]  # fmt: skip
+    if not told:
+        return [None] * len(families)
+    problem = told[0].posed.problem
     # Without some pressures the optimum stays where it was; without a length it may not.
     kinds = {
         kind: (groups_of(problem, kind), 1 if kind == "pressure" else 2) for kind in _kinds(problem)
     }
-    (found,) = leave_out_each([(problem, family.ends[0])], kinds, seed=seed)
-    return found if all(np.isfinite(one.error).all() for one in found.values()) else None
+    fits = [(one.posed.problem, one.ends[0]) for one in told]
+    errors = leave_out_each(fits, kinds, seed=seed, progress=progress)
+    found = {
+        id(one): of if all(np.isfinite(part.error).all() for part in of.values()) else None
+        for one, of in zip(told, errors, strict=True)
+    }
+    return [found.get(id(one)) for one in families]
 
 
 def _kinds(problem: Problem) -> Sequence[str]:

@@ -34,7 +34,7 @@ from ..search.identification import solve
 from ..search.own_parts import fingerprint
 from ..search.posing import Geometry, Posed, pose_together
 from ..search.result import Identification
-from ..trace import run_fits
+from ..tasks import run_fits
 from .ladder import Candidate, believed, law_of, numbers_of, options_of
 from .race import descended
 from .ranking import Tried, preferred, ranked

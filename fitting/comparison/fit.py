@@ -16,9 +16,10 @@ from famjax.boundary.errors import InputError
 
 from ..arguments import check_whole
 from ..data.force_data import ForceData
-from ..engine.descent import End, descend_many
-from ..engine.problem import Part, Point, Problem
-from ..engine.response import MapInputs
+from ..descent import End, descend_many
+from ..engine import Point, predict
+from ..problem import Part, Problem
+from ..response import MapInputs
 from ..search.checks import check_affine
 from ..search.multi_start import latin_hypercube
 from .cross_validation import CrossValidation, check_groups, held_out_errors
@@ -78,8 +79,7 @@ class _Fit(NamedTuple):
     @property
     def predicted(self) -> Float[np.ndarray, " points"]:
         """Force [N] at the loaded readings, whatever their weights."""
-        (model,) = self.end.point.linear
-        return model.force + model.columns @ self.end.point.x
+        return self.end.point.force
 
 
 def fit_peer(
@@ -307,9 +307,10 @@ def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
     names, linear = (tuple(p.name for p in of) for of in (family.nonlinear, family.linear))
     low, high = (np.array([getattr(p, end) for p in family.nonlinear]) for end in ("low", "high"))
     levels = {kind: data.levels(kind)[at] for kind in ("pressure", "length")}
-    part = Part.of(
+    part = Part(
         data.specimen.name, FamilyOfPeer(names, linear, family.build, family.origin), inputs,
-        data.force[at], weight, range(len(names)), range(len(linear)), levels, "none",
+        data.force[at], weight, np.arange(len(names)), np.arange(len(linear)), levels,
+        np.zeros(at.sum(), int),
     )  # fmt: skip
     problem = Problem(
         parts=(part,),
@@ -328,8 +329,9 @@ def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
 
 def forces_of(family: PeerFamily, data: ForceData) -> Float[np.ndarray, " points"]:
     """Force [N] at the loaded readings of a map, of a model in which nothing is free."""
-    (part,) = posed_peer(family, data).parts
-    return part.predict(np.zeros(0), np.zeros(0), part.inputs.length, part.inputs.pressure)
+    problem = posed_peer(family, data)
+    inputs = problem.parts[0].inputs
+    return predict(problem, 0, np.zeros(0), np.zeros(0), inputs.length, inputs.pressure)
 
 
 def _fitted(problems: Sequence[Problem], starts: Float[np.ndarray, "fits p"]) -> list[_Fit]:
@@ -346,11 +348,8 @@ def _linear_fit(end: End) -> _Fit:
     size = np.linalg.norm(A, axis=0)
     size[size == 0] = 1.0
     found, _, rank, _ = np.linalg.lstsq(A / size, b)
-    point = dataclasses.replace(
-        end.point,
-        optimum=dataclasses.replace(end.point.optimum, x=found / size),
-        residual=A @ (found / size) - b,
-    )
+    x = found / size
+    point = dataclasses.replace(end.point, x=x, residual=A @ x - b)
     return _Fit(dataclasses.replace(end, point=point, converged=True), bool(rank == A.shape[1]))
 
 

@@ -10,12 +10,11 @@ from jaxtyping import Array, Float
 import famjax
 from famjax import peers
 from famjax.boundary.errors import InputError
+from famjax.compile_options import quick_jit
 
 from ..data.force_data import ForceData
-from ..engine.family import AbstractFamily, Values
-from ..engine.program import Program
-from ..engine.response import MapInputs
 from ..families.geometry_source import EstimatedSource
+from ..response import AbstractFamily, MapInputs, Values, linear_response
 from .cross_validation import Predictor
 
 ORDER = 4
@@ -124,6 +123,6 @@ def _parts(
     lengths, where = np.unique(length, return_inverse=True)
     none, nothing = np.zeros(lengths.size), np.zeros(1)
     at = MapInputs(lengths, none + 1, none, none.astype(int), nothing, nothing, np.zeros((1, 0)))
-    program = Program(family, "none", at)
-    found, _, _ = program(np.zeros(0), np.zeros(ORDER), none, "force", "columns")
+    response = quick_jit(linear_response)
+    found = response(family, "none", at, np.zeros(0), np.zeros(ORDER), none)
     return np.asarray(found.force)[where], np.asarray(found.columns)[where]

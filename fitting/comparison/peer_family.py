@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,8 +13,8 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData, Specimen
-from ..engine.family import AbstractFamily
 from ..families.geometry_source import EstimatedSource
+from ..response import AbstractFamily
 
 _MARGIN = 1.002  # at least, of thread length over the longest reading
 
@@ -138,11 +138,6 @@ class FamilyOfPeer(AbstractFamily):
     linear: tuple[str, ...] = eqx.field(static=True)
     make: Callable[[Values], Model] = eqx.field(static=True)
     origin: "tuple[str, PeerContext] | None" = eqx.field(static=True)
-
-    @property
-    def identity(self) -> Any:
-        """Where the registry has it from, or the function that makes it."""
-        return (self.nonlinear, self.linear, self.origin or self.make)
 
     def build(self, values: Values) -> Model:
         """The model of these values."""

@@ -9,7 +9,7 @@ import famjax
 from famjax.boundary.sentence import Quantity, Sentence
 
 from ..data.force_data import ForceData
-from .pull import pull
+from .pull import force_of
 
 TELLING = 0.03
 """Of the largest force: a disagreement of so much is worth a reading that settles it."""
@@ -33,7 +33,7 @@ def disagreement(
     if not alike:
         return np.zeros_like(force)
     # A muscle that has no force at a state says nothing of it.
-    others = np.stack([pull(one, None, length, pressure).force for one in alike])
+    others = np.stack([force_of(one, length, pressure) for one in alike])
     squares = np.where(np.isfinite(others), (others - force) ** 2, 0.0)
     return np.sqrt(squares.sum(axis=0) / np.maximum(np.isfinite(others).sum(axis=0), 1))
 
@@ -59,7 +59,7 @@ def where_they_differ(
     between = (lengths[:-1, None] + part * np.diff(lengths)[:, None]).ravel()
     highest = np.array([data.pressure[data.loaded].max()])
     L, P = (one.ravel() for one in np.meshgrid(between, highest, indexing="ij"))
-    force = pull(chosen, None, L, P).force
+    force = force_of(chosen, L, P)
     differ = np.where(force > 0, disagreement(force, alike, L, P), 0.0)
     worst = int(np.argmax(differ))
     if not differ[worst] > TELLING * data.max_force:

@@ -1,15 +1,15 @@
 """Levels left out one after another, and what the refits without them predict of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..data.levels import groups_of_levels
-from ..engine.problem import Problem
+from ..problem import Problem
 from ..search.multi_start import latin_hypercube
 from .left_out import LeftOut
-from .refit import refit
+from .refit import best_ends, force_error
 
 GROUPS = 8
 """Of neighbouring levels that say much the same of one another: pressures, and many lengths."""
@@ -26,6 +26,7 @@ def leave_out_each(
     seed: int = 0,
     settled: bool = False,
     least: int = _FEWEST,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[dict[str, LeftOut]]:
     """The errors of several fits on each level of some kinds while it was left out, all refits in step.
 
@@ -37,6 +38,7 @@ def leave_out_each(
         seed: of the other starts.
         settled: whether each refit goes on to its last digit, as where families are all but alike.
         least: levels of a kind that say something of one another.
+        progress: called with (refits done, refits).
 
     Returns:
         The errors of each fit by kind, without those of which there are too few levels, or one specimen.
@@ -57,11 +59,14 @@ def leave_out_each(
                 starts.append(cube)
     if not problems:
         return [{} for _ in fits]
-    residual = refit(problems, starts, **({} if settled else _QUICK)).residual
+    ends = best_ends(problems, starts, progress=progress, **({} if settled else _QUICK))
 
     def errors(problem: Problem, kind: str, group: np.ndarray, first: int) -> LeftOut:
         at = np.flatnonzero(problem.side == 0)
-        of_each = residual[first + group[at], at]
+        left_out = np.stack(
+            [force_error(problems[first + k], ends[first + k]) for k in range(group.max() + 1)]
+        )
+        of_each = left_out[group[at], at]
         return LeftOut(kind, problem.levels(kind)[at], group[at], of_each)
 
     return [

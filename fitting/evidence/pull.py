@@ -1,4 +1,4 @@
-"""The force of an identified muscle with its error band, by one small tape for any question.
+"""The force of an identified muscle with its error band, by one small program for any question.
 
 The linear theory (delta method): the numbers of the muscle vary along directions of one standard
 deviation each, independent of one another, and the force with them; see `muscle_spread`.
@@ -13,12 +13,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
+from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 
-from ..trace.in_numpy import in_numpy
+from ..families.shared_program import in_shared_program
 
-ROWS, MANY = 65, 4096
-"""Rows that a tape computes at once, of few and of many; fewer are filled up, more computed in parts."""
+ROWS = 512
+"""Rows that one call computes; fewer are filled up, more computed in parts."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,17 +68,41 @@ def pull(
     rig = "gives way" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
     parts = []
-    rows = ROWS if len(length) <= ROWS else MANY
-    for start in range(0, len(length), rows):
-        L, P = length[start : start + rows], pressure[start : start + rows]
-        lengths, pressures = (np.pad(values, (0, rows - len(values)), "edge") for values in (L, P))
-        found = in_numpy(
-            _pull, mounted, of, spread, np.asarray(length_std), lengths, pressures, rig
+    for start in range(0, len(length), ROWS):
+        L, P = length[start : start + ROWS], pressure[start : start + ROWS]
+        lengths, pressures = (np.pad(values, (0, ROWS - len(values)), "edge") for values in (L, P))
+        found = _pull(
+            as_arrays(mounted), of, spread, np.asarray(length_std), lengths, pressures, rig
         )
         parts.append([values[: len(L)] for values in found])
     return Pull(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
+def force_of(
+    mounted: famjax.MountedMuscle,
+    length: Float[np.ndarray, " n"],
+    pressure: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """What the rig measures [N] at lengths [m] and pressures [Pa]; nan where there is no force."""
+    whole = in_shared_program(mounted)
+    rigid = whole is mounted and not np.asarray(mounted.compliance).any()
+    count, parts = len(length), []
+    for start in range(0, count, ROWS):
+        L, P = length[start : start + ROWS], pressure[start : start + ROWS]
+        filled = (np.pad(values, (0, ROWS - len(values)), "edge") for values in (L, P))
+        found = _force(as_arrays(mounted.muscle if rigid else whole), *filled)
+        parts.append(np.asarray(found)[: len(L)])
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+@quick_jit
+def _force(
+    muscle: famjax.AbstractMuscle, length: Array | np.ndarray, pressure: Array | np.ndarray
+) -> Array:
+    return muscle.force(length, pressure)
+
+
+@quick_jit
 def _pull(
     mounted: famjax.MountedMuscle,
     rest_length: Array | np.ndarray | None,

@@ -1,13 +1,14 @@
 """The same identification again with other readings or bounds: what validation and uncertainty need."""
 
 import dataclasses
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..engine.descent import ROUNDED, End, descend_many
-from ..engine.problem import Problem
+from ..descent import ROUNDED, End, descend_many
+from ..problem import Problem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,31 +40,8 @@ def refit(
     tolerance: float = 1e-10,
     promise: float = ROUNDED,
 ) -> Refit:
-    """The best ends of descents, one for each problem.
-
-    Args:
-        problems: with other readings, weights or bounds.
-        starts: of each, points of the unit box of its own free parameters.
-        max_steps: of each descent, see `descend_many`; what is only compared need not be an optimum
-            to the last digit.
-        tolerance: likewise.
-        promise: likewise.
-
-    Returns:
-        The refits.
-    """
-    which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
-    tried = descend_many(
-        [problems[k] for k in which.tolist()], [start for points in starts for start in points],
-        max_steps=max_steps, tolerance=tolerance, promise=promise,
-    )  # fmt: skip
-    costs = np.array([end.cost for end in tried])
-    costs[~np.isfinite(costs)] = np.inf
-    first = np.searchsorted(which, np.arange(len(problems)))
-    ends = [
-        tried[int(start) + int(np.argmin(of_one))]
-        for start, of_one in zip(first, np.split(costs, first[1:]), strict=True)
-    ]
+    """The refits of problems that have the same parameters; arguments as of `best_ends`."""
+    ends = best_ends(problems, starts, max_steps=max_steps, tolerance=tolerance, promise=promise)
     return Refit(
         parameters=np.stack([end.point.parameters for end in ends]),
         x=np.stack([end.point.x for end in ends]),
@@ -76,12 +54,46 @@ def refit(
     )
 
 
+def best_ends(
+    problems: Sequence[Problem],
+    starts: Sequence[Float[np.ndarray, "_ _"]],
+    *,
+    max_steps: int = 200,
+    tolerance: float = 1e-10,
+    promise: float = ROUNDED,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[End]:
+    """The best ends of descents, one for each problem.
+
+    Args:
+        problems: with other readings, weights or bounds.
+        starts: of each, points of the unit box of its own free parameters.
+        max_steps: of each descent, see `descend_many`; what is only compared need not be an optimum
+            to the last digit.
+        tolerance: likewise.
+        promise: likewise.
+        progress: called with (descents done, descents).
+    """
+    which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
+    counter = itertools.count(1)
+
+    def ended(_: int) -> None:
+        if progress is not None:
+            progress(next(counter), len(which))
+
+    tried = descend_many(
+        [problems[k] for k in which.tolist()], [start for points in starts for start in points],
+        max_steps=max_steps, tolerance=tolerance, promise=promise, progress=ended,
+    )  # fmt: skip
+    costs = np.array([end.cost for end in tried])
+    costs[~np.isfinite(costs)] = np.inf
+    first = np.searchsorted(which, np.arange(len(problems)))
+    return [
+        tried[int(start) + int(np.argmin(of_one))]
+        for start, of_one in zip(first, np.split(costs, first[1:]), strict=True)
+    ]
+
+
 def force_error(problem: Problem, end: End) -> Float[np.ndarray, " points"]:
     """Model minus reading [N] at every reading, whatever its weight."""
-    x = end.point.x
-    return np.concatenate(
-        [
-            one.force + one.columns @ x[part.coefficients] - part.force
-            for part, one in zip(problem.parts, end.point.linear, strict=True)
-        ]
-    )
+    return end.point.force - problem.force

@@ -13,9 +13,9 @@ from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..arguments import check_whole
-from ..engine.problem import Problem
+from ..problem import Problem
 from ..search.result import Identification, check_identified
-from ..trace import run_fits
+from ..tasks import run_fits
 from .refit import force_error, refit
 from .validation import check_nothing_own
 

@@ -16,14 +16,16 @@ References:
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..covariance import free_root
 from ..data.force_data import ForceData, Specimen
 from ..data.shared_errors import SharedErrors
-from ..engine.covariance import free_root
-from ..engine.problem import Part
+from ..engine import Point, predict, report_of
 from ..errors import InputError
+from ..problem import Part
 from ..search.optimal import held_and_active, joint_derivatives
 from ..search.posing import Geometry, source_of
 from ..search.result import Identification
@@ -130,18 +132,18 @@ def carry(result: Identification, moves: Moves) -> Carried:
             "shared errors are carried through the fit of one specimen, not of several"
         )
     part = problem.parts[result.place]
-    _, jacobian, rows = joint_derivatives(problem, point)
+    _, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, result.end, rows)
     root = free_root(np.concatenate([jacobian, bent]), rows, held).root
     readings = jacobian[: part.force.size]
     slopes = numbers_by_parameters(result)
-    force, numbers = _at(part, point.parameters, point.x, part.force)
+    force, numbers = _at(part, point)
     effects, directions = [], []  # of each source, of each move
     for source, several in moves.items():
         steps, changes = [], []
         for move in several:
             other = _moved(part, result.data, move, source)
-            there, others = _at(other, point.parameters, point.x, other.force)
+            there, others = _at(other, point)
             step = -root @ (root.T @ (readings.T @ (part.weight * (there - force))))
             steps.append(step)
             changes.append(slopes @ step + others - numbers)
@@ -159,16 +161,14 @@ def carry(result: Identification, moves: Moves) -> Carried:
     )
 
 
-def _at(
-    part: Part, parameters: np.ndarray, x: np.ndarray, force: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _at(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray]:
     """Residual [N], not weighted, and the muscle's numbers, the rig's last."""
-    own, inputs = parameters[part.at], part.inputs
-    searched = own[: len(part.family.nonlinear)]
-    predicted = part.predict(searched, x[part.coefficients], inputs.length, inputs.pressure)
-    numbers = part.program(own, x[part.coefficients], predicted, "numbers")[0].numbers
-    rig = parameters[list(part.rig)] if part.rig else [0.0]
-    return predicted - force, np.append(numbers, rig)
+    problem, inputs = dataclasses.replace(point.problem, parts=(part,)), part.inputs
+    given = point.parameters, point.x
+    predicted = predict(problem, 0, *given, inputs.length, inputs.pressure)
+    numbers = report_of(part, dataclasses.replace(point, reached=predicted), 0).numbers
+    rig = point.parameters[list(part.rig)] if part.rig else [0.0]
+    return predicted - part.force, np.append(numbers, rig)
 
 
 def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
@@ -191,9 +191,8 @@ def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
         part.inputs, length=moved.length[rows], pressure=moved.pressure[rows]
     )
     force = part.force + (moved.force - data.force)[rows] * (part.side == 0)
-    program = part.program.with_family(family, inputs)
-    if program is None:
+    if jax.tree.structure(family) != jax.tree.structure(part.family):
         raise InputError(
             f"the geometry moved by the error of {source} must be of the kind that was fitted"
         )
-    return dataclasses.replace(part, family=family, inputs=inputs, force=force, program=program)
+    return dataclasses.replace(part, family=family, inputs=inputs, force=force)

@@ -8,6 +8,7 @@ root of it: directions of one standard deviation each, independent of one anothe
 import numpy as np
 from jaxtyping import Float
 
+from ..engine import report_of
 from ..search.result import Identification
 from .resampling import Bootstrap
 
@@ -36,15 +37,12 @@ def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers 
     """Derivatives of the mounted muscle's numbers, the rig's last, in parameters and coefficients."""
     problem, point = result.problem, result.end.point
     part, q = problem.parts[result.place], len(problem.names)
-    value, slope, _ = part.program(
-        point.parameters[part.at], point.x[part.coefficients], point.linear[result.place].reached,
-        "numbers", "number_columns", slopes=True,
-    )  # fmt: skip
-    own = value.numbers.size
+    slope = report_of(part, point, result.place).d_numbers
+    own = len(slope)
     # A rigid rig has a compliance too, which does not vary.
     slopes = np.zeros((own + max(len(part.rig), 1), q + point.x.size))
-    np.add.at(slopes[:own].T, part.at, slope.numbers)
-    slopes[:own, q + part.coefficients] = value.number_columns
+    np.add.at(slopes[:own].T, part.at, slope[:, : part.at.size].T)
+    slopes[:own, q + part.coefficients] = slope[:, part.at.size :]
     for place, of_rig in enumerate(part.rig, own):
         slopes[place, of_rig] = 1.0
     return slopes

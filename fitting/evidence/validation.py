@@ -12,10 +12,10 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor
 
 from ..arguments import check_whole
-from ..engine.problem import Problem
+from ..problem import Problem
 from ..search.multi_start import latin_hypercube
 from ..search.result import Identification, check_identified
-from ..trace import run_fits
+from ..tasks import run_fits
 from .leave_out import group_of_each
 from .left_out import LeftOut
 from .refit import Refit, refit

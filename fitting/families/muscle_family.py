@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 import famjax
 
 from ..data.force_data import Specimen
-from ..engine.family import AbstractFamily, Values
+from ..response import AbstractFamily, Values
 from .geometry_source import AbstractGeometrySource, EstimatedSource
 from .laws import Law
 

@@ -6,11 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
+from famjax.compile_options import quick_jit
 from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
-from ..convex.arrays import member
-from ..convex.host_qp import solve_host_qps
-from ..convex.status import Status
+from ..convex import Status, solve_qp
 from .branch_pairs import BranchPairs
 from .slip_columns import (
     MODULUS,
@@ -152,15 +151,14 @@ def fit_hysteresis(
     A = np.concatenate([columns, size * np.eye(n)])
     b = np.concatenate([pairs.half_difference, np.zeros(n)])
     G, h = np.eye(n), np.zeros(n)
-    optimum = member(solve_host_qps(A[None], b[None], G[None], h[None]), 0)
-    if optimum.status != Status.OPTIMAL:
+    optimum = quick_jit(solve_qp)(A, b, G, h)
+    if int(optimum.status) != Status.OPTIMAL:
         raise InputError(
             f"the records do not tell {n} elements apart: give a shrinkage, or fewer thresholds "
             "than turning points reach"
         )
-    kkt, gap = optimum.certificate(A, b, G, h)
-    strength = np.maximum(optimum.x, 0.0)
-    strength[optimum.rows] = 0.0  # active: what is left is rounding
+    strength = np.maximum(np.asarray(optimum.x), 0.0)
+    strength[np.asarray(optimum.active)] = 0.0  # active: what is left is rounding
     model = MaxwellSlip(
         SlipElements(wall, strength[: wall.size]),
         SlipElements(braid, strength[wall.size :]),
@@ -171,8 +169,8 @@ def fit_hysteresis(
         centred=CentredSlip(model, _cycle_of(pairs) if cycle is None else cycle),
         pairs=pairs,
         predicted=columns @ strength,
-        kkt_residual=kkt,
-        duality_gap=gap,
+        kkt_residual=float(optimum.kkt_residual),
+        duality_gap=float(optimum.duality_gap),
     )
 
 

@@ -18,8 +18,8 @@ import numpy as np
 from jax.scipy.special import log_ndtr
 from jaxtyping import Array, Bool, Float, Int
 
-from ..convex.small_dense import cholesky, inverse_lower
-from ..engine.batched import Batched
+from ..convex import cholesky, inverse_lower
+from ..pure_problem import PureProblem
 from .box_map import BoxMap
 
 
@@ -70,7 +70,7 @@ class Density(eqx.Module):
         box: of v.
     """
 
-    fit: Batched
+    fit: PureProblem
     force: Float[np.ndarray, " points"]
     side: Int[np.ndarray, " points"]
     layout: Layout
@@ -114,7 +114,7 @@ class Density(eqx.Module):
         return found
 
     def draw(
-        self, whole: Batched, v: Float[Array, " d"], key: Array
+        self, whole: PureProblem, v: Float[Array, " d"], key: Array
     ) -> tuple[Float[Array, " q"], Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
         """One draw of everything: parameters [SI], coefficients, noise, and whether it may be.
 
@@ -141,7 +141,7 @@ class Density(eqx.Module):
         held = jnp.min(G @ x - h, initial=jnp.inf) >= -rounding
         return p, x, sigma, held & jnp.all(jnp.isfinite(x))
 
-    def _posed(self, of: Batched, p: Array) -> tuple[Array, Array, Array, Array]:
+    def _posed(self, of: PureProblem, p: Array) -> tuple[Array, Array, Array, Array]:
         """A, b, G and h about no coefficients, every reading with the weight that it has."""
         force = jnp.asarray(self.force)
         none = jnp.zeros(self.coordinates.centre.shape)
@@ -175,7 +175,7 @@ class Density(eqx.Module):
     def _log_likelihood(self, residual: Array, p: Array, c: Array, sigma: Array) -> Array:
         """Of readings and priors, but for the determinant of the noise."""
         count = self.force.shape[0]
-        if any(part.rig for part in self.fit.parts):
+        if self.fit.compliant:
             x = jnp.asarray(self.coordinates.centre + self.coordinates.scale @ c)
             exact, _ = self.fit.exact(p, x, jnp.asarray(self.force), jnp.asarray(self.force))
             residual = jnp.concatenate([exact[:count] / sigma, residual[count:]])

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..engine.point import Point
-from ..engine.problem import Problem
+from ..engine import Point
+from ..problem import Problem
 
 _PARALLEL = 0.01  # sine of the angle between two faces below which they are one
 _NEAR = 3.0  # standard deviations of a slack within which a constraint cuts off draws
@@ -43,24 +43,20 @@ def faces_of(
         scale: of coefficients that are about a standard normal.
         spread: standard deviations of the slacks of all rows.
     """
-    G, optimum = point.programme[2] @ scale, point.optimum
-    slack = point.programme[2] @ point.x - point.programme[3]
+    G, n = point.G @ scale, len(problem.linear)
+    slack = point.G @ point.x - point.h
     size = np.linalg.norm(G, axis=1)
-    # The last rows are the finite bounds on coefficients, lower ones first.
-    lower, upper = (
-        np.flatnonzero(np.isfinite(ends)) for ends in (problem.lowest, problem.coefficient_max)
-    )
-    n_path = len(G) - lower.size - upper.size
-    equal = np.flatnonzero(problem.coefficient_min == problem.coefficient_max)
-    held = n_path + np.searchsorted(lower, equal)
-    above = n_path + lower.size + np.searchsorted(upper, equal)
+    # The last rows are the bounds on coefficients, lower ones first.
+    n_path = len(G) - 2 * n
+    held = n_path + np.flatnonzero(problem.coefficient_min == problem.coefficient_max)
+    above = held + n
     both = {*held.tolist(), *above.tolist()}
     directions = [G[row] / size[row] for row in held]
     chosen = []
-    push = np.asarray(optimum.multipliers) * size[optimum.rows]
+    push = point.multipliers * size[point.rows]
     away = np.where(spread > 0, slack / np.where(spread > 0, spread, 1.0), np.inf)
     nearest = np.argsort(away, kind="stable")
-    order = [*np.asarray(optimum.rows, int)[np.argsort(-push, kind="stable")].tolist(),
+    order = [*point.rows[np.argsort(-push, kind="stable")].tolist(),
              *nearest[away[nearest] < _NEAR].tolist()]  # fmt: skip
     for row in order:
         if row in both or not size[row] > 0 or len(directions) == len(scale):

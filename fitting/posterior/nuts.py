@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from famjax.boundary.errors import InputError
 from famjax.compile_options import quick_jit
 
-from ..engine.batched import Batched
+from ..pure_problem import PureProblem
 from .density import Density
 
 _DISPERSED = 1.5  # standard deviations of the starts, in which the posterior has about one
@@ -95,7 +95,7 @@ def tuned_chains(density: Density, keys: Array, warmup: int) -> Chains:
 
 @quick_jit
 def drawn(
-    density: Density, whole: Batched, chains: Chains, keys: Array, draws: int
+    density: Density, whole: PureProblem, chains: Chains, keys: Array, draws: int
 ) -> tuple[Chains, Drawn]:
     """The next draws of each of tuned chains, with the coefficients and all else that follows.
 

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
-from ..engine.batched import Batched
-from ..engine.descent import descend_many
+from ..descent import descend_many
+from ..pure_problem import PureProblem
 from ..search.optimal import joint_derivatives
 from ..search.result import Identification
 from .box_map import BoxMap
@@ -26,7 +26,7 @@ _INSIDE = 1e-3  # of the interval of the noise: the optimum is no nearer to its 
 _FAR = 1e4  # standard deviations: an end of a box that is none
 
 
-def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
+def density_of(result: Identification, noise: Noise) -> tuple[Density, PureProblem]:
     """The density of the posterior, and the problem with its whole constraint.
 
     Args:
@@ -39,7 +39,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
     problem, point = result.problem, result.end.point
     free, q, count = problem.free, len(problem.names), problem.force.size
     p = free.size
-    _, jacobian, slopes = joint_derivatives(problem, point)
+    _, jacobian, slopes = joint_derivatives(point)
     unknown, sigma, freedom = isinstance(noise, tuple), _scatter(result, noise), _freedom(result)
     rows = np.full(point.residual.size, 1 / problem.noise)
     rows[:count] = 1 / sigma
@@ -57,7 +57,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
     faces = faces_of(problem, point, scale, spread)
     slope, slack = (
         slope[faces.rows],
-        (point.programme[2] @ point.x - point.programme[3])[faces.rows],
+        (point.G @ point.x - point.h)[faces.rows],
     )
     size = np.linalg.norm(slope[:, p:], axis=1)
     slope, slack = slope / size[:, None], slack / size
@@ -89,7 +89,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
         raise InputError("nothing of the posterior is left to sample: every parameter is held")
     box = BoxMap.of(low, high, mean, spread)
     density = Density(
-        fit=Batched.of(at_faces(problem, faces)),
+        fit=PureProblem.of(at_faces(problem, faces)),
         force=problem.force,
         side=problem.side,
         layout=Layout(p, unknown, faces.slacks, faces.held, joint),
@@ -98,7 +98,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, Batched]:
         prior_noise=np.asarray(problem.noise),
         box=_along_ridge(result, box, sigma, others @ np.linalg.inv(scale)),
     )
-    return density, Batched.of(problem)
+    return density, PureProblem.of(problem)
 
 
 def _along_ridge(

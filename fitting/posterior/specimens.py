@@ -9,7 +9,7 @@ from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..search.result import Identification
-from ..trace import run_fits
+from ..tasks import run_fits
 from .nuts import load_blackjax
 from .result import Posterior
 from .sampling import sample

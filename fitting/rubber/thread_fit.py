@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from famjax.boundary.errors import InputError
 from famjax.braids import AbstractThread, LinearThread, ToeThread
 
-from ..engine.covariance import covariance
+from ..covariance import covariance
 
 LAWS = ("linear", "toe")
 """Thread laws that can be fitted."""

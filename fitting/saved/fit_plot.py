@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 
 import famjax
 from famjax.boundary.units import factor, unit_system
+from famjax.compile_options import as_arrays, quick_jit
 
 from ..search.result import Identification, check_identified
-from ..trace.in_numpy import in_numpy
 
 _COLOURS = mpl.colormaps["viridis"]
 _BEYOND = 1.25  # the law is drawn to this multiple of the strain range
@@ -183,7 +183,7 @@ def _laws(result: Identification, strain: np.ndarray) -> list[tuple[str | None, 
     pressures = (
         np.zeros(1) if nodes is None else nodes[sorted({0, len(nodes) // 2, len(nodes) - 1})]
     )
-    (stresses,) = in_numpy(law_stress, material, strain, pressures[:, None])
+    stresses = np.asarray(quick_jit(law_stress)(as_arrays(material), strain, pressures[:, None]))
     if nodes is not None:
         labels = [f"at {pressure / 1e3:.4g} kPa" for pressure in pressures]
     else:

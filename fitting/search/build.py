@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import numpy as np
 
 import famjax
 
 from ..data.force_data import ForceData
-from ..engine.problem import Part, Prior, Problem
-from ..engine.response import STATIONS, Constraint, MapInputs
 from ..families.geometry_source import AbstractGeometrySource
 from ..families.laws import Law
 from ..families.muscle_family import MuscleFamily
 from ..families.parameters import Entry, base_name, names_of
+from ..problem import Part, Prior, Problem
+from ..response import STATIONS, Constraint, MapInputs
 
 EXCHANGES = 8
 """Spare stations, filled with the points between the others where the constraint is violated."""
@@ -56,10 +57,12 @@ def pose(
     parts, order = [], len(linear)
     for k, (one, source) in enumerate(zip(data, sources, strict=True)):
         first = k * order if own_law else 0
-        parts.append(
-            _part(one, source, law, terms, names, dependence, first, constraint, censored=censored)
-        )
-    nodes = (len(data) if own_law else 1) if dependence == "fixed" else parts[0].family.n_nodes
+        parts.append(_part(one, source, law, terms, names, dependence, first, censored=censored))
+    nodes = (
+        (len(data) if own_law else 1)
+        if dependence == "fixed"
+        else cast(MuscleFamily, parts[0].family).n_nodes
+    )
     low, high = (np.array(ends) for ends in zip(*(_interval(table[n]) for n in names), strict=True))
     return Problem(
         parts=tuple(parts),
@@ -104,7 +107,6 @@ def _part(
     names: Sequence[str],
     dependence: str,
     first: int,
-    constraint: Constraint,
     *,
     censored: bool,
 ) -> Part:
@@ -152,8 +154,9 @@ def _part(
     weight = 1 / data.force_std[rows] if data.force_std is not None else np.ones(rows.size)
     coefficients = range(first, first + len(family.linear))
     levels = {kind: data.levels(kind)[rows] for kind in ("pressure", "length")}
-    return Part.of(
-        data.specimen.name, family, inputs, force, weight, at, coefficients, levels, constraint, side,
+    return Part(
+        data.specimen.name, family, inputs, force, weight, np.array(at, int),
+        np.array(coefficients, int), levels, side,
     )  # fmt: skip
 
 

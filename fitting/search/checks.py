@@ -9,14 +9,15 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..arguments import check_whole, is_number
-from ..convex.status import Status
+from ..convex import Status
 from ..data.force_data import ForceData
 from ..data.likely import likely_length_fault
-from ..engine.problem import Problem
-from ..engine.response import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
+from ..engine import Batch, solve
 from ..families.geometry_source import AbstractGeometrySource
 from ..families.laws import Law
 from ..families.parameters import Entry
+from ..problem import Problem
+from ..response import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
 
 _COMPLIANCES = ("braid_compliance", "series_compliance")
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
@@ -226,6 +227,7 @@ def _check_strained_everywhere(data: ForceData, order: int, levels: np.ndarray) 
         )
 
 
+_ROUGH = 1e-3  # of the forces in a compliant rig: whether there are any
 _AFFINE = 1e-7  # of the largest column: rounding of a force that is affine
 _SEEN_TO_BE_AFFINE: set[tuple] = set()
 
@@ -236,26 +238,27 @@ def check_affine(problem: Problem) -> None:
     It is evaluated: the derivatives at no coefficients and at others must be the same. What has been
     seen to be affine is so with other numbers.
     """
-    middle = problem.low + (problem.high - problem.low) / 2
+    batch = Batch([problem])
+    if batch.layout.forms in _SEEN_TO_BE_AFFINE:
+        return
+    middle, n = problem.low + (problem.high - problem.low) / 2, len(problem.linear)
     for part in problem.parts:
-        if part.program.structure in _SEEN_TO_BE_AFFINE:
-            continue
-        p, n = middle[part.at], part.coefficients.size
-        none = part.program(p, np.zeros(n), part.force, "columns")[0].columns
-        size = np.nanmax(np.abs(none), axis=0, initial=0.0)
-        force = np.abs(part.force).max()
-        other = np.where(size > 0, force / np.where(size > 0, size, 1.0), 1.0) * (1 + np.arange(n))
-        with_them = part.program(p, other, part.force, "columns")[0].columns
-        change = np.nanmax(np.abs(with_them - none), axis=0, initial=0.0)
-        bent = np.flatnonzero(change > _AFFINE * np.nanmax(np.abs([none, with_them]), initial=0.0))
-        if bent.size:
-            names = [part.family.linear[k].partition("@")[0] for k in bent]
-            raise InputError(
-                f"{', '.join(dict.fromkeys(names))}: declared linear, but the force is not affine "
-                "in it. Declare it without linear=True and with a finite range, low and high, and "
-                "it is searched"
-            )
-        _SEEN_TO_BE_AFFINE.add(part.program.structure)
+        middle[list(part.rig)[:1]] = 0.0
+    none = batch.columns(middle, np.zeros(n))
+    size = np.nanmax(np.abs(none), axis=0, initial=0.0)
+    force = np.abs(problem.force).max()
+    other = np.where(size > 0, force / np.where(size > 0, size, 1.0), 1.0) * (1 + np.arange(n))
+    with_them = batch.columns(middle, other)
+    change = np.nanmax(np.abs(with_them - none), axis=0, initial=0.0)
+    bent = np.flatnonzero(change > _AFFINE * np.nanmax(np.abs([none, with_them]), initial=0.0))
+    if bent.size:
+        names = [problem.linear[k].partition("@")[0] for k in bent]
+        raise InputError(
+            f"{', '.join(dict.fromkeys(names))}: declared linear, but the force is not affine "
+            "in it. Declare it without linear=True and with a finite range, low and high, and "
+            "it is searched"
+        )
+    _SEEN_TO_BE_AFFINE.add(batch.layout.forms)
 
 
 def _check_dimensions_there(problem: Problem, reading: int) -> None:
@@ -284,7 +287,7 @@ def _check_dimensions_there(problem: Problem, reading: int) -> None:
 
 def check_solvable(problem: Problem) -> None:
     """The convex fit must have a solution in the middle of the box."""
-    point = problem.solve(problem.low + (problem.high - problem.low) / 2, "values")
+    point = solve(problem, problem.low + (problem.high - problem.low) / 2, tolerance=_ROUGH)
     columns, target, rows, _ = point.programme
     count = problem.force.size
     known = np.isfinite(columns[:count]).all(axis=1) & np.isfinite(target[:count])
@@ -305,6 +308,5 @@ def check_solvable(problem: Problem) -> None:
             "in the map, slack readings included, leaves what the geometry is known for. Leave out "
             "readings that are shorter than the last measured shape, or use --constraint none"
         )
-    status = Status(int(point.optimum.status))
-    if status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
-        raise InputError(status.message)
+    if point.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
+        raise InputError(point.status.message)

@@ -6,7 +6,7 @@ import numpy as np
 
 from famjax.boundary.sentence import Quantity, Sentence
 
-from ..engine.covariance import CONDITION_LIMIT
+from ..covariance import CONDITION_LIMIT
 from .multi_start import rounding_of
 
 if TYPE_CHECKING:

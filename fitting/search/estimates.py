@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from ..data.force_data import ForceData
 from ..families.parameters import Entry
+from ..response import Report
 from .build import own_names
 from .optimal import Optimal
 from .result import Estimate
@@ -64,13 +65,12 @@ def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Est
     return tuple(estimates[k : k + order] for k in range(first, len(estimates), order))
 
 
-def derived(found: Optimal, place: int) -> tuple[Estimate, ...]:
+def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...]:
     """What follows from a specimen's parameters, with errors by the delta method."""
-    part, linear = found.problem.parts[place], found.point.linear[place]
-    names, values, slopes = part.family.derived_names, linear.derived, linear.d_derived
-    if values is None or slopes is None:  # never at an optimum, which is evaluated in full
-        return ()
-    both = np.stack([found.spread.matrix, found.spread.sandwich])[:, part.at][:, :, part.at]
+    part = found.problem.parts[place]
+    names, values, slopes = part.family.derived_names, reported.derived, reported.d_derived.T
+    own = part.at[: len(slopes)]
+    both = np.stack([found.spread.matrix, found.spread.sandwich])[:, own][:, :, own]
     both = np.where(np.isfinite(both), both, 0.0)
     variance = np.einsum("id,kij,jd->kd", slopes, both, slopes).max(axis=0)
     stderr = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), math.nan)

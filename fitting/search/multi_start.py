@@ -9,10 +9,10 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError, check_seed
 
-from ..engine.descent import End, descend, descend_many
-from ..engine.margin import constraint_margin
-from ..engine.point import Point
-from ..engine.problem import Problem
+from ..descent import End, descend, descend_many
+from ..engine import Point, solve
+from ..margins import constraint_margin
+from ..problem import Problem
 
 FEASIBLE = 1e-9
 """Violation of a constraint that counts as rounding, in parts of the largest coefficient."""
@@ -104,12 +104,12 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
         lowest = min(float(one.value.min()) for one in found)
         if lowest >= -rounding_of(best.point):
             break
-        optimum, parts, first = best.point.optimum, [], 0
+        point, parts, first = best.point, [], 0
         for place, (part, one) in enumerate(zip(problem.parts, found, strict=True)):
             stations = part.inputs.stations.copy()
             pull = np.zeros(stations.size)
-            here = (first <= optimum.rows) & (optimum.rows < first + stations.size)
-            pull[optimum.rows[here] - first] = optimum.multipliers[here]
+            here = (first <= point.rows) & (point.rows < first + stations.size)
+            pull[point.rows[here] - first] = point.multipliers[here]
             first += stations.size
             for path in np.flatnonzero(one.value < 0):
                 own, dip = stations[path], float(one.position[path])
@@ -127,7 +127,7 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
             parts.append(part.with_stations(stations))
         problem = dataclasses.replace(problem, parts=tuple(parts))
         best = descend(problem, best.u)
-    return dataclasses.replace(best, point=problem.solve(best.point.parameters)), problem
+    return dataclasses.replace(best, point=solve(problem, best.point.parameters)), problem
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..engine.covariance import Covariance, covariance
-from ..engine.descent import End
-from ..engine.problem import Point, Problem
+from ..covariance import Covariance, covariance
+from ..descent import End
+from ..engine import Point, partial, solve
+from ..problem import Problem
 from .robust import Robust, pseudo_residual
 
 _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
@@ -44,11 +45,11 @@ class Optimal:
 
 
 def joint_derivatives(
-    problem: Problem, point: Point
+    point: Point,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k p"], Float[np.ndarray, "m p"]]:
     """Weighted residual, its Jacobian and that of the constraint rows, in (parameters, x)."""
     A, _, G, _ = point.programme
-    d_residual, d_slack = problem.partial(point)
+    d_residual, d_slack = partial(point)
     columns = np.zeros((len(d_residual), A.shape[1]))
     columns[: len(A)] = A
     return (
@@ -61,7 +62,7 @@ def joint_derivatives(
 def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None) -> Optimal:
     """The optimum at the end of a descent, with its covariance; `robust` as the problem is weighed."""
     point = end.point
-    residual, jacobian, rows = joint_derivatives(problem, point)
+    residual, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, end, rows)
     n_priors = residual.size - problem.force.size
     # A censored reading that is off says nothing of the noise or the parameters.
@@ -106,21 +107,21 @@ def held_and_active(
     held[problem.free] = (end.u <= 1e-9) | (end.u >= 1 - 1e-9)
     held[len(problem.names) :] = False
     pull = np.zeros(len(rows))
-    pull[point.optimum.rows] = point.optimum.multipliers
-    touches, n_path = _touching(problem, point, pull)
-    others = np.sort(point.optimum.rows[point.optimum.rows >= n_path])
+    pull[point.rows] = point.multipliers
+    touches, n_path = _touching(problem, pull)
+    others = np.sort(point.rows[point.rows >= n_path])
     means = [pull[one] @ rows[one] / pull[one].sum() for one in touches]
     active = np.concatenate([np.array(means).reshape(-1, rows.shape[1]), rows[others]])
     return held, active, _bent(problem, point, pull, touches)
 
 
 def _touching(
-    problem: Problem, point: Point, pull: Float[np.ndarray, " m"]
+    problem: Problem, pull: Float[np.ndarray, " m"]
 ) -> tuple[list[Int[np.ndarray, " k"]], int]:
     """The active rows of each point that is touched on a path, and the number of rows of paths."""
     found, first = [], 0
-    for part, one in zip(problem.parts, point.linear, strict=True):
-        if not len(one.rows):
+    for part, rows_of_part in zip(problem.parts, problem.path_rows, strict=True):
+        if not rows_of_part:
             continue
         count = part.inputs.stations.shape[1]
         for own in part.inputs.stations:
@@ -156,9 +157,9 @@ def _bent(
             parts.append(part.with_stations(moved[first : first + own.size].reshape(own.shape)))
             first += own.size
         other = dataclasses.replace(problem, parts=tuple(parts))
-        found = dataclasses.replace(other.solve(point.parameters), optimum=point.optimum)
-        _, _, G, h = found.programme
-        sides.append((np.concatenate([other.partial(found)[1], G], axis=1), G @ point.x - h))
+        found = dataclasses.replace(solve(other, point.parameters), x=point.x)
+        rows = np.concatenate([partial(found)[1], found.G], axis=1)
+        sides.append((rows, found.G @ point.x - found.h))
     (low, m_low), (high, m_high) = sides
     first_of = [touches[k][0] for k in inner]
     slope = (high - low)[first_of] / (2 * _STEP)

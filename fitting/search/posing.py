@@ -13,8 +13,6 @@ from famjax.boundary.errors import InputError
 
 from ..arguments import check_mapping, check_names
 from ..data.force_data import ForceData, check_maps, several_maps
-from ..engine.problem import Problem
-from ..engine.response import Constraint, PressureDependence
 from ..families.geometry_source import (
     AbstractGeometrySource,
     EstimatedSource,
@@ -23,6 +21,8 @@ from ..families.geometry_source import (
 )
 from ..families.laws import Law, LawGiven, law_named
 from ..families.parameters import Entry, Parameter, base_name, complete_table
+from ..problem import Problem
+from ..response import Constraint, PressureDependence
 from .build import own_names, pose
 from .checks import (
     check_affine,
@@ -85,8 +85,11 @@ def pose_one(
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
     censored: bool = False,
+    program: Callable[[Problem], Problem] = lambda problem: problem,
 ) -> Posed:
     """The problem of `identify` with these arguments, which says what they are.
+
+    `program` puts it into another compiled program than its own, see `Within`.
 
     Raises:
         InputError: the data cannot support the fit, with the reason.
@@ -104,7 +107,7 @@ def pose_one(
     table = _table(data, source, further, chosen, box, given, parameters or {})
     return _posed(
         (data,), (source,), table, chosen, terms=further, constraint=constraint,
-        dependence=dependence, box=box, noise=noise, censored=censored,
+        dependence=dependence, box=box, noise=noise, censored=censored, program=program,
     )  # fmt: skip
 
 
@@ -245,6 +248,7 @@ def _posed(
     noise: float | None,
     own_law: bool = False,
     censored: bool = False,
+    program: Callable[[Problem], Problem] = lambda problem: problem,
 ) -> Posed:
     """The problem of a table that is complete, checked."""
     if not jax.config.read("jax_enable_x64"):
@@ -269,9 +273,11 @@ def _posed(
         check_lengths(one, own)
         check_priors(one, own, noise)
     check_count(data, law, form, full, own_law=own_law)
-    problem = pose(
-        data, sources, full, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
-        noise=noise or 1.0, censored=censored,
+    problem = program(
+        pose(
+            data, sources, full, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
+            noise=noise or 1.0, censored=censored,
+        )
     )  # fmt: skip
     check_affine(problem)
     check_solvable(problem)

@@ -18,10 +18,11 @@ from famjax.boundary.units import si_unit
 from ..arguments import shown
 from ..data.force_data import ForceData
 from ..data.frames import data_frame, data_set, html_table
-from ..engine.descent import End
-from ..engine.problem import Part, Point, Problem
-from ..engine.response import Constraint, PressureDependence
+from ..descent import End
+from ..engine import Point, predict
 from ..families.laws import Law
+from ..problem import Problem
+from ..response import Constraint, PressureDependence
 from .doubts import doubts
 
 if TYPE_CHECKING:
@@ -331,15 +332,15 @@ class Identification:
 
         Lengths and pressures are broadcast against each other.
         """
-        part, point = self.problem.parts[self.place], self.end.point
-        own = point.parameters[part.at[: len(part.family.nonlinear)]]
+        point = self.end.point
         shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))
         L, P = (np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (length, pressure))
-        return part.predict(own, point.x[part.coefficients], L, P).reshape(shape)
+        found = predict(self.problem, self.place, point.parameters, point.x, L, P)
+        return found.reshape(shape)
 
     def model_force(self) -> Float[np.ndarray, " n"]:
         """The model's force [N] at every reading, slack ones included, lengths corrected."""
-        return force_at_readings(self.data, self.problem.parts[self.place], self.end.point)
+        return force_at_readings(self.data, self.problem, self.place, self.end.point)
 
     def estimate(self, name: str) -> Estimate:
         """The estimate of that name.
@@ -354,14 +355,16 @@ class Identification:
         raise KeyError(f"no parameter {name!r}; there are {', '.join(names)}")
 
 
-def force_at_readings(data: ForceData, part: Part, point: Point) -> Float[np.ndarray, " n"]:
+def force_at_readings(
+    data: ForceData, problem: Problem, place: int, point: Point
+) -> Float[np.ndarray, " n"]:
     """Force [N] of a fit at every reading of its map, slack ones included, lengths corrected."""
-    length, level = np.array(data.length), data.lengths.level
-    searched, offsets = np.split(point.parameters[part.at], [len(part.family.nonlinear)])
+    length, level, part = np.array(data.length), data.lengths.level, problem.parts[place]
+    offsets = point.parameters[part.at[len(part.family.nonlinear) :]]
     if offsets.size:
         for at, offset in zip(np.unique(level[data.loaded]), offsets, strict=True):
             length[level == at] += offset
-    return part.predict(searched, point.x[part.coefficients], length, data.pressure)
+    return predict(problem, place, point.parameters, point.x, length, data.pressure)
 
 
 def check_identified(result: object) -> None:

@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
-from ..engine.descent import End
-from ..engine.problem import Problem
+from ..descent import End
+from ..problem import Problem
 from .multi_start import best_of, descend_all
 
 OBJECTIVES = ("sum_of_squares", "huber")

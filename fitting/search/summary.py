@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -9,13 +10,14 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.sentence import Quantity, Sentence
 
-from ..convex.status import Status
+from ..convex import Status
 from ..data.force_data import ForceData
-from ..engine.descent import End
-from ..engine.margin import Margin, constraint_margin
-from ..engine.point import Point
-from ..engine.problem import Problem
-from ..engine.response import unflat
+from ..descent import End
+from ..engine import Point, numbers_of, report_of
+from ..families.muscle_family import MuscleFamily
+from ..margins import Margin, constraint_margin
+from ..problem import Part, Problem
+from ..response import unflat
 from .estimates import coefficient_stderr, concerning, derived, estimates, of_nodes
 from .multi_start import rounding_of
 from .optimal import Optimal
@@ -39,7 +41,7 @@ def summarise(
     margins = {kind: constraint_margin(problem, point, kind) for kind in ("drucker", "slope")}
     certificate = _certificate(found, ends, margins)
     feasible = problem.constraint == "none" or certificate.constraint_margin >= -rounding_of(point)
-    certified = point.optimum.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
+    certified = point.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
     # A fit without error has only rounding left, and that has no direction.
     perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
     stationary = certificate.gradient_residual <= _STATIONARY or perfect
@@ -47,8 +49,9 @@ def summarise(
     estimated = estimates(found, posed.table)
     results = []
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
-        nodes, muscle = _nodes_of(found, k), muscle_at(problem, point, k)
-        force = force_at_readings(one, part, point)
+        reported = report_of(part, point, k)
+        nodes, muscle = _nodes_of(found, k), _muscle_of(part, reported.numbers)
+        force = force_at_readings(one, problem, k, point)
         errors = _errors(one, force)
         pressures = getattr(muscle.material, "node_pressures", None)
         results.append(
@@ -58,11 +61,11 @@ def summarise(
                 length_offsets=point.parameters[part.at[len(part.family.nonlinear) :]],
                 estimates=concerning(estimated, one, nodes, found),
                 node_estimates=() if pressures is None else of_nodes(estimated, found),
-                derived=derived(found, k),
+                derived=derived(found, k, reported),
                 coefficients=found.coefficients[nodes],
                 coefficients_stderr=coefficient_stderr(found)[nodes],
                 node_pressures=None if pressures is None else np.asarray(pressures),
-                strain_range=float(np.max(point.linear[k].aside.largest_strain)),
+                strain_range=float(np.max(reported.largest_strain)),
                 residuals=force[one.loaded] - one.force[one.loaded],
                 errors=errors,
                 certificate=certificate,
@@ -91,13 +94,11 @@ def summarise(
 def muscle_at(problem: Problem, point: Point, place: int) -> famjax.Muscle:
     """The muscle of a part at a fit; nothing is compiled for it."""
     part = problem.parts[place]
-    value = part.program(
-        point.parameters[part.at],
-        point.x[part.coefficients],
-        point.linear[place].reached,
-        "numbers",
-    )[0]
-    return part.family.final(unflat(part.family, np.asarray(value.numbers)))
+    return _muscle_of(part, numbers_of(part, point))
+
+
+def _muscle_of(part: Part, numbers: Float[np.ndarray, " l"]) -> famjax.Muscle:
+    return cast(MuscleFamily, part.family).final(unflat(part.family, numbers))
 
 
 def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
@@ -121,12 +122,11 @@ def _certificate(
     lowest = {
         kind: min(float(one.value.min()) for one in of_parts) for kind, of_parts in margins.items()
     }
-    kkt_residual, gap = point.optimum.certificate(*point.programme)
     costs = np.array([end.cost for end in ends])
     rounding = _PERFECT * float(problem.force @ problem.force)
     return Certificate(
-        kkt_residual=kkt_residual,
-        duality_gap=gap,
+        kkt_residual=point.kkt_residual,
+        duality_gap=point.duality_gap,
         gradient_residual=found.end.gradient_residual,
         condition=found.spread.condition,
         stability_margin=lowest["drucker"],
@@ -161,22 +161,20 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
 def _active_sentences(found: Optimal) -> tuple[str, ...]:
     """One sentence for each active row of the convex fit."""
     problem, first, sentences = found.problem, 0, []
-    active = np.sort(found.point.optimum.rows)
-    for place in range(len(problem.parts)):
-        count = len(found.point.linear[place].rows)
+    active = np.sort(found.point.rows)
+    for place, count in enumerate(problem.path_rows):
         here = active[(active >= first) & (active < first + count)]
         sentences += [_path_sentence(found, place, int(row) - first) for row in here]
         first += count
     positive = problem.constraint == "positive"
     for limits, side in ((problem.lowest, "lower"), (problem.coefficient_max, "upper")):
-        places = np.flatnonzero(np.isfinite(limits))
-        for row in active[(active >= first) & (active < first + places.size)]:
-            place = int(places[row - first])
+        for row in active[(active >= first) & (active < first + limits.size)]:
+            place = int(row - first)
             if positive and side == "lower" and limits[place] == 0:
                 sentences.append(Sentence(f"{problem.linear[place]} = 0", _at_node(found, place)))
             else:
                 sentences.append(f"{problem.linear[place]} at its {side} bound")
-        first += places.size
+        first += limits.size
     return tuple(dict.fromkeys(sentences))
 
 
@@ -190,8 +188,8 @@ def _path_sentence(found: Optimal, place: int, row: int) -> str:
     share = float(part.inputs.stations[path, station])
     if problem.constraint == "slope":
         return Sentence(f"tangent modulus 0 at {share:.1%} of the strain range", at)
-    aside = found.point.linear[place].aside
-    contraction = share * (1 - float(aside.path_end[path] / aside.rest))
+    reported = report_of(part, found.point, place)
+    contraction = share * (1 - float(reported.path_end[path] / reported.rest))
     return Sentence(f"Drucker modulus 0 at contraction {contraction:.4f}", at)
 
 
@@ -199,4 +197,6 @@ def _at_node(found: Optimal, place: int) -> str:
     part = found.problem.parts[0]
     if part.coefficients.size == found.order:
         return ""
-    return Sentence(" at ", Quantity(part.family.nodes[place // found.order], "pressure"))
+    return Sentence(
+        " at ", Quantity(cast(Any, part.family).nodes[place // found.order], "pressure")
+    )

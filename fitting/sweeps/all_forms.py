@@ -15,7 +15,7 @@ from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 
 from ..arguments import check_numbers, check_whole, shown
-from ..convex.status import Status
+from ..convex import Status
 from ..data.force_data import ForceData, several_maps
 from ..search.own_parts import fingerprint
 from .design import Design
@@ -45,7 +45,6 @@ def sweep(
     objective: str = "sum_of_squares",
     bootstrap: int = 0,
     seed: int = 0,
-    single: bool = False,
     executor: AnyExecutor = None,
     resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -68,8 +67,6 @@ def sweep(
         bootstrap: number of replicates, readings drawn anew at each pressure, for the standard
             deviations of the coefficients; with "sum_of_squares" only.
         seed: of the replicates; the same seed gives the same numbers, whatever does them.
-        single: search the constraints that hold a replicate in float32, then fit in float64, for a
-            device that is slow in float64. The numbers are the same to rounding.
         executor: what does the replicates, in chunks: this process, processes or a cluster, see
             `famjax.boundary.tasks.AnyExecutor`.
         resume: folder to which each finished part is written, made if need be; a sweep that was
@@ -121,7 +118,6 @@ def sweep(
         "objective": objective,
         "bootstrap": bootstrap,
         "seed": seed,
-        "single": single,
     }
     parts = [(k, part) for k in range(len(maps)) for part in _parts(bootstrap)]
     store = Store(None if resume is None else Path(resume), "sweep", settings, len(parts))
@@ -136,7 +132,7 @@ def sweep(
         from .replicates import Chunks, chunk_sums  # noqa: PLC0415 -- of JAX, which the fits are not
 
         designs = [task.designed for task in tasks]
-        chunks = Chunks(designs, forms, parts, seed, size=_CHUNK, single=single)
+        chunks = Chunks(designs, forms, parts, seed, size=_CHUNK)
         run_tasks(chunk_sums, chunks, executor=executor, store=store, progress=progress)
     elif progress is not None:
         progress(len(parts), len(parts))

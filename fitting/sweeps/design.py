@@ -12,10 +12,10 @@ from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
 
-from ..convex.arrays import AnyArray, fixed, namespace
-from ..convex.paths import PathFunctions, PathTable
 from ..search.robust import NORMAL_MAD, TUNED
+from .arrays import AnyArray, fixed, namespace
 from .linear_model import LinearModel
+from .paths import PathFunctions, PathTable
 from .readings import Readings
 
 STATIONS = 17

@@ -7,13 +7,13 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..convex.arrays import AnyArray, namespace, of_each
-from ..convex.constraint import Constraint
-from ..convex.minimise import ConvexFits, minimise
-from ..convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
-from ..convex.status import Status
+from ..convex import Status
+from .arrays import AnyArray, namespace, of_each
+from .constraint import Constraint
 from .design import Design
 from .forms import Forms
+from .minimise import ConvexFits, minimise
+from .objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
 from .unknowns import Unknowns, coupled, free
 
 _TOGETHER = 64  # fits at once on the host: more, and their arrays leave the cache

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from famjax.boundary.errors import InputError
 
 from ..arguments import check_names, check_whole, shown
-from ..engine.response import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
+from ..response import CONSTRAINTS as CONSTRAINTS, DEPENDENCES as DEPENDENCES
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse", "huber")
 

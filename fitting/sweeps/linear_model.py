@@ -4,74 +4,66 @@ One compiled program of the engine gives both at any lengths, pressures and stat
 Whatever the law's order, its dependence on pressure or its constraint, nothing else is compiled.
 """
 
-import dataclasses
-from collections.abc import Mapping
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
+from famjax.compile_options import as_arrays, quick_jit
 
-from ..convex.paths import SAMPLES, PathFunctions
-from ..engine.family import AbstractFamily, Values
-from ..engine.program import Program
-from ..engine.response import MapInputs
+from ..convex import AnyArray
 from ..families.muscle_family import assembled
+from .paths import SAMPLES, PathFunctions
 
 _POINTS = 1024  # readings that one call takes
 _ROUNDS = 20  # at most, in which the signs of strains are followed to where they change
 _ROUNDED = 1e-14  # strain that is rounding
 
 
-class FixedGeometry(AbstractFamily):
+class FixedGeometry(eqx.Module):
     """Muscles of one geometry, deadband and further terms with a polynomial law.
 
     Attributes:
-        nonlinear, linear: no parameters but the coefficients.
         geometry: of all of them.
         deadband: P_d [Pa].
         further: force terms besides braid and bladder, or None.
+        order: of the law.
     """
 
-    nonlinear: tuple[str, ...] = eqx.field(static=True)
-    linear: tuple[str, ...] = eqx.field(static=True)
     geometry: famjax.geometries.AbstractGeometry
-    deadband: Float[np.ndarray, ""]
+    deadband: float | Float[np.ndarray, ""]
     further: famjax.terms.SumOfTerms | None
+    order: int = eqx.field(static=True)
 
-    @classmethod
-    def of(
-        cls,
-        geometry: famjax.geometries.AbstractGeometry,
-        deadband: float,
-        order: int,
-        further: famjax.terms.SumOfTerms | None,
-    ) -> "FixedGeometry":
-        """Those with a law of that order."""
-        names = tuple(f"E_{n}" for n in range(1, order + 1))
-        return cls((), names, geometry, np.asarray(deadband, float), further)
-
-    def build(self, values: Values) -> famjax.Muscle:
-        """The muscle of these coefficients."""
-        law = famjax.PolynomialMaterial(jnp.stack([values[name] for name in self.linear]))
+    def build(self, coefficients: Float[Array, " order"]) -> famjax.Muscle:
+        """The muscle of these coefficients [Pa]."""
+        law = famjax.PolynomialMaterial(coefficients)
         return assembled(self.geometry, law, self.deadband, self.further)
 
-    def rest_length(self, values: Values) -> Float[Array, ""]:
-        """L0 [m] at which every path starts."""
-        del values
-        return self.geometry.rest_length
 
-    @property
-    def derived_names(self) -> tuple[str, ...]:
-        """The shortest length that the geometry knows."""
-        return ("shortest_length",)
+@quick_jit
+def _columns(
+    of: FixedGeometry, length: Float[AnyArray, " k"], pressure: Float[AnyArray, " k"]
+) -> tuple[Float[Array, " k"], Float[Array, "k order"]]:
+    """Force [N] without the bladder, and of it per coefficient [N/Pa]."""
+    force, column = jax.linearize(
+        lambda E: of.build(E).force(length, pressure), jnp.zeros(of.order)
+    )
+    return force, jax.vmap(column, out_axes=-1)(jnp.eye(of.order))
 
-    def derived(self, values: Mapping[str, Array]) -> tuple[Float[Array, ""], ...]:
-        """The shortest length [m] that the geometry knows."""
-        del values
-        return (jnp.asarray(self.geometry.length_range()[0], float),)
+
+@quick_jit
+def _along(
+    of: FixedGeometry, pressure: Float[AnyArray, " paths"], length: Float[AnyArray, "paths k"]
+) -> tuple[Float[Array, "paths k order"], Float[Array, "paths k strains"]]:
+    """Modulus [-] of each coefficient at lengths of paths, and axial and hoop strains there."""
+    both = famjax.materials.path_strains(of.geometry, length, pressure[:, None])
+    modulus = jax.vmap(lambda one: both.modulus(famjax.PolynomialMaterial(one)), out_axes=-1)(
+        jnp.eye(of.order)
+    )
+    return modulus, jnp.concatenate([both.axial[..., :1], both.hoop], axis=-1)
 
 
 class LinearModel:
@@ -97,25 +89,13 @@ class LinearModel:
     ) -> None:
         self.order, self.rest_length = order, float(geometry.rest_length)
         self._breakpoints = np.asarray(geometry.breakpoints)
-        self._paths, at = pressure.size, np.full(_POINTS, self.rest_length)
-        self._inputs = MapInputs(
-            length=at,
-            pressure=np.full(_POINTS, pressure[-1]),
-            force=np.zeros(_POINTS),
-            length_index=np.zeros(_POINTS, int),
-            path_pressure=pressure,
-            path_end=path_end,
-            stations=np.tile(np.linspace(0, 1, SAMPLES), (pressure.size, 1)),
+        self._paths, self._pressure, self._path_end = pressure.size, pressure, path_end
+        self._of = as_arrays(FixedGeometry(geometry, float(deadband), further, order))
+        self.shortest_length = float(geometry.length_range()[0])
+        ends = self._along(np.tile(np.linspace(0, 1, SAMPLES), (pressure.size, 1)))[1][:, [0, -1]]
+        self._largest_strain = np.maximum(
+            np.abs(ends[..., 0]).max(axis=1), np.abs(ends[..., 1:]).max(axis=(1, 2))
         )
-        family = FixedGeometry.of(geometry, deadband, order, further)
-        self._program = Program(family, "drucker", self._inputs)
-        value, _, aside = self._call(self._inputs, "derived", "largest_strain")
-        self.shortest_length = float(value.derived[0])
-        self._largest_strain = aside.largest_strain[: self._paths]
-
-    def _call(self, inputs: MapInputs, *fields: str) -> tuple:
-        none = np.zeros(0), np.zeros(self.order), np.zeros(_POINTS)
-        return self._program.at(inputs)(*none, *fields)
 
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
@@ -128,9 +108,8 @@ class LinearModel:
             here = slice(first, first + _POINTS)
             count = L[here].size
             at = [np.pad(v[here], (0, _POINTS - count), mode="edge") for v in (L, P)]
-            inputs = dataclasses.replace(self._inputs, length=at[0], pressure=at[1])
-            value = self._call(inputs, "force", "columns")[0]
-            braid[here], columns[here] = value.force[:count], value.columns[:count]
+            force, per_coefficient = _columns(self._of, *at)
+            braid[here], columns[here] = force[:count], per_coefficient[:count]
         return braid.reshape(shape), columns.reshape(*shape, self.order)
 
     def path_functions(self) -> PathFunctions:
@@ -143,19 +122,21 @@ class LinearModel:
 
         def evaluate(s: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k order"]:
             strain = self._largest_strain[:, None, None] * s[: self._paths, :, None]
-            modulus = self._along(s[self._paths :], "rows")
+            modulus = self._along(s[self._paths :])[0]
             return np.concatenate([n * strain ** (n - 1), modulus])
 
-        rest, end = self.rest_length, self._inputs.path_end[:, None]
+        rest, end = self.rest_length, self._path_end[:, None]
         breaks = (rest - self._breakpoints) / (rest - end)
         corners = [np.append(*both) for both in zip(self._corners(), breaks, strict=True)]
         return PathFunctions.of(evaluate, [np.zeros(0)] * self._paths + corners)
 
-    def _along(self, s: Float[np.ndarray, "paths k"], field: str) -> Float[np.ndarray, "paths k f"]:
-        """A field of the results at `SAMPLES` shares of each path."""
-        value, _, aside = self._call(dataclasses.replace(self._inputs, stations=s), field)
-        found = value.rows if field == "rows" else aside.strains
-        return found[: self._paths]
+    def _along(
+        self, s: Float[np.ndarray, "paths k"]
+    ) -> tuple[Float[np.ndarray, "paths k order"], Float[np.ndarray, "paths k strains"]]:
+        """Moduli and strains, see above, at `SAMPLES` shares of each path."""
+        length = self.rest_length + s * (self._path_end[:, None] - self.rest_length)
+        modulus, strains = _along(self._of, self._pressure, length)
+        return np.asarray(modulus), np.asarray(strains)
 
     def _corners(self) -> list[np.ndarray]:
         """Where along each path a strain changes its sign: the tangents of a law have a corner there.
@@ -163,7 +144,7 @@ class LinearModel:
         Of many on one path the last are not looked for.
         """
         s = np.tile(np.linspace(0, 1, SAMPLES), (self._paths, 1))
-        strains = self._along(s, "strains")
+        strains = self._along(s)[1]
         path, cell, which = np.nonzero(strains[:, :-1] * strains[:, 1:] < 0)
         place = np.arange(path.size) - np.searchsorted(path, path)
         path, cell, which, place = (v[place < SAMPLES] for v in (path, cell, which, place))
@@ -173,7 +154,7 @@ class LinearModel:
         for _ in range(_ROUNDS * bool(path.size)):
             root = (low * f_high - high * f_low) / (f_high - f_low)
             s[path, place] = root
-            f = self._along(s, "strains")[path, place, which]
+            f = self._along(s)[1][path, place, which]
             if np.abs(f).max() <= _ROUNDED:
                 break
             # The Illinois method: an end that stays twice counts half.

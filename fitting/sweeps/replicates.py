@@ -7,7 +7,6 @@ the points where the fit to all readings, which the host has found, touches the 
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,10 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..convex.active_set import nearest_points
-from ..convex.arrays import AnyArray
-from ..convex.small_dense import cholesky, inverse_lower
-from ..convex.status import Status
+from ..convex import Status, cholesky, inverse_lower, nearest_points
+from .arrays import AnyArray
 from .design import STATIONS, Design
 from .fits import solved
 from .forms import Forms
@@ -112,7 +109,6 @@ class Chunk:
         size: number of replicates that are drawn, the same for all chunks: one compilation serves
             them.
         count: of those, how many are summed.
-        single: see `nearest_points`.
     """
 
     programmes: tuple[Programmes, ...]
@@ -122,7 +118,6 @@ class Chunk:
     seed: tuple[int, ...] = (0,)
     size: int = 1
     count: int = 1
-    single: bool = False
 
     @classmethod
     def of(cls, of: Design, forms: Forms) -> "Chunk":
@@ -145,7 +140,6 @@ class Chunks(Sequence[Chunk | None]):
         parts: index of the map, and replicates (first, count); those without are fits.
         seed: of the replicates.
         size: of a chunk, see `Chunk`.
-        single: see `sweep`.
     """
 
     def __init__(
@@ -156,10 +150,9 @@ class Chunks(Sequence[Chunk | None]):
         seed: int,
         *,
         size: int,
-        single: bool,
     ) -> None:
         self._designs, self._forms, self._parts, self._seed = designs, forms, parts, seed
-        self._size, self._single = size, single
+        self._size = size
         self._last: tuple[int, Chunk] | None = None
 
     def __len__(self) -> int:
@@ -174,7 +167,6 @@ class Chunks(Sequence[Chunk | None]):
         first, count = part
         return dataclasses.replace(
             self._last[1], seed=(self._seed, k, first), size=self._size, count=count,
-            single=self._single,
         )  # fmt: skip
 
 
@@ -186,26 +178,24 @@ def chunk_sums(chunk: Chunk) -> dict[str, np.ndarray]:
     """
     weights = draw(chunk.there, chunk.size, chunk.seed)
     given = chunk.A, chunk.target, weights, np.asarray(chunk.count)
-    found = [_sums(programmes, *given, single=chunk.single) for programmes in chunk.programmes]
+    found = [_sums(programmes, *given) for programmes in chunk.programmes]
     return {
         name: np.concatenate([np.moveaxis(np.asarray(leaf), 0, 2) for leaf in leaves])
         for name, *leaves in zip(("sum", "square", "count"), *found, strict=True)
     }
 
 
-@functools.partial(jax.jit, static_argnames="single")
+@jax.jit
 def _sums(
     programmes: Programmes,
     A: Float[Array, "pressures k n"],
     y: Float[Array, "pressures k"],
     weights: Float[Array, "replicates pressures k"],
     count: Int[Array, ""],
-    *,
-    single: bool,
 ) -> tuple[Array, Array, Array]:
     axes, grams = programmes.known.shape, _grams(A, y, weights)
     apart = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[4:]), programmes)
-    each = jax.lax.map(lambda one: replicated(one, grams, single=single), apart)
+    each = jax.lax.map(lambda one: replicated(one, grams), apart)
     each = jnp.moveaxis(each.reshape(*axes, *each.shape[1:]), 3, 4)
     each = each.reshape(*axes[:3], len(weights), -1, each.shape[-1])
     known = jnp.all(jnp.isfinite(each), axis=(-2, -1), keepdims=True)
@@ -238,13 +228,10 @@ def _grams(
 def replicated(
     of: Programmes,
     grams: Float[Array, "replicates pressures rows rows"],
-    *,
-    single: bool = False,
 ) -> Float[Array, "replicates paths order"]:
     """Coefficients [Pa] of the replicates of one programme, minus those of the fit to all readings.
 
-    Constraints hold at the stations, and at the points where that fit touches them. For `single` see
-    `nearest_points`.
+    Constraints hold at the stations, and at the points where that fit touches them.
     """
     W, c, n = of.W, of.c, of.W.shape[-1]
     flat = grams[:, of.paths].reshape(grams.shape[0], -1)
@@ -258,7 +245,7 @@ def replicated(
     determined = condition * 10 * c.size * jnp.finfo(c.dtype).eps < 1
     centre = jnp.einsum("rnm,rn->rm", J, right)
     h = jnp.where(jnp.any(of.G != 0, axis=1), 0.0, -1.0)
-    points = nearest_points(of.G, h, centre, J, of.rows, single=single)
+    points = nearest_points(of.G, h, centre, J, of.rows)
     y = jnp.einsum("rnm,rm->rn", J, points.y)
     known = (points.status == int(Status.OPTIMAL)) & determined & of.known
     difference = jnp.einsum("pen,rn->rpe", of.on_y, y - of.y)

@@ -12,8 +12,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..convex.arrays import AnyArray, fixed, namespace
-from ..convex.small_dense import inverse_upper
+from ..convex import inverse_upper
+from .arrays import AnyArray, fixed, namespace
 from .design import Design, compressed
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from famjax.boundary.sentence import Quantity, Sentence
 
-from ..engine.covariance import CONDITION_LIMIT
+from ..covariance import CONDITION_LIMIT
 from ..evidence.left_out import LeftOut
 from ..search.result import Estimate, Identification
 from .runs import runs_deviation

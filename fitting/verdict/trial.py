@@ -11,8 +11,9 @@ from ..choice.choose import weigh
 from ..choice.ladder import Candidate, as_cylinder, ladder
 from ..choice.race import descended, posed_of
 from ..data.force_data import ForceData
-from ..engine.descent import End
-from ..engine.problem import Problem
+from ..descent import End
+from ..engine import predict
+from ..problem import Problem
 
 _AT_BOUND = 1e-6  # of the width of the interval
 
@@ -44,9 +45,8 @@ class Trial:
         self, length: Float[np.ndarray, " k"], pressure: Float[np.ndarray, " k"]
     ) -> Float[np.ndarray, " k"]:
         """Force [N] at lengths [m] and gauge pressures [Pa]; nan where there is none."""
-        part, point = self.problem.parts[0], self.end.point
-        own = point.parameters[part.at]
-        return part.predict(own, point.x[part.coefficients], length, pressure)
+        point = self.end.point
+        return predict(self.problem, 0, point.parameters, point.x, length, pressure)
 
     @property
     def misfit(self) -> float:

@@ -231,10 +231,7 @@ def fit(
             and shape is None
             and not parts
         ):
-            large = measured.force.size >= _LARGE
-            choice = fitting.choose(
-                measured, **options, executor=executor if large else None, progress=tell
-            )
+            choice = fitting.choose(measured, **options, progress=tell)
             result = choice.chosen
         else:
             result = fitting.identify(

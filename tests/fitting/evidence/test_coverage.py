@@ -9,7 +9,8 @@ from scipy import stats
 
 import famjax
 from fitting import ForceData, Parameter, Specimen, identify
-from fitting.engine.covariance import covariance
+from fitting.covariance import covariance
+from fitting.engine import solve
 from fitting.evidence.refit import refit
 from fitting.search.optimal import joint_derivatives
 
@@ -40,7 +41,7 @@ def test_intervals_cover_over_200_replicates() -> None:
     values = np.concatenate([found.parameters, found.x], axis=1)
     errors = []
     for problem, parameters in zip(batch, found.parameters, strict=True):
-        residual, jacobian, _ = joint_derivatives(problem, problem.solve(parameters))
+        residual, jacobian, _ = joint_derivatives(solve(problem, parameters))
         held = np.zeros(jacobian.shape[1], bool)
         errors.append(covariance(jacobian, residual, np.zeros((0, held.size)), held).stderr)
     pulls = np.abs(values - truth) / np.array(errors)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fitting.engine.covariance import covariance
+from fitting.covariance import covariance
 
 EXACT = 1e-10
 

@@ -1,4 +1,4 @@
-"""Replicates by way of float32, and on a GPU where there is one: the same numbers."""
+"""Replicates on a GPU, where there is one: the same numbers."""
 
 import contextlib
 
@@ -10,7 +10,7 @@ import famjax
 from fitting import load_bundled
 from fitting.sweeps import Sweep, sweep
 
-ROUNDING, AGREEMENT = 1e-12, 1e-6  # of a law's largest standard deviation: here, and there
+AGREEMENT = 1e-6  # of a law's largest standard deviation
 MUSCLE = load_bundled("DMSP-20-300")
 REST = MUSCLE.specimen.rest_length
 BRAID = famjax.Braid.from_rest(diameter=0.0215, braid_angle=1.13, length=REST)
@@ -23,8 +23,8 @@ def gpus() -> list[jax.Device]:
     return []
 
 
-def swept(*, single: bool) -> Sweep:
-    return sweep(MUSCLE, GEOMETRY, deadband=1e4, orders=(3,), bootstrap=250, single=single)
+def swept() -> Sweep:
+    return sweep(MUSCLE, GEOMETRY, deadband=1e4, orders=(3,), bootstrap=250)
 
 
 def assert_same(one: Sweep, other: Sweep, within: float) -> None:
@@ -38,15 +38,9 @@ def assert_same(one: Sweep, other: Sweep, within: float) -> None:
     assert known > 6
 
 
-@pytest.mark.slow
-def test_by_way_of_float32() -> None:
-    assert_same(swept(single=False), swept(single=True), ROUNDING)
-
-
 @pytest.mark.skipif(not gpus(), reason="JAX sees no GPU on this machine")
-@pytest.mark.parametrize("single", [False, True])
-def test_on_a_gpu(single: bool) -> None:
+def test_on_a_gpu() -> None:
     with jax.default_device(jax.devices("cpu")[0]):
-        host = swept(single=False)
+        host = swept()
     with jax.default_device(gpus()[0]):
-        assert_same(host, swept(single=single), AGREEMENT)
+        assert_same(host, swept(), AGREEMENT)

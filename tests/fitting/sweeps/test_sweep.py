@@ -299,7 +299,7 @@ def test_another_map_of_the_same_shape_is_not_compiled_again(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("compiled again")
 
-    monkeypatch.setattr("fitting.engine.program.response", never)
+    monkeypatch.setattr("fitting.sweeps.linear_model.assembled", never)
     monkeypatch.setattr("fitting.sweeps.replicates.replicated", never)
     other = dataclasses.replace(DATA, force=1.01 * DATA.force)
     found = sweep(other, geometry(), deadband=2e4, orders=(2, 3), bootstrap=250)

@@ -20,12 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .active_set import NearestPoint, nearest_of_each
+from ..convex import NearestPoint, Status, cholesky, inverse_lower, nearest_points_of_each
 from .arrays import AnyArray, fixed, loop, namespace, of_each
 from .constraint import PER_PATH, Constraint, Dips, length, unit
 from .objectives import AbstractObjective, Model
-from .small_dense import cholesky, inverse_lower
-from .status import Status
 
 _SPARE = 16  # rows kept for points between the stations
 _PER_STEP = 4  # points that become rows at a time
@@ -281,7 +279,7 @@ def _solved(
     centre = (right[:, None] @ J)[:, 0]
     # A curvature that is not positive: what is left of the data does not determine the law.
     known = xp.isfinite(J).all(axis=(1, 2))
-    nearest = nearest_of_each(G, centre, J, guess)
+    nearest = nearest_points_of_each(G, centre, J, guess)
     status = xp.where(known, nearest.status, int(Status.RANK_DEFICIENT))
     return dataclasses.replace(nearest, status=status), (J @ nearest.y[..., None])[..., 0]
 

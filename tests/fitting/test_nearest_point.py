@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fitting.convex.active_set import nearest_point, nearest_points
-from fitting.convex.small_dense import cholesky, inverse_lower
-from fitting.convex.status import Status
+from fitting.convex import Status, cholesky, inverse_lower, nearest_point, nearest_points
 
 EXACT = 1e-12  # a few roundings of a problem of unit size
 DIFFERENCE = 1e-6  # central differences with step 1e-6

@@ -1,4 +1,4 @@
-"""Where a constraint is weakest between stations: the minimum of a function along a path.
+"""Stability margins at an optimum: where along its paths a law is weakest, between stations too.
 
 The function is interpolated at Chebyshev points. Where the coefficients of the interpolant have
 fallen to rounding it is the function to that bound, a polynomial exactly, and its minima are the
@@ -9,11 +9,16 @@ References:
     Trefethen 2013, Approximation Theory and Approximation Practice, chapters 8 and 18.
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import chebyshev
+
+from .engine import Point, report_of
+from .problem import Part, Problem
+from .response import Constraint
 
 _SMALL = 1e-12  # of the largest value: an interpolant whose last coefficients are below is exact
 _HALVINGS = 4
@@ -22,6 +27,45 @@ _REAL = 1e-7  # imaginary part of a root that is a real one but for rounding
 
 Evaluate = Callable[[Float[np.ndarray, "paths k"]], Float[np.ndarray, "paths k"]]
 """Values at positions in [0, 1] of each path."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Margin:
+    """The weakest state on each path of a part.
+
+    Attributes:
+        position: share of the path in [0, 1], shape (paths,).
+        value: modulus there [Pa], shape (paths,); nan where the law has none.
+        bound: by how much the true minimum may lie lower, in parts of the largest modulus.
+    """
+
+    position: Float[np.ndarray, " paths"]
+    value: Float[np.ndarray, " paths"]
+    bound: float
+
+
+def constraint_margin(problem: Problem, point: Point, kind: Constraint) -> list[Margin]:
+    """Smallest modulus along the actuation paths, or tangent modulus over the strain range.
+
+    Args:
+        problem: whose paths are looked at.
+        point: the fit.
+        kind: "drucker" for second-order work along the path, "slope" for the law's own tangent.
+
+    Returns:
+        One margin for each part. The law is stable where the value is >= 0.
+    """
+    return [_margin(part, point, place, kind) for place, part in enumerate(problem.parts)]
+
+
+def _margin(part: Part, point: Point, place: int, kind: str) -> Margin:
+    paths, count = part.inputs.stations.shape
+
+    def evaluate(positions: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k"]:
+        found = report_of(part.with_stations(positions), point, place)
+        return np.asarray(found.path_modulus if kind == "drucker" else found.slope)
+
+    return Margin(*weakest(evaluate, paths, count))
 
 
 def weakest(

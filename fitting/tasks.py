@@ -1,17 +1,13 @@
-"""Fits in other processes: what can be sent there, and the tapes that spare tracing there."""
+"""Fits in other processes: what can be sent there."""
 
-import functools
 import pickle
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import Any
 
 from famjax.boundary.tasks import AnyExecutor, can_travel, run_tasks
-
-from .tape_store import keep_tapes, kept_in
 
 
 def run_fits(
@@ -25,8 +21,8 @@ def run_fits(
 ) -> Any:
     """`famjax.boundary.tasks.run_tasks` for a function that fits.
 
-    Workers keep their tapes where this process does. What holds something that another process
-    cannot import, such as a function within a function, is done in this one, with a warning.
+    What holds something that another process cannot import, such as a function within a function,
+    is done in this one, with a warning.
 
     Args:
         function: of one item, of a module's own level, or a `functools.partial` of one.
@@ -48,16 +44,9 @@ def run_fits(
             stacklevel=3,
         )
         executor = None
-    if executor is not None:
-        function = functools.partial(_with_tapes, kept_in(), function)
     return run_tasks(
         function, items, executor=executor, store=store, progress=progress, names=names
     )  # fmt: skip
-
-
-def _with_tapes(folder: Path | None, function: Callable[[Any], Any], item: Any) -> Any:
-    keep_tapes(folder)
-    return function(item)
 
 
 def _can_be_sent(work: Any, executor: AnyExecutor) -> bool:

@@ -1,29 +1,14 @@
-"""A fit as the host sees it: readings, weights, bounds and priors around the compiled programs.
-
-For given nonlinear parameters the coefficients are the optimum of a convex programme; what is left
-of the residual, and its derivative in the parameters through that optimum, is what the outer search
-works with (variable projection).
-
-References:
-    Golub & Pereyra 1973; Kaufman 1975.
-"""
+"""What is fitted: force maps with their families, weights, bounds, priors and constraint."""
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 import famjax
 
-from ..convex.arrays import member
-from .family import RIG
-from .point import Point
-from .program import Program
-from .response import Constraint, MapInputs
-from .stack import REACHED, REACHES, Asked, Stack, residual_slopes
+from .response import RIG, AbstractFamily, Constraint, MapInputs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +26,23 @@ class Prior:
 
 
 @dataclasses.dataclass(frozen=True)
+class Within:
+    """A larger family, whose compiled program a part shares with others.
+
+    Attributes:
+        family: it; the part's own is what is left of it with some numbers held.
+        nonlinear: places of the part's nonlinear parameters among its, shape (q,).
+        held: its nonlinear parameters that the part has not; 0 for those that it has.
+        linear: places of the part's coefficients among its, shape (n,); the others are 0.
+    """
+
+    family: AbstractFamily
+    nonlinear: Int[np.ndarray, " q"]
+    held: Float[np.ndarray, " whole"]
+    linear: Int[np.ndarray, " n"]
+
+
+@dataclasses.dataclass(frozen=True)
 class Part:
     """One force map of a fit.
 
@@ -54,85 +56,35 @@ class Part:
         coefficients: places of its coefficients among the problem's.
         levels: of the readings by "pressure" [Pa] and "length" [m], each of shape (points,): what
             is left out together.
-        program: compiled for the family.
         side: 0 for a reading, 1 where it is censored and the force at most that, as of a slack
             muscle, -1 where it is at least that, as at the end of a load cell, shape (points,).
-        rig: places of the rig's compliance, and of its exponent where it has one, in the problem's
-            vector; none for a rigid rig.
+        within: a larger family by whose program it is computed, None for one of its own.
     """
 
     name: str
-    family: Any
+    family: AbstractFamily
     inputs: MapInputs
     force: Float[np.ndarray, " points"]
     weight: Float[np.ndarray, " points"]
     at: Int[np.ndarray, " q"]
     coefficients: Int[np.ndarray, " n"]
     levels: dict[str, Float[np.ndarray, " points"]]
-    program: Program
     side: Int[np.ndarray, " points"]
-    rig: tuple[int, ...] = ()
+    within: Within | None = None
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        family: Any,
-        inputs: MapInputs,
-        force: np.ndarray,
-        weight: np.ndarray,
-        at: Sequence[int],
-        coefficients: Sequence[int],
-        levels: dict[str, np.ndarray],
-        constraint: Constraint,
-        side: np.ndarray | None = None,
-    ) -> "Part":
-        """A part with its program; without sides every reading is what it says."""
-        places = dict(zip(family.nonlinear, at, strict=False))
-        rig = tuple(int(places[name]) for name in RIG if name in places)
-        return cls(
-            name, family, inputs, force, weight, np.asarray(at, int), np.asarray(coefficients, int),
-            levels, Program(family, constraint, inputs),
-            np.zeros(force.size, int) if side is None else side, rig,
-        )  # fmt: skip
+    @property
+    def rig(self) -> tuple[int, ...]:
+        """Places of the rig's compliance, and of its exponent where it has one; none if it is rigid."""
+        places = dict(zip(self.family.nonlinear, self.at.tolist(), strict=False))
+        return tuple(places[name] for name in RIG if name in places)
 
     def with_stations(self, stations: Float[np.ndarray, "paths stations"]) -> "Part":
         """The same part, its constraint posed elsewhere; nothing is compiled."""
-        inputs = dataclasses.replace(self.inputs, stations=stations)
-        return dataclasses.replace(self, inputs=inputs, program=self.program.at(inputs))
+        return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, stations=stations))
 
     def mounted(self, muscle: famjax.Muscle, parameters: np.ndarray) -> famjax.MountedMuscle:
         """A muscle in the rig of the problem's parameters [SI]."""
         return famjax.MountedMuscle(muscle, *(parameters[list(self.rig)] if self.rig else (0.0,)))
-
-    def predict(
-        self,
-        parameters: Float[np.ndarray, " q"],
-        x: Float[np.ndarray, " n"],
-        length: Float[np.ndarray, " k"],
-        pressure: Float[np.ndarray, " k"],
-    ) -> Float[np.ndarray, " k"]:
-        """What the rig would measure [N] at measured lengths and pressures, by the program of the fit.
-
-        Args:
-            parameters: the part's own [SI], without offsets of lengths.
-            x: its coefficients.
-            length: as measured [m].
-            pressure: gauge [Pa].
-        """
-        p = np.zeros(self.at.size)
-        p[: parameters.size] = parameters
-        reached = self.program.forces(p, x, length, pressure, np.zeros(length.size))[0]
-        if not self.rig:
-            return reached
-        for _ in range(REACHES):
-            muscle, gain = self.program.forces(p, x, length, pressure, reached)
-            move = gain * (muscle - reached)
-            reached = reached + move
-            largest = np.nanmax(np.abs(reached), initial=0.0)
-            if not np.nanmax(np.abs(move), initial=0.0) > REACHED * largest:
-                break
-        return reached
 
 
 @dataclasses.dataclass(frozen=True)
@@ -197,6 +149,12 @@ class Problem:
         ends = itertools.accumulate((part.force.size for part in self.parts), initial=0)
         return [slice(first, end) for first, end in itertools.pairwise(ends)]
 
+    @property
+    def path_rows(self) -> list[int]:
+        """Number of rows of the constraint along the paths of each part."""
+        along = self.constraint in ("slope", "drucker")
+        return [part.inputs.stations.size if along else 0 for part in self.parts]
+
     def levels(self, kind: str) -> Float[np.ndarray, " points"]:
         """The "pressure" [Pa] or "length" [m] level of every reading, or the number of its "specimen"."""
         if kind == "specimen":
@@ -219,39 +177,8 @@ class Problem:
         )
         return dataclasses.replace(self, parts=parts)
 
-    @property
-    def structure(self) -> tuple:
-        """Equal for problems that differ in readings, weights and bounds alone, held values among them."""
-        limits = (np.isfinite(self.coefficient_min), np.isfinite(self.coefficient_max))
-        return (
-            *(part.program.contents for part in self.parts), self.side.tobytes(), self.names, self.linear,
-            *(on.tobytes() for on in limits), self.priors,
-            self.coefficient_priors, self.noise, self.constraint, self.ridge,
-        )  # fmt: skip
-
     def parameters(self, u: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
         """The parameters [SI] at a point of the unit box."""
         found = self.low.copy()
         found[self.free] += u * (self.high - self.low)[self.free]
         return found
-
-    def solve(self, parameters: Float[np.ndarray, " q"], asked: Asked = "all") -> Point:
-        """The certified convex fit at these parameters, with all that is known unless less is asked."""
-        found = Stack((self,)).solve(np.zeros(1, int), parameters[None], asked=asked)
-        return member(found, 0)
-
-    def partial(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives at constant coefficients, in all nonlinear parameters.
-
-        Returns:
-            (of the weighted residual, priors included, shape (k, q); of G x - h, shape (m, q)).
-        """
-        q, m = len(self.names), point.programme[3].size
-        d_slack, row = np.zeros((m, q)), 0
-        for part, one in zip(self.parts, point.linear, strict=True):
-            there = slice(row, row + len(one.rows))
-            row = there.stop
-            if there.start < row:
-                moved = (one.d_rows @ point.x[part.coefficients]) + one.d_values
-                d_slack[there, part.at] += moved.T
-        return residual_slopes(self, [part.weight for part in self.parts], point), d_slack

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fitting.convex import Status, solve_qp
+from fitting.convex import Status, certificate_of, solve_qp
 
 OBJECTIVE = 1e-8  # relative; Clarabel's own accuracy at the tolerances set below
 CERTIFIED = 1e-12  # relative; a few roundings of a well-scaled problem
@@ -55,15 +55,13 @@ def test_positive_coefficients_agree_with_nnls(seed: int) -> None:
 
 def test_certificate_exposes_a_wrong_point() -> None:
     """The certificate must not be a formality: spoil the problem after solving and it shows."""
-    from fitting.convex.qp import certificate_of
-
     A, b, G, h = (jnp.asarray(v) for v in polynomial_problem(np.random.default_rng(1), 3))
     best = solve(A, b, G, h)
     scale = jnp.linalg.norm(A, axis=0)
-    J = jnp.linalg.inv(jnp.linalg.qr(A / scale)[1])
-    spoilt = certificate_of(A, b, G, h, best.x * 1.01, best.multipliers, J, scale, jnp.ones(33))
-    assert float(spoilt["kkt_residual"]) > 1e-4
-    assert float(spoilt["duality_gap"]) > 1e-6
+    to_x = jnp.linalg.inv(jnp.linalg.qr(A / scale)[1]) / scale[:, None]
+    _, kkt_residual, gap = certificate_of(A, b, G, h, best.x * 1.01, best.multipliers, to_x)
+    assert float(kkt_residual) > 1e-4
+    assert float(gap) > 1e-6
 
 
 def test_infeasible_and_rank_deficient_are_told_apart() -> None:

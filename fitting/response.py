@@ -1,8 +1,17 @@
-"""What a fit asks of a model: force, columns and rows of constraints, with their derivatives."""
+"""What a fit asks of a model: its force and its constraint, linear in the coefficients.
 
+A family makes models of named numbers; in some of these the force is affine. At nonlinear parameters
+p and coefficients x0
+
+    F(x) = force + columns (x - x0),   g(x) = rows (x - x0) + values >= 0,
+
+as traced code, of which the engine takes derivatives in p.
+"""
+
+import abc
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal, NamedTuple, TypeVar
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,10 +21,48 @@ from jaxtyping import Array, Float, Int
 
 import famjax
 
-from .family import AbstractFamily
+from .convex import AnyArray
 
-_T = TypeVar("_T")
-_A = TypeVar("_A")
+Values = Mapping[str, Any]
+"""Numbers [SI] by name."""
+
+RIG = ("series_compliance", "series_exponent")
+"""Parameters of the rig, which no model sees: compliance and exponent of `famjax.muscle.give_way`."""
+
+
+class AbstractFamily(eqx.Module):
+    """Models of one specimen as a function of named numbers.
+
+    Whatever is an array in it may differ from one specimen to another without a new program; what
+    is static (names, classes) may not.
+
+    Attributes:
+        nonlinear: names of the numbers that are searched, in order.
+        linear: names of those in which the force is affine, in order.
+    """
+
+    nonlinear: eqx.AbstractVar[tuple[str, ...]]
+    linear: eqx.AbstractVar[tuple[str, ...]]
+
+    @abc.abstractmethod
+    def build(self, values: Values) -> Any:
+        """The model of these values: whatever has `force(length, pressure)`."""
+
+    @abc.abstractmethod
+    def rest_length(self, values: Values) -> Float[Array, ""]:
+        """Active length L0 [m] at which every actuation path starts."""
+
+    @property
+    def derived_names(self) -> tuple[str, ...]:
+        """Names of what `derived` returns."""
+        return ()
+
+    def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
+        """What else a reader wants to know of the model; differentiable."""
+        del values
+        return ()
+
+
 Constraint = Literal["none", "positive", "slope", "drucker"]
 PressureDependence = Literal["fixed", "linear", "free"]
 
@@ -23,8 +70,8 @@ CONSTRAINTS: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker")
 DEPENDENCES: tuple[PressureDependence, ...] = ("fixed", "linear", "free")
 
 
-STATIONS = 57
-"""Stations of each actuation path: 49 from the start and 8 for points found between them."""
+STATIONS = 32
+"""Stations of each actuation path: 24 from the start and 8 for points found between them."""
 
 
 class MapInputs(eqx.Module):
@@ -38,140 +85,172 @@ class MapInputs(eqx.Module):
         stations: parts of the path in [0, 1], shape (paths, stations).
     """
 
-    length: Float[np.ndarray, " points"]
-    pressure: Float[np.ndarray, " points"]
-    force: Float[np.ndarray, " points"]
-    length_index: Int[np.ndarray, " points"]
-    path_pressure: Float[np.ndarray, " paths"]
-    path_end: Float[np.ndarray, " paths"]
-    stations: Float[np.ndarray, "paths stations"]
+    length: Float[AnyArray, " points"]
+    pressure: Float[AnyArray, " points"]
+    force: Float[AnyArray, " points"]
+    length_index: Int[AnyArray, " points"]
+    path_pressure: Float[AnyArray, " paths"]
+    path_end: Float[AnyArray, " paths"]
+    stations: Float[AnyArray, "paths stations"]
 
 
-class Response(NamedTuple):
-    """The linear model at a point; its derivatives in the parameters have the same form.
+class Linear(NamedTuple):
+    """The linear model of one part at a point; its derivatives in the parameters have the same form.
 
     Attributes:
-        force: of the muscle [N] at x0, shape (points,).
+        force: [N] at no coefficients, with which a compliant rig gives way, shape (points,).
         columns: its derivative in the coefficients, shape (points, n).
-        values: of the constraint along the paths [Pa] at x0, shape (paths, stations).
-        rows: their derivative in the coefficients, shape (paths, stations, n).
-        derived: what follows from the parameters, shape (d,).
-        numbers: all numbers of the model at x0, one after another, shape (l,).
-        number_columns: their derivative in the coefficients, shape (l, n).
+        values: of the constraint along the paths [Pa] at no coefficients, shape (rows,).
+        rows: their derivative in the coefficients, shape (rows, n).
     """
 
-    force: Float[Array, " points"]
-    columns: Float[Array, "points n"]
-    values: Float[Array, "paths stations"]
-    rows: Float[Array, "paths stations n"]
-    derived: Float[Array, " d"]
-    numbers: Float[Array, " l"]
-    number_columns: Float[Array, "l n"]
+    force: Float[AnyArray, " points"]
+    columns: Float[AnyArray, "points n"]
+    values: Float[AnyArray, " rows"]
+    rows: Float[AnyArray, "rows n"]
 
 
-class Aside(NamedTuple):
-    """What needs no derivative.
+class Report(NamedTuple):
+    """What a reader wants to know of a fit.
 
     Attributes:
-        gain: 1/(1 + delta' dF/dL) at the readings, how far a compliant rig lets the force move when
-            the muscle's own does; 1 in a rigid one, shape (points,).
-        path_modulus: along the paths [Pa] at x0, shape (paths, stations); nan without a bladder.
+        numbers: of the model, one after another, shape (l,).
+        d_numbers: their derivatives in parameters and coefficients, shape (l, q + n).
+        derived: what follows from the parameters, shape (d,).
+        d_derived: its derivatives in the parameters of the family, shape (d, q).
+        path_modulus: along the paths [Pa], shape (paths, stations); nan without a bladder.
         slope: tangent modulus [Pa] at the same shares of the largest strain, same shape.
         largest_strain: magnitude [-] along each path, shape (paths,).
-        strains: along the axis, then around it at each station of the muscle [-], along the paths,
-            shape (paths, stations, strains).
         rest: L0 [m], where every path starts, shape ().
         path_end: where each path ends [m], shape (paths,).
     """
 
-    gain: Float[Array, " points"]
-    path_modulus: Float[Array, "paths stations"]
-    slope: Float[Array, "paths stations"]
-    largest_strain: Float[Array, " paths"]
-    strains: Float[Array, "paths stations strains"]
-    rest: Float[Array, ""]
-    path_end: Float[Array, " paths"]
+    numbers: Float[AnyArray, " l"]
+    d_numbers: Float[AnyArray, "l unknowns"]
+    derived: Float[AnyArray, " d"]
+    d_derived: Float[AnyArray, "d q"]
+    path_modulus: Float[AnyArray, "paths stations"]
+    slope: Float[AnyArray, "paths stations"]
+    largest_strain: Float[AnyArray, " paths"]
+    rest: Float[AnyArray, ""]
+    path_end: Float[AnyArray, " paths"]
 
 
-def bucket(count: int, least: int = 8) -> int:
-    """The size to which a shape is padded: a power of two."""
-    return max(least, 2 ** math.ceil(math.log2(count)))
-
-
-def response(
+def linear_response(
     family: AbstractFamily,
     constraint: Constraint,
     at: MapInputs,
-    p: Float[Array, " q"] | Sequence[Array],
-    x0: Float[Array, " n"],
-    reached: Float[Array, " points"],
-) -> tuple[Response, Aside]:
-    """The linear model at (p, x0), as traced code; both drivers of a fit are made of it.
+    p: Float[AnyArray, " q"],
+    x0: Float[AnyArray, " n"],
+    reached: Float[AnyArray, " points"],
+    to_x: Float[AnyArray, "own n"] | None = None,
+) -> Linear:
+    """The linear model about (p, x0).
 
     Args:
         family: what is fitted.
         constraint: on the coefficients.
         at: readings and paths.
-        p: `family.nonlinear`, then one offset for each length that has one; in one array or in
-            several.
-        x0: `family.linear`.
+        p: `family.nonlinear`, then one offset for each length that has one.
+        x0: `family.linear`, or what they are made of.
         reached: force [N] at the readings, by which a compliant rig gives way.
+        to_x: matrix that makes `family.linear` of x0; None where x0 is them.
     """
-    known = len(family.nonlinear)
-    searched = dict(zip(family.nonlinear, p[:known], strict=True))
-    rig = rig_of(searched)
-    length, pressure = jnp.asarray(at.length), jnp.asarray(at.pressure)
-    if len(p) > known:
-        length = length + jnp.stack(list(p[known:]))[at.length_index]
-    rest, end = family.rest_length(searched), jnp.asarray(at.path_end)
-    if rig is not None:
-        end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
-        length = length - famjax.muscle.give_way(reached, *rig)
-    middle = family.build({**searched, **dict(zip(family.linear, x0, strict=True))})
-    paths = _Paths.of(middle, rest, end, at)
+    placed = _Placed.of(family, at, p, reached)
 
-    def of_coefficients(x: Float[Array, " n"]) -> tuple[Array, Array, Array]:
-        model = family.build({**searched, **dict(zip(family.linear, x, strict=True))})
-        return model.force(length, pressure), paths.constraint(model, constraint), flat(model)
+    def made(x: Float[Array, " n"]) -> Float[Array, " own"]:
+        return x if to_x is None else to_x @ x
 
+    def of_coefficients(own: Float[Array, " own"]) -> tuple[Array, Array]:
+        model = placed.model(own)
+        values = _Paths.of(model, placed.rest, placed.end, at).constraint(model, constraint)
+        return model.force(placed.length, placed.pressure), values.ravel()
+
+    # Strains are the same for all coefficients: they are traced once.
+    (force, values), slope = jax.linearize(of_coefficients, made(x0))
     if x0.shape[0]:
-        (force, values, numbers), slopes, _ = with_derivatives(
-            lambda x: (of_coefficients(x), None), x0
-        )
-        columns, rows, number_columns = (jnp.moveaxis(slope, 0, -1) for slope in slopes)
+        directions = jnp.eye(x0.shape[0]) if to_x is None else to_x.T
+        columns, rows = jax.vmap(slope, out_axes=-1)(directions)
     else:
-        force, values, numbers = of_coefficients(x0)
-        columns, rows, number_columns = (v[..., None][..., :0] for v in (force, values, numbers))
-    derived = family.derived(searched)
-    aside = Aside(
-        gain=jnp.ones_like(force)
-        if rig is None
-        else _gain(middle, length, pressure, reached, rig)[1],
-        path_modulus=values if constraint == "drucker" else paths.modulus(middle),
-        slope=values if constraint == "slope" else paths.slope(middle),
+        columns, rows = jnp.zeros((*force.shape, 0)), jnp.zeros((*values.shape, 0))
+    force, values = force - columns @ x0, values - rows @ x0
+    if placed.rig is not None:
+        gain = jax.lax.stop_gradient(
+            _gain(placed.model(made(x0)), placed.length, placed.pressure, reached, placed.rig)[1]
+        )
+        force, columns = reached + gain * (force - reached), gain[:, None] * columns
+    return Linear(force, columns, values, rows)
+
+
+def report(
+    family: AbstractFamily,
+    at: MapInputs,
+    p: Float[AnyArray, " q"],
+    x: Float[AnyArray, " n"],
+    reached: Float[AnyArray, " points"],
+) -> Report:
+    """What is reported of the model of (p, x); arguments as of `linear_response`."""
+    placed = _Placed.of(family, at, p, reached)
+    model, searched = placed.model(x), p[: len(family.nonlinear)]
+    paths = _Paths.of(model, placed.rest, placed.end, at)
+
+    def derived(p: Float[Array, " q"]) -> Float[Array, " d"]:
+        found = family.derived(dict(zip(family.nonlinear, p, strict=True)))
+        return jnp.stack(found) if found else jnp.zeros(0)
+
+    def numbers(unknowns: Float[Array, " unknowns"]) -> Float[Array, " l"]:
+        values = dict(zip(family.nonlinear, unknowns[: len(family.nonlinear)], strict=True))
+        linear = dict(zip(family.linear, unknowns[len(p) :], strict=True))
+        return flat(family.build({**values, **linear}))
+
+    both = jnp.concatenate([p, x])
+    return Report(
+        numbers=flat(model),
+        d_numbers=jax.jacfwd(numbers)(both) if both.size else jnp.zeros((flat(model).size, 0)),
+        derived=derived(searched),
+        d_derived=jax.jacfwd(derived)(searched) if searched.size else jnp.zeros((0, 0)),
+        path_modulus=paths.modulus(model),
+        slope=paths.slope(model),
         largest_strain=paths.largest,
-        strains=paths.in_all_directions(),
-        rest=jnp.asarray(rest, float),
-        path_end=end,
+        rest=jnp.asarray(placed.rest, float),
+        path_end=placed.end,
     )
-    scalars = jnp.stack(derived) if derived else jnp.zeros(0)
-    return Response(force, columns, values, rows, scalars, numbers, number_columns), aside
 
 
-def with_derivatives(
-    function: Callable[[Array], tuple[_T, _A]], x: Float[Array, " n"]
-) -> tuple[_T, _T, _A]:
-    """What a function returns, the derivatives of the first of it, and the second as it is.
+class _Placed(NamedTuple):
+    """Models of given parameters, and where they are: readings as the muscle has them, ends of paths."""
 
-    Values and derivatives are traced in one pass, by less than half the work of `jax.linearize`
-    with a map of what it returns.
+    family: AbstractFamily
+    searched: dict[str, Array]
+    length: Float[Array, " points"]
+    pressure: Float[Array, " points"]
+    rig: tuple[Array, Array | None] | None
+    rest: Float[Array, ""]
+    end: Float[Array, " paths"]
 
-    Returns:
-        The first, its derivatives along a new leading axis, and the second.
-    """
-    return jax.vmap(
-        lambda e: jax.jvp(function, (x,), (e,), has_aux=True), out_axes=(None, 0, None)
-    )(jnp.eye(x.shape[0]))
+    @classmethod
+    def of(
+        cls,
+        family: AbstractFamily,
+        at: MapInputs,
+        p: Float[Array, " q"],
+        reached: Float[Array, " points"],
+    ) -> "_Placed":
+        known = len(family.nonlinear)
+        searched = dict(zip(family.nonlinear, p[:known], strict=True))
+        rig = rig_of(searched)
+        length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
+        if len(p) > known:
+            length = length + p[known:][at.length_index]
+        if rig is not None:
+            end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
+            length = length - famjax.muscle.give_way(reached, *rig)
+        rest = jnp.asarray(family.rest_length(searched))
+        return cls(family, searched, length, jnp.asarray(at.pressure), rig, rest, end)
+
+    def model(self, x: Float[Array, " n"]) -> Any:
+        """The model of some coefficients."""
+        return self.family.build({**self.searched, **dict(zip(self.family.linear, x, strict=True))})
 
 
 def force_and_constraint(

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fitting.convex.constraint import Constraint
-from fitting.convex.minimise import ConvexFits, minimise
-from fitting.convex.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
-from fitting.convex.paths import PathFunctions, PathTable
-from fitting.convex.status import Status
+from fitting.convex import Status
+from fitting.sweeps.constraint import Constraint
+from fitting.sweeps.minimise import ConvexFits, minimise
+from fitting.sweeps.objectives import AbstractObjective, Huber, MeanRmse, SumOfSquares
+from fitting.sweeps.paths import PathFunctions, PathTable
 
 ORDER, GROUPS, READINGS = 4, 3, 25
 THRESHOLD = 0.03  # of Huber's objective

@@ -1,0 +1,558 @@
+"""The engine of every fit: variable projection, several fits at once.
+
+For given nonlinear parameters the coefficients are the optimum of a convex programme; what is left of
+the residual, and its derivative in the parameters through that optimum, is what the outer search
+works with, see `fitting.descent`.
+
+References:
+    Golub & Pereyra 1973; Kaufman 1975 (variable projection).
+    Tobin 1958; Madsen & Nielsen 1990, BIT 30 (piecewise quadratics, for censored readings).
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .convex import Status, bucket
+from .problem import Part, Problem
+from .programs import (
+    BULK,
+    MEMBERS,
+    Layout,
+    Projected,
+    Sizes,
+    Weighing,
+    form_of,
+    joined,
+    linear_program,
+    numbers_program,
+    projected_program,
+    report_program,
+)
+from .response import Linear, Report
+
+REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
+_REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
+_ROUNDS = 60  # in which the censored readings that pull settle
+_HALVINGS = 40  # of the interval in which the lowest point of a line lies
+_ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Point:
+    """The fit at one vector of nonlinear parameters, in the order of the problem.
+
+    Attributes:
+        problem: what was fitted.
+        parameters: [SI], shape (q,).
+        x: coefficients; nan without a certified optimum, shape (n,).
+        residual: weighted: readings, priors of coefficients, priors of parameters, shape (k,).
+        A, b, G, h: the convex programme: the rows of the residual; the constraint along the paths,
+            then the lower and the upper bounds of all coefficients, rows of zeros for none.
+        rows, multipliers: of the active rows of G.
+        status: how the convex fit ended, a `Status`.
+        kkt_residual, duality_gap: its certificate.
+        offset, columns: of the model at the readings [N], offset + columns x, shapes (points,) and
+            (points, n).
+        reached: force [N] at which a compliant rig was taken.
+        about: coefficients about which the model was made linear.
+        keep: readings that count: all but censored ones that are met.
+    """
+
+    problem: Problem
+    parameters: Float[np.ndarray, " q"]
+    x: Float[np.ndarray, " n"]
+    residual: Float[np.ndarray, " k"]
+    A: Float[np.ndarray, "k n"]
+    b: Float[np.ndarray, " k"]
+    G: Float[np.ndarray, "m n"]
+    h: Float[np.ndarray, " m"]
+    rows: Int[np.ndarray, " active"]
+    multipliers: Float[np.ndarray, " active"]
+    status: Status
+    kkt_residual: float
+    duality_gap: float
+    offset: Float[np.ndarray, " points"]
+    columns: Float[np.ndarray, "points n"]
+    reached: Float[np.ndarray, " points"]
+    about: Float[np.ndarray, " n"]
+    keep: Bool[np.ndarray, " points"]
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of the squared residuals."""
+        return float(self.residual @ self.residual) / 2
+
+    @property
+    def force(self) -> Float[np.ndarray, " points"]:
+        """Of the model at the readings [N]; of a censored one that is met, its limit."""
+        return np.where(self.keep, self.offset + self.columns @ self.x, self.problem.force)
+
+    @property
+    def programme(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """A, b, G and h."""
+        return self.A, self.b, self.G, self.h
+
+
+class Chunk(NamedTuple):
+    """What the programs returned for several fits, in padded arrays."""
+
+    problems: list[Problem]
+    layout: Layout
+    parameters: Float[np.ndarray, "b q"]
+    linear: Linear
+    projected: Projected
+    reached: Float[np.ndarray, "b readings"]
+    about: Float[np.ndarray, "b coefficients"]
+    keep: Float[np.ndarray, "b readings"]
+
+    def point(self, row: int) -> Point:
+        """One of the fits."""
+        problem, at, found = self.problems[row], self.layout, self.projected
+        n, wide, K = len(problem.linear), at.sizes.coefficients, at.sizes.readings
+        extra = len(problem.coefficient_priors) + len(problem.priors)
+        rows = np.concatenate([at.readings, K + np.arange(extra)])
+        bounds = at.sizes.rows + np.arange(n)
+        along = np.concatenate([at.rows, bounds, bounds + wide])
+        optimum = found.optimum
+        pull = optimum.multipliers[row, along]
+        active = np.flatnonzero(optimum.active[row, along])
+        force, columns = (leaf[row, at.readings] for leaf in self.linear[:2])
+        return Point(
+            problem=problem,
+            parameters=self.parameters[row, : len(problem.names)],
+            x=np.asarray(optimum.x)[row, :n],
+            residual=found.residual[row, rows],
+            A=np.asarray(found.A)[row, rows, :n],
+            b=found.b[row, rows],
+            G=np.asarray(found.G)[row, along, :n],
+            h=found.h[row, along],
+            rows=active,
+            multipliers=pull[active],
+            status=Status(int(optimum.status[row])),
+            kkt_residual=float(optimum.kkt_residual[row]),
+            duality_gap=float(optimum.duality_gap[row]),
+            offset=force,
+            columns=columns[:, :n],
+            reached=self.reached[row, at.readings],
+            about=self.about[row, :n],
+            keep=self.keep[row, at.readings] != 0,
+        )
+
+
+class Batch:
+    """Problems that differ in readings, weights and bounds only, so that their fits go together.
+
+    Args:
+        problems: of these.
+        layouts: of each, if they are known.
+        bulk: whether hundreds of fits follow, see `linear_program`.
+    """
+
+    def __init__(
+        self,
+        problems: Sequence[Problem],
+        layouts: Sequence[Layout] | None = None,
+        *,
+        bulk: bool = False,
+    ) -> None:
+        self.problems, self.like = list(problems), problems[0]
+        layouts = layouts or [Layout(problem) for problem in problems]
+        self.layout = at = layouts[0]
+        self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
+        structure = at.forms, self.like.constraint, at.sizes
+        # What families share is run by all of them.
+        bulk = bulk or any(part.within is not None for part in self.like.parts)
+        self.size = BULK if bulk else MEMBERS
+        self._program = linear_program(*structure, bulk=bulk)
+        self._projected = projected_program()
+        inputs = [part.inputs for part in self.like.parts]
+        self._length, self._pressure = (
+            at.spread(np.concatenate([getattr(one, name) for one in inputs]))
+            for name in ("length", "pressure")
+        )
+        self._fill(self._length)
+        self._fill(self._pressure)
+        self.low, self.high = np.zeros((2, len(problems), at.sizes.parameters))
+        for k, problem in enumerate(problems):
+            self.low[k, : len(problem.low)] = problem.low
+            self.high[k, : len(problem.high)] = problem.high
+        self._force = at.spread(np.stack([p.force for p in problems]))
+        self._weight = at.spread(np.stack([p.weight for p in problems]))
+        self._fill(self._force)
+        self._side = at.spread(self.like.side.astype(float)).astype(int)
+        self._rig = np.array([any(part.rig for part in p.parts) for p in problems])
+        others = [_others(problem, at.sizes) for problem in problems]
+        self._low, self._high, self._rows, self._targets, self._d_targets = map(
+            np.stack, zip(*others, strict=True)
+        )
+        # Parameters that are free in one of the problems; one that holds them has no width there.
+        self.free = np.flatnonzero((self.low < self.high).any(axis=0))
+
+    def _fill(self, values: Float[np.ndarray, "*b readings"]) -> None:
+        """Padded readings of each part repeat its last one."""
+        known = np.zeros(values.shape[-1], bool)
+        known[self.layout.readings] = True
+        last = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
+        values[...] = values[..., last]
+
+    def parameters(
+        self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
+    ) -> Float[np.ndarray, "b q"]:
+        """The parameters [SI] at points of the members' unit boxes."""
+        found = self.low[members]
+        found[:, self.free] += u * (self.high[members] - self.low[members])[:, self.free]
+        return found
+
+    def evaluate(
+        self,
+        members: Int[np.ndarray, " b"],
+        parameters: Float[np.ndarray, "b q"],
+        near: Sequence[tuple[Chunk, int] | None] | None = None,
+        tolerance: float = REACHED,
+    ) -> list[tuple[Chunk, int]]:
+        """The certified convex fits with their Jacobians.
+
+        Args:
+            members: places of the problems, one of them several times or not at all.
+            parameters: of each [SI].
+            near: fits of the same problems at other parameters, from which a compliant rig starts.
+            tolerance: relative change of a compliant rig's forces, before one more linear model.
+
+        Returns:
+            For each member what holds its fit, and its place in it.
+        """
+        found: list[tuple[Chunk, int]] = []
+        for first in range(0, len(members), self.size):
+            here = slice(first, first + self.size)
+            own = None if near is None else near[here]
+            chunk = self._chunk(members[here], parameters[here], own, tolerance)
+            found += [(chunk, row) for row in range(len(members[here]))]
+        return found
+
+    def _chunk(
+        self,
+        members: Int[np.ndarray, " b"],
+        parameters: Float[np.ndarray, "b q"],
+        near: Sequence[tuple[Chunk, int] | None] | None,
+        tolerance: float,
+    ) -> Chunk:
+        count = len(members)
+        every = np.minimum(np.arange(self.size), count - 1)
+        which, sizes = members[every], self.layout.sizes
+        about, reached = np.zeros((self.size, sizes.coefficients)), self._force[which].copy()
+        if self._rig[members].any():
+            for k, one in enumerate(near or ()):
+                if one is not None:
+                    chunk, row = one
+                    about[k], reached[k] = chunk.projected.optimum.x[row], chunk.reached[row]
+            about, reached = about[every], reached[every]
+            for _ in range(_REACHES - 1):
+                chunk = self._once(which, parameters[every], about, reached)
+                x, (force, columns) = chunk.projected.optimum.x, chunk.linear[:2]
+                after = force + (columns @ x[:, :, None])[:, :, 0]
+                solved = np.isfinite(x).all(axis=1) & np.isfinite(after).all(axis=1)
+                change = np.abs(after - reached).max(axis=1)
+                going = solved & ~(change <= tolerance * np.abs(after).max(axis=1))
+                about[solved], reached[solved] = x[solved], after[solved]
+                if not going.any():
+                    return chunk  # off by the square of the tolerance
+        return self._once(which, parameters[every], about, reached)
+
+    def _once(
+        self,
+        members: Int[np.ndarray, " b"],
+        parameters: Float[np.ndarray, "b q"],
+        about: Float[np.ndarray, "b coefficients"],
+        reached: Float[np.ndarray, "b readings"],
+    ) -> Chunk:
+        """The fits by linear models about coefficients, and about forces reached by the rig."""
+        linear, slopes = self.linear(members, parameters, about, reached)
+        keep = np.broadcast_to(1.0 * (self._side == 0), reached.shape)
+        if self._side.any():
+            keep = self._settled(members, parameters, linear, slopes)
+        found = self._project(members, parameters, linear, slopes, keep)
+        linear, found = jax.tree.map(np.asarray, (linear, found))
+        problems = [self.problems[k] for k in members]
+        return Chunk(problems, self.layout, parameters, linear, found, reached, about, keep)
+
+    @property
+    def residuals(self) -> int:
+        """Number of rows of a residual."""
+        sizes = self.layout.sizes
+        return sizes.readings + sizes.others + sizes.coefficients
+
+    def residual_and_jacobian(
+        self, members: Int[np.ndarray, " b"], found: Sequence[tuple[Chunk, int]]
+    ) -> tuple[Float[np.ndarray, "b k"], Float[np.ndarray, "b k p"]]:
+        """Residuals of fits, and their derivatives in the unit boxes of the free parameters."""
+        chunks = list({id(chunk): chunk for chunk, _ in found}.values())
+        count = [sum(chunk is one for chunk, _ in found) for one in chunks]
+        r, J = (
+            np.concatenate(
+                [getattr(one.projected, name)[:n] for one, n in zip(chunks, count, strict=True)]
+            )
+            for name in ("residual", "jacobian")
+        )
+        width = (self.high - self.low)[members][:, self.free]
+        return r, J[:, self.free].swapaxes(1, 2) * width[:, None]
+
+    def columns(
+        self, parameters: Float[np.ndarray, " q"], x: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "points n"]:
+        """Derivatives of the force [N] in the coefficients, about some of them."""
+        about = np.pad(x, (0, self.layout.sizes.coefficients - x.size))
+        given = (np.repeat(v[None], self.size, axis=0) for v in (parameters, about, self._force[0]))
+        found = self.linear(np.zeros(self.size, int), *given)[0].columns[0]
+        return np.asarray(found)[self.layout.readings, : x.size]
+
+    def linear(
+        self,
+        members: Int[np.ndarray, " b"],
+        parameters: Float[np.ndarray, "b q"],
+        about: Float[np.ndarray, "b coefficients"],
+        reached: Float[np.ndarray, "b readings"],
+        length: Float[np.ndarray, "b readings"] | None = None,
+        pressure: Float[np.ndarray, "b readings"] | None = None,
+    ) -> tuple[Linear, Linear]:
+        """The linear models of `size` fits, and their derivatives."""
+        p = np.zeros((self.size, self.layout.sizes.parameters))
+        p[:, : parameters.shape[1]] = parameters
+        readings = tuple(
+            np.ascontiguousarray(np.broadcast_to(own, reached.shape))
+            for own in (
+                self._length if length is None else length,
+                self._pressure if pressure is None else pressure,
+                reached,
+            )
+        )
+        own = tuple(
+            group._replace(
+                **{name: getattr(group, name)[members] for name in ("to_p", "held", "to_x")}
+            )
+            for group in self._groups
+        )
+        return self._program(own, p, about, readings)
+
+    def _project(
+        self,
+        members: Int[np.ndarray, " b"],
+        parameters: Float[np.ndarray, "b q"],
+        linear: Linear,
+        slopes: Linear,
+        keep: Float[np.ndarray, "b readings"],
+    ) -> Projected:
+        """The convex fits, of the readings that count."""
+        d_targets = self._d_targets[members]
+        wide = np.pad(parameters, ((0, 0), (0, d_targets.shape[1] - parameters.shape[1])))
+        targets = self._targets[members] + (wide[:, None] @ d_targets)[:, 0]
+        of = Weighing(
+            self._force[members], self._weight[members] * keep, self._low[members],
+            self._high[members], self._rows[members], targets, d_targets,
+            np.full(len(members), self.like.ridge),
+        )  # fmt: skip
+        return self._projected(linear, slopes, of)
+
+    def _settled(
+        self,
+        members: Int[np.ndarray, " b"],
+        parameters: Float[np.ndarray, "b q"],
+        linear: Linear,
+        slopes: Linear,
+    ) -> Float[np.ndarray, "b readings"]:
+        """The readings that count at the optimum: all that are read, and censored ones that pull.
+
+        A slack muscle says F <= 0, a load cell at its limit F >= limit. Each adds
+        max(0, s (F - limit))^2 / 2 to the sum of squares, s = 1 or -1, which is convex in the
+        coefficients. The least squares of those that pull have the same gradient at the optimum,
+        so its multipliers and certificate are those of the whole.
+        """
+        side, weight = self._side, self._weight[members]
+        force, columns = (np.asarray(leaf) for leaf in linear[:2])
+        A, b = weight[..., None] * columns, weight * (self._force[members] - force)
+        keep = np.broadcast_to(1.0 * (side == 0), b.shape)
+        x: np.ndarray | None = None
+        settled = np.zeros(len(b), bool)
+        for _ in range(_ROUNDS):
+            found = self._project(members, parameters, linear, slopes, keep)
+            target = np.asarray(found.optimum.x)
+            excess = side * ((A @ target[:, :, None])[:, :, 0] - b)
+            size = _ROUNDING * np.abs(excess).max(axis=1, keepdims=True)
+            settled = (side == 0) | ((excess > 0) == (keep > 0)) | ~(np.abs(excess) > size)
+            settled = settled.all(axis=1) | ~np.isfinite(target).all(axis=1)
+            if settled.all():
+                break
+            x = target if x is None else _lowest(side, A, b, found, x, target)
+            pulls = side * ((A @ x[:, :, None])[:, :, 0] - b) > 0
+            keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
+        # One that does not settle has no fit.
+        return np.where(settled[:, None], keep, np.nan)
+
+
+def _others(problem: Problem, sizes: Sizes) -> tuple[np.ndarray, ...]:
+    """Bounds of coefficients; rows, targets and their slopes, of priors and of unused coefficients."""
+    n = len(problem.linear)
+    low, high = np.full((2, sizes.coefficients), np.inf)
+    low *= -1
+    low[:n], high[:n] = problem.lowest, problem.coefficient_max
+    rows, targets = np.zeros((sizes.others, sizes.coefficients)), np.zeros(sizes.others)
+    d_targets = np.zeros((sizes.parameters, sizes.others))
+    row = 0
+    for prior in problem.coefficient_priors:
+        rows[row, prior.place] = problem.noise / prior.std
+        targets[row] = problem.noise / prior.std * prior.mean
+        row += 1
+    for prior in problem.priors:
+        targets[row] = problem.noise / prior.std * prior.mean
+        d_targets[prior.place, row] = -problem.noise / prior.std
+        row += 1
+    unused = np.arange(n, sizes.coefficients)
+    rows[row + unused - n, unused] = 1.0
+    return low, high, rows, targets, d_targets
+
+
+def _lowest(
+    side: Int[np.ndarray, " readings"],
+    A: Float[np.ndarray, "b readings n"],
+    b: Float[np.ndarray, "b readings"],
+    found: Projected,
+    x: Float[np.ndarray, "b n"],
+    target: Float[np.ndarray, "b n"],
+) -> Float[np.ndarray, "b n"]:
+    """Where the whole objective is lowest between two points, by halving on its slope."""
+    others, b_others = (np.asarray(leaf)[:, side.size :] for leaf in (found.A, found.b))
+    A, b = np.concatenate([A, others], axis=1), np.concatenate([b, b_others], axis=1)
+    side = np.concatenate([side, np.zeros(others.shape[1], int)])
+    start = (A @ x[:, :, None])[:, :, 0] - b
+    along = (A @ (target - x)[:, :, None])[:, :, 0]
+    low, high = np.zeros(len(x)), np.ones(len(x))
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        residual = start + middle[:, None] * along
+        residual = np.where((side == 0) | (side * residual > 0), residual, 0.0)
+        falls = np.sum(residual * along, axis=1) < 0
+        low, high = np.where(falls, middle, low), np.where(falls, high, middle)
+    return x + high[:, None] * (target - x)
+
+
+def solve(
+    problem: Problem, parameters: Float[np.ndarray, " q"], tolerance: float = REACHED
+) -> Point:
+    """The certified convex fit at some parameters; the tolerance is that of a compliant rig's forces."""
+    ((chunk, row),) = Batch([problem]).evaluate(
+        np.zeros(1, int), parameters[None], tolerance=tolerance
+    )
+    return chunk.point(row)
+
+
+def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "m q"]]:
+    """Derivatives at constant coefficients, in all nonlinear parameters.
+
+    Returns:
+        (of the weighted residual, priors included; of G x - h).
+    """
+    problem, batch = point.problem, Batch([point.problem])
+    first = np.zeros(batch.size, int)
+    at, q, n = batch.layout, len(problem.names), len(problem.linear)
+
+    def members(values: np.ndarray) -> np.ndarray:
+        return np.repeat(values[None], batch.size, axis=0)
+
+    about = np.pad(point.about, (0, at.sizes.coefficients - n))
+    reached = at.spread(point.reached)
+    batch._fill(reached)
+    _, slopes = batch.linear(first, members(point.parameters), members(about), members(reached))
+    force, columns, values, rows = (np.asarray(leaf[0])[:q] for leaf in slopes)
+    d_force = (force + columns[..., :n] @ point.x)[:, at.readings]
+    d_rows = (values + rows[..., :n] @ point.x)[:, at.rows]
+    extra = len(problem.coefficient_priors) + len(problem.priors)
+    weight = problem.weight * point.keep
+    residual = np.concatenate([weight * d_force, -batch._d_targets[0, :q, :extra]], axis=1)
+    return residual.T, np.concatenate([d_rows, np.zeros((q, 2 * n))], axis=1).T
+
+
+def predict(
+    problem: Problem,
+    place: int,
+    parameters: Float[np.ndarray, " q"],
+    x: Float[np.ndarray, " n"],
+    length: Float[np.ndarray, " k"],
+    pressure: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, " k"]:
+    """What the rig of a part would measure [N], by the program of the fit.
+
+    Args:
+        problem: of the fit.
+        place: which of its parts.
+        parameters: [SI]; offsets of the part's lengths are of no account.
+        x: coefficients.
+        length: as measured [m].
+        pressure: gauge [Pa].
+    """
+    batch, part = Batch([problem]), problem.parts[place]
+    at, n = batch.layout, len(problem.linear)
+    first = problem.readings[place].start
+    size = bucket(max(one.force.size for one in problem.parts), 64)
+    here = at.readings[first] + np.arange(size)
+    parameters = parameters.copy()
+    parameters[part.at[len(part.family.nonlinear) :]] = 0.0
+    about = np.zeros((batch.size, at.sizes.coefficients))
+    about[:, :n] = x
+    given = np.repeat(parameters[None], batch.size, axis=0)
+    found = np.empty(length.size)
+    for begin in range(0, length.size, batch.size * size):
+        those = slice(begin, begin + batch.size * size)
+        count = length[those].size
+
+        def folded(values: np.ndarray, count: int = count) -> np.ndarray:
+            full = np.pad(values, (0, batch.size * size - count), mode="edge")
+            wide = np.repeat(batch._length[None], batch.size, axis=0)
+            wide[:, here] = full.reshape(batch.size, size)
+            return wide
+
+        own = folded(length[those]), folded(pressure[those])
+        reached = np.zeros((batch.size, at.sizes.readings))
+        for _ in range(_REACHES if part.rig else 1):
+            linear, _ = batch.linear(np.zeros(batch.size, int), given, about, reached, *own)
+            force, columns = (np.asarray(leaf) for leaf in linear[:2])
+            after = force + (columns @ about[:, :, None])[:, :, 0]
+            move, reached = after - reached, after
+            largest = np.nanmax(np.abs(reached[:, here]), initial=0.0)
+            if not np.nanmax(np.abs(move[:, here]), initial=0.0) > REACHED * largest:
+                break
+        found[those] = reached[:, here].ravel()[:count]
+    return found
+
+
+def alone(part: Part) -> Part:
+    """The part with a program of its own."""
+    return dataclasses.replace(part, within=None)
+
+
+def numbers_of(part: Part, point: Point) -> Float[np.ndarray, " l"]:
+    """The numbers of the model of a part at a fit, leaf by leaf."""
+    form, arrays = form_of(alone(part), part.force.size)
+    searched = point.parameters[part.at][: len(part.family.nonlinear)]
+    return np.asarray(numbers_program(form)(arrays, searched, point.x[part.coefficients]))
+
+
+def report_of(part: Part, point: Point, place: int) -> Report:
+    """What is reported of a part at a fit, in NumPy's arrays."""
+    form, arrays = form_of(alone(part), bucket(part.force.size, 64))
+    reached = point.reached[point.problem.readings[place]]
+    reached = np.pad(reached, (0, bucket(part.force.size, 64) - part.force.size), mode="edge")
+    found = report_program(form)(
+        arrays, point.parameters[part.at], point.x[part.coefficients], reached
+    )
+    paths = part.inputs.path_end.size
+    values = Report(*(np.asarray(leaf) for leaf in found))
+    return values._replace(
+        path_modulus=values.path_modulus[:paths],
+        slope=values.slope[:paths],
+        largest_strain=values.largest_strain[:paths],
+        path_end=values.path_end[:paths],
+    )

@@ -1,2 +1,0 @@
-from .batched import Batched as Batched, BatchedFit as BatchedFit
-from .family import AbstractFamily as AbstractFamily

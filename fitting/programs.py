@@ -1,0 +1,377 @@
+"""The compiled programs of the engine: a linear model, and the convex fit with its Jacobian.
+
+The linear model is one program for each structure of a family, the convex fit one for each size,
+whatever the model. Readings, weights, bounds, specimens and priors are their arguments, padded to
+sizes that many maps share.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from famjax.compile_options import bulk_options, quick_options
+
+from .convex import AnyArray, Optimum, bucket, solve_qp
+from .kept_traces import kept
+from .problem import Part, Problem
+from .response import Constraint, Linear, MapInputs, Report, flat, linear_response, report
+
+MEMBERS = 8
+"""Fits that a compiled program takes at once."""
+BULK = 16
+"""The same where there are hundreds."""
+
+
+class Sizes(NamedTuple):
+    """Sizes to which a problem is padded: readings, rows along paths, coefficients, parameters, others."""
+
+    readings: int
+    rows: int
+    coefficients: int
+    parameters: int
+    others: int
+
+
+class Group(NamedTuple):
+    """Parts of one structure, with a leading axis of parts; of several fits but `arrays` one more.
+
+    Attributes:
+        arrays: of families and inputs.
+        to_p: 1 where a parameter of the problem is one of the part, shape (parts, q, parameters).
+        held: parameters of the part that are none of the problem, shape (parts, q).
+        to_x: as `to_p` of the coefficients, shape (parts, n, coefficients).
+    """
+
+    arrays: tuple[Any, ...]
+    to_p: Float[AnyArray, "parts q parameters"]
+    held: Float[AnyArray, "parts q"]
+    to_x: Float[AnyArray, "parts n coefficients"]
+
+
+class Form(NamedTuple):
+    """What is static in a group: how its family and inputs are made of arrays.
+
+    Attributes:
+        treedef: of (family, inputs).
+        static: leaves that are no arrays, each in a tuple; None in the place of an array.
+        shapes: of the arrays of one part.
+    """
+
+    treedef: Any
+    static: tuple[Any, ...]
+    shapes: tuple[tuple[tuple[int, ...], str], ...]
+
+    @property
+    def points(self) -> int:
+        """Number of readings, padded ones included; the arrays of `MapInputs` come last."""
+        return self.shapes[-len(dataclasses.fields(MapInputs))][0][0]
+
+    def filled(self, arrays: Sequence[Array]) -> tuple[Any, MapInputs]:
+        """Family and inputs of some arrays."""
+        given = iter(arrays)
+        leaves = [next(given) if kept is None else kept[0] for kept in self.static]
+        return jax.tree.unflatten(self.treedef, leaves)
+
+
+def form_of(part: Part, size: int) -> tuple[Form, list[np.ndarray]]:
+    """The form of a part, within a larger family if it is, padded to a number of readings; its arrays."""
+    family = part.family if part.within is None else part.within.family
+    leaves, treedef = jax.tree.flatten((family, _padded(part.inputs, size)))
+    arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
+    static = tuple(None if eqx.is_array_like(leaf) else (leaf,) for leaf in leaves)
+    return Form(treedef, static, tuple((a.shape, a.dtype.str) for a in arrays)), arrays
+
+
+def _padded(at: MapInputs, size: int) -> MapInputs:
+    """The same inputs, the last reading and path repeated up to a size that many maps share."""
+    extra, paths = size - at.length.size, at.path_end.size
+    more = 0 if paths <= 2 else bucket(paths, 4) - paths
+
+    def longer(values: np.ndarray, by: int) -> np.ndarray:
+        return np.concatenate([values, np.repeat(values[-1:], by, axis=0)]) if by else values
+
+    readings = (at.length, at.pressure, at.force, at.length_index)
+    return MapInputs(
+        *(longer(v, extra) for v in readings),
+        *(longer(v, more) for v in (at.path_pressure, at.path_end, at.stations)),
+    )
+
+
+def joined(groups: Sequence[Group]) -> Group:
+    """The groups of several fits, which share their arrays."""
+    each = (np.stack([getattr(one, name) for one in groups]) for name in Group._fields[1:])
+    return Group(groups[0].arrays, *each)
+
+
+def _places(part: Part) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a part's parameters and coefficients are among those of its program, and what is held there."""
+    if part.within is None:
+        q = len(part.at)
+        return np.eye(q), np.zeros(q), np.eye(len(part.coefficients))
+    one = part.within
+    whole = np.eye(len(one.held)), np.eye(len(one.family.linear))
+    return whole[0][:, one.nonlinear], one.held, whole[1][:, one.linear]
+
+
+class Layout:
+    """Where the parts of a problem are among padded readings and rows; the groups of its parts.
+
+    Args:
+        problem: whose parts are laid out.
+        exact: whether nothing is padded.
+    """
+
+    def __init__(self, problem: Problem, *, exact: bool = False) -> None:
+        most = max(part.force.size for part in problem.parts)
+        n, q = len(problem.linear), len(problem.names)
+        alike: dict[Form, list[tuple[int, list[np.ndarray]]]] = {}
+        for place, part in enumerate(problem.parts):
+            size = part.force.size if exact else bucket(most, 64)
+            form, arrays = form_of(part, size)
+            alike.setdefault(form, []).append((place, arrays))
+        within = [part.within for part in problem.parts if part.within is not None]
+        whole = max((len(one.held) for one in within), default=0)
+        wide_n, wide_q = (n, q) if exact else (bucket(n, 4), whole or bucket(q, 8))
+        self.forms, groups = tuple(alike), []
+        self.readings, self.rows = np.zeros(0, int), np.zeros(0, int)
+        at_readings, at_rows, first, first_row = {}, {}, 0, 0
+        along = problem.constraint in ("slope", "drucker")
+        for form, members in alike.items():
+            to_p, held, to_x = [], [], []
+            for place, arrays in members:
+                part = problem.parts[place]
+                own_p, own_held, own_x = _places(part)
+                to_p.append(own_p @ np.eye(wide_q)[part.at])
+                held.append(own_held)
+                to_x.append(own_x @ np.eye(wide_n)[part.coefficients])
+                at_readings[place] = first + np.arange(part.force.size)
+                first += form.points
+                if along:
+                    at_rows[place] = first_row + np.arange(part.inputs.stations.size)
+                    first_row += arrays[-1].size
+            stacked = tuple(
+                np.stack(leaves) for leaves in zip(*(a for _, a in members), strict=True)
+            )
+            groups.append(Group(stacked, np.stack(to_p), np.stack(held), np.stack(to_x)))
+        self.groups = tuple(groups)
+        self.readings = np.concatenate([at_readings[k] for k in range(len(problem.parts))])
+        if along:
+            self.rows = np.concatenate([at_rows[k] for k in range(len(problem.parts))])
+        others = wide_n - n + len(problem.priors) + len(problem.coefficient_priors)
+        self.sizes = Sizes(
+            first if exact else bucket(first, 64),
+            first_row if exact or not first_row else bucket(first_row, 64),
+            wide_n, wide_q, others if exact else bucket(others, 8),
+        )  # fmt: skip
+
+    def spread(
+        self, values: Float[np.ndarray, "*b points"], missing: float = 0.0
+    ) -> Float[np.ndarray, "*b readings"]:
+        """Numbers of all readings at their padded places."""
+        found = np.full((*values.shape[:-1], self.sizes.readings), missing)
+        found[..., self.readings] = values
+        return found
+
+
+def linear_of(
+    forms: Sequence[Form],
+    groups: Sequence[Group],
+    constraint: Constraint,
+    p: Float[Array, " parameters"],
+    x0: Float[Array, " coefficients"],
+    readings: tuple[Array, Array, Array],
+) -> tuple[Linear, Linear]:
+    """The linear model of a problem, and its derivatives along each parameter.
+
+    Args:
+        forms: of the groups.
+        groups: of the parts.
+        constraint: on the coefficients.
+        p: parameters of the problem.
+        x0: its coefficients.
+        readings: length [m], pressure [Pa] and force reached [N], each of shape (readings,).
+    """
+    values, slopes, first = [], [], 0
+    for form, group in zip(forms, groups, strict=True):
+        parts = len(group.to_p)
+        here = slice(first, first + parts * form.points)
+        first = here.stop
+        one = functools.partial(_of_part, form, constraint, p, x0)
+        own = tuple(v[here].reshape(parts, -1) for v in readings)
+        each: Any = group.arrays, group.to_p, group.held, group.to_x, own
+        if parts == 1:
+            found = jax.tree.map(lambda leaf: leaf[None], one(*jax.tree.map(lambda v: v[0], each)))
+        else:
+            found = jax.vmap(one)(*each)
+        value, slope = found
+        values.append(Linear(*(leaf.reshape(-1, *leaf.shape[2:]) for leaf in value)))
+        moved = (jnp.moveaxis(leaf, 0, 1) for leaf in slope)
+        slopes.append(Linear(*(leaf.reshape(len(leaf), -1, *leaf.shape[3:]) for leaf in moved)))
+
+    def joined(each: list[Linear], axis: int) -> Linear:
+        return Linear(*(jnp.concatenate(leaves, axis) for leaves in zip(*each, strict=True)))
+
+    return joined(values, 0), joined(slopes, 1)
+
+
+def _of_part(
+    form: Form,
+    constraint: Constraint,
+    p: Array,
+    x0: Array,
+    arrays: Sequence[Array],
+    to_p: Float[Array, "q parameters"],
+    held: Float[Array, " q"],
+    to_x: Float[Array, "n coefficients"],
+    readings: tuple[Array, Array, Array],
+) -> tuple[Linear, Linear]:
+    """The linear model of a part in the parameters and coefficients of the problem, and its slopes."""
+    family, at = form.filled(arrays)
+    length, pressure, reached = readings
+    at = dataclasses.replace(at, length=length, pressure=pressure)
+
+    def response(own_p: Array) -> Linear:
+        return linear_response(family, constraint, at, own_p, x0, reached, to_x)
+
+    own_p = held + to_p @ p
+    if not own_p.size:
+        value = response(own_p)
+        return value, Linear(*(jnp.zeros((len(p), *leaf.shape)) for leaf in value))
+    value, slope = jax.linearize(response, own_p)
+    return value, jax.vmap(slope)(to_p.T)
+
+
+@functools.lru_cache(maxsize=128)
+def linear_program(
+    forms: tuple[Form, ...], constraint: Constraint, sizes: Sizes, *, bulk: bool = False
+) -> Any:
+    """The compiled linear model of a structure, for several fits at once.
+
+    Args:
+        forms: of the groups of parts.
+        constraint: on the coefficients.
+        sizes: of the padded problem.
+        bulk: whether it runs so often that optimised code is worth its compilation.
+    """
+
+    def one(
+        groups: tuple[Group, ...], p: Array, x0: Array, readings: tuple[Array, Array, Array]
+    ) -> tuple[Linear, Linear]:
+        value, slope = linear_of(forms, groups, constraint, p, x0, readings)
+        readings_, rows = sizes.readings - len(value.force), sizes.rows - len(value.values)
+        by = Linear(*(((0, more),) for more in (readings_, readings_, rows, rows)))
+
+        def padded(leaf: Array, by: tuple, leading: int) -> Array:
+            rest = ((0, 0),) * (leaf.ndim - leading - 1)
+            return jnp.pad(leaf, ((0, 0),) * leading + by + rest)
+
+        return (
+            Linear(*(padded(v, b, 0) for v, b in zip(value, by, strict=True))),
+            Linear(*(padded(v, b, 1) for v, b in zip(slope, by, strict=True))),
+        )
+
+    axes = tuple(Group(*(None, 0, 0, 0)) for _ in forms)
+    many = jax.vmap(one, in_axes=(axes, 0, 0, 0))
+    if not bulk:
+        return jax.jit(many, compiler_options=quick_options())
+    like = Linear(*range(4)), Linear(*range(4))
+    return kept(many, f"linear {forms} {constraint} {sizes}", like, bulk_options())
+
+
+class Weighing(NamedTuple):
+    """What is known of a fit besides its model.
+
+    Attributes:
+        force: measured [N], shape (readings,).
+        weight: of the readings, 0 for none, shape (readings,).
+        low, high: bounds of the coefficients, infinite where there is none, shape (coefficients,).
+        rows, targets: further rows of the least squares, priors among them.
+        d_targets: derivative of the targets in the parameters, shape (parameters, others).
+        ridge: see `Problem`.
+    """
+
+    force: Float[AnyArray, " readings"]
+    weight: Float[AnyArray, " readings"]
+    low: Float[AnyArray, " coefficients"]
+    high: Float[AnyArray, " coefficients"]
+    rows: Float[AnyArray, "others coefficients"]
+    targets: Float[AnyArray, " others"]
+    d_targets: Float[AnyArray, "parameters others"]
+    ridge: Float[AnyArray, ""]
+
+
+def programme(linear: Linear, of: Weighing) -> tuple[Array, Array, Array, Array]:
+    """A, b, G and h of the convex programme of a linear model."""
+    A = jnp.concatenate([of.weight[:, None] * linear.columns, of.rows])
+    b = jnp.concatenate([of.weight * (of.force - linear.force), of.targets])
+    size = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(A**2, axis=0)))
+    A = jnp.concatenate([A, jnp.diag(of.ridge * jnp.where(size > 0, size, 1.0))])
+    on = jnp.isfinite(of.low), jnp.isfinite(of.high)
+    G = [linear.rows, jnp.diag(1.0 * on[0]), -jnp.diag(1.0 * on[1])]
+    h = [-linear.values, jnp.where(on[0], of.low, -1.0), jnp.where(on[1], -of.high, -1.0)]
+    return A, jnp.concatenate([b, jnp.zeros(size.shape)]), jnp.concatenate(G), jnp.concatenate(h)
+
+
+class Projected(NamedTuple):
+    """The convex fit at given parameters, and its residual A x - b with the derivative in these."""
+
+    optimum: Optimum
+    residual: Float[AnyArray, " rows"]
+    jacobian: Float[AnyArray, "parameters rows"]
+    A: Float[AnyArray, "rows coefficients"]
+    b: Float[AnyArray, " rows"]
+    G: Float[AnyArray, "m coefficients"]
+    h: Float[AnyArray, " m"]
+
+
+def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
+    """The convex fit of a linear model, and the derivative of its residual through the optimum."""
+
+    def residual(linear: Linear, targets: Array) -> tuple[Array, tuple]:
+        given = programme(linear, of._replace(targets=targets))
+        optimum = solve_qp(*given)
+        return given[0] @ optimum.x - given[1], (optimum, *given)
+
+    def along(slope: Linear, d_targets: Array) -> tuple[Array, Array, tuple]:
+        return jax.jvp(residual, (linear, of.targets), (slope, d_targets), has_aux=True)
+
+    r, jacobian, (optimum, *given) = jax.vmap(along, out_axes=(None, 0, None))(slopes, of.d_targets)
+    return Projected(optimum, r, jacobian, *given)
+
+
+@functools.cache
+def projected_program() -> Any:
+    """The compiled convex fit with its Jacobian, for several at once; all structures share it."""
+    one, number = np.zeros(1), np.zeros(())
+    optimum = Optimum(one, one, one > 0, *[number] * 4, np.zeros((), int))
+    like = Projected(optimum, *range(len(Projected._fields) - 1))
+    return kept(jax.vmap(projected), "projected", like, bulk_options())
+
+
+@functools.lru_cache(maxsize=128)
+def numbers_program(form: Form) -> Any:
+    """The compiled numbers of a part's model, of parameters of the family and coefficients."""
+
+    def one(arrays: list[Array], p: Array, x: Array) -> Array:
+        family, _ = form.filled(arrays)
+        names = (*family.nonlinear, *family.linear)
+        return flat(family.build(dict(zip(names, jnp.concatenate([p, x]), strict=True))))
+
+    return jax.jit(one, compiler_options=quick_options())
+
+
+@functools.lru_cache(maxsize=128)
+def report_program(form: Form) -> Any:
+    """The compiled report of a part."""
+
+    def one(arrays: list[Array], p: Array, x: Array, reached: Array) -> Report:
+        return report(*form.filled(arrays), p, x, reached)
+
+    return jax.jit(one, compiler_options=quick_options())

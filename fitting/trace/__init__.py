@@ -1,5 +1,0 @@
-"""Programs recorded once and executed in NumPy: tapes, their rules, and their store on disk."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
