@@ -8,7 +8,7 @@ sizes that many maps share.
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -277,7 +277,7 @@ def linear_program(
             Linear(*(padded(v, b, 1) for v, b in zip(slope, by, strict=True))),
         )
 
-    axes = tuple(Group(*(None, 0, 0, 0)) for _ in forms)
+    axes: Any = tuple(Group(cast(Any, None), *cast(Any, (0, 0, 0))) for _ in forms)
     many = jax.vmap(one, in_axes=(axes, 0, 0, 0))
     if not bulk:
         return jax.jit(many, compiler_options=quick_options())
@@ -350,7 +350,7 @@ def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
 def projected_program() -> Any:
     """The compiled convex fit with its Jacobian, for several at once; all structures share it."""
     one, number = np.zeros(1), np.zeros(())
-    optimum = Optimum(one, one, one > 0, *[number] * 4, np.zeros((), int))
+    optimum = Optimum(one, one, one > 0, number, number, number, number, np.zeros((), int))
     like = Projected(optimum, *range(len(Projected._fields) - 1))
     return kept(jax.vmap(projected), "projected", like, bulk_options())
 

@@ -159,9 +159,8 @@ def choose(
     plainest = posed_of(weighed, candidates[0], constraint, box)  # refused here: it is no muscle
 
     def tell(what: str) -> Callable[[int, int], None] | None:
-        if progress is None:
-            return None
-        return lambda done, total: progress(what, done, total)
+        told = progress
+        return None if told is None else lambda done, total: told(what, done, total)
 
     elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
     # Those whose rig is rigid come first: they wait for none that gives way.
