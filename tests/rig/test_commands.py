@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from rig_commands import Typed, calibrated, run, words, write_plan
 
-from famjax.commands import rig_cli
 from fitting import read_csv
-from rig import read_journal, read_plan
+from rig import cli as rig_cli, read_journal, read_plan
 from rig.calibration import read_calibration, write_calibration
 from rig.journal import stored_calibration
 from rig.link import VirtualLink

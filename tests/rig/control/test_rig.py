@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.chain.journals import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
+from famjax.app.journals import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, Rig
 from rig.device import firmware_folder

@@ -1,0 +1,259 @@
+"""The command `famjax`: every command by its name and a sentence, imported when it is asked for."""
+
+import io
+import os
+import re
+import select
+import signal
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+# jaxlib on few cores can hang when two threads run batched LAPACK at once; this must be set first.
+os.environ.setdefault("PJRT_NPROC", "16")
+
+_RIG_HELP = "Control a muscle's pressure, record a test, or simulate both; see rig/firmware."
+_HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
+
+COMMANDS = {
+    "fitting.cli.fit:assess": (
+        "Test a fit on readings left out, and find how far each parameter is known."
+    ),
+    "fitting.cli.muscle:card": (
+        "Write the muscle card of a fit: what a simulator, a controller or a colleague needs of it."
+    ),
+    "famjax.app.commands:characterise": (
+        "Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report."
+    ),
+    "famjax.app.commands:new": (
+        "Write the sheet of a new characterisation folder, with a comment on every entry."
+    ),
+    "fitting.cli.several:compare": (
+        "Fit every published static force model, and famjax's own, to one force map."
+    ),
+    "famjax.design.cli:design": (
+        "Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement."
+    ),
+    "famjax.app.doctor:doctor": (
+        "Report versions, devices, precision and name clashes; exit code 1 if something is wrong."
+    ),
+    "fitting.cli.muscle:export": "Write a muscle as C, tables, MATLAB functions, or for a simulator.",
+    "fitting.cli.fit:fit": "Identify a muscle from a measured force map.",
+    "famjax.app.commands:measure": (
+        "Measure the shape of a muscle in photographs, each picture with its errors."
+    ),
+    "fitting.cli.muscle:predict": (
+        "Predict the force of a fitted muscle, and the pressure at which it begins to pull."
+    ),
+    "fitting.cli.ramps:ramps": (
+        "Turn raw isometric pressure ramps into a static force map with its noise and hysteresis."
+    ),
+    "famjax.app.doctor:reproduce": (
+        "Compute the reference work's tables and put them beside its printed figures."
+    ),
+    "fitting.cli.several:series": (
+        "Identify several muscles of a series together, to predict those of other lengths."
+    ),
+    "fitting.cli.several:sweep": (
+        "Fit every permutation of order, pressure dependence and constraint at one geometry."
+    ),
+}
+"""Where each command is, `module:function`, and the first sentence of its help."""
+
+RIG_COMMANDS = {
+    "famjax.app.commands:rig_characterise": (
+        "Turn a test's journal and the test machine's log into curves, figures and a dataset to fit."
+    ),
+    "famjax.app.commands:rig_convert": (
+        "Write a journal's records as a table with units; the journal stays the record."
+    ),
+    "famjax.app.commands:rig_simulate": (
+        "Carry out the same test against a simulated rig, far faster than real time."
+    ),
+}
+"""Commands of the rig that need the muscle or the records; all others are in `rig.cli`."""
+
+STANDARD_INPUT = "<stdin>"
+"""What stands for `-` among the arguments."""
+STOPPED, NO_READER = 130, 141
+"""Exit codes after Ctrl-C, and where nobody reads the output any more, as of SIGPIPE."""
+
+_UNDO = ("measure", "rig")
+"""Commands that end by themselves: pictures under way are finished, a rig is vented."""
+_NOTHING = "nothing was written"
+_KEPT = "what was finished is kept in {}, and the same command goes on from there"
+_LEFT = {
+    "sweep": _KEPT.format("the output folder"),
+    "compare": _KEPT.format("the output folder"),
+    "characterise": _KEPT.format("results"),
+}
+_SHOW_CURSOR = "\x1b[?25h"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line.
+
+    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped,
+    141 nobody reads the output any more.
+    """
+    if arguments is None:
+        end_at_interrupts(sys.argv[1:])
+        warnings.showwarning = _as_note
+        _print_what_the_terminal_lacks()
+    try:
+        code = _run(sys.argv[1:] if arguments is None else arguments)
+        if arguments is None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        if arguments is not None or not _reader_has_left():
+            raise
+        code = NO_READER
+    sys.exit(code)
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        from cyclopts import CycloptsError
+
+        import famjax.console  # noqa: F401 -- rich
+    except ImportError as missing:
+        sys.exit(
+            f"the famjax command needs its extra 'app' ({missing}); install it with\n"
+            '    python -m pip install "famjax[app]"'
+        )
+    from famjax._require import clashes
+    from famjax.boundary.errors import InputError
+
+    if arguments and arguments[0] != "doctor" and (found := clashes()):
+        print(*(f"famjax: {one}" for one in found), sep="\n", file=sys.stderr)
+        return 2
+    # A bare hyphen would be read as an option that nobody knows.
+    words = [STANDARD_INPUT if word == "-" else word for word in arguments]
+    try:
+        code = command_line(words)(
+            words, exit_on_error=False, print_error=False, result_action="return_value"
+        )
+    except CycloptsError as error:
+        hint = _of_a_minus_sign(arguments, str(error))
+        ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
+        print(f"famjax: {error}{hint}\nTry '{ask}'.", file=sys.stderr)
+        return 2
+    except InputError as error:
+        print(f"famjax: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(farewell(arguments), file=sys.stderr)
+        return STOPPED
+    return code or 0
+
+
+def command_line(arguments: Sequence[str]) -> "App":
+    """The command line, for these arguments.
+
+    The help of the command that they ask for is its docstring; all others are known by a sentence
+    and are not imported.
+    """
+    from cyclopts import App, Parameter
+
+    from famjax import __version__
+
+    # A switch has no `--no-`, and a list no `--empty-`, unless it says so.
+    options = Parameter(negative=(), show_default=_as_typed)
+    command, of_rig = [*arguments, "", ""][:2]
+    app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
+              default_parameter=options, suppress_keyboard_interrupt=False)  # fmt: skip
+    _register(app, COMMANDS, command)
+    if command in {"rig", "--install-completion"}:
+        from rig import cli
+
+        rig = App(name="rig", help=cli.__doc__, help_format="markdown", default_parameter=options)
+        for function in cli.COMMANDS:
+            rig.command(function)
+        _register(rig, RIG_COMMANDS, of_rig)
+    else:
+        rig = App(name="rig", help=_RIG_HELP)
+    app.command(rig)
+    app.register_install_completion_command(
+        help="Complete commands and options in your shell: bash, zsh, fish. It adds a line to its "
+        "start-up file."
+    )
+    return app
+
+
+def _as_typed(default: object) -> str | None:
+    """A default as one would type it; None for what is not given, off or empty."""
+    if default is None or default is False or default == ():
+        return None
+    return ", ".join(map(str, default)) if isinstance(default, tuple) else str(default)
+
+
+def _register(app: "App", commands: Mapping[str, str], asked: str) -> None:
+    for path, sentence in commands.items():
+        name = path.partition(":")[2].removeprefix("rig_").replace("_", "-")
+        # A sentence given here would replace the whole help.
+        app.command(path, name=name, help=None if name == asked else sentence)
+
+
+def _print_what_the_terminal_lacks() -> None:
+    """Print characters that a stream's encoding lacks as their numbers: a name is no reason to end."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
+    """A warning as a person reads it; those for developers are none of a user's."""
+    if issubclass(category, UserWarning):
+        print(f"note: {message}", file=sys.stderr)
+
+
+def _of_a_minus_sign(arguments: list[str], error: str) -> str:
+    """How a value that begins with a minus sign is given, where one was read as an option."""
+    for option, value in pairwise(arguments):
+        if f"{option} requires an argument" in error and re.match(r"-[.\d]", value):
+            return f"\nA value with a minus sign is written {option}={value}"
+    return ""
+
+
+def farewell(arguments: Sequence[str]) -> str:
+    """What is said when the command of these arguments was stopped."""
+    return f"famjax: stopped; {_LEFT.get(''.join(arguments[:1]), _NOTHING)}"
+
+
+def end_at_interrupts(arguments: Sequence[str]) -> None:
+    """Let an interrupt end the process of the command of these arguments, whatever it does.
+
+    Raised as an exception it would be lost in the callbacks of JAX, and would abort the process in the
+    import of a compiled module.
+    """
+    if "".join(arguments[:1]) in _UNDO or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        return
+    text = farewell(arguments)
+
+    def end(_number: int, frame: FrameType | None) -> None:
+        while frame is not None:
+            if frame.f_code.co_name == "write_all":  # files appear whole, and its draft goes
+                raise KeyboardInterrupt
+            frame = frame.f_back
+        shown = f"\n{_SHOW_CURSOR}" if sys.stderr.isatty() else ""
+        os.write(2, f"{shown}{text}\n".encode())
+        os._exit(STOPPED)
+
+    signal.signal(signal.SIGINT, end)
+
+
+def _reader_has_left() -> bool:
+    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
+    out = sys.stdout.fileno()
+    state = select.poll()
+    state.register(out, select.POLLOUT)
+    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
+    return True
