@@ -69,14 +69,14 @@ def characterise(
 ) -> int:
     """Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report.
 
-    What lies in the folder says its `characterisation.toml`; `famjax new` writes one. A step that
-    was done with the same files and options is not done again, and stopped work goes on.
+    `characterisation.toml` describes the folder; `famjax new` writes one. A step that was done with
+    the same files and options is not done again, and stopped work goes on.
 
     Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. What two sources
     say of one thing is compared, such as the length in the pictures and the machine's displacement:
     where they contradict each other the work stops, and what is doubtful or not known is said here
     and in the report, as are pictures that could not be measured. The report's figures are in
-    `report/figures` as SVG, PDF and CSV.
+    `report/figures` as SVG, its numbers in `report/tables` as CSV.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def characterise(
     from famjax.boundary.origin import Origin
 
     from .evaluation import evaluation_steps
-    from .report.step import first_run, report_step
+    from .report.page import first_run, report_step
     from .sheet import RESULTS, read_sheet
     from .steps import run_steps
 
@@ -305,6 +305,8 @@ def _report_test(
 
 def _simulated_muscle(fit_json: Path | None) -> tuple["SimulatedMuscle", dict[str, Any]]:
     """A famjax muscle, tabulated for the rig, and its entries in a dataset."""
+    from famjax import Muscle
+
     from .simulation import reference_muscle, simulated_muscle
 
     if fit_json is None:
@@ -315,7 +317,8 @@ def _simulated_muscle(fit_json: Path | None) -> tuple["SimulatedMuscle", dict[st
         from fitting import load_fit
 
         saved = load_fit(fit_json)
-        muscle, others = saved.muscle, tuple(one.muscle for one in saved.others)
+        muscle = saved.muscle
+        others = tuple(one.muscle for one in saved.others if isinstance(one.muscle, Muscle))
         specimen = saved.document["data"]["specimen"]
         known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
         known = {key: value for key, value in known.items() if value is not None}

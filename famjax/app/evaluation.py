@@ -19,7 +19,7 @@ from fitting.data import SharedErrors
 from fitting.evidence import Evidence, Move, drawn_moves, moves_of
 from fitting.families import Parameter
 from fitting.records import read_machine_log, write_dataset
-from fitting.saved import pdf_file, svg_file, write_fit
+from fitting.saved import svg_file, write_fit
 from imaging.campaign import PARTS
 from imaging.errors import CampaignChanged
 from rig.calibration import Calibration
@@ -153,7 +153,6 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
     picture = plot_characterisation(found, system)
     (place / "characterisation.svg").write_text(svg_file(picture), encoding="utf-8")
-    (place / "characterisation.pdf").write_bytes(pdf_file(picture))
     (place / "branches.csv").write_text(branches_csv(found.characterisation), encoding="utf-8")
     settle(record_checks(sheet, journal, found), place)
 

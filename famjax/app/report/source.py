@@ -31,8 +31,7 @@ from .states import States, states_of
 COLOURS = dict(zip(GEOMETRIES, ("0.35", "0.65", "#e69f00", "#0072b2", "#009e73"), strict=True))
 """Of the geometries in every chart; distinct without red or green as well."""
 DASHES = dict(zip(GEOMETRIES, ("--", "--", "-.", "-", ":"), strict=True))
-NONE, MINUS = "\N{EN DASH}", "\N{MINUS SIGN}"
-"""As printed: what is not known, and below zero."""
+MINUS = "\N{MINUS SIGN}"
 _STROKE = 41
 """Lengths over the measured stroke at which the models are asked."""
 
@@ -136,9 +135,9 @@ class Source:
         return value / factor(self.unit(kind), kind)
 
     def number(self, value: float | None, kind: str = "number", digits: int = 4) -> str:
-        """A cell of a table; a dash for what is not known."""
+        """A number of the page; a dash for what is not known."""
         if value is None or not np.isfinite(value):
-            return NONE
+            return "\N{EN DASH}"
         return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", MINUS)
 
     def pressure(self, value: float) -> str:
@@ -178,13 +177,14 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
     )  # fmt: skip
 
 
-def picture_rows(source: Source) -> list[dict[str, str]]:
-    """Rows of the photographs' table, as text; none without photographs."""
+def failed_pictures(source: Source) -> list[str]:
+    """Names of the photographs that could not be measured, with the reason."""
     path = source.results / PICTURES / "measurements.csv"
     if not path.exists():
         return []
     with path.open(encoding="utf-8", newline="") as file:
-        return [*csv.DictReader(file)]
+        rows = [row for row in csv.DictReader(file) if row["ok"] != "true"]
+    return [f"{Path(row['path']).name}, {row['error'].partition(':')[0]}" for row in rows]
 
 
 def _readings(data: ForceData, saved: SavedFit) -> ForceData:

@@ -14,8 +14,6 @@ import famjax
 from famjax.compile_options import quick_jit
 from famjax.terms import BladderAxial, BladderHoop, BladderWall
 
-POWERS = (1, 2, 3, 4)
-"""Of the hoop strain whose axial means are reported."""
 PRESSURE = "pressure on the braid"
 """Name of the part of the force that is the braid's, the first of all."""
 _RANGE = 129
@@ -35,7 +33,7 @@ class States:
         thickness: of the wall [m].
         volume: within the outline [m3].
         axial_strain: eps_z.
-        hoop_powers: axial mean of eps_c^n, shape (powers, p, c).
+        mean_hoop_strain: axial mean of eps_c.
         most_hoop_strain: largest eps_c along the axis.
         axial_stress, hoop_stress: axial means [Pa].
         terms: parts of the force [N] by name.
@@ -51,7 +49,7 @@ class States:
     thickness: np.ndarray
     volume: np.ndarray
     axial_strain: np.ndarray
-    hoop_powers: np.ndarray
+    mean_hoop_strain: np.ndarray
     most_hoop_strain: np.ndarray
     axial_stress: np.ndarray
     hoop_stress: np.ndarray
@@ -59,11 +57,6 @@ class States:
     rest_length: float
     lengths: np.ndarray
     forces: np.ndarray
-
-    @property
-    def mean_hoop_strain(self) -> np.ndarray:
-        """Axial mean of eps_c."""
-        return self.hoop_powers[0]
 
     @property
     def blocked_force(self) -> np.ndarray:
@@ -120,7 +113,7 @@ def _states(
         "thickness": at.thickness,
         "volume": at.volume,
         "axial_strain": at.axial_strain,
-        "hoop_powers": jnp.stack([jnp.sum(weights * hoop**n, axis=-1) for n in POWERS]),
+        "mean_hoop_strain": jnp.sum(weights * hoop, axis=-1),
         "most_hoop_strain": jnp.max(hoop, axis=-1),
         **_stresses(muscle, at, P),
         **{f"term: {name}": part for name, part in parts.items()},
