@@ -1,5 +1,7 @@
 """The command `famjax`: every command by its name and a sentence, imported when it is asked for."""
 
+import ast
+import importlib.util
 import io
 import os
 import re
@@ -7,8 +9,9 @@ import select
 import signal
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -21,63 +24,21 @@ os.environ.setdefault("PJRT_NPROC", "16")
 _RIG_HELP = "Control a muscle's pressure, record a test, or simulate both; see rig/firmware."
 _HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
 
-COMMANDS = {
-    "fitting.cli.fit:assess": (
-        "Test a fit on readings left out, and find how far each parameter is known."
-    ),
-    "fitting.cli.muscle:card": (
-        "Write the muscle card of a fit: what a simulator, a controller or a colleague needs of it."
-    ),
-    "famjax.app.commands:characterise": (
-        "Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report."
-    ),
-    "famjax.app.commands:new": (
-        "Write the sheet of a new characterisation folder, with a comment on every entry."
-    ),
-    "fitting.cli.several:compare": (
-        "Fit every published static force model, and famjax's own, to one force map."
-    ),
-    "famjax.design.cli:design": (
-        "Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement."
-    ),
-    "famjax.app.doctor:doctor": (
-        "Report versions, devices, precision and name clashes; exit code 1 if something is wrong."
-    ),
-    "fitting.cli.muscle:export": "Write a muscle as C, tables, MATLAB functions, or for a simulator.",
-    "fitting.cli.fit:fit": "Identify a muscle from a measured force map.",
-    "famjax.app.commands:measure": (
-        "Measure the shape of a muscle in photographs, each picture with its errors."
-    ),
-    "fitting.cli.muscle:predict": (
-        "Predict the force of a fitted muscle, and the pressure at which it begins to pull."
-    ),
-    "fitting.cli.ramps:ramps": (
-        "Turn raw isometric pressure ramps into a static force map with its noise and hysteresis."
-    ),
-    "famjax.app.doctor:reproduce": (
-        "Compute the reference work's tables and put them beside its printed figures."
-    ),
-    "fitting.cli.several:series": (
-        "Identify several muscles of a series together, to predict those of other lengths."
-    ),
-    "fitting.cli.several:sweep": (
-        "Fit every permutation of order, pressure dependence and constraint at one geometry."
-    ),
-}
-"""Where each command is, `module:function`, and the first sentence of its help."""
-
-RIG_COMMANDS = {
-    "famjax.app.commands:rig_characterise": (
-        "Turn a test's journal and the test machine's log into curves, figures and a dataset to fit."
-    ),
-    "famjax.app.commands:rig_convert": (
-        "Write a journal's records as a table with units; the journal stays the record."
-    ),
-    "famjax.app.commands:rig_simulate": (
-        "Carry out the same test against a simulated rig, far faster than real time."
-    ),
-}
+_FITTING, _HERE = "fitting.cli", "famjax.app"
+COMMANDS = (
+    f"{_FITTING}.fit:assess", f"{_FITTING}.muscle:card", f"{_HERE}.commands:characterise",
+    f"{_HERE}.commands:new", f"{_FITTING}.several:compare", "famjax.design.cli:design",
+    f"{_HERE}.doctor:doctor", f"{_FITTING}.muscle:export", f"{_FITTING}.fit:fit",
+    f"{_HERE}.commands:measure", f"{_FITTING}.muscle:predict", f"{_FITTING}.ramps:ramps",
+    f"{_HERE}.doctor:reproduce", f"{_FITTING}.several:series", f"{_FITTING}.several:sweep",
+)  # fmt: skip
+"""Where each command is, `module:function`."""
+RIG_COMMANDS = tuple(
+    f"{_HERE}.commands:rig_{name}" for name in ("characterise", "convert", "simulate")
+)
 """Commands of the rig that need the muscle or the records; all others are in `rig.cli`."""
+_MOUNTED = {f"{_HERE}.commands:measure": "imaging.cli:measure"}
+"""Where the help of a command is, where it is elsewhere."""
 
 STANDARD_INPUT = "<stdin>"
 """What stands for `-` among the arguments."""
@@ -193,11 +154,24 @@ def _as_typed(default: object) -> str | None:
     return ", ".join(map(str, default)) if isinstance(default, tuple) else str(default)
 
 
-def _register(app: "App", commands: Mapping[str, str], asked: str) -> None:
-    for path, sentence in commands.items():
-        name = path.partition(":")[2].removeprefix("rig_").replace("_", "-")
-        # A sentence given here would replace the whole help.
-        app.command(path, name=name, help=None if name == asked else sentence)
+def _register(app: "App", commands: Sequence[str], asked: str) -> None:
+    names = [path.partition(":")[2].removeprefix("rig_").replace("_", "-") for path in commands]
+    for name, path in zip(names, commands, strict=True):
+        # A sentence replaces the whole help; where one of them is asked for, none is shown of the others.
+        shown = None if name == asked else "" if asked in names else sentence(path)
+        app.command(path, name=name, help=shown)
+
+
+def sentence(path: str) -> str:
+    """The first sentence of a command's help, read in its file: nothing that it needs is imported."""
+    module, _, name = _MOUNTED.get(path, path).partition(":")
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name == name:
+            return (ast.get_docstring(node) or "").partition("\n\n")[0]
+    raise LookupError(path)
 
 
 def _print_what_the_terminal_lacks() -> None:

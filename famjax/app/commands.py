@@ -45,14 +45,14 @@ def new(folder: Path) -> int:
     from famjax.boundary.errors import InputError
     from famjax.boundary.files import check_output
 
-    from .sheet import SHEET, SKELETON
+    from .sheet import SHEET, skeleton
 
     check_output(folder)
     path = folder / SHEET
     if path.exists():
         raise InputError(f"{path} is there already: edit it, or give another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    path.write_text(SKELETON, encoding="utf-8")
+    path.write_text(skeleton(), encoding="utf-8")
     print(
         f"written: {path}; fill it in, lay the files beside it, then: famjax characterise {folder}"
     )
@@ -272,7 +272,7 @@ def rig_convert(journal: Path, target: Path) -> int:
     journal
         The journal.
     target
-        File to write: .parquet, .nc (NetCDF) or .csv.
+        File to write, .csv.
     """
     from .journals import convert
 

@@ -10,7 +10,7 @@ from famjax._require import SIBLINGS, clashes, require
 from famjax.compilation_cache import VARIABLE, cache_root, contents, start_jax, switch_on
 from famjax.console import print_json, print_rows, progress
 
-_REPORTED = (
+_REPORTED = [
     "jax",
     "jaxlib",
     "equinox",
@@ -27,7 +27,7 @@ _REPORTED = (
     "mujoco-mjx",
     "optax",
     "blackjax",
-)
+]
 
 
 def versions() -> dict[str, str]:

@@ -1,13 +1,12 @@
-"""A rig's journal as columns in SI on the host's clock, and as files for other programs."""
+"""A rig's journal as columns in SI on the host's clock, and as CSV."""
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from famjax.boundary.extras import import_extra
 from famjax.units import PSI
 from fitting.records import ClockMap, fit_clock
 from rig.calibration import READINGS
@@ -15,19 +14,9 @@ from rig.errors import RigError
 from rig.journal import Record, read_journal, stored_calibration
 from rig.protocol import TICK_HZ, TICKS
 
-if TYPE_CHECKING:
-    import xarray
-
-COLUMNS_IN_UNITS = ("time_s", "device_time_s", "pressure_Pa", "force_N", "set_pressure_Pa")
-COUNTS_AND_CODES = ("output", "integral", "state", "fault", "sync", "block", "epoch", "seq")
-UNIT_OF = {name: name.rpartition("_")[2] for name in COLUMNS_IN_UNITS} | dict.fromkeys(
-    COUNTS_AND_CODES, "1"
-)
-"""Columns of a table and their units; "1" for counts and codes."""
-
 
 def table(record: Record) -> dict[str, NDArray[Any]]:
-    """The columns of `UNIT_OF`, one row for each record, neglecting the shortest latency of the line.
+    """The journal as columns, a row for each record, neglecting the shortest latency of the line.
 
     Args:
         record: a journal read back, with the calibration of its sensors.
@@ -109,69 +98,16 @@ def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
     return blocks
 
 
-def to_xarray(record: Record) -> "xarray.Dataset":
-    """The table as a dataset over time, with the unit of each variable as its attribute.
-
-    Raises:
-        RigError: xarray is not installed, or as `table`.
-    """
-    xarray = import_extra("xarray", "tables", RigError)
-    columns = table(record)
-    variables = {
-        name: ("time_s", values, {"units": UNIT_OF[name]})
-        for name, values in columns.items()
-        if name != "time_s"
-    }
-    coordinates = {"time_s": ("time_s", columns["time_s"], {"units": "s"})}
-    return xarray.Dataset(variables, coordinates, attrs={"source": record.path.name})
-
-
-def write_netcdf(record: Record, path: str | Path) -> None:
-    """Write the table as NetCDF 3, the unit of each variable as its attribute.
-
-    Raises:
-        RigError: as `to_xarray`.
-    """
-    dataset = to_xarray(record)
-    small = {name: v.astype(np.int32) for name, v in dataset.items() if v.dtype.kind == "i"}
-    dataset.assign({n: v.assign_attrs(dataset[n].attrs) for n, v in small.items()}).to_netcdf(
-        path, engine="scipy", format="NETCDF3_64BIT"
-    )
-
-
-def write_parquet(record: Record, path: str | Path) -> None:
-    """Write the table as Parquet, the unit of each column in its name and its metadata.
-
-    Raises:
-        RigError: pyarrow is not installed, or as `table`.
-    """
-    arrow, parquet = (
-        import_extra(name, "tables", RigError) for name in ("pyarrow", "pyarrow.parquet")
-    )
-    columns = table(record)
-    fields = [
-        arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": UNIT_OF[name]})
-        for name, values in columns.items()
-    ]
-    schema = arrow.schema(fields, metadata={"source": record.path.name})
-    parquet.write_table(arrow.table(list(columns.values()), schema=schema), path)
-
-
 def convert(journal: str | Path, target: str | Path) -> Path:
-    """The records of a journal as a table: Parquet, NetCDF or CSV, by the target's ending.
+    """Write the records of a journal as a CSV table, the unit in the name of each column.
 
     Raises:
         RigError: another ending, or the journal cannot be read.
     """
     target = Path(target)
-    record = read_journal(journal)
-    writers = {".parquet": write_parquet, ".nc": write_netcdf}
-    if target.suffix in writers:
-        writers[target.suffix](record, target)
-        return target
     if target.suffix != ".csv":
-        raise RigError(f"the target must end in {', '.join(writers)} or .csv, got {target.name!r}")
-    columns = table(record)
+        raise RigError(f"the target must end in .csv, got {target.name!r}")
+    columns = table(read_journal(journal))
     with target.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)

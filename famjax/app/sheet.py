@@ -1,6 +1,7 @@
 """characterisation.toml: what lies in a folder, and how it is evaluated; units in every key."""
 
 import dataclasses
+import importlib.resources
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -15,59 +16,11 @@ SHEET = "characterisation.toml"
 RESULTS = "results"
 """Folder of what is computed."""
 
-SKELETON = """\
-# A muscle's characterisation: what lies in this folder, and how it is evaluated.
-# Every key that is a quantity ends with its unit: mm, in, kPa, psi, N, s, ... Remove what you lack.
 
-[specimen]
-name = "my muscle"
-rest_length_mm = 250.0            # active length at zero contraction, between the end-fittings
-wall_thickness_mm = 1.6           # of the bladder at rest
-bladder_diameter_mm = 22.2        # outside, at rest; leave out where the bladder fills the braid
-braid_thickness_mm = 0.28
-# turns = 1.09                    # of one thread from fitting to fitting; identified unless given
-
-[records]                         # of one test: both, or a force map alone
-journal = "test.fam"              # of `famjax rig run`
-machine_log = "machine.csv"       # time, displacement and force, with units
-# force_map = "map.csv"           # pressure, length, force: instead of both
-# sync_column = "Sync"            # of the log, with the rig's pulses; else the load aligns
-# near_s = 12.0                   # what the journal is ahead of the log, where strokes are alike
-# skip_cycles = 1                 # first strokes at each pressure that are left out
-# zero_displacement_mm = 0.0      # what the machine shows at the rest length
-# shortening_positive = true      # the displacement grows as the muscle shortens
-# pushing_positive = true         # the force is positive in compression
-
-[photographs]                     # of the same test; without them the shape is a cylinder's
-pictures = "photographs"          # folder, or a pattern such as "DSC_*.JPG"
-ruler = "ruler.jpg"               # in the plane of the muscle's axis, from the same camera
-distance_mm = 1524.0              # camera to muscle
-pitch_mm = 3.175                  # of the ruler's marks
-ruler_placement_mm = 0.25         # standard error of its distance from the plane of the axis
-# scale = "226.63+-0.02 px/in"    # instead of a ruler
-# k1 = 0.0                        # radial distortion of the lens; read off the ruler unless given
-# tone = "srgb"                   # the camera's curve, where it is known; it is in the errors unless given
-# log_offset_s = 12.0             # what the log is ahead of the first picture, where strokes repeat
-
-[errors]                          # standard errors that all readings share, which no scatter shows; what
-                                  # sources say of one thing is compared by them
-rest_length_mm = 0.2              # of the active length, by a ruler
-wall_thickness_mm = 0.02          # of the bladder, by a caliper; E_n go with it
-bladder_diameter_mm = 0.1
-pressure_reading = 0.0025         # of the transducer, as part of the reading
-pressure_zero_kPa = 0.2
-force_reading = 0.002             # of the load cell
-# shortening = 0.001              # of the machine's displacement
-# force_zero_N = 0.1
-# braid_thickness_mm = 0.02
-
-[fit]
-law = "polynomial"
-order = 3
-constraint = "drucker"
-starts = 16
-seed = 0
-"""
+def skeleton() -> str:
+    """A sheet to fill in, with a comment on every entry."""
+    place = importlib.resources.files("famjax.app") / "templates" / SHEET
+    return place.read_text(encoding="utf-8")
 
 
 @dataclasses.dataclass(frozen=True)

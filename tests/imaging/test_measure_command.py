@@ -61,7 +61,7 @@ def table(path):
 def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_path, capsys):
     out = tmp_path / "out"
     ruler = lab.photos / "ruler.jpg"
-    code = run(lab.photos, "--ruler", ruler, "--log", lab.folder / "log.csv", "--workers", 1,
+    code = run(lab.photos, "--ruler", ruler, "--log", lab.folder / "log.csv", "--jobs", 1,
                "--output", out, "--overlays", 3, "--json")  # fmt: skip
     document = json.loads(capsys.readouterr().out)
     assert code == 0, document
@@ -90,7 +90,7 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
 
     write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
     picture.write_bytes(b"\xff\xd8 no picture")
-    arguments = [tmp_path / "good.jpg", picture, "--recipe", recipe, "--workers", 1,
+    arguments = [tmp_path / "good.jpg", picture, "--recipe", recipe, "--jobs", 1,
                  "--overlays", 0, "--units", "metric"]  # fmt: skip
     assert run(*arguments, "--output", tmp_path / "a") == 3
     told = capsys.readouterr().out

@@ -13,7 +13,7 @@ from rendering.folder import TRUE_LENGTHS, write_twin
 from rendering.folder_truth import TRUTH
 
 from famjax.__main__ import main
-from famjax.app.sheet import SHEET, SKELETON, read_sheet
+from famjax.app.sheet import SHEET, read_sheet, skeleton
 from famjax.boundary.errors import InputError
 
 SPECIMEN = """
@@ -59,11 +59,11 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(
 
 def test_every_commented_entry_of_the_skeleton_is_one(tmp_path: Path) -> None:
     """Each by itself, in the place of what it stands for."""
-    for line in SKELETON.splitlines():
+    for line in skeleton().splitlines():
         entry = line.removeprefix("# ").partition("#")[0].strip()
         if not line.startswith("# ") or "=" not in entry:
             continue
-        text = SKELETON.replace(line, entry)
+        text = skeleton().replace(line, entry)
         if entry.startswith("force_map"):
             text = text.replace("journal =", "# ").replace("machine_log =", "# ")
         if entry.startswith("scale"):

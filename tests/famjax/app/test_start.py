@@ -36,8 +36,8 @@ def test_a_namespace_is_imported_as_a_module_or_as_a_name() -> None:
 
 def commands() -> list[tuple[tuple[str, ...], str, str]]:
     """What a person types, the function behind it, and the sentence that the help shows for it."""
-    every = [((), path, sentence) for path, sentence in cli.COMMANDS.items()]
-    every += [(("rig",), path, sentence) for path, sentence in cli.RIG_COMMANDS.items()]
+    every = [((), path, cli.sentence(path)) for path in cli.COMMANDS]
+    every += [(("rig",), path, cli.sentence(path)) for path in cli.RIG_COMMANDS]
     for function in rig_cli.COMMANDS:
         sentence = (inspect.getdoc(function) or "").split("\n\n")[0]
         every.append((("rig",), f"rig.cli:{function.__name__}", sentence))
