@@ -22,9 +22,7 @@ import famjax
 import fitting
 import imaging
 from famjax import units
-from famjax.app.isobaric import Analysis, analyse
-from famjax.app.photographs import add_log, read_log_of_pictures
-from famjax.app.sheet import SHEET, Sheet, read_sheet
+from famjax.app import Analysis, Sheet, add_log, analyse, read_log_of_pictures, read_sheet
 from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
 from fitting.records import read_machine_log, write_dataset
 from imaging.pictures import measure_pictures
@@ -51,7 +49,7 @@ class Twin:
         parser.add_argument("--folder", type=Path, default=Path("chambers2021-twin"))
         parser.add_argument("--size", choices=("small", "large"), default="small")
         given, _ = parser.parse_known_args()  # a notebook's kernel has arguments of its own
-        if not (given.folder / SHEET).exists():
+        if not (given.folder / "characterisation.toml").exists():
             print(f"making the {given.size} twin in {given.folder} ...", file=sys.stderr)
             made.write_twin(given.folder, size=given.size)
         return cls(given.folder)
