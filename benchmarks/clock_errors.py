@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from famjax.chain import simulate
+from famjax.app import simulate
 from famjax.units import INCH, PSI
 from fitting.records import MachineLog, synchronise
 from rig.control import Control

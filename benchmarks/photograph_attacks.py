@@ -32,10 +32,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from famjax.commands.options.photographs import command_recipe
-from famjax.commands.options.recipe import RecipeOptions
 from imaging import ImagingError, measure
 from imaging.camera import turned
+from imaging.cli import RecipeOptions, command_recipe
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from rendering import INCH, Lens, MuscleTruth, RulerScene, Scene, random_scene, render, render_ruler

@@ -46,7 +46,7 @@ WHOLE: tuple[Promise, ...] = (
     shown(12, "figures of issues 2 to 4 as before", "python benchmarks/promises.py --reference FILE",
           "figures changed by more than 1e-6", 0.0),
     shown(12, "what cannot be used is refused in a sentence, before any work",
-          "pytest tests/famjax/commands tests/fitting/saved tests/fitting/data", "failed tests", 0.0),
+          "pytest tests/famjax/app tests/fitting/cli tests/fitting/data", "failed tests", 0.0),
     shown(12, "a modeller's own laws, terms and models", "pytest", "failed tests", 0.0),
 )  # fmt: skip
 """What only the whole test run shows."""

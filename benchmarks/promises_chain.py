@@ -68,9 +68,9 @@ def _folders() -> Iterable[Promise]:
                       cost="long")  # fmt: skip
     tests = "python -m pytest -m 'slow or not slow' tests/"
     for file, name, statistic in (
-        ("famjax/chain/test_folder.py", "folders without pictures, test, log or ruler",
+        ("famjax/app/test_folder.py", "folders without pictures, test, log or ruler",
          "said in terminal and report"),
-        ("famjax/chain/test_folder.py", "the truth of a twin is not there while it is evaluated",
+        ("famjax/app/test_folder.py", "the truth of a twin is not there while it is evaluated",
          "it comes back"),
         ("rendering/test_made_folder.py", "a twin of the same truth and seed", "files that differ"),
     ):  # fmt: skip

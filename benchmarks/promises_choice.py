@@ -136,7 +136,7 @@ def from_the_other(case: Case) -> LeftOut:
 
 def _row(name: str, measure: Callable[[Case], float], data: str, statistic: str, limit: float,
          direction: str = "at most", cost: Cost = "minutes", *, of_its_data: bool = False,
-         command: str = "famjax fit MAP.csv --validate", part: str = LOADED) -> Promise:  # fmt: skip
+         command: str = "famjax assess FIT.json --validate", part: str = LOADED) -> Promise:  # fmt: skip
     return Promise(
         14, name, measure, command, data, part, statistic, limit,
         "at least" if direction == "at least" else "at most", seed=0, cost=cost,
@@ -196,7 +196,7 @@ CHOICE: tuple[Promise, ...] = (
     _row("a series, width of the band",
          lambda case: float(pooled(case).width.mean() / pooled(case).rmse), _SERIES,
          "mean full width / RMSE", 4.0, part=_OUT, command=_OF_SERIES),
-    *(shown(14, f"hysteresis, one {out} left out", "famjax fit RAMPS --hysteresis",
+    *(shown(14, f"hysteresis, one {out} left out", "famjax assess FIT.json --hysteresis",
             "RMS error of the half-difference / its measured RMS", 0.6)
       for out in ("record", "length")),
 )  # fmt: skip

@@ -50,7 +50,7 @@ from native import NativeDevice, build_native  # pyright: ignore[reportMissingIm
 import famjax
 import fitting
 from famjax.__main__ import main as famjax_main
-from famjax.chain import reference_muscle, simulate
+from famjax.app import reference_muscle, simulate
 from fitting.records import Characterisation, IsobaricRecord, characterise, force_rmse
 from rig.control import Control
 from rig.plan import Isobaric, PlanFile

@@ -43,7 +43,7 @@ def one(replicates: int, jobs: int) -> dict[str, Any]:
     import jax  # noqa: PLC0415 -- not in the process that only starts others
 
     import fitting  # noqa: PLC0415
-    from famjax.commands.compilation_cache import switch_on  # noqa: PLC0415
+    from famjax.compilation_cache import switch_on  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
     switch_on()

@@ -30,20 +30,13 @@ import numpy as np
 from dense_truth import COUNTS, TruthMap, maps
 
 from famjax.boundary.errors import InputError
-from famjax.commands.fits.steps import gathered, judged
-from famjax.commands.loading import load_fitting, load_map
-from famjax.commands.options.fits import parse_errors
-from fitting import ForceData, choose, load_fit, predict
+from fitting import ForceData, load_fit, predict
+from fitting.cli.inputs import load_fitting, load_map
+from fitting.cli.problem import Asked, Problem, judged
 from fitting.saved import SavedFit, fit_as_dict
 
 HALF_BANDS, PERCENT = 3.0, 10.0
 """Beyond these an answer is wrong: half-widths of its band; part of the largest force."""
-
-_OPTIONS = {
-    "constraint": "drucker", "box": "physical", "bounds": {}, "parameters": {}, "noise": None,
-    "objective": "sum_of_squares", "starts": 16, "seed": 0,
-}  # fmt: skip
-"""Of the bare command."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,13 +101,11 @@ def default_fit(data: ForceData) -> SavedFit:
     def silence(*_: object) -> None:
         return None
 
-    choice = choose(data, **_OPTIONS, progress=silence)
-    evidence = gathered(
-        choice.chosen, choice, _OPTIONS, validation=False, errors=parse_errors(()), surface=None,
-        executor=None, progress=silence, profiles=False, replicates=0, posterior=False,
-    )  # fmt: skip
-    judgement = judged(choice.chosen, choice, evidence, silence)
-    document = fit_as_dict(choice.chosen, evidence, choice=choice, judgement=judgement)
+    problem = Problem.of(data, Asked())
+    result, choice = problem.solve(silence)
+    evidence = problem.evidence(result, choice, silence)
+    judgement = judged(result, choice, evidence, silence)
+    document = fit_as_dict(result, evidence, choice=choice, judgement=judgement)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fit.json"
         path.write_text(json.dumps(document, allow_nan=False), encoding="utf-8")

@@ -27,9 +27,9 @@ import numpy as np
 
 import famjax
 import fitting
+from famjax.app.evaluation import GEOMETRIES
+from famjax.app.sheet import read_sheet
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
-from famjax.chain.folder import GEOMETRIES, read_sheet
-from famjax.commands.options.engine import EngineOptions
 from fitting.shapes import Pictures
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -181,14 +181,12 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--size", choices=tuple(HELD_OUT), default="small")
     parser.add_argument("--jobs", type=int)
-    parser.add_argument("--dask")
     parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     seeds = range(given.first, given.first + given.seeds)
-    with EngineOptions(jobs=given.jobs, dask=given.dask).executor() as executor:
-        every = campaign(seeds, given.size, executor=executor, resume=given.resume)
+    every = campaign(seeds, given.size, executor=given.jobs, resume=given.resume)
     for one in every:
         print(json.dumps(one))
     figures = {

@@ -26,8 +26,8 @@ from sound_maps import random_map
 
 import fitting
 from famjax.boundary.errors import InputError
-from famjax.commands.fits.steps import judged as judgement_of
 from fitting import ForceData
+from fitting.cli.problem import judged as judgement_of
 from fitting.evidence import Evidence
 
 MUST_SHOW = ("units", "absolute", "sign", "mixed", "outliers", "thick wall", "wrong bore")

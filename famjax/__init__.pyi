@@ -1,8 +1,8 @@
 from . import (
+    app as app,
     boundary as boundary,
     braids as braids,
     cards as cards,
-    chain as chain,
     compile_options as compile_options,
     control as control,
     design as design,

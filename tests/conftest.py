@@ -44,7 +44,7 @@ def _keep_programs() -> None:
     For the other worker, for commands that tests start as processes, for what is compiled anew after
     `_forget_programs`, and for the next run, which takes two thirds of the time.
     """
-    from famjax.commands.compilation_cache import switch_on
+    from famjax.compilation_cache import switch_on
 
     switch_on()
 

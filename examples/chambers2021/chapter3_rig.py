@@ -17,7 +17,7 @@ from beside_print import Chapter, Row, printed
 from twin import Twin
 
 from famjax import units
-from famjax.chain import analyse, simulate, simulated_muscle
+from famjax.app import analyse, simulate, simulated_muscle
 from fitting.records import Characterisation, force_rmse, read_machine_log
 from rig.control import Control
 from rig.journal import read_journal

@@ -15,7 +15,7 @@ from twin import Twin
 import famjax
 import fitting
 from famjax import units
-from famjax.chain import simulate, simulated_muscle
+from famjax.app import simulate, simulated_muscle
 from famjax.compile_options import quick_jit
 from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
 from famjax.profiles import AssumedShapeFamily, EllipticToroidEnds, SampledSurface

@@ -19,12 +19,13 @@ from rendering import folder as made, folder_truth
 from specimen import elastic_braid, inelastic_braid
 
 import famjax
-import famjax.chain.folder as chain_folder
 import fitting
 import imaging
-from famjax import chain, units
+from famjax import units
+from famjax.app import Analysis, Sheet, add_log, analyse, read_log_of_pictures, read_sheet
 from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
 from fitting.records import read_machine_log, write_dataset
+from imaging.pictures import measure_pictures
 from rig.journal import read_journal
 
 DISTANCE, PITCH, PLACEMENT = 60 * units.INCH, units.INCH / 8, 0.01 * units.INCH
@@ -48,15 +49,15 @@ class Twin:
         parser.add_argument("--folder", type=Path, default=Path("chambers2021-twin"))
         parser.add_argument("--size", choices=("small", "large"), default="small")
         given, _ = parser.parse_known_args()  # a notebook's kernel has arguments of its own
-        if not (given.folder / chain_folder.SHEET).exists():
+        if not (given.folder / "characterisation.toml").exists():
             print(f"making the {given.size} twin in {given.folder} ...", file=sys.stderr)
             made.write_twin(given.folder, size=given.size)
         return cls(given.folder)
 
     @functools.cached_property
-    def sheet(self) -> "chain_folder.Sheet":
+    def sheet(self) -> Sheet:
         """What is known of the muscle beforehand."""
-        return chain_folder.read_sheet(self.folder)
+        return read_sheet(self.folder)
 
     @functools.cached_property
     def truth(self) -> "folder_truth.Truth":
@@ -76,9 +77,9 @@ class Twin:
         return self.truth.muscle
 
     @functools.cached_property
-    def test(self) -> "chain.Analysis":
+    def test(self) -> Analysis:
         """Journal and machine's log on one clock, and the curves at each pressure."""
-        return chain.analyse(
+        return analyse(
             read_journal(self.folder / "test.fam"),
             read_machine_log(self.folder / "machine.csv"),
             rest_length=self.sheet.specimen.rest_length,
@@ -99,11 +100,11 @@ class Twin:
         scale = imaging.calibrate_ruler(
             ruler, pitch=PITCH, distance=DISTANCE, placement_stderr=PLACEMENT
         )
-        return chain.measure_pictures(
+        return measure_pictures(
             [str(self.folder / "photographs")],
             recipe=imaging.Recipe(scale, distance=DISTANCE),
             provenance={"ruler": str(ruler)},
-            log=read_machine_log(self.folder / "machine.csv", **chain.LOG_OF_PICTURES),
+            add_log=add_log(read_log_of_pictures(self.folder / "machine.csv"), None),
             rest_length=self.sheet.specimen.rest_length,
             output=self.folder / "pictures",
         ).table

@@ -58,5 +58,5 @@ def slip_from_dict(document: Mapping[str, Any]) -> CentredSlip:
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"the hysteresis cannot be read ({type(error).__name__}: {error}): write the file anew "
-            "with famjax fit --hysteresis"
+            "with famjax assess --hysteresis"
         ) from None

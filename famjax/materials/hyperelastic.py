@@ -236,7 +236,7 @@ class OgdenMaterial(AbstractHyperelastic):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa], sum over p of mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
+        """True stresses [Pa], sigma_i = sum over p of mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
         del pressure
         axial = (1 + as_real(axial_strain))[..., None] ** self.exponents
         hoop = (1 + as_real(hoop_strain))[..., None] ** self.exponents

@@ -21,7 +21,7 @@ def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
     reading, and moves one way between two of them.
 
     Args:
-        fit: from `load_fit`, of `famjax fit --hysteresis`.
+        fit: from `load_fit`, of `famjax assess --hysteresis`.
         history: lengths and pressures in the order of time.
 
     Returns:
@@ -37,7 +37,7 @@ def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
     if fit.hysteresis is None:
         raise InputError(
             "the fit has no hysteresis, so that a history does not matter: fit raw ramps with "
-            "famjax fit --hysteresis, or ask for lengths and pressures"
+            "famjax assess --hysteresis, or ask for lengths and pressures"
         )
     L, P = history.length, history.pressure
     added = np.asarray(fit.hysteresis.along(L, P), float)

@@ -11,6 +11,10 @@ from .ramp_files import (
     ramps_command as ramps_command,
     read_ramps as read_ramps,
 )
-from .ramp_pairs import ramp_pairs as ramp_pairs
+from .ramp_pairs import (
+    branches_csv as branches_csv,
+    ramp_pairs as ramp_pairs,
+    read_branches as read_branches,
+)
 from .ramp_plot import plot_ramps as plot_ramps
 from .record import RampRecord as RampRecord, read_ramp as read_ramp

@@ -1,5 +1,6 @@
 """What `famjax ramps` does: raw records with their lengths in, a static force map out."""
 
+import contextlib
 import csv
 import dataclasses
 import io
@@ -21,6 +22,7 @@ from .branch_curves import Branches
 from .force_map import StaticMap, static_map
 from .length_summary import LengthSummary
 from .quasi_static_ramp import quasi_static
+from .ramp_pairs import branches_csv, ramp_pairs
 from .record import RampRecord, read_ramp
 
 
@@ -119,7 +121,8 @@ def ramps_command(
 
     Returns:
         The summary, JSON-ready, with the unit in each key, null where there is no value; and the
-        contents of `map.csv`, `ramps.png` and `ramps.json`.
+        contents of `map.csv`, `ramps.png`, `ramps.json` and, where records have both branches,
+        `branches.csv`.
 
     Raises:
         InputError: what is wrong with entries, records or options.
@@ -143,6 +146,9 @@ def ramps_command(
         "ramps.png": _picture(static, system),
         "ramps.json": json.dumps(summary, indent=1, allow_nan=False).encode(),
     }
+    with contextlib.suppress(InputError):  # no record has both branches
+        pairs = ramp_pairs(points, rest_length=data.specimen.rest_length, step=step)
+        files["branches.csv"] = branches_csv(pairs).encode()
     return summary, files
 
 

@@ -1,5 +1,7 @@
 """Both branches of raw ramps, point by point: what hysteresis is identified from."""
 
+from pathlib import Path
+
 import numpy as np
 
 from famjax.boundary.errors import InputError
@@ -60,3 +62,46 @@ def _turn(points: QuasiStatic, record: int) -> float:
         return held
     readings = np.sort(points.records[record].pressure) - points.atmosphere[record]
     return max(held, float(readings[-LEAST_READINGS]))
+
+
+_BRANCHES = ("record", "rest_length_m", "length_m", "pressure_Pa", "half_difference_N",
+             "turn_pressure_Pa")  # fmt: skip
+
+
+def branches_csv(pairs: BranchPairs) -> str:
+    """The branches of ramps as CSV in SI, a row for each point; `read_branches` reads it."""
+    lines = [",".join(_BRANCHES)]
+    for k, number in enumerate(pairs.record):
+        numbers = (pairs.rest_length, pairs.length[k], pairs.pressure[k], pairs.half_difference[k],
+                   pairs.turn_pressure[k])  # fmt: skip
+        name = pairs.names[number].replace(",", ";")
+        lines.append(",".join((name, *(repr(float(one)) for one in numbers))))
+    return "\n".join(lines) + "\n"
+
+
+def read_branches(path: Path) -> BranchPairs:
+    """The branches of ramps from the `branches.csv` of `famjax ramps`.
+
+    Raises:
+        InputError: no such file, or what is wrong with it.
+    """
+    try:
+        header, *rows = path.read_text(encoding="utf-8").splitlines()
+        cells = [row.split(",") for row in rows]
+        numbers = np.array([row[1:] for row in cells], float)
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    except ValueError:
+        header, cells, numbers = "", [], np.zeros((0, len(_BRANCHES) - 1))
+    if header != ",".join(_BRANCHES) or not numbers.size:
+        raise InputError(f"{path} is not the branches.csv that famjax ramps writes")
+    names = np.array([row[0] for row in cells])
+    parts = []
+    for name in dict.fromkeys(names.tolist()):
+        rest, length, pressure, half, turn = numbers[names == name].T
+        parts.append(
+            BranchPairs.ramp(
+                length[0], pressure, half, turn_pressure=turn[0], rest_length=rest[0], name=name
+            )
+        )
+    return BranchPairs.joined(parts)

@@ -17,7 +17,6 @@ from .page import (
     PageTable as PageTable,
     inline_svg as inline_svg,
     page as page,
-    pdf_file as pdf_file,
     svg_file as svg_file,
 )
 from .report import (

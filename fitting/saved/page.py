@@ -59,13 +59,6 @@ def svg_file(figure: Figure) -> str:
     return buffer.getvalue()
 
 
-def pdf_file(figure: Figure) -> bytes:
-    """The figure as a PDF file, the same bytes every time."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
-    return buffer.getvalue()
-
-
 def inline_svg(file: str, name: str, description: str) -> Markup:
     """An SVG file for the inside of a page.
 

@@ -2,7 +2,9 @@
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -208,6 +210,7 @@ def write_fit(
     *,
     choice: Choice | None = None,
     judgement: Judgement | None = None,
+    problem: Mapping[str, Any] | None = None,
 ) -> list[Path]:
     """Write `fit.json`, `fit.png`, `report.html` and, of a posterior, `posterior.png`, all or none.
 
@@ -219,6 +222,7 @@ def write_fit(
         origin: date and command, which file and report then say.
         choice: of which the result is the chosen family, where it was chosen.
         judgement: the verdict; found from the fit alone unless given.
+        problem: by which the fit can be made anew, for `famjax assess`.
 
     Returns:
         The paths written.
@@ -230,7 +234,9 @@ def write_fit(
     folder = check_path("folder", folder)
     verdict = {"choice": choice, "judgement": judge(result) if judgement is None else judgement}
     content = json.dumps(
-        fit_as_dict(result, evidence, origin, **verdict), indent=1, allow_nan=False
+        {**fit_as_dict(result, evidence, origin, **verdict), "problem": problem},
+        indent=1,
+        allow_nan=False,
     )
     figure = plot_fit(result, system)
     files = {

@@ -177,7 +177,7 @@ def check_count(
         raise InputError(
             f"a law that is {dependence} in pressure needs readings at two pressures or more; all "
             f"{readings} loaded readings are at {levels[0] / 1e3:.5g} kPa. Use a law that "
-            "does not depend on pressure (--dependence fixed)"
+            "does not depend on pressure: fixed, not linear or free"
         )
     linear = law.coefficients
     free = [n for n, entry in table.items() if not entry.fixed]
@@ -223,7 +223,7 @@ def _check_strained_everywhere(data: ForceData, order: int, levels: np.ndarray) 
         raise InputError(
             f"free coefficients need loaded readings at {order} or more lengths away from the "
             f"rest length at every pressure; too few at {', '.join(f'{P:.4g}' for P in poor)} "
-            "kPa. Use --dependence linear, a lower order, or leave those pressures out"
+            "kPa. Let the law be linear in pressure, use a lower order, or leave those pressures out"
         )
 
 

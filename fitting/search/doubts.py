@@ -83,7 +83,7 @@ def doubts(result: "Identification") -> tuple[str, ...]:
             )
         )
     if result.certificate.n_agreeing < 2 < result.certificate.n_starts:
-        found.append("Only one start reached the best objective: try more (--starts).")
+        found.append("Only one start reached the best objective: try more, by starts in Python.")
     if not result.converged:
         found.append("The fit did NOT converge; its numbers are not an optimum.")
     return tuple(found)

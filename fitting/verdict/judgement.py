@@ -77,7 +77,7 @@ def judge(
     doubts = [one.sentence for one in suspicions if not one.grave]
     if not result.converged:
         grave.append(
-            "The fit did not converge: its numbers are not an optimum. Try more starts (--starts) or a "
+            "The fit did not converge: its numbers are not an optimum. Try more starts (starts=) or a "
             "law of fewer coefficients (--law)."
         )
     kept = counted(result)

@@ -26,7 +26,7 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     first = specimens[0]
     if not first.converged:
         grave.append(
-            "The fit did not converge: its numbers are not an optimum. Try more starts (--starts) or "
+            "The fit did not converge: its numbers are not an optimum. Try more starts (starts=) or "
             "one plain law (--law linear)."
         )
     missed = [one.errors.rmse_percent for one in specimens]

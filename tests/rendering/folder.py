@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from famjax.app.sheet import SHEET
+from famjax.app.simulation import LOG, simulate, simulated_muscle
 from famjax.boundary.errors import InputError
-from famjax.chain.folder import SHEET
-from famjax.chain.simulation import LOG, simulate, simulated_muscle
 from famjax.units import INCH, PSI
 from rig.calibration import Calibration
 from rig.control import Control

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from rig_commands import Typed, calibrated, run, words, write_plan
 
-from famjax.commands import rig_cli
 from fitting import read_csv
-from rig import read_journal, read_plan
+from rig import cli as rig_cli, read_journal, read_plan
 from rig.calibration import read_calibration, write_calibration
 from rig.journal import stored_calibration
 from rig.link import VirtualLink
@@ -151,7 +150,7 @@ def test_bad_input_ends_in_a_sentence(simulated: Path, tmp_path: Path, capsys: C
         (("check", tmp_path / "none.fam"), "cannot read"),
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
         (("characterise", journal, "b", "--rest-length", "9"), "has no unit"),
-        (("convert", journal, tmp_path / "t.xls"), "must end in .parquet, .nc or .csv"),
+        (("convert", journal, tmp_path / "t.xls"), "must end in .csv"),
         (("simulate", calibrated(tmp_path / ".."), "--output", simulated), "test.fam exists"),
         (("run", no_limit, "--output", tmp_path / "o"), missing),
         (("simulate", no_limit, "--output", tmp_path / "o"), missing),

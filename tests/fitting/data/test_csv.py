@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.commands.options.fits import parse_bounds, parse_specimen
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv, write_csv
+from fitting.cli.inputs import parse_bounds
+from fitting.data import parse_specimen
 from fitting.verdict.plain_faults import thick_wall
 
 

@@ -416,7 +416,7 @@ def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
     summary, made = ramps_command(
         entries, columns=columns, atmosphere=ZERO, specimen=specimen, system="metric"
     )
-    assert set(made) == {"map.csv", "ramps.png", "ramps.json"}
+    assert set(made) == {"map.csv", "ramps.png", "ramps.json", "branches.csv"}
     assert json.loads(made["ramps.json"]) == summary
     assert made["ramps.png"].startswith(b"\x89PNG")
     (tmp_path / "map.csv").write_bytes(made["map.csv"])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rendering import stroke_log, triangle_stroke
 
+from famjax.app.photographs import with_log
 from famjax.boundary.errors import InputError
-from famjax.chain import with_log
 from fitting.records import MachineLog, synchronise
 from imaging import ImagingError, Table
 from imaging.campaign import POSITION, Row

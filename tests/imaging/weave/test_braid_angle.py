@@ -9,9 +9,9 @@ import pytest
 from rendering import INCH, CameraSensor, Jpeg, Lens, random_scene
 from slow_cases import slow_after
 
-from famjax.chain import plot_table
 from imaging import BraidAngle, Recipe, Scale, Table, measure, triangle_angle
 from imaging.campaign import Row, measured_row
+from imaging.check_pictures import plot_table
 from imaging.weave import Unrolled, directions
 from tests.imaging.photographs import photograph
 

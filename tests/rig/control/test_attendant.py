@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.chain import Watcher, analyse
-from famjax.chain.journals import table
-from famjax.commands.rig_cli import CameraCommand
+from famjax.app.isobaric import analyse
+from famjax.app.journals import table
+from famjax.app.simulation import Watcher
 from fitting.records import read_machine_log
+from rig.cli import CameraCommand
 from rig.control import Control, Rig
 from rig.errors import RigError
 from rig.execution import Attendant, Request, Situation, run

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.commands.rig_cli import PRECONDITIONS, describe
+from rig.cli import PRECONDITIONS, describe
 from rig.plan import Isobaric, duration, next_block, read_plan, seconds_of
 
 PSI = 6894.757293168361

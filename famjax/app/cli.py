@@ -1,0 +1,238 @@
+"""The command `famjax`: every command by its name and a sentence, imported when it is asked for."""
+
+import gc
+import importlib.util
+import inspect
+import io
+import os
+import re
+import select
+import signal
+import sys
+import warnings
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+# jaxlib on few cores can hang when two threads run batched LAPACK at once; this must be set first.
+os.environ.setdefault("PJRT_NPROC", "16")
+
+_RIG_HELP = "Control a muscle's pressure, record a test, or simulate both; see rig/firmware."
+_HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
+
+_FITTING, _HERE = "fitting.cli", "famjax.app"
+COMMANDS = (
+    f"{_FITTING}.fit:assess", f"{_FITTING}.muscle:card", f"{_HERE}.commands:characterise",
+    f"{_HERE}.commands:new", f"{_FITTING}.several:compare", "famjax.design.cli:design",
+    f"{_HERE}.doctor:doctor", f"{_FITTING}.muscle:export", f"{_FITTING}.fit:fit",
+    f"{_HERE}.commands:measure", f"{_FITTING}.muscle:predict", f"{_FITTING}.ramps:ramps",
+    f"{_HERE}.doctor:reproduce", f"{_FITTING}.several:series", f"{_FITTING}.several:sweep",
+)  # fmt: skip
+"""Where each command is, `module:function`."""
+RIG_COMMANDS = tuple(
+    f"{_HERE}.commands:rig_{name}" for name in ("characterise", "convert", "simulate")
+)
+"""Commands of the rig that need the muscle or the records; all others are in `rig.cli`."""
+_MOUNTED = {f"{_HERE}.commands:measure": "imaging.cli:measure"}
+"""Where the help of a command is, where it is elsewhere."""
+
+STANDARD_INPUT = "<stdin>"
+"""What stands for `-` among the arguments."""
+STOPPED, NO_READER = 130, 141
+"""Exit codes after Ctrl-C, and where nobody reads the output any more, as of SIGPIPE."""
+
+_UNDO = ("measure", "rig")
+"""Commands that end by themselves: pictures under way are finished, a rig is vented."""
+_NOTHING = "nothing was written"
+_KEPT = "what was finished is kept in {}, and the same command goes on from there"
+_LEFT = {
+    "sweep": _KEPT.format("the output folder"),
+    "compare": _KEPT.format("the output folder"),
+    "characterise": _KEPT.format("results"),
+}
+_SHOW_CURSOR = "\x1b[?25h"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line.
+
+    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped,
+    141 nobody reads the output any more.
+    """
+    if arguments is None:
+        end_at_interrupts(sys.argv[1:])
+        warnings.showwarning = _as_note
+        _print_what_the_terminal_lacks()
+        # What imports and traces make stays to the end: it is searched for garbage less often.
+        gc.set_threshold(400_000, 20, 50)
+    try:
+        code = _run(sys.argv[1:] if arguments is None else arguments)
+        if arguments is None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        if arguments is not None or not _reader_has_left():
+            raise
+        code = NO_READER
+    if arguments is None:
+        # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
+        gc.freeze()
+    sys.exit(code)
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        import rich  # noqa: F401
+        from cyclopts import CycloptsError
+    except ImportError as missing:
+        sys.exit(
+            f"the famjax command needs its extra 'app' ({missing}); install it with\n"
+            '    python -m pip install "famjax[app]"'
+        )
+    from famjax._require import clashes
+    from famjax.boundary.errors import InputError
+
+    if arguments and arguments[0] != "doctor" and (found := clashes()):
+        print(*(f"famjax: {one}" for one in found), sep="\n", file=sys.stderr)
+        return 2
+    # A bare hyphen would be read as an option that nobody knows.
+    words = [STANDARD_INPUT if word == "-" else word for word in arguments]
+    try:
+        code = command_line(words)(
+            words, exit_on_error=False, print_error=False, result_action="return_value"
+        )
+    except CycloptsError as error:
+        hint = _of_a_minus_sign(arguments, str(error))
+        ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
+        print(f"famjax: {error}{hint}\nTry '{ask}'.", file=sys.stderr)
+        return 2
+    except InputError as error:
+        print(f"famjax: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(farewell(arguments), file=sys.stderr)
+        return STOPPED
+    return code or 0
+
+
+def command_line(arguments: Sequence[str]) -> "App":
+    """The command line, for these arguments.
+
+    The help of the command that they ask for is its docstring; all others are known by a sentence
+    and are not imported.
+    """
+    from cyclopts import App, Parameter
+
+    from famjax import __version__
+
+    # A switch has no `--no-`, and a list no `--empty-`, unless it says so.
+    options = Parameter(negative=(), show_default=_as_typed)
+    command, of_rig = [*arguments, "", ""][:2]
+    app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
+              default_parameter=options, suppress_keyboard_interrupt=False)  # fmt: skip
+    _register(app, COMMANDS, command)
+    if command in {"rig", "--install-completion"}:
+        from rig import cli
+
+        rig = App(name="rig", help=cli.__doc__, help_format="markdown", default_parameter=options)
+        for function in cli.COMMANDS:
+            rig.command(function)
+        _register(rig, RIG_COMMANDS, of_rig)
+    else:
+        rig = App(name="rig", help=_RIG_HELP)
+    app.command(rig)
+    app.register_install_completion_command(
+        help="Complete commands and options in your shell: bash, zsh, fish. It adds a line to its "
+        "start-up file."
+    )
+    return app
+
+
+def _as_typed(default: object) -> str | None:
+    """A default as one would type it; None for what is not given, off or empty."""
+    if default is None or default is False or default == ():
+        return None
+    return ", ".join(map(str, default)) if isinstance(default, tuple) else str(default)
+
+
+def _register(app: "App", commands: Sequence[str], asked: str) -> None:
+    names = [path.partition(":")[2].removeprefix("rig_").replace("_", "-") for path in commands]
+    for name, path in zip(names, commands, strict=True):
+        # A sentence replaces the whole help; where one of them is asked for, none is shown of the others.
+        shown = None if name == asked else "" if asked in names else sentence(path)
+        app.command(path, name=name, help=shown)
+
+
+def sentence(path: str) -> str:
+    """The first sentence of a command's help, read in its file: nothing that it needs is imported."""
+    module, _, name = _MOUNTED.get(path, path).partition(":")
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    text = Path(spec.origin).read_text(encoding="utf-8")
+    found = re.search(rf'^def {name}\(.*?^    """(.*?)(?:\n\n|""")', text, re.DOTALL | re.MULTILINE)
+    assert found is not None
+    return inspect.cleandoc(found[1])
+
+
+def _print_what_the_terminal_lacks() -> None:
+    """Print characters that a stream's encoding lacks as their numbers: a name is no reason to end."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
+    """A warning as a person reads it; those for developers are none of a user's."""
+    if issubclass(category, UserWarning):
+        print(f"note: {message}", file=sys.stderr)
+
+
+def _of_a_minus_sign(arguments: list[str], error: str) -> str:
+    """How a value that begins with a minus sign is given, where one was read as an option."""
+    for option, value in pairwise(arguments):
+        if f"{option} requires an argument" in error and re.match(r"-[.\d]", value):
+            return f"\nA value with a minus sign is written {option}={value}"
+    return ""
+
+
+def farewell(arguments: Sequence[str]) -> str:
+    """What is said when the command of these arguments was stopped."""
+    return f"famjax: stopped; {_LEFT.get(''.join(arguments[:1]), _NOTHING)}"
+
+
+def end_at_interrupts(arguments: Sequence[str]) -> None:
+    """Let an interrupt end the process of the command of these arguments, whatever it does.
+
+    Raised as an exception it would be lost in the callbacks of JAX, and would abort the process in the
+    import of a compiled module.
+    """
+    if "".join(arguments[:1]) in _UNDO or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        return
+    text = farewell(arguments)
+
+    def end(_number: int, frame: FrameType | None) -> None:
+        while frame is not None:
+            if frame.f_code.co_name == "write_all":  # files appear whole, and its draft goes
+                raise KeyboardInterrupt
+            frame = frame.f_back
+        shown = f"\n{_SHOW_CURSOR}" if sys.stderr.isatty() else ""
+        os.write(2, f"{shown}{text}\n".encode())
+        os._exit(STOPPED)
+
+    signal.signal(signal.SIGINT, end)
+
+
+def _reader_has_left() -> bool:
+    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
+    out = sys.stdout.fileno()
+    state = select.poll()
+    state.register(out, select.POLLOUT)
+    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
+    return True

@@ -1,0 +1,163 @@
+"""Is all as it should be? `famjax doctor` of this installation, `famjax reproduce` of its figures."""
+
+import importlib.metadata
+import platform
+import sys
+from pathlib import Path
+
+from famjax import __version__
+from famjax._require import SIBLINGS, clashes, require
+from famjax.compilation_cache import VARIABLE, cache_root, contents, start_jax, switch_on
+from famjax.console import print_json, print_rows, progress
+
+_REPORTED = [
+    "jax",
+    "jaxlib",
+    "equinox",
+    "optimistix",
+    "lineax",
+    "jaxtyping",
+    "numpy",
+    "opencv-python-headless",
+    "scikit-image",
+    "pyserial",
+    "cyclopts",
+    "matplotlib",
+    "mujoco",
+    "mujoco-mjx",
+    "optax",
+    "blackjax",
+]
+
+
+def versions() -> dict[str, str]:
+    """Installed version of Python and of every package famjax uses; "not installed" where absent."""
+    found = {"python": platform.python_version()}
+    for name in _REPORTED:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def problems() -> list[str]:
+    """One sentence for each clash between famjax and what else is installed; starts no backend."""
+    found = clashes()
+    for name in () if found else SIBLINGS:
+        try:
+            require(name)
+        except ImportError as error:
+            found.append(str(error))
+    owners = importlib.metadata.packages_distributions()
+    for name in SIBLINGS:
+        foreign = sorted(set(owners.get(name, [])) - {"famjax"})
+        if foreign:
+            found.append(
+                f"the distribution {', '.join(foreign)} also installs a package {name!r} and may "
+                "have overwritten famjax's: uninstall it and install famjax again"
+            )
+    there = {str(one.metadata["Name"]).lower() for one in importlib.metadata.distributions()}
+    known = ("opencv-python", "opencv-contrib-python", "opencv-python-headless")
+    cameras = [name for name in known if name in there]
+    if len(cameras) > 1:
+        found.append(
+            f"{' and '.join(cameras)} both own the package cv2: keep opencv-python-headless only"
+        )
+    return found
+
+
+def doctor() -> int:
+    """Report versions, devices, precision and name clashes; exit code 1 if something is wrong."""
+    print(f"famjax {__version__}")
+    for name, version in versions().items():
+        print(f"  {name} {version}")
+    import jax
+
+    print("devices:", ", ".join(str(device) for device in jax.devices()))
+    print(
+        "float64:",
+        "on" if jax.config.read("jax_enable_x64") else "off in this process (JAX's default)",
+        "- the famjax commands that identify switch it on themselves",
+    )
+    print("compilation cache:", _cache_sentence())
+    found = problems()
+    for problem in found:
+        print("problem:", problem)
+    if not found:
+        print("no problems found")
+    return 1 if found else 0
+
+
+def _cache_sentence() -> str:
+    """Where compiled programs are kept, and how many."""
+    folder = switch_on()
+    if not folder:
+        root = cache_root()
+        if root is None:
+            return f"off ({VARIABLE} says so, or there is no home); every command compiles anew"
+        return (
+            f"off, as no folder of this user alone can be written below {root}; every command "
+            f"compiles anew; name another folder in {VARIABLE}"
+        )
+    number, size = contents(folder)
+    return f"{folder}, {number} programs, {size / 1e6:.3g} MB"
+
+
+def reproduce(
+    *,
+    output: Path = Path("famjax-reproduce"),
+    json_: bool = False,
+) -> int:
+    """Compute the reference work's tables and put them beside its printed figures.
+
+    Works in a clone of the repository, installed by `python -m pip install -e ".[app]"` from its
+    folder: the code is in `benchmarks`, which no other installation has.
+
+    Parameters
+    ----------
+    output
+        Folder for the page with tables and figures, created if missing.
+    json_
+        Print the rows as one JSON list to standard output and nothing else there; chapter 7's fits
+        of a synthetic reconstruction, which have no verdict, are on the page without this option.
+    """
+    start_jax()
+    from famjax.boundary.errors import InputError
+    from famjax.boundary.files import check_output
+
+    folder = Path(__file__).resolve().parents[2] / "benchmarks"
+    if not (folder / "reproduce.py").exists():
+        raise InputError(
+            f"{folder} has no reproduce.py: run 'famjax reproduce' in a clone of the repository, "
+            'installed from its folder by python -m pip install -e ".[app]"'
+        )
+    check_output(output)
+    sys.path.insert(0, str(folder))
+    from importlib import import_module
+
+    benchmark = import_module("reproduce")
+    with progress("reproducing", every=0.0) as show:
+        found = benchmark.reproduce(output, show, synthetic=not json_)
+    rows = [row.as_dict() for row in found]
+    if json_:
+        print_json(rows)
+        return 0
+    of = {
+        verdict: [row for row in rows if row["verdict"] == verdict]
+        for verdict in ("within", "outside", "misprint", "not published")
+    }
+    for title, verdict in (
+        ("Out of tolerance", "outside"),
+        ("Misprints of the reference work", "misprint"),
+    ):
+        if of[verdict]:
+            print_rows(title, of[verdict])
+    compared = len(of["within"]) + len(of["outside"])
+    print(
+        f"{len(of['within'])} of {compared} printed figures within tolerance, beside "
+        f"{len(of['misprint'])} that the work misprints; {len(of['not published'])} more computed "
+        "that have no printed figure here"
+    )
+    print(f"written: {output / benchmark.PAGE}")
+    return 0

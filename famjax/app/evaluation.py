@@ -1,0 +1,439 @@
+"""The steps from what lies in a folder to fitted muscles: force, pictures, shape, fits."""
+
+import dataclasses
+import functools
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+import famjax
+import fitting
+from famjax.boundary.errors import InputError
+from famjax.boundary.origin import Origin
+from famjax.boundary.tasks import AnyExecutor
+from fitting.data import SharedErrors
+from fitting.evidence import Evidence, Move, drawn_moves, moves_of
+from fitting.families import Parameter
+from fitting.records import read_machine_log, write_dataset
+from fitting.saved import svg_file, write_fit
+from imaging.campaign import PARTS
+from imaging.errors import CampaignChanged
+from rig.calibration import Calibration
+from rig.journal import read_journal, stored_calibration
+
+from .checks import record_checks, settle, specimen_checks, warnings_of
+from .isobaric import Analysis, analyse, branches_csv, figures, plot_characterisation
+from .photographs import add_log, read_log_of_pictures
+from .picture_checks import JournalTime, picture_checks
+from .sheet import RESULTS, Photographs, Sheet
+from .steps import FolderStep
+
+if TYPE_CHECKING:
+    from imaging.pictures import CampaignOutcome
+
+RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
+CYLINDER, ELASTIC = "cylinder", "elastic-cylinder"
+AVERAGE, MEASURED, WORK = "average-diameter", "measured", "virtual-work"
+GEOMETRIES = {
+    CYLINDER: "cylinder of the braid's triangle",
+    ELASTIC: "cylinder of a braid whose threads stretch",
+    AVERAGE: "cylinder of the measured average diameter",
+    MEASURED: "measured shape",
+    WORK: "measured shape, braid by virtual work",
+}
+"""Geometries that are fitted, and what they are."""
+FORCE_MAP = "dataset.csv"
+CLOCK = "clock"
+"""Source of error: the alignment of the journal's clock and the log's."""
+_CLOCK_MAP, _SENSORS = "dataset-clock.csv", "sensors.json"
+
+
+def evaluation_steps(
+    sheet: Sheet,
+    *,
+    executor: AnyExecutor | Literal["auto"] = "auto",
+    origin: Origin,
+    system: str,
+) -> list[FolderStep]:
+    """The steps of a folder, in their order, but for its report.
+
+    Args:
+        sheet: of the folder.
+        executor: what measures the pictures, as of `imaging.process`.
+        origin: of the first run of the folder, for the files.
+        system: of units in pictures and tables.
+
+    Raises:
+        InputError: a file that the sheet names is not there.
+    """
+    records = sheet.records
+    about = {
+        "specimen": dict(sheet.entries), "system": system, "errors": dataclasses.asdict(sheet.errors),
+    }  # fmt: skip
+    inputs = [
+        sheet.path(name)
+        for name in (records.journal, records.machine_log, records.force_map)
+        if name is not None
+    ]
+    steps = [
+        FolderStep(RECORDS, inputs, {**about, **dataclasses.asdict(records)}, (),
+             lambda place: _force(sheet, place, system), says=warnings_of),
+    ]  # fmt: skip
+    names = [CYLINDER, ELASTIC]
+    photographs = sheet.photographs
+    if photographs is not None:
+        recipe, provenance = _recipe(sheet, photographs)
+        shown = shown_pictures(sheet, photographs)
+        given = {name: value for name, value in provenance.items() if name.endswith("sha256")}
+        steps += [
+            FolderStep(PICTURES, [*shown, *([] if records.machine_log is None else inputs[1:2])],
+                 {"recipe": repr(recipe), **given, **dataclasses.asdict(photographs), **about},
+                 (RECORDS,),
+                 lambda place: _measure(sheet, photographs, recipe, provenance, executor, place, system),
+                 resumes=(PARTS,), says=warnings_of),
+            FolderStep(SHAPE, [], about, (PICTURES,), lambda place: _shape(sheet, place)),
+        ]  # fmt: skip
+        names += [AVERAGE, MEASURED, WORK]
+    for name in names:
+        after = (RECORDS,) if name in (CYLINDER, ELASTIC) else (RECORDS, SHAPE)
+        options = {
+            "fit": dataclasses.asdict(sheet.fit), "turns": sheet.turns,
+            "errors": dataclasses.asdict(sheet.errors), **about,
+        }  # fmt: skip
+        steps.append(FolderStep(name, [], options, after, _fitting(sheet, name, origin, system)))
+    return steps
+
+
+def read_map(sheet: Sheet) -> fitting.ForceData:
+    """The force map that the first step made."""
+    return fitting.read_csv(_results(sheet) / RECORDS / FORCE_MAP, {})
+
+
+def _results(sheet: Sheet) -> Path:
+    return sheet.folder / RESULTS
+
+
+def _force(sheet: Sheet, place: Path, system: str) -> None:
+    """Journal and log, or a map, to a force map with the specimen in its header."""
+    records = sheet.records
+    if records.force_map is not None:
+        known = dataclasses.asdict(sheet.specimen)
+        data = fitting.read_csv(sheet.path(records.force_map), known)
+        fitting.write_csv(data, place / FORCE_MAP)
+        settle(specimen_checks(data.specimen), place)
+        return
+    assert records.journal is not None
+    assert records.machine_log is not None
+    rest = sheet.specimen.rest_length
+    journal = read_journal(sheet.path(records.journal))
+    analysed = functools.partial(
+        analyse, journal, read_machine_log(sheet.path(records.machine_log)),
+        rest_length=rest,
+        sync_column=records.sync_column,
+        near=None if records.near is None else (records.near, 5.0),
+        skip_cycles=records.skip_cycles,
+        shortening_positive=records.shortening_positive,
+        zero_displacement=records.zero_displacement,
+        pushing_positive=records.pushing_positive,
+    )  # fmt: skip
+    found = analysed()
+    apart = dataclasses.replace(
+        found.alignment, offset=found.alignment.offset + found.alignment.offset_error
+    )
+    _write_shared(analysed(alignment=apart), stored_calibration(journal), place)
+    entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
+    write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
+    dates = [note["wall"] for note in journal.notes_of("journal")]
+    content = {**figures(found), "dates": dates}
+    numbers = json.dumps(content, indent=1, allow_nan=False)
+    (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
+    picture = plot_characterisation(found, system)
+    (place / "characterisation.svg").write_text(svg_file(picture), encoding="utf-8")
+    (place / "branches.csv").write_text(branches_csv(found.characterisation), encoding="utf-8")
+    settle(record_checks(sheet, journal, found), place)
+
+
+def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]]:
+    """How the pictures of a folder are measured, and where that comes from."""
+    from imaging import Tone
+    from imaging.pictures import picture_recipe
+
+    ruler, recipe = (
+        None if name is None else sheet.path(name)
+        for name in (photographs.ruler, photographs.recipe)
+    )
+    reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
+    choices = {
+        name: getattr(photographs, name)
+        for name in ("distance", "tape_diameter", "k1", "orientation")
+    } | {"tone": None if photographs.tone is None else Tone.srgb()}
+    given, chosen = (
+        {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
+    )
+    return picture_recipe(
+        ruler=ruler, recipe=recipe, scale=photographs.scale, reading=given, choices=chosen
+    )
+
+
+def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
+    """The photographs of a folder, without its ruler."""
+    from imaging.pictures import expand
+
+    given = sheet.folder / photographs.pictures
+    without = None if photographs.ruler is None else str(sheet.folder / photographs.ruler)
+    return [Path(path) for path in expand([str(given)], without=without)]
+
+
+def _measure(
+    sheet: Sheet,
+    photographs: Photographs,
+    recipe: Any,
+    provenance: Mapping[str, str],
+    executor: AnyExecutor | Literal["auto"],
+    place: Path,
+    system: str,
+) -> None:
+    from imaging.pictures import measure_pictures
+
+    path = sheet.records.machine_log
+    log = None if path is None else read_log_of_pictures(sheet.path(path))
+
+    def measured(*, resume: bool) -> "CampaignOutcome":
+        return measure_pictures(
+            [str(sheet.folder / photographs.pictures)],
+            recipe=recipe,
+            provenance=dict(provenance),
+            add_log=None if log is None else add_log(log, photographs.log_offset),
+            rest_length=sheet.specimen.rest_length,
+            executor=executor,
+            system=system,
+            output=place,
+            resume=resume,
+        )
+
+    try:
+        outcome = measured(resume=True)
+    except CampaignChanged:  # the sheet or a picture was changed: what was measured is void
+        outcome = measured(resume=False)
+    if not outcome.table.ok.any():
+        reasons = "; ".join(sorted({error.partition(":")[0] for error in outcome.table.error}))
+        raise InputError(
+            f"no picture of {photographs.pictures} could be measured ({reasons}): see "
+            f"{place / 'measurements.csv'}, or leave [photographs] out"
+        )
+    checks = picture_checks(
+        sheet, photographs, outcome.table, log, _journal_time(sheet), read_map(sheet).length
+    )
+    settle(checks, place)
+
+
+def _journal_time(sheet: Sheet) -> JournalTime | None:
+    """The date of the test, where there is one journal of one recording."""
+    path = _results(sheet) / RECORDS / "characterisation.json"
+    if not path.exists():
+        return None
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if len(content["dates"]) != 1:
+        return None
+    return JournalTime.of(content["dates"][0], content["alignment"])
+
+
+def _shape(sheet: Sheet, place: Path) -> None:
+    """The surface, tested; its figures as JSON. The fits make it anew, which takes a tenth of a second."""
+    surface = measured_surface(sheet)
+    test, threads = surface.held_out, surface.threads
+    content = {
+        "form": surface.form._asdict(),
+        "pictures": len(surface.used),
+        "left_out": list(surface.left_out),
+        "held_out": dataclasses.asdict(test),
+        "lengths_m": surface.lengths.tolist(),
+        "mean_diameter_m": surface.diameters[0].mean(axis=1).tolist(),
+        "mean_diameter_std_m": surface.draws[:, 0].mean(axis=2).std(axis=0, ddof=1).tolist(),
+        "triangle": dataclasses.asdict(threads),
+        "notes": list(surface.summary()),
+    }
+    (place / "shape.json").write_text(
+        json.dumps(content, indent=1, default=float) + "\n", encoding="utf-8"
+    )
+
+
+def measured_surface(sheet: Sheet) -> fitting.shapes.ShapeSurface:
+    """The surface through the pictures that were measured."""
+    return fitting.shape_surface(_results(sheet) / PICTURES / "measurements.nc")
+
+
+def _fitting(sheet: Sheet, name: str, origin: Origin, system: str) -> Callable[[Path], None]:
+    def run(place: Path) -> None:
+        data = read_map(sheet)
+        surface = None if name in (CYLINDER, ELASTIC) else measured_surface(sheet)
+        result = fit_with(sheet, data, name, surface)
+        evidence = fitting.evidence.gather(
+            result, validation=True, profiles=False, replicates=0, seed=sheet.fit.seed,
+            progress=lambda *_: None, shared=_shared(sheet, result.data, name, surface),
+        )  # fmt: skip
+        write_fit(result, place, system, evidence, origin)
+        _add_figures(result, evidence, place)
+
+    return run
+
+
+def fit_with(
+    sheet: Sheet,
+    data: fitting.ForceData,
+    name: str,
+    surface: fitting.shapes.ShapeSurface | None,
+) -> fitting.Identification:
+    """The law identified with one of the geometries."""
+    fit = sheet.fit
+    options: dict[str, Any] = {
+        "law": fit.law, "constraint": fit.constraint, "starts": fit.starts, "seed": fit.seed,
+    }  # fmt: skip
+    if fit.law == "polynomial":
+        options["order"] = fit.order
+    if name == ELASTIC:
+        options["parameters"] = {"braid_compliance": Parameter()}
+    if surface is None:
+        return fitting.identify(data, **options)
+    geometry = _geometry(sheet, sheet.specimen, name, surface)
+    if name == WORK:
+        options["terms"] = famjax.terms.VirtualWork(0.0)
+    if sheet.turns is None and name != WORK:
+        least, most = surface.threads.turns_range()
+        options["parameters"] = {"turns": Parameter(min=least, max=most)}
+    return fitting.identify(_within(data, geometry), geometry=geometry, **options)
+
+
+def _geometry(
+    sheet: Sheet,
+    specimen: fitting.Specimen,
+    name: str,
+    surface: fitting.shapes.ShapeSurface,
+    draw: int | None = None,
+) -> famjax.geometries.AbstractGeometry:
+    """A geometry of the shape, of a draw of it if its number is given."""
+    turns = surface.threads.turns if sheet.turns is None else sheet.turns
+    braid = famjax.Braid(surface.threads.length, turns, specimen.braid_thickness)
+    geometry = surface.geometry(specimen, braid=braid, draw=draw)
+    if name == AVERAGE:
+        return famjax.geometries.AverageDiameterGeometry(geometry.family, geometry.bladder)
+    return geometry
+
+
+def _shared(
+    sheet: Sheet,
+    data: fitting.ForceData,
+    name: str,
+    surface: fitting.shapes.ShapeSurface | None,
+) -> dict[str, list[Move]]:
+    """The errors that the sheet states, and that of the shape."""
+    records = _results(sheet) / RECORDS
+    errors, clock = _shared_errors(sheet, records), _clock_moves(data, records)
+    if surface is None:
+        return {**moves_of(data, errors), **clock}
+    here = _geometry(sheet, sheet.specimen, name, surface)
+    return {
+        **moves_of(data, errors, lambda other: _geometry(sheet, other, name, surface)),
+        **{
+            source: [dataclasses.replace(one, geometry=here) for one in of]
+            for source, of in clock.items()
+        },
+        SHAPE: drawn_moves(lambda draw: _geometry(sheet, sheet.specimen, name, surface, draw)),
+    }
+
+
+def _within(
+    data: fitting.ForceData, geometry: famjax.geometries.AbstractGeometry
+) -> fitting.ForceData:
+    """The readings at lengths that the pictures show, and a note on the others."""
+    low, high = (float(end) for end in geometry.length_range())
+    inside = (data.length >= low) & (data.length <= high)
+    if inside.all():
+        return data
+    if inside.sum() < 8:
+        raise InputError(
+            f"only {int(inside.sum())} readings of the force lie within the lengths of the pictures, "
+            f"{low * 1e3:.4g} to {high * 1e3:.4g} mm: photographs and force are not of one stroke"
+        )
+    note = (
+        f"{int((~inside).sum())} readings outside the lengths of the pictures, {low * 1e3:.4g} to "
+        f"{high * 1e3:.4g} mm, are left out."
+    )
+    kept = data.part(inside)
+    return dataclasses.replace(kept, notes=(*kept.notes, note))
+
+
+def _add_figures(result: fitting.Identification, evidence: Evidence, place: Path) -> None:
+    """What the comparison of the geometries needs beside the fit's own file."""
+    errors, shared = result.errors, evidence.shared
+    values = {one.name: float(one.value) for one in result.estimates}
+    scatter = {one.name: float(one.stderr) for one in result.estimates}
+    others = {} if shared is None else shared.std
+    content: dict[str, Any] = {
+        "rmse_N": float(errors.rmse), "largest_N": float(errors.max),
+        "largest_force_N": float(errors.max_force), "values": values, "std_of_scatter": scatter,
+        "std": {name: float(np.hypot(one, others.get(name, 0.0))) for name, one in scatter.items()},
+        "std_by_source": {} if shared is None else shared.by_source(),
+        **{f"left_out_{one.groups}_N": float(one.rmse) for one in evidence.validations},
+    }  # fmt: skip
+    (place / "figures.json").write_text(
+        json.dumps(content, indent=1, allow_nan=True) + "\n", encoding="utf-8"
+    )
+
+
+def _write_shared(clock_moved: Analysis, calibration: Calibration, place: Path) -> None:
+    """Write what the records' step knows of shared errors into its folder.
+
+    Args:
+        clock_moved: the analysis with the clocks a standard error apart.
+        calibration: of the journal's sensors.
+        place: folder of the step.
+    """
+    write_dataset(clock_moved.characterisation, place / _CLOCK_MAP)
+    sensor = calibration.pressure
+    known = {
+        "pressure_reading": sensor.gain_std / sensor.gain,
+        "pressure_zero": sensor.zero_std * sensor.gain,
+    }
+    text = json.dumps({name: std for name, std in known.items() if math.isfinite(std)}, indent=1)
+    (place / _SENSORS).write_text(text + "\n", encoding="utf-8")
+
+
+def _shared_errors(sheet: Sheet, records: Path) -> SharedErrors:
+    """The errors of the sheet, and where it states none of the pressure those of the calibration.
+
+    Args:
+        sheet: of the folder.
+        records: folder of the records' step.
+    """
+    path = records / _SENSORS
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    stated = sheet.errors.stated()
+    return dataclasses.replace(
+        sheet.errors, **{name: std for name, std in known.items() if name not in stated}
+    )
+
+
+def _clock_moves(data: fitting.ForceData, records: Path) -> dict[str, list[Move]]:
+    """The map as it would be with the clocks a standard error apart; none without a record."""
+    path = records / _CLOCK_MAP
+    if not path.exists():
+        return {}
+    known = dataclasses.asdict(data.specimen)
+    other = fitting.read_csv(path, known)
+    moved = {name: getattr(data, name).copy() for name in ("force", "pressure", "length")}
+    # A stroke's end may have a reading more or less: what has no partner stays where it is.
+    near = np.abs(data.length[:, None] - other.length) + np.where(
+        np.abs(data.pressures.level[:, None] - other.pressures.level)
+        > np.abs(np.diff(np.unique(data.pressures.level), append=np.inf)).min() / 2,
+        np.inf, 0.0,
+    )  # fmt: skip
+    partner = np.argmin(near, axis=1)
+    found = near[np.arange(data.force.size), partner] < np.ptp(data.length) / 60
+    for name, values in moved.items():
+        values[found] = getattr(other, name)[partner[found]]
+    return {CLOCK: [Move(dataclasses.replace(data, **moved))]}

@@ -1,0 +1,339 @@
+"""A test at constant pressures: from its journal and the machine's log to curves, figures, a picture."""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.units import factor, unit_system
+from fitting.records import (
+    Alignment,
+    Characterisation,
+    IsobaricRecord,
+    MachineLog,
+    align_by_load,
+    align_by_pulses,
+    characterise,
+    combine,
+)
+from rig.errors import RigError
+from rig.journal import Record
+from rig.protocol import TICK_HZ
+
+from .journals import clocks, table
+
+_APART = 3.0  # times, by which two records of one test do not differ in duration
+_STRETCH = 0.05  # of the rest length, by which a muscle may be stretched
+_MOST_POINTS = 20_000  # drawn of a pressure record
+
+
+class Loads(NamedTuple):
+    """The load of the journal as gain x load of the log + zero, at the same times.
+
+    Attributes:
+        gain: [-].
+        zero: [N].
+        scatter: root mean square of what is left, over the range of the journal's load [-].
+    """
+
+    gain: float
+    zero: float
+    scatter: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Analysis:
+    """The result of a test.
+
+    Attributes:
+        alignment: of the machine's clock to the journal's.
+        record: the test on one clock.
+        characterisation: curves and figures.
+        loads: of both against each other.
+    """
+
+    alignment: Alignment
+    record: IsobaricRecord
+    characterisation: Characterisation
+    loads: Loads
+
+
+def analyse(
+    journal: Record,
+    log: MachineLog,
+    *,
+    rest_length: float,
+    sync_column: str | None = None,
+    near: tuple[float, float] | None = None,
+    skip_cycles: int = 0,
+    shortening_positive: bool = False,
+    zero_displacement: float = 0.0,
+    pushing_positive: bool = False,
+    alignment: Alignment | None = None,
+) -> Analysis:
+    """The characterisation of a muscle from the two records of one test.
+
+    A record of the device is a mean over its ticks, so that it belongs to their middle: half a
+    record, less half a tick, before the time of its last tick.
+
+    Args:
+        journal: read back.
+        log: of the test machine.
+        rest_length: L0 [m].
+        sync_column: column of the log with the rig's sync pulses; None aligns by load.
+        near: offset of the clocks [s] and how far it may be off [s], where it is known roughly.
+        skip_cycles: first strokes at each pressure that are left out.
+        shortening_positive: the machine's displacement grows as the muscle shortens.
+        zero_displacement: what the machine shows at L0 [m].
+        pushing_positive: the machine's force is positive in compression.
+        alignment: of the machine's clock to the journal's, where it is known; sought unless given.
+
+    Returns:
+        Alignment, record and characterisation.
+
+    Raises:
+        RigError: the records do not belong together, or hold no complete stroke.
+    """
+    if log.force is None:
+        raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
+    columns = table(journal)
+    known = np.isfinite(columns["time_s"])
+    if known.sum() < 2:
+        raise RigError(f"{journal.path} has no clock notes: its records have no time of the host")
+    device = columns["device_time_s"][known]
+    period = float(np.median(np.diff(device)))
+    time = columns["time_s"][known] - (period - 1 / TICK_HZ) / 2
+    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0])
+    time = time[rising]
+    pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
+    if alignment is None:
+        alignment = (
+            _by_load(
+                time, force, log, near, _clock_error(journal), pushing_positive=pushing_positive
+            )
+            if sync_column is None
+            else _by_pulses(time, columns["sync"][known][rising], log, sync_column)
+        )
+    record = combine(
+        log,
+        alignment,
+        time,
+        pressure,
+        _set_pressures(journal),
+        rest_length=rest_length,
+        shortening_positive=shortening_positive,
+        zero_displacement=zero_displacement,
+        pushing_positive=pushing_positive,
+    )
+    over, under = record.length.max() - rest_length, rest_length - record.length.min()
+    if over > max(under, _STRETCH * rest_length):
+        raise InputError(
+            f"{log.source}: the machine would have stretched the muscle, from {record.length.min():.5g} "
+            f"to {record.length.max():.5g} m with a rest length of {rest_length:.5g} m, and a stroke "
+            f"shortens it: shortening_positive must be {str(not shortening_positive).lower()}, or check "
+            "zero_displacement and the rest length"
+        )
+    return Analysis(
+        alignment,
+        record,
+        characterise(record, skip_cycles=skip_cycles),
+        _loads(time, force, record),
+    )
+
+
+def _by_load(
+    time: np.ndarray,
+    force: np.ndarray,
+    log: MachineLog,
+    near: tuple[float, float] | None,
+    time_error: float,
+    *,
+    pushing_positive: bool,
+) -> Alignment:
+    """The clocks by the load; where the loads disagree, the column of the log that does agree is named."""
+    sign = -1.0 if pushing_positive else 1.0
+    load = sign * log.channel("force")
+    try:
+        return align_by_load(time, force, log.time, load, near=near, time_error=time_error)
+    except InputError as error:
+        others = {"the force with the opposite sign": -load, "the displacement": log.displacement,
+                  "the displacement with the opposite sign": -log.displacement}  # fmt: skip
+        others |= {
+            f"{s}{name}": (-1.0 if s else 1.0) * values
+            for name, values in log.others.items() for s in ("", "the negative of ")
+            if np.isfinite(values).all()
+        }  # fmt: skip
+        for name, values in others.items():
+            try:
+                align_by_load(time, force, log.time, values, near=near)
+            except InputError:
+                continue
+            remedy = (
+                f"pushing_positive must be {str(not pushing_positive).lower()}"
+                if values is others["the force with the opposite sign"]
+                else "are columns swapped or wrongly named?"
+            )
+            raise InputError(
+                f"{log.source}: the load of the journal does not agree with the log's force but with "
+                f"{name}: {remedy}"
+            ) from None
+        ours, theirs = (float(t[-1] - t[0]) for t in (time, log.time))
+        much = f". The journal covers {ours:.4g} s and the log {theirs:.4g} s: check the unit of its time"
+        apart = max(ours, theirs) > _APART * min(ours, theirs)
+        raise InputError(f"{log.source}: {error}{much if apart else ''}") from None
+
+
+def _clock_error(journal: Record) -> float:
+    """The largest error [s] of the journal's clock in any boot of 30 s or more."""
+    errors = [clock.error for clock in clocks(journal).values()]
+    return max((error for error in errors if math.isfinite(error)), default=0.0)
+
+
+def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads:
+    """The journal's load against the log's, at the rows of the record."""
+    ours = np.interp(record.time, time, force)
+    gain, zero = np.polyfit(record.force, ours, 1)
+    left = ours - gain * record.force - zero
+    return Loads(float(gain), float(zero), float(np.sqrt(np.mean(left**2)) / np.ptp(ours)))
+
+
+def _by_pulses(time: np.ndarray, sync: np.ndarray, log: MachineLog, column: str) -> Alignment:
+    """By the edges of the rig's pulses, which a column of the log has, too."""
+    if column not in log.others:
+        raise RigError(f"the log has no column {column!r}; it has {', '.join(log.others)}")
+    # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
+    resolution = log.interval / math.sqrt(12) * math.sqrt(2)
+    ours, theirs = _edges(time, sync), _edges(log.time, log.others[column])
+    return align_by_pulses(ours, theirs, resolution=resolution)
+
+
+def _set_pressures(journal: Record) -> list[tuple[float, float]]:
+    """Times [s] and what was set from then on [Pa]: nan after an end, and in a block left or repeated."""
+    found: list[tuple[float, float]] = []
+    for note in journal.notes:
+        at = float(note["at"])
+        match note["note"]:
+            case "set":
+                found.append((at, float(note["pressure_Pa"])))
+            case "end":
+                found.append((at, math.nan))
+            case "skipped" | "repeated":
+                if found:
+                    found[-1] = (found[-1][0], math.nan)
+                found.append((at, math.nan))
+    return sorted(found)
+
+
+def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Times [s] at which a level passes its middle, each half-way between two readings.
+
+    Where readings are missing in between, the time is not known and is left out.
+    """
+    high = level > (np.nanmin(level) + np.nanmax(level)) / 2
+    step = np.diff(time)
+    edges = np.flatnonzero((high[1:] != high[:-1]) & (step < 1.5 * np.median(step)))
+    return (time[edges] + time[edges + 1]) / 2
+
+
+def table_rows(found: Characterisation, system: str) -> list[dict[str, float | str]]:
+    """One row for every isobar, the units in the keys; "none" for what was not measured.
+
+    Raises:
+        InputError: an unknown system.
+    """
+    units = unit_system(system)
+    pressure, force = units["pressure"], units["force"]
+    Pa, N = factor(pressure, "pressure"), factor(force, "force")
+    rows: list[dict[str, float | str]] = []
+    for bar in found.isobars:
+        row = {
+            f"set_{pressure}": bar.set_pressure / Pa,
+            f"mean_{pressure}": bar.pressure / Pa,
+            f"std_{pressure}": bar.pressure_std / Pa,
+            f"largest_error_{pressure}": bar.largest_pressure_error / Pa,
+            "cycles": bar.cycles,
+            f"blocked_{force}": bar.blocked_force / N,
+            "free_contraction": bar.free_contraction,
+            "hysteresis_J": bar.hysteresis,
+            "hysteresis_ratio": bar.hysteresis_ratio,
+        }
+        rows.append({k: v if math.isfinite(v) else "none" for k, v in row.items()})
+    return rows
+
+
+def figures(found: Analysis) -> dict[str, object]:
+    """The figures of an analysis for a JSON file, unit in each key; None for what was not measured."""
+    rows = [
+        {key: value if math.isfinite(value) else None for key, value in row.items()}
+        for row in found.characterisation.rows()
+    ]
+    aligned = found.alignment
+    residual = "residual_N" if aligned.method == "load" else "residual_s"
+    alignment = {
+        "method": aligned.method,
+        "offset_s": aligned.offset,
+        "reference_s": aligned.reference,
+        "offset_error_s": aligned.offset_error,
+        "rate": aligned.rate,
+        "rate_error": aligned.rate_error if math.isfinite(aligned.rate_error) else None,
+        residual: aligned.residual,
+    }
+    return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}
+
+
+def branches_csv(muscle: Characterisation) -> str:
+    """Both branches of every isobar over the length as CSV, SI; empty for what was not measured."""
+    lines = ["set_pressure_Pa,length_m,shortening_N,lengthening_N"]
+    for bar in muscle.isobars:
+        for row in zip(bar.length, bar.shortening, bar.lengthening, strict=True):
+            cells = ("" if math.isnan(value) else f"{value:.8g}" for value in row)
+            lines.append(f"{bar.set_pressure:.8g},{','.join(cells)}")
+    return "\n".join(lines) + "\n"
+
+
+def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
+    """Both branches over contraction at every set pressure, and the error of the pressure in time.
+
+    Args:
+        found: the analysis of a test.
+        system: "si", "metric" or "us".
+
+    Returns:
+        A figure of two axes.
+
+    Raises:
+        InputError: an unknown system.
+    """
+    units = unit_system(system)
+    pressure_unit, force_unit = units["pressure"], units["force"]
+    N, Pa = factor(force_unit, "force"), factor(pressure_unit, "pressure")
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    muscle, record = found.characterisation, found.record
+    shades = np.linspace(0.15, 0.9, len(muscle.isobars))
+    for shade, bar in zip(shades, muscle.isobars, strict=True):
+        contraction = (muscle.rest_length - bar.length) / muscle.rest_length
+        colour = (0.1, 0.25, float(shade))
+        left.plot(contraction, bar.shortening / N, color=colour, lw=1.2)
+        left.plot(contraction, bar.lengthening / N, color=colour, lw=1.2, ls="--")
+        label = f"{bar.set_pressure / Pa:.4g}"
+        left.annotate(label, (contraction[0], bar.lengthening[0] / N), fontsize=7)
+    left.set_xlabel("contraction (L0 - L)/L0")
+    left.set_ylabel(f"force [{force_unit}]")
+    left.set_title(
+        f"shortening (solid), lengthening (dashed); set pressure [{pressure_unit}]", fontsize=9
+    )
+    held = np.isfinite(record.set_pressure)
+    step = max(1, int(held.sum()) // _MOST_POINTS)
+    error = (record.pressure - record.set_pressure)[held][::step] / Pa
+    right.plot(record.time[held][::step], error, lw=0.5, color=(0.1, 0.25, 0.5))
+    strokes = [bar.largest_pressure_error for bar in muscle.isobars]
+    right.set_ylim(-1.5 * max(strokes) / Pa, 1.5 * max(strokes) / Pa)
+    right.axhline(0, color="k", lw=0.5)
+    right.set_xlabel("time [s]")
+    right.set_ylabel(f"pressure - set pressure [{pressure_unit}]")
+    right.set_title("pressure held (new set pressures run off the axis)", fontsize=9)
+    return figure

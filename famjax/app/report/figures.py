@@ -1,0 +1,353 @@
+"""The figures of the report: each function draws one and says what it shows, or gives None."""
+
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+import famjax
+from fitting.prediction.forces import model_forces, static_rows
+from fitting.saved import law_stress
+
+from ..evaluation import CYLINDER, PICTURES, shown_pictures
+from .source import COLOURS, DASHES, MINUS, FittedGeometry, Source
+
+Drawn = tuple[Figure, str] | None
+"""A figure and its caption; None where the folder lacks what it shows."""
+
+STYLE: dict[Any, Any] = {
+    "font.size": 8, "axes.labelsize": 8, "axes.titlesize": 8, "xtick.labelsize": 7,
+    "ytick.labelsize": 7, "legend.fontsize": 7, "axes.linewidth": 0.6, "lines.linewidth": 1.1,
+    "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
+    "svg.fonttype": "path", "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True,
+}  # fmt: skip
+_BAND = (0.025, 0.975)
+_POINTS = 25
+"""Contractions at which the error band is computed."""
+_PROFILES = 5
+_HEIGHT = 480  # px, of the tallest photograph as it is shown
+_BEYOND = 1.25
+"""The law is drawn to this multiple of the strains that were visited."""
+_CONTRACTION = "contraction $(L_0 - L)/L_0$"
+
+
+def actuation(source: Source) -> Drawn:
+    """Isobars with points, model and band, and what is left."""
+    fit, data, rest = source.best, source.data, source.sheet.specimen.rest_length
+    levels = np.unique(data.pressures.level[data.loaded])
+    lengths = np.linspace(float(fit.data.length.max()), float(fit.data.length.min()), _POINTS)
+    P, L = (one.ravel() for one in np.meshgrid(levels, lengths, indexing="ij"))
+    rows = static_rows(fit.saved, L, P)
+    force, low, high = (
+        source.scaled(np.array([row[key] for row in rows], float), "force").reshape(levels.size, -1)
+        for key in ("force_N", "low_95_N", "high_95_N")
+    )
+    figure, (left, right) = _axes(2)
+    for k, (colour, level) in enumerate(zip(_shades(levels.size), levels, strict=True)):
+        of = (data.pressures.level == level) & data.loaded
+        left.fill_between(1 - lengths / rest, low[k], high[k], color=colour, alpha=0.2, lw=0)
+        left.plot(1 - lengths / rest, force[k], color=colour)
+        _points(left, 1 - data.length[of] / rest, source.scaled(data.force[of], "force"), colour)
+        at = (1 - lengths[-1] / rest, force[k][-1])
+        left.annotate(source.number(level, "pressure", 3), at, (2.5, 0), fontsize=6, color=colour,
+                      textcoords="offset points", va="center")  # fmt: skip
+        mine = fit.levels == level
+        left_over = source.scaled(fit.residuals[mine], "force")
+        _points(right, 1 - fit.data.length[fit.data.loaded][mine] / rest, left_over, colour)
+    middle = levels.size // 2
+    half = source.scaled(
+        model_forces(fit.saved, lengths, np.full(_POINTS, levels[middle])).half, "force"
+    )
+    right.fill_between(1 - lengths / rest, -half, half, color="0.5", alpha=0.2, lw=0)
+    right.axhline(0, color="0.6", lw=0.6)
+    unit = source.unit("force")
+    left.set(xlabel=_CONTRACTION, ylabel=f"force $F$ [{unit}]", ylim=(0, None))
+    right.set(xlabel=_CONTRACTION, ylabel=f"model {MINUS} measured [{unit}]")
+    return figure, (
+        f"Left: force against contraction at the gauge pressures beside the curves "
+        f"[{source.unit('pressure')}]; circles are measured (mean of both branches), lines the model with "
+        f"the {fit.title}, shaded what holds 95 % of single readings. Right: what the model leaves, and "
+        f"that band at {source.pressure(levels[middle])}."
+    )
+
+
+def photographs(source: Source) -> Drawn:
+    """Three photographs with what was measured, at the least, middle and most contraction."""
+    given, pictures = source.sheet.photographs, source.pictures
+    if given is None or pictures is None:
+        return None
+    from PIL import Image
+
+    from imaging import draw_overlay, measure, read_image, read_recipe
+
+    recipe = read_recipe(source.results / PICTURES / "recipe.toml")
+    files = {path.name: path for path in shown_pictures(source.sheet, given)}
+    off = np.abs(pictures.pressure[:, None] - source.pressures)
+    near = np.flatnonzero(np.isfinite(off).all(axis=1) & (off.argmin(axis=1) == source.middle))
+    near = near if near.size else np.arange(pictures.length.size)
+    ordered = near[np.argsort(-pictures.length[near])]
+    shown = []
+    for k in ordered[sorted({0, ordered.size // 2, ordered.size - 1})]:
+        image = read_image(files[Path(pictures.names[k]).name])
+        drawn = draw_overlay(
+            image,
+            measure(image, recipe).trace,
+            thickness=max(2, round(2 * max(image.shape) / _HEIGHT)),
+        )
+        small = Image.fromarray(drawn)
+        small.thumbnail((2 * _HEIGHT, _HEIGHT))
+        contraction = 1 - pictures.length[k] / source.sheet.specimen.rest_length
+        shown.append((float(contraction), np.asarray(small)))
+    widths = [one.shape[1] for _, one in shown]
+    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    axes = figure.subplots(1, len(shown), width_ratios=widths, squeeze=False)[0]
+    for one, (contraction, pixels) in zip(axes, shown, strict=True):
+        one.imshow(pixels, interpolation="none")
+        one.set_title(f"{contraction:.3f}")
+        one.set_axis_off()
+    return figure, (
+        f"Photographs near {source.pressure(source.pressures[source.middle])}, the contraction above "
+        "each, with what was measured: outline red, edges of the end tapes yellow, mid-line cyan."
+    )
+
+
+def shape(source: Source) -> Drawn:
+    """Profiles at five contractions, mean and middle diameter against contraction."""
+    surface, pictures = source.surface, source.pictures
+    if surface is None or pictures is None:
+        return None
+    from scipy.interpolate import CubicSpline
+
+    rest, middle = source.sheet.specimen.rest_length, surface.diameters.shape[-1] // 2
+    x = np.linspace(0, 1, surface.diameters.shape[-1])
+    figure, (left, right) = _axes(2)
+    wanted = np.linspace(pictures.length.max(), pictures.length.min(), _PROFILES)
+    for colour, at in zip(_shades(_PROFILES), wanted, strict=True):
+        k = int(np.argmin(np.abs(pictures.length - at)))
+        L = float(pictures.length[k])
+        z = source.scaled(x * L, "length")
+        every = CubicSpline(surface.lengths[::-1], surface.draws[:, 0, ::-1], axis=-2)(L)
+        low, high = np.quantile(source.scaled(every, "length"), _BAND, axis=0)
+        line = CubicSpline(surface.lengths[::-1], surface.diameters[0, ::-1], axis=-2)(L)
+        left.fill_between(z, low, high, color=colour, alpha=0.2, lw=0)
+        left.plot(z, source.scaled(line, "length"), color=colour, label=f"{1 - L / rest:.3f}")
+        _points(left, z[::8], source.scaled(pictures.diameter[k, ::8], "length"), colour)
+    for label, colour, seen, line, drawn in (
+        ("mean", "#0072b2", pictures.diameter.mean(axis=1), surface.diameters[0].mean(axis=1),
+         surface.draws[:, 0].mean(axis=2)),
+        ("middle", "#d55e00", pictures.diameter[:, pictures.diameter.shape[1] // 2],
+         surface.diameters[0, :, middle], surface.draws[:, 0, :, middle]),
+    ):  # fmt: skip
+        low, high = np.quantile(source.scaled(drawn, "length"), _BAND, axis=0)
+        c = 1 - surface.lengths / rest
+        _points(right, 1 - pictures.length / rest, source.scaled(seen, "length"), colour)
+        right.fill_between(c, low, high, color=colour, alpha=0.2, lw=0)
+        right.plot(c, source.scaled(line, "length"), color=colour, label=label)
+    states = source.fits[CYLINDER].states
+    cylinder = source.scaled(states.diameter[source.middle], "length")
+    right.plot(states.contraction, cylinder, "--", color=COLOURS[CYLINDER], label="cylinder")
+    unit = source.unit("length")
+    left.set(xlabel=f"position $z$ [{unit}]", ylabel=f"diameter $D$ [{unit}]")
+    right.set(xlabel=_CONTRACTION, ylabel=f"diameter $D$ [{unit}]")
+    left.legend(title="contraction")
+    right.legend()
+    return figure, (
+        "The shape: circles are pictures, lines the measured surface with its 95 % band. Left: braid "
+        "diameter along the axis. Right: its mean, the middle, and the cylinder of the braid's triangle as "
+        "identified from the force."
+    )
+
+
+def strains(source: Source) -> Drawn:
+    """Hoop and axial strain of the bladder and its wall, by geometry."""
+    k, figure_axes = source.middle, _axes(3)
+    for name, fit in source.fits.items():
+        of = fit.states
+        wall = source.scaled(of.thickness[k], "length")
+        for axes, values in zip(
+            figure_axes[1], (of.mean_hoop_strain[k], of.axial_strain[k], wall), strict=True
+        ):
+            axes.plot(of.contraction, values, DASHES[name], color=COLOURS[name], label=fit.short)
+    figure, (hoop, axial, wall) = figure_axes
+    hoop.set(xlabel=_CONTRACTION, ylabel=r"mean hoop strain $\varepsilon_c$")
+    axial.set(xlabel=_CONTRACTION, ylabel=r"axial strain $\varepsilon_z$")
+    wall.set(xlabel=_CONTRACTION, ylabel=f"wall $t$ [{source.unit('length')}]")
+    hoop.legend()
+    named = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
+    return figure, (
+        f"Strains and wall of the bladder at {source.pressure(source.pressures[k])}. Axial strain is of "
+        f"the arc length where the shape is measured, of the length in cylinders. Geometries: {named}."
+    )
+
+
+def law(source: Source) -> Drawn:
+    """The law of each geometry with the strains visited, and the stresses in the wall."""
+    figure, (left, right) = _axes(2)
+    best, k = source.best, source.middle
+    low, high = _visited(best)
+    left.axvspan(low, 0.0, color="#f3e4d8", lw=0, label="axial strains")
+    left.axvspan(0.0, high, color="#dfeaf2", lw=0, label="hoop strains")
+    left.axhline(0, color="0.6", lw=0.6)
+    for name, fit in source.fits.items():
+        material = fit.saved.muscle.material
+        strain, stress = _law(material, *(_BEYOND * end for end in _visited(fit)))
+        ends = rising_range(material, strain[0], strain[-1]) or (0.0, 0.0)
+        stable = (strain >= ends[0]) & (strain <= ends[1])
+        shown = source.scaled(stress, "stress")
+        width = 1.8 if fit is best else 0.8
+        left.plot(strain, np.where(stable, shown, np.nan), color=COLOURS[name], lw=width,
+                  label=fit.short)  # fmt: skip
+        left.plot(strain, np.where(stable, np.nan, shown), ":", color=COLOURS[name], lw=width)
+    for label, values, colour in (
+        ("axial", best.states.axial_stress, "#d55e00"), ("hoop", best.states.hoop_stress, "#009e73"),
+    ):  # fmt: skip
+        right.plot(
+            best.states.contraction, source.scaled(values[k], "stress"), color=colour, label=label
+        )
+    unit = source.unit("stress")
+    left.set(xlabel=r"strain $\varepsilon$", ylabel=rf"stress $\sigma$ [{unit}]")
+    right.set(xlabel=_CONTRACTION, ylabel=rf"mean stress $\sigma$ [{unit}]")
+    left.legend()
+    right.legend()
+    return figure, (
+        f"Left: the bladder's law, true stress against engineering strain; dotted where it falls and is "
+        f"not stable by itself; shaded are the strains visited with the {best.title}. Right: axial means "
+        f"of the stresses in the wall at {source.pressure(source.pressures[k])}, {best.title}."
+    )
+
+
+def parts(source: Source) -> Drawn:
+    """The parts of the force against contraction at one pressure, by geometry."""
+    k, unit = source.middle, source.unit("force")
+    pressure = source.pressures[k]
+    near = np.isclose(source.data.pressures.level, pressure, rtol=0.02) & source.data.loaded
+    seen = 1 - source.data.length[near] / source.sheet.specimen.rest_length
+    figure, many = _axes(len(source.fits), share=True)
+    for axes, fit in zip(many, source.fits.values(), strict=True):
+        for number, (term, values) in enumerate(fit.states.terms.items()):
+            colour = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")[min(number, 3)]
+            axes.plot(
+                fit.states.contraction, source.scaled(values[k], "force"), color=colour, label=term
+            )
+        total = source.scaled(fit.states.force[k], "force")
+        axes.plot(fit.states.contraction, total, "k--", label="model force")
+        _points(axes, seen, source.scaled(source.data.force[near], "force"), "0.3")
+        axes.axhline(0, color="0.6", lw=0.6)
+        axes.set(title=fit.short, xlabel="contraction")
+    many[0].set(ylabel=f"force $F$ [{unit}]")
+    figure.legend(*many[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure, (
+        f"Parts of the force at {source.pressure(pressure)} by geometry; circles are measured."
+    )
+
+
+def by_pressure(source: Source) -> Drawn:
+    """Blocked force, free contraction and RMSE by pressure and geometry."""
+    figure, (blocked, free, rmse) = _axes(3)
+    P = source.scaled(source.pressures, "pressure")
+    for name, fit in source.fits.items():
+        style: dict[str, Any] = {"color": COLOURS[name], "ls": DASHES[name], "label": fit.short}
+        blocked.plot(P, source.scaled(fit.states.blocked_force, "force"), **style)
+        free.plot(P, fit.states.free_contraction(), **style)
+        found = by_level(fit)
+        levels = source.scaled(np.array([*found]), "pressure")
+        inside, _, left_out = source.scaled(np.array([*found.values()]).T, "force")
+        rmse.plot(levels, inside, "o-", ms=2.5, color=COLOURS[name], label=fit.short)
+        rmse.plot(levels, left_out, "s:", ms=2.5, color=COLOURS[name])
+    for axes, key, kind in (
+        (blocked, "blocked_force_N", "force"),
+        (free, "free_contraction", "number"),
+    ):
+        if source.isobars:
+            seen = np.array([bar[key] for bar in source.isobars], float)
+            _points(axes, P, source.scaled(seen, kind), "black")
+    pressure, force = source.unit("pressure"), source.unit("force")
+    for axes, label in (
+        (blocked, f"blocked force [{force}]"), (free, "free contraction"), (rmse, f"RMSE [{force}]"),
+    ):  # fmt: skip
+        axes.set(xlabel=f"gauge pressure $P$ [{pressure}]", ylabel=label)
+    rmse.set_ylim(0, None)
+    blocked.legend()
+    return figure, (
+        "Blocked force, free contraction and RMSE of the force by pressure and geometry; circles are "
+        "measured where the test reached them, dotted is each pressure while it was left out of the fit."
+    )
+
+
+FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure)
+"""In the order of the page; the first stands in its summary."""
+
+
+def by_level(fit: FittedGeometry) -> dict[float, tuple[float, float, float]]:
+    """By pressure level [Pa]: RMSE and largest error in sample, RMSE while it was left out [N], or nan."""
+    out = fit.saved.document.get("leave_one_pressure_out") or {"left_out": [], "group_rmse_N": []}
+    found = {}
+    for level in np.unique(fit.levels).tolist():
+        left = fit.residuals[fit.levels == level]
+        missed = [
+            rmse
+            for one, rmse in zip(out["left_out"], out["group_rmse_N"], strict=True)
+            if np.isclose(one, level) and rmse is not None
+        ]
+        largest = float(np.abs(left).max())
+        found[level] = (float(np.sqrt(np.mean(left**2))), largest, *(missed[:1] or [np.nan]))
+    return found
+
+
+def rising_range(
+    material: famjax.materials.AbstractMaterial, low: float, high: float
+) -> tuple[float, float] | None:
+    """Strains about zero between which the stress of one direction rises.
+
+    Args:
+        material: stress law.
+        low: strain from which it is looked at, <= 0.
+        high: strain up to which it is, > 0.
+
+    Returns:
+        Ends to a three-hundredth of the range, those given where it rises up to them; None where it
+        falls at zero.
+    """
+    strain, stress = _law(material, low, high)
+    falls = np.diff(stress) < 0
+    centre = (strain[1:] + strain[:-1]) / 2
+    if falls[int(np.argmin(np.abs(centre)))]:
+        return None
+    below, above = centre[falls & (centre < 0)], centre[falls & (centre > 0)]
+    return float(below.max(initial=low)), float(above.min(initial=high))
+
+
+def _law(
+    material: famjax.materials.AbstractMaterial, low: float, high: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Strains and the law's stresses [Pa]."""
+    strain = np.linspace(low, high, 301)
+    return strain, np.asarray(law_stress(material, jnp.asarray(strain), jnp.zeros((1, 1))))[0]
+
+
+def _visited(fit: FittedGeometry) -> tuple[float, float]:
+    """Lowest and highest strain of the bladder over the stroke, axial and hoop."""
+    states = fit.states
+    return min(0.0, float(np.nanmin(states.axial_strain))), float(
+        np.nanmax(states.most_hoop_strain)
+    )
+
+
+def _axes(count: int, *, share: bool = False) -> tuple[Figure, list[Axes]]:
+    """A row of axes as wide as the page."""
+    figure = Figure(figsize=(9, 3.1 if count < 3 else 2.6), layout="constrained")
+    return figure, list(figure.subplots(1, count, squeeze=False, sharey=share)[0])
+
+
+def _points(axes: Axes, x: NDArray[Any], y: NDArray[Any], colour: Any) -> None:
+    axes.plot(x, y, "o", ms=2.6, mew=0.6, mfc="white", color=colour, zorder=3)
+
+
+def _shades(count: int) -> list[tuple[float, ...]]:
+    """Colours of ordered curves, such as isobars, from dark to light, all dark enough for white paper."""
+    return [tuple(mpl.colormaps["viridis"](at)[:3]) for at in np.linspace(0.0, 0.72, count)]

@@ -1,0 +1,180 @@
+"""characterisation.toml: what lies in a folder, and how it is evaluated; units in every key."""
+
+import dataclasses
+import importlib.resources
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
+from fitting.data import SharedErrors, Specimen, parse_specimen
+from fitting.data.shared_errors import FORM as SHARED_ERRORS
+
+SHEET = "characterisation.toml"
+"""Name of the file."""
+RESULTS = "results"
+"""Folder of what is computed."""
+
+
+def skeleton() -> str:
+    """A sheet to fill in, with a comment on every entry."""
+    place = importlib.resources.files("famjax.app") / "templates" / SHEET
+    return place.read_text(encoding="utf-8")
+
+
+@dataclasses.dataclass(frozen=True)
+class Records:
+    """The force of the test: journal and machine's log, or a force map."""
+
+    journal: Text | None = None
+    machine_log: Text | None = None
+    force_map: Text | None = None
+    sync_column: Text | None = None
+    near: float | None = None
+    skip_cycles: int = 0
+    zero_displacement: float = 0.0
+    shortening_positive: bool = False
+    pushing_positive: bool = False
+
+    def __post_init__(self) -> None:
+        both = (self.journal is None, self.machine_log is None)
+        if self.force_map is None and any(both):
+            raise ValueError(
+                "the force is in journal and machine_log, both of one test, or in a force_map alone"
+            )
+        if self.force_map is not None and not all(both):
+            raise ValueError("force_map stands in the place of journal and machine_log: keep one")
+        if self.skip_cycles < 0:
+            raise ValueError(f"skip_cycles must be >= 0, got {self.skip_cycles}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Photographs:
+    """The pictures of the test; options as those of `famjax measure`."""
+
+    pictures: Text
+    ruler: Text | None = None
+    scale: Text | None = None
+    distance: Positive | None = None
+    pitch: Positive | None = None
+    ruler_placement: NotNegative | None = None
+    tape_diameter: Positive | None = None
+    recipe: Text | None = None
+    k1: float | None = None
+    tone: Literal["srgb"] | None = None
+    orientation: Literal["vertical", "horizontal", "auto"] | None = None
+    log_offset: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """How the law is identified."""
+
+    law: Text = "polynomial"
+    order: int | None = None
+    constraint: Literal["none", "positive", "slope", "drucker"] = "drucker"
+    starts: int = 16
+    seed: int = 0
+
+
+ASSUMED = SharedErrors(rest_length=0.5e-3, shortening=0.003, force_reading=0.02)
+"""Standard errors by which sources are compared where the sheet states none: of the rest length, of the
+machine's displacement with what its frame gives way, of either load cell."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sheet:
+    """The file as read.
+
+    Attributes:
+        folder: where it lies.
+        specimen: of the muscle.
+        entries: of the specimen as they stand in the file, without the turns.
+        turns: of one thread; None where they are identified.
+        records: force.
+        photographs: shape, or None.
+        fit: how.
+        errors: that all readings share.
+    """
+
+    folder: Path
+    specimen: Specimen
+    entries: Mapping[str, object]
+    turns: float | None
+    records: Records
+    photographs: Photographs | None
+    fit: Fit
+    errors: SharedErrors
+
+    def path(self, name: str) -> Path:
+        """A file of the folder.
+
+        Raises:
+            InputError: it is not there.
+        """
+        path = self.folder / name
+        if not path.exists():
+            raise InputError(f"{self.folder / SHEET} names {name}, which is not in {self.folder}")
+        return path
+
+
+_FORM = Form(
+    {
+        **SHARED_ERRORS.kinds,
+        **dict.fromkeys(("near", "log_offset"), "time"),
+        **dict.fromkeys(
+            ("zero_displacement", "distance", "pitch", "ruler_placement", "tape_diameter"), "length"
+        ),
+    }
+)
+_TABLES: dict[str, Any] = {
+    "records": Records, "photographs": Photographs, "fit": Fit, "errors": SharedErrors,
+}  # fmt: skip
+
+
+def read_sheet(folder: Path) -> Sheet:
+    """The sheet of a folder.
+
+    Raises:
+        InputError: there is none, or what is wrong with it, with the place.
+    """
+    path = folder / SHEET
+    if not path.exists():
+        raise InputError(f"{folder} has no {SHEET}: `famjax new {folder}` writes one to fill in")
+    content = read_toml(path, "sheet")
+    unknown = content.keys() - {"specimen", *_TABLES}
+    missing = {"specimen", "records"} - content.keys()
+    if unknown or missing or not all(isinstance(table, dict) for table in content.values()):
+        raise InputError(
+            f"{path}: a sheet has the tables [specimen], [records], and where there are pictures "
+            f"[photographs], [fit] and [errors]; got {', '.join(content) or 'none'}"
+        )
+    tables = {
+        name: from_entries(kind, content[name], _FORM, where=f"{path}: [{name}]: ")
+        for name, kind in _TABLES.items()
+        if name in content
+    }
+    entries = dict(content["specimen"])
+    turns = entries.pop("turns", None)
+    if turns is not None and not (isinstance(turns, int | float) and turns > 0):
+        raise InputError(f"{path}: [specimen]: turns must be a number > 0, got {turns!r}")
+    try:
+        known = parse_specimen(
+            f"{key}={str(value).lower() if isinstance(value, bool) else value}"
+            for key, value in entries.items()
+        )
+        known.pop("force_limit", None)  # of the map's readings, and in its header
+        specimen = Specimen(**known)
+    except (InputError, TypeError) as error:
+        raise InputError(f"{path}: [specimen]: {_in_words(error)}") from None
+    return Sheet(
+        folder, specimen, entries, None if turns is None else float(turns), tables["records"],
+        tables.get("photographs"), tables.get("fit", Fit()), tables.get("errors", SharedErrors()),
+    )  # fmt: skip
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, TypeError):
+        return "name, rest_length_<unit> and wall_thickness_<unit> are needed"
+    return str(error)

@@ -1,0 +1,181 @@
+"""A whole test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
+
+import dataclasses
+import datetime
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import famjax
+from famjax.units import INCH, PSI
+from fitting.records import read_machine_log, write_dataset
+from rig.calibration import Calibration
+from rig.device import Device
+from rig.errors import RigError
+from rig.execution import JOURNAL, Attendant, Request, Situation, record_test
+from rig.journal import read_journal
+from rig.link import VirtualLink
+from rig.plan import PlanFile
+from rig.simulation import (
+    CIRCUITS,
+    MachineClock,
+    SimulatedMuscle,
+    SimulatedRig,
+    load_cell,
+    machine_for,
+    mckibben,
+)
+
+from .isobaric import Analysis, analyse
+
+_LENGTHS = 801  # of a table: with 201 its straight lines lie 0.16 N above a 7/8 in muscle's force
+
+LOG, DATASET = "machine.csv", "dataset.csv"
+"""Names of the files of a test beside its journal."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulatedTest:
+    """The result of a simulated test.
+
+    Attributes:
+        analysis: alignment, record, characterisation.
+        seconds: that it lasted, of the rig's time.
+        paths: the files, in the order in which they arose.
+    """
+
+    analysis: Analysis
+    seconds: float
+    paths: tuple[Path, ...]
+
+
+class Watcher(Attendant):
+    """Reports progress about every second of the plan.
+
+    Args:
+        progress: called with the seconds done and the seconds planned.
+    """
+
+    def __init__(self, progress: Callable[[float, float], None]) -> None:
+        self._progress = progress
+        self._due = 0.0
+
+    def look(self, situation: Situation) -> Request:
+        """Report where a second has passed."""
+        if situation.done >= self._due:
+            self._due = situation.done + 1.0
+            self._progress(situation.done, situation.done + situation.left)
+        return ""
+
+
+def reference_muscle() -> famjax.Muscle:
+    """The 7/8 in muscle that a simulated rig has unless it is given one.
+
+    References:
+        Chambers 2021, chapter 6: its latex.
+    """
+    braid = famjax.Braid(9.89 * INCH, 1.09, 0.011 * INCH)
+    bladder = famjax.Bladder(9.28125 * INCH, 0.875 * INCH, 0.0625 * INCH)
+    latex = famjax.PolynomialMaterial(jnp.array([257.8, -57.9, 32.7]) * PSI)
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), latex)
+
+
+def simulated_muscle(
+    members: Sequence[famjax.Muscle], *, shortest: float, friction: float = 0.02
+) -> SimulatedMuscle:
+    """A muscle, tabulated for the simulated rig: up to 125 psi, from a length to the rest length.
+
+    Args:
+        members: one muscle, or those of which a chosen model is the mean; the volume is the first's.
+        shortest: least length of the table [m].
+        friction: as for `SimulatedMuscle`.
+    """
+    first = members[0]
+    rest = min(float(one.geometry.rest_length) for one in members)
+    lengths, pressures = np.linspace(shortest, rest, _LENGTHS), np.linspace(0.0, 125.0 * PSI, 26)
+
+    def state(length: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array]:
+        force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))
+        return force, first.volume(length, pressure)
+
+    over = jax.jit(jax.vmap(jax.vmap(state, (None, 0)), (0, None)))
+    force, volume = (np.asarray(one) for one in over(lengths, pressures))
+    return SimulatedMuscle(lengths, pressures, force, volume, rest_length=rest, friction=friction)
+
+
+def simulate(
+    test: PlanFile,
+    folder: str | Path,
+    *,
+    muscle: SimulatedMuscle | None = None,
+    specimen: Mapping[str, object] | None = None,
+    clock: MachineClock | None = None,
+    clock_rate: float = -0.002,
+    device: Device | None = None,
+    baud: int = 115200,
+    seed: int = 0,
+    began: datetime.datetime | None = None,
+    calibrated: Callable[[Calibration], Calibration] | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> SimulatedTest:
+    """Carry out a test against a simulated rig, in virtual time, and analyse its files.
+
+    What is analysed is what was written, read back as a real test's would be. The machine turns
+    where the muscle has no force left, or after the plan's stroke.
+
+    Args:
+        test: plan, circuit, limit and gains. Its calibration is not used.
+        folder: for the files; must not hold a journal.
+        muscle: the reference work's 7/8 in muscle unless given.
+        specimen: entries of the dataset besides the rest length, unit in the key.
+        clock: of the machine's log; 12.345 s ahead and 50 ppm fast unless given.
+        clock_rate: of the device's clock.
+        device: as for `SimulatedRig`, just switched on.
+        baud: as for `SimulatedRig`.
+        seed: of all noise.
+        calibrated: from the sensors as they are to what is believed of them; perfect unless given.
+        began: date of the test; now if None.
+        progress: called with the seconds done and the seconds planned.
+
+    Returns:
+        The analysis and the paths of journal, log and dataset.
+
+    Raises:
+        RigError: as `Rig`, `run` and `analyse`.
+    """
+    folder = Path(folder)
+    paths = [folder / name for name in (JOURNAL, LOG, DATASET)]
+    folder.mkdir(parents=True, exist_ok=True)
+    muscle = muscle or mckibben()
+    machine = machine_for(muscle, clock or MachineClock(12.345, 50e-6), seed=seed + 2)
+    if test.plan.stroke > machine.rest_length - machine.shortest:
+        raise RigError(
+            f"the plan's stroke of {test.plan.stroke:.5g} m is longer than the "
+            f"{machine.rest_length - machine.shortest:.5g} m that the machine allows this muscle"
+        )
+    # Blocked at the limit, and some more: a load cell that ends below would bend the curves.
+    most = 1.2 * muscle.force(muscle.rest_length, test.pressure_limit)
+    rig = SimulatedRig(
+        CIRCUITS[test.circuit](),
+        muscle,
+        machine,
+        device,
+        force_sensor=load_cell(most),
+        baud=baud,
+        clock_rate=clock_rate,
+        seed=seed,
+    )
+    believed = rig.calibration() if calibrated is None else calibrated(rig.calibration())
+    record_test(
+        test, VirtualLink(rig), believed, paths[0], machine=machine,
+        attendant=None if progress is None else Watcher(progress), began=began,
+    )  # fmt: skip
+    machine.write_log(paths[1])
+    found = analyse(
+        read_journal(paths[0]), read_machine_log(paths[1]), rest_length=muscle.rest_length
+    )
+    write_dataset(found.characterisation, paths[2], specimen=specimen)
+    return SimulatedTest(found, rig.now, tuple(paths))

@@ -1,5 +1,0 @@
-"""The report of a characterisation folder: a page and its figures, for a screen and for print."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,0 @@
-"""Commands that fit force maps, and what they share."""

@@ -1,1 +1,0 @@
-"""Options of the command line as numbers in SI, recipes and requirements."""

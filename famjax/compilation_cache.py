@@ -1,0 +1,137 @@
+"""Compiled programs kept on disk, so that the next command finds them: JAX's persistent cache.
+
+The command line switches it on, nothing else does. `FAMJAX_CACHE_DIR` names another folder, or is
+`off`; a folder that the user has given to JAX itself stays as it is, with its settings.
+"""
+
+import contextlib
+import hashlib
+import importlib.metadata
+import itertools
+import os
+import platform
+import stat
+import sys
+import warnings
+from pathlib import Path
+
+VARIABLE = "FAMJAX_CACHE_DIR"
+LARGEST = 256 * 2**20
+"""Bytes of all folders together; the entries that were written first go first."""
+_FOLDERS, _PROGRAMS = "*-jaxlib-*", "*-cache"
+_FEATURES = ("model name", "flags", "Features", "CPU implementer", "CPU part")
+_SETTINGS = {
+    # Without these JAX keeps only what took a second to compile.
+    "jax_persistent_cache_min_compile_time_secs": 0.0,
+    "jax_persistent_cache_min_entry_size_bytes": -1,
+}
+
+
+def start_jax() -> str:
+    """Import JAX for a command: in float64, its programs kept on disk.
+
+    Returns:
+        As `switch_on`.
+    """
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    return switch_on()
+
+
+def switch_on() -> str:
+    """Let JAX keep compiled programs, where that is possible.
+
+    Returns:
+        The folder, or "" and no cache: it is off, or no private folder can be written.
+    """
+    import jax
+
+    # A broken or rejected entry is compiled again; a full disk keeps nothing.
+    warnings.filterwarnings(
+        "ignore", message="Error (reading|writing) persistent compilation cache"
+    )
+    if given := jax.config.values.get("jax_compilation_cache_dir"):
+        return str(given)
+    root = cache_root()
+    if root is None or not _private_folder(folder := root / _machine()):
+        return ""
+    _bound(root)
+    for name, value in {"jax_compilation_cache_dir": str(folder), **_SETTINGS}.items():
+        if hasattr(jax.config, name) and name.upper() not in os.environ:
+            jax.config.update(name, value)
+    return str(folder)
+
+
+def cache_root() -> Path | None:
+    """The folder of all machines' programs: that of `FAMJAX_CACHE_DIR`, or the user's cache.
+
+    Returns:
+        An absolute path, which need not exist; None if it is switched off or there is no home.
+    """
+    given = os.environ.get(VARIABLE)
+    if given is not None:
+        return None if given.strip().lower() in {"", "off"} else Path(given).expanduser().absolute()
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    if sys.platform == "win32":
+        caches = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        caches = home / "Library" / "Caches"
+    else:
+        caches = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return caches / "famjax" / "programs" if caches.is_absolute() else None
+
+
+def _machine() -> str:
+    """Host, processor and jaxlib: a program made for another processor can crash this one.
+
+    JAX's key of a program lacks the processor's features, and machines may share a home.
+    """
+    processor = platform.machine() + platform.processor()
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
+        first = itertools.takewhile(str.strip, file)  # Linux lists all; they are alike
+        processor += "".join(line for line in first if line.startswith(_FEATURES))
+    digest = hashlib.sha256(processor.encode()).hexdigest()[:8]
+    host = "".join(c if c.isalnum() or c in "-." else "_" for c in platform.node())
+    return f"{host}-{digest}-jaxlib-{importlib.metadata.version('jaxlib')}"
+
+
+def _private_folder(folder: Path) -> bool:
+    """Make the folder if need be; whether it is this user's alone and can be written.
+
+    Programs in it are trusted code.
+    """
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.stat()
+        if hasattr(os, "getuid") and found.st_uid != os.getuid():
+            return False
+        if stat.S_IMODE(found.st_mode) & 0o077:
+            folder.chmod(0o700)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def _bound(root: Path, largest: int = LARGEST) -> None:
+    """Remove the programs that were written first until the rest is small enough.
+
+    JAX's own bound, `jax_compilation_cache_max_size`, needs another package, filelock.
+    """
+    with contextlib.suppress(OSError):  # another process may be tidying up, too
+        files = [(path.stat(), path) for path in root.glob(f"{_FOLDERS}/{_PROGRAMS}")]
+        total = sum(one.st_size for one, _ in files)
+        for one, path in sorted(files, key=lambda file: file[0].st_mtime):
+            if total <= largest:
+                break
+            path.unlink(missing_ok=True)
+            total -= one.st_size
+
+
+def contents(folder: str) -> tuple[int, int]:
+    """Number of programs in a folder, and their bytes."""
+    sizes = [path.stat().st_size for path in Path(folder).glob(_PROGRAMS)]
+    return len(sizes), sum(sizes)

@@ -1,0 +1,264 @@
+"""What every command shares: options, progress, files, tables and their units."""
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from time import monotonic
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter, Token, validators
+from rich.cells import cell_len
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID
+from rich.table import Table
+from rich.text import Text
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.files import check_output, write_all
+from famjax.boundary.units import from_si
+
+# --- options
+
+Units = Literal["si", "metric", "us"]
+"""Unit system of what a command prints and draws."""
+
+
+def whole(type_: Any, tokens: Sequence[Token]) -> Any:
+    """The number of a token, or the numbers of several where a tuple is wanted; never rounded.
+
+    Raises:
+        ValueError: one is no whole number.
+    """
+    found = [_whole(token) for token in tokens]
+    return tuple(found) if getattr(type_, "__origin__", None) is tuple else found[0]
+
+
+def _whole(token: Token) -> int:
+    try:
+        return int(token.value)
+    except ValueError:
+        name = token.keyword or "the value"
+        raise ValueError(f"{name} must be a whole number, got {token.value!r}") from None
+
+
+def whole_number(least: int, most: int | None = None) -> Parameter:
+    """An option that is a whole number of a range, refused before anything is read or computed."""
+    return Parameter(converter=whole, validator=validators.Number(gte=least, lte=most))
+
+
+Seed = Annotated[int, whole_number(0)]
+"""Of random numbers."""
+
+Jobs = Annotated[int | None, whole_number(1)]
+"""Number of processes."""
+
+
+def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, str]:
+    """Name and value of repeated entries such as `operator=NAME`.
+
+    Args:
+        given: the entries.
+        option: its name, for messages.
+        example: of an entry, for messages.
+
+    Raises:
+        InputError: an entry that is not of this form, or a name twice.
+
+    >>> parse_entries(["force=Load 2"], "log-columns", "force=3")
+    {'force': 'Load 2'}
+    """
+    found: dict[str, str] = {}
+    for entry in given:
+        name, equals, value = (part.strip() for part in entry.partition("="))
+        if not (name and equals and value) or name in found:
+            raise InputError(
+                f"{option} {entry!r} must read name=value, once for each name, as in {example}"
+            )
+        found[name] = value
+    return found
+
+
+def add_cwd_to_path() -> None:
+    """Let classes be found that lie in the folder that the user starts from."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+
+
+# --- progress
+
+_EVERY = 15.0  # seconds between lines
+
+Show = Callable[..., None]
+"""Called with what is done, of what and, where that changes, what is under way."""
+
+
+@contextlib.contextmanager
+def progress(what: str, every: float = _EVERY) -> Iterator[Show]:
+    """A bar on standard error, gone at the end; no terminal there gets lines in its place.
+
+    Args:
+        what: is under way.
+        every: least time between two lines [s]; 0 for a line at every step.
+    """
+    console = Console(stderr=True)
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), _Rate())
+    shown = (
+        Progress(*columns, console=console, transient=True)
+        if console.is_terminal
+        else _Lines(every, console)
+    )
+    with shown as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total, what=None: bar.update(
+            task, completed=done, total=total, description=what
+        )
+
+
+class _Rate(ProgressColumn):
+    """What is done in a second."""
+
+    def render(self, task: Task) -> Text:
+        return Text(
+            "" if task.speed is None else f"{task.speed:.3g}/s", style="progress.data.speed"
+        )
+
+
+class _Lines(Progress):
+    """A line on standard error for what was done, after so many seconds at the least."""
+
+    def __init__(self, every: float, console: Console) -> None:
+        super().__init__(console=console, disable=True)
+        self._every = every
+        self._next = monotonic() + every
+
+    def update(self, task_id: TaskID, **changes: Any) -> None:
+        super().update(task_id, **changes)
+        if monotonic() < self._next:
+            return
+        self._next = monotonic() + self._every
+        task = self.tasks[task_id]
+        count = "" if task.total is None else f", {task.completed:.0f} of {task.total:.0f} done"
+        speed, left = task.speed, task.time_remaining
+        rate = "" if speed is None or left is None else f", {speed:.3g}/s, {left:.0f} s left"
+        print(f"{task.description}{count}{rate}", file=sys.stderr, flush=True)
+
+
+# --- files and tables
+
+
+class Output:
+    """The folder of a command's files: checked before the work, its files listed at the end.
+
+    Attributes:
+        folder: where they go.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        check_output(folder)
+        self.folder = folder
+        self._there = set(folder.iterdir()) if folder.is_dir() else set()
+
+    def write(self, files: Mapping[str, Any]) -> list[Path]:
+        """Write files by their names, whole or none: bytes as they are, all else as JSON.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        return write_all(
+            self.folder,
+            {
+                name: one
+                if isinstance(one, bytes)
+                else json.dumps(one, indent=1, allow_nan=False).encode()
+                for name, one in files.items()
+            },
+        )
+
+    def tell(self, paths: Iterable[Path]) -> None:
+        """Print what was written, and which files of an earlier time it took the place of."""
+        written = list(paths)
+        print("written:", ", ".join(map(str, written)))
+        if replaced := [path.name for path in written if path in self._there]:
+            print(
+                f"note: {', '.join(replaced)} took the place of earlier files; --output gives another "
+                "folder"
+            )
+
+
+def print_json(document: object) -> None:
+    """Print one JSON value; what is not finite is an error of the program."""
+    print(json.dumps(document, allow_nan=False))
+
+
+_WIDEST = 250  # characters of a table
+
+
+def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """A table of rows that share their keys; lists are left to the JSON file."""
+    keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
+    header = [key.replace("_", " ") for key in keys]
+    print_table(title, header, [[_cell(row[key]) for key in keys] for row in rows], numbers="left")
+
+
+def print_table(
+    title: str,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    numbers: Literal["left", "right"] = "right",
+) -> None:
+    """A table of text; all columns but the first are aligned as numbers are."""
+    columns = [[name, *(row[k] for row in rows)] for k, name in enumerate(header)]
+    widths = [
+        max(cell_len(line) for one in column for line in one.split("\n")) for column in columns
+    ]
+    total = sum(widths) + 2 * (len(widths) - 1)
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for k, (name, width) in enumerate(zip(header, widths, strict=True)):
+        # Widths that are given are not measured, twice, cell by cell.
+        known = width if total <= _WIDEST else None
+        table.add_column(name, justify=numbers if k else "left", overflow="fold", width=known)
+    for row in rows:
+        table.add_row(*row)
+    console = Console(highlight=False)
+    # Folded cells are harder to read than long lines.
+    console.width = max(console.width, min(total, _WIDEST))
+    console.print()
+    console.print(table if rows else f"{title}: none", markup=False)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "none"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+_KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
+"""Kind of a quantity, by the SI unit that its key ends in."""
+
+
+def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Rows in SI in other units, the unit in each key as before.
+
+    Args:
+        rows: with keys such as `length_m`, `force_N`; what has no unit stays.
+        units: of each kind of quantity.
+
+    >>> in_units([{"length_m": 0.27, "slack": False}], {"length": "mm"})
+    [{'length_mm': 270.0, 'slack': False}]
+    """
+    return [dict(_entry(key, value, units) for key, value in row.items()) for row in rows]
+
+
+def _entry(key: str, value: Any, units: Mapping[str, str]) -> tuple[str, Any]:
+    name, _, end = key.rpartition("_")
+    if end not in _KINDS:
+        return key, value
+    unit = units[_KINDS[end]]
+    return f"{name}_{unit}", None if value is None else from_si(value, unit, _KINDS[end])

@@ -1,0 +1,1 @@
+"""The commands of force maps and fitted muscles, each with its options."""

@@ -1,0 +1,375 @@
+"""`famjax measure`, and its options.
+
+What a test machine's log says of each picture is added by what mounts the command, as logs are none of
+this package's.
+"""
+
+import dataclasses
+import os
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.units import factor, parse_quantity
+from famjax.console import Jobs, Units, parse_entries, print_json, print_rows, progress
+
+from .errors import ImagingError
+
+if TYPE_CHECKING:
+    from .campaign import Table
+    from .recipe import Recipe
+
+AddLog = Callable[["Table"], "Table"]
+"""Adds columns of a test machine's log to a table."""
+
+_SHOWN = 20  # pictures on the console
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RecipeOptions:
+    """What the options say of the recipe; None where they say nothing.
+
+    Parameters
+    ----------
+    ruler
+        Photograph of a ruler in the plane of the muscle's axis, from the same camera.
+    distance
+        Camera to muscle with its unit; unless given, that of which the tapes' edges are arcs, with its
+        error.
+    pitch
+        Of the ruler's marks; unless given, it is read off the marks from number to number.
+    expected_px_per_in
+        The scale to within a quarter, for a ruler with different marks on its two edges.
+    ruler_placement
+        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`; no
+        picture shows it, and it enters the errors of all figures.
+    crop_offset
+        Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
+    frame_size
+        Width and height of the camera's frame, which a crop offset is counted in; `5568,3712`, the
+        reference work's camera, unless given.
+    scale
+        Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
+    k1
+        Radial distortion of the lens; unless given, what the ruler's marks show of it.
+    tone
+        srgb: the camera's style is neutral, its contrast and sharpening off. Unless given, what
+        another style may do is in the errors.
+    tape_diameter
+        Known diameter of the tapes on the fittings, against which the scale is checked.
+    tape_hue
+        Colour of the tapes, `355deg`; the colour that covers less unless given.
+    recipe
+        A `recipe.toml`, which the options override.
+    braid_angle
+        Measure the braid angle from the weave as well: profile, mean, error, turns.
+    n_threads
+        Threads of both families of the braid; counted in the picture unless given.
+    turns
+        Of a thread about the axis over the length, for atan(L / (pi N D)) beside the braid angle.
+    orientation
+        Of the muscle in the pictures.
+    """
+
+    ruler: Path | None = None
+    distance: str | None = None
+    pitch: str | None = None
+    expected_px_per_in: float | None = None
+    ruler_placement: str | None = None
+    crop_offset: str | None = None
+    frame_size: str | None = None
+    scale: str | None = None
+    k1: float | None = None
+    tone: Literal["srgb"] | None = None
+    tape_diameter: str | None = None
+    tape_hue: str | None = None
+    recipe: Path | None = None
+    braid_angle: bool | None = None
+    n_threads: int | None = None
+    turns: float | None = None
+    orientation: Literal["vertical", "horizontal", "auto"] | None = None
+
+
+_UNSAID = RecipeOptions()
+
+
+def measure(
+    *photos: str,
+    how: RecipeOptions = _UNSAID,
+    log: Path | None = None,
+    log_offset: str | None = None,
+    log_columns: tuple[str, ...] = (),
+    log_units: tuple[str, ...] = (),
+    log_decimal: Literal[".", ","] | None = None,
+    rest_length: str | None = None,
+    jobs: Jobs = None,
+    units: Units = "us",
+    output: Path = Path("famjax-measure"),
+    resume: Annotated[bool, Parameter(negative="--no-resume")] = True,
+    overlays: int = 12,
+    json_: bool = False,
+    read_log: Annotated[Callable[..., Any] | None, Parameter(parse=False)] = None,
+) -> int:
+    """Measure the shape of a muscle in photographs, each picture with its errors.
+
+    Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
+    `recipe.toml` (all choices), `contact_sheet.png`, `profiles.png` and `overlays/`. A stopped
+    campaign goes on when it is run again. Exit code 3 when some pictures could not be measured, or
+    not be matched to the log: they are in the table with the reason.
+
+    Parameters
+    ----------
+    photos
+        Files, folders and patterns such as `'stroke/*.jpg'`, all pictures of one size.
+    how
+        How to measure.
+    log
+        Of the test machine, CSV with columns such as `time_s,displacement_in,force_lbf,
+        pressure_psi`: each picture gets force and pressure; the clocks are matched by the motion.
+    log_offset
+        What the machine's clock is ahead of the first picture, `12s`, within 10 s; needed where the
+        motion repeats itself.
+    log_columns
+        Column of the log where its names do not tell, by its name or its number from 1,
+        `force="Load 2"`, repeatable: time, displacement, force, pressure.
+    log_units
+        Unit of a column in place of the log's, `force=kN`, repeatable.
+    log_decimal
+        The log's decimal sign where the numbers do not tell.
+    rest_length
+        Against which contraction is counted, `9.28in`; the longest measured picture unless given.
+    jobs
+        Number of processes; unless given one for each core, and none for up to four pictures.
+    units
+        Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
+    output
+        Folder for the files, made if need be.
+    resume
+        Go on with what is in the folder, or measure all again.
+    overlays
+        Number of pictures drawn with what was found in them, for a check by eye.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    read_log
+        Reads the log by its path, `offset`, `columns`, `units` and `decimal`; returns an `AddLog`.
+    """
+    # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from .pictures import as_document, expand, measure_pictures
+
+    measured: list[int] = []
+    try:
+        with progress("measuring") as show:
+
+            def count(done: int, total: int) -> None:
+                measured.append(done)
+                show(done, total)
+
+            expand(photos)  # a picture that is not there is said before what its recipe lacks
+            recipe, provenance = command_recipe(how)
+            setting = set_up(recipe, how, units == "us")
+            provenance["set_up"] = "; ".join(
+                f"{row['what']}: {row['value']} ({row['source']})" for row in setting
+            )
+            add_log = None
+            if log is not None and read_log is not None:
+                add_log = read_log(
+                    log,
+                    offset=None if log_offset is None else parse_quantity(log_offset, "time"),
+                    columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
+                    units=parse_entries(log_units, "log-units", "force=kN"),
+                    decimal=log_decimal,
+                )
+            outcome = measure_pictures(
+                photos,
+                recipe=recipe,
+                provenance=provenance,
+                add_log=add_log,
+                rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
+                executor="auto" if jobs is None else jobs,
+                system=units,
+                output=output,
+                resume=resume,
+                overlays=overlays,
+                progress=count,
+            )
+    except InputError as error:
+        # What a picture was refused for has a name, which the documentation explains.
+        named = type(error) not in (InputError, ImagingError)
+        print(f"famjax: {type(error).__name__ + ': ' if named else ''}{error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        done = f"{measured[-1]} measured pictures are" if measured else "what was measured is"
+        print(
+            f"famjax: stopped; {done} kept in {output}. Run the same command again to go on",
+            file=sys.stderr,
+        )
+        return 130
+    document = as_document(outcome, units)
+    if "frame_size" in provenance:
+        document["notes"].append(f"The camera's frame is {provenance['frame_size']}.")
+    document["set_up"] = setting
+    if json_:
+        print_json(document)
+    else:
+        print_rows("set-up", setting)
+        _print_figures([row for row in document["rows"] if row["ok"]])
+        failed = [row for row in document["rows"] if not row["ok"]]
+        print(f"{document['ok']} of {document['pictures']} pictures measured")
+        shown = [{key: row[key] for key in ("path", "error")} for row in failed[:20]]
+        if failed:
+            print_rows(f"{len(shown)} of {len(failed)} that failed", shown)
+        for note in document["notes"]:
+            print(f"note: {note}")
+        print("written:", ", ".join(document["files"]))
+    return 0 if outcome.complete else 3
+
+
+def _print_figures(rows: list[dict[str, Any]]) -> None:
+    """Length, diameter and distance of the first pictures, with their standard errors."""
+    shown = []
+    for row in rows[:_SHOWN]:
+        figures: dict[str, Any] = {"path": row["path"]}
+        for name in ("length", "mean_diameter", "distance"):
+            key = next(key for key in row if re.fullmatch(rf"{name}_(in|mm|m)", key))
+            figures[key] = f"{row[key]:.5g} +- {row[key.replace(name, f'{name}_stderr')]:.2g}"
+        shown.append(figures | {"warned": "yes" if row["warnings"] else ""})
+    if shown:
+        print_rows(f"{len(shown)} of {len(rows)} measured, with standard errors", shown)
+
+
+def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
+    """The recipe of the options, and what the table shall say of its origin.
+
+    Args:
+        options: which override those of a recipe's file. A `scale` is `226.63 px/in` or
+            `226.63+-0.02 px/in`; lengths have their unit.
+
+    Raises:
+        ImagingError: no scale or two, or an option that cannot be read.
+    """
+    from .pictures import picture_recipe
+
+    reading: dict[str, Any] = {}
+    if options.pitch is not None:
+        reading["pitch"] = _length(options.pitch, "pitch")
+    if options.expected_px_per_in is not None:
+        reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
+    if options.ruler_placement is not None:
+        reading["placement_stderr"] = parse_quantity(options.ruler_placement, "length")
+    choices = {
+        name: read(text, name)
+        for name, read in _READ.items()
+        if (text := getattr(options, name)) is not None
+    }
+    return picture_recipe(
+        ruler=options.ruler, recipe=options.recipe, scale=options.scale, reading=reading,
+        choices=choices,
+    )  # fmt: skip
+
+
+def set_up(recipe: "Recipe", options: RecipeOptions, inch: bool) -> list[dict[str, str]]:
+    """What the figures rest on: each choice of the set-up, its value, and where it is from.
+
+    Args:
+        recipe: of the options.
+        options: as they were given.
+        inch: lengths in inches, else in mm.
+
+    Returns:
+        Rows with the keys `what`, `value` and `source`, which begins with "stated", "measured" or
+        "assumed".
+    """
+    from .camera import Tone
+
+    unit, size = ("in", 0.0254) if inch else ("mm", 1e-3)
+    scale, stated = recipe.scale, "stated"
+    px = "measured, by the ruler" if scale.source == "ruler" else stated
+    rows = [("scale", f"{scale.px_per_m * size:.6g} +- {scale.stderr * size:.2g} px/{unit}", px)]
+    if recipe.distance is None:
+        rows.append(
+            (
+                "distance",
+                "see each picture",
+                "measured, by the arcs of the tapes' edges: say --distance",
+            )
+        )
+    else:
+        rows.append(("distance", f"{recipe.distance / size:.5g} {unit}", stated))
+    if scale.source == "ruler":
+        given = options.pitch is not None or (options.recipe is not None and not options.ruler)
+        read = stated if given else "measured, by the marks from number to number"
+        if scale.pitch is not None:
+            rows.append(("pitch of the ruler", f"{scale.pitch / size:.5g} {unit}", read))
+        placed = scale.placement_stderr
+        rows.append(
+            ("place of the ruler", "in the plane of the axis", "assumed: say --ruler-placement")
+            if placed is None
+            else ("place of the ruler", f"+-{placed / size:.3g} {unit} off the axis", stated)
+        )
+    lens = "assumed: say --k1" if recipe.scale.k1_stderr is None else "measured, by the ruler"
+    rows.append(("k1 of the lens", f"{recipe.lens_k1:.3g}", lens if recipe.k1 is None else stated))
+    tone = "assumed, another is in the errors: say --tone srgb" if recipe.tone is None else stated
+    curve = "sRGB" if recipe.tone_curve == Tone.srgb() else "of the recipe"
+    rows.append(("tone curve", curve, tone))
+    return [dict(zip(("what", "value", "source"), row, strict=True)) for row in rows]
+
+
+def _length(text: str, name: str) -> float:
+    value = parse_quantity(text, "length")
+    if not value > 0:
+        raise ImagingError(f"the {name.replace('_', ' ')} must be above zero, got {text!r}")
+    return value
+
+
+def _pair(text: str, name: str) -> tuple[float, float]:
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ImagingError(
+            f"the {name.replace('_', ' ')} is two numbers in px, 1459,531, got {text!r}"
+        ) from None
+    return first, second
+
+
+def _whole_pair(text: str, name: str) -> tuple[int, int]:
+    first, second = _pair(text, name)
+    if not (first.is_integer() and second.is_integer()):
+        raise ImagingError(f"the {name.replace('_', ' ')} is in whole px, got {text!r}")
+    return int(first), int(second)
+
+
+def _angle(text: str, name: str) -> float:
+    try:
+        return float(text.removesuffix("deg"))
+    except ValueError:
+        raise ImagingError(
+            f"the {name.replace('_', ' ')} is an angle, 355deg, got {text!r}"
+        ) from None
+
+
+def _srgb() -> Any:
+    from .camera import Tone
+
+    return Tone.srgb()
+
+
+_READ: dict[str, Callable[[Any, str], Any]] = {
+    "distance": _length,
+    "tape_diameter": _length,
+    "crop_offset": _pair,
+    "frame_size": _whole_pair,
+    "tape_hue": _angle,
+    "k1": lambda k1, _: float(k1),
+    "tone": lambda _text, _: _srgb(),
+    "braid_angle": lambda given, _: given,
+    "n_threads": lambda given, _: given,
+    "turns": lambda given, _: given,
+    "orientation": lambda text, _: text,
+}

@@ -1,0 +1,646 @@
+"""Control a muscle's pressure, record a test, or simulate both; see rig/firmware.
+
+PLAN.toml, units in the keys (psi, kPa, bar, in, mm, ...):
+
+```toml
+[plan]
+pressures_psi = [20, 40, 60, 80, 100]
+cycles = 3
+stroke_in = 3.4
+rate_in_per_s = 0.04
+settle_s = 10
+# photograph_every_s = 1               # `run` needs --camera for it
+
+[rig]
+circuit = "air"                       # or "water"
+pressure_limit_psi = 110              # trips; without it nothing runs
+proportional_counts_per_psi = 4
+integral_counts_per_psi_s = 2
+calibration = "calibration.toml"      # of the sensors; `simulate` needs none
+# jump_limit_psi = 15                 # a change in 10 ms that trips
+# integral_limits_counts = [-128, 128]
+# reading_floor_counts = 61            # of one conversion; of the calibration unless given
+# reading_ceiling_counts = 963         # 4.7 V
+# stall_s = 3                          # at the output's limit without a rise
+# frozen_s = 0.75                      # without a move while the output moves
+```
+"""
+
+import contextlib
+import functools
+import json
+import os
+import queue
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from time import monotonic
+from typing import Any, Literal
+
+from famjax.boundary.units import from_si, parse_quantity, si_unit, unit_system
+from famjax.console import Units, parse_entries
+from rig.errors import RigError, RigFault
+
+COMMANDS: list[Callable[..., int]] = []  # of `famjax rig`, by their functions' names
+
+# What must hold before a circuit is pressurised and software cannot check.
+PRECONDITIONS = {
+    "air": (
+        "The supply regulator is set no higher than muscle and hoses are rated for.",
+        "A normally open dump valve vents the muscle when it loses its supply.",
+        "The proportional valve exhausts at 0 % output.",
+        "Nobody stands in line with the muscle's ends.",
+    ),
+    "water": (
+        "A mechanical relief valve is fitted: software cannot stop the peak when the needle valve "
+        "blocks (239 psi and more were computed in a circuit that trips within 6 ms).",
+        "A normally open dump valve leads to the tank.",
+        "The pump stops at 0 % output, and its supply has a switch within reach.",
+        "The circuit is bled: trapped air stores energy.",
+    ),
+}
+STEPS = (*range(40, 201, 20), *range(180, 39, -20))  # of the pump: hysteresis shows as scatter
+PRESSURISE = "Type yes to pressurise the muscle: "
+WORDS = "Type begin (or Enter alone), pause, skip, repeat or stop, and press Enter."
+
+
+@contextlib.contextmanager
+def ended_in_words() -> Iterator[None]:
+    """A rig that had to stop ends the command with exit code 1, a signal with 130; the rig is vented."""
+    main = threading.current_thread() is threading.main_thread()
+    names = ("SIGTERM", "SIGHUP") if main else ()
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    try:
+        for number in ours:
+            signal.signal(number, signal.default_int_handler)  # as Ctrl-C
+        yield
+    except RigFault as fault:
+        notes = "".join(f"\n{note}" for note in getattr(fault, "__notes__", ()))
+        print(f"famjax: the test was stopped: {fault}{notes}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print(
+            "famjax: stopped; a rig that ran has been vented, and its journal holds all until then",
+            file=sys.stderr,
+        )
+        sys.exit(130)
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _command(function: Callable[..., int]) -> Callable[..., int]:
+    """List a function as a command of the rig, whose faults end in a sentence and an exit code."""
+
+    @functools.wraps(function)
+    def run(*given: Any, **options: Any) -> int:
+        with ended_in_words():
+            return function(*given, **options)
+
+    COMMANDS.append(run)
+    return run
+
+
+@_command
+def ports() -> int:
+    """List the serial ports of this computer."""
+    from rig import link
+
+    found = link.ports()
+    for port, description in found.items():
+        print(f"{port}  {description}")
+    if not found:
+        print("no serial port; plug the device in, or give socket://host:port")
+    return 0
+
+
+@_command
+def monitor(
+    port: str,
+    *,
+    calibration: Path | None = None,
+    baud: int = 115200,
+    seconds: float | None = None,
+    units: Units = "us",
+) -> int:
+    """Print live values every second; sends nothing that changes the device.
+
+    Opening the port resets most boards, which then vent.
+
+    Parameters
+    ----------
+    port
+        A serial port or socket://host:port.
+    calibration
+        TOML file of the rig's sensors; counts are shown without one.
+    baud
+        Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
+    seconds
+        Duration; until Ctrl-C unless given.
+    units
+        Of the values: si, metric or us.
+    """
+    from rig.calibration import read_calibration
+    from rig.link import Link, serial_opener
+
+    known = read_calibration(calibration) if calibration else None
+    end = None if seconds is None else monotonic() + seconds
+    with Link(serial_opener(port, baud)) as link:
+        while end is None or monotonic() < end:
+            link.sleep(1.0)
+            settings = link.session.settings
+            ticks = settings.ticks_per_record if settings else None
+            print(values(link.newest, known, units, ticks=ticks), flush=True)
+    return 0
+
+
+@_command
+def acknowledge(
+    port: str,
+    *,
+    calibration: Path | None = None,
+    baud: int = 115200,
+    yes: bool = False,
+) -> int:
+    """Acknowledge a trip, after its cause was found; nothing else clears one.
+
+    Shows why the device tripped, at which reading and output, and asks whether the cause was found.
+    The device refuses while the pressure is at the limit or the reading out of range.
+
+    Parameters
+    ----------
+    port
+        A serial port or socket://host:port.
+    calibration
+        TOML file of the rig's sensors, for the reading in pressure; counts are shown without one.
+    baud
+        Of the firmware.
+    yes
+        Acknowledge without asking, for scripts.
+    """
+    from rig import control
+    from rig.calibration import read_calibration
+    from rig.link import Link, serial_opener
+    from rig.protocol import TRIP
+
+    known = None if calibration is None else read_calibration(calibration)
+    with Link(serial_opener(port, baud)) as link:
+        status = control.device_status(link)
+        if status.state != TRIP:
+            print("the device is not tripped")
+            return 0
+        print(f"tripped: {control.trip_text(status, known)}")
+        _confirm("Was the cause found? Type yes to acknowledge: ", "acknowledged", yes=yes)
+        control.acknowledge(link, known)
+    print("acknowledged: the device is in SAFE, its dump valve open")
+    return 0
+
+
+@_command
+def calibrate_sensor(
+    sensor: Literal["pressure", "force"],
+    *,
+    reference: tuple[str, ...],
+    reading: tuple[float, ...] = (),
+    port: str | None = None,
+    baud: int = 115200,
+    seconds: float = 2.0,
+    calibration: Path = Path("calibration.toml"),
+    units: Units = "us",
+) -> int:
+    """Calibrate the pressure transducer or the load cell at known references, into a rig's file.
+
+    Asks at each reference for its application and takes the mean of the counts, or takes counts that
+    were read before. The device stays in SAFE with its dump valve open: apply a reference pressure to
+    the transducer itself, from a calibrator or a gauge's line. The file keeps its other tables.
+
+    Parameters
+    ----------
+    sensor
+        pressure, or force.
+    reference
+        What is applied, with its unit, `40psi`, three or more, repeatable, in their order.
+    reading
+        Counts that belong to the references, sums of five readings of the converter, repeatable;
+        without them they are read at the port.
+    port
+        A serial port or socket://host:port.
+    baud
+        Of the firmware.
+    seconds
+        Time of each mean.
+    calibration
+        TOML file of the rig's calibration, made if need be.
+    units
+        Of the table: si, metric or us.
+    """
+    from rig.calibration import fit_sensor, update_calibration
+    from rig.link import Link, mean_counts, serial_opener
+
+    applied = [parse_quantity(text, sensor) for text in reference]
+    counts = list(reading)
+    if not counts:
+        with Link(serial_opener(_known_port(port), baud)) as link:
+            for text in reference:
+                _typed(f"Apply {text} and press Enter: ")
+                counts.append(mean_counts(link, seconds)[sensor == "force"])
+                print(f"{text}: {counts[-1]:.2f} counts", flush=True)
+    found = fit_sensor(counts, applied)
+    update_calibration(calibration, sensor, found)
+    unit = unit_system(units)[sensor]
+    print(f"{sensor} at the references [{unit}]:")
+    shown = zip(reference, applied, found.value(counts), found.error(counts), strict=True)
+    for text, true, measured, std in shown:
+        figures = [f"{from_si(x, unit, sensor):.4g}" for x in (measured, measured - true, std)]
+        print("{}: measured {}, error {}, standard error {}".format(text, *figures))
+    print(
+        f"{found.gain:.6g} +- {found.gain_std:.2g} {si_unit(sensor)} per count, "
+        f"zero at {found.zero:.2f} +- {found.zero_std:.2g} counts"
+    )
+    print("written:", calibration)
+    return 0
+
+
+@_command
+def calibrate_pump(
+    plan: Path,
+    *,
+    port: str | None = None,
+    baud: int = 115200,
+    steps: tuple[int, ...] = STEPS,
+    settle: str = "3s",
+    yes: bool = False,
+    units: Units = "us",
+) -> int:
+    """Step the pump of a water circuit with the controller off, for the output that holds a pressure.
+
+    Under the plan's limits; the result enters the calibration that the plan names. The muscle is
+    pressurised: the same must hold as for `run`.
+
+    Parameters
+    ----------
+    plan
+        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+    port
+        A serial port or socket://host:port.
+    baud
+        Of the firmware.
+    steps
+        Outputs from 0 to 255, repeatable; unless given, 40 to 200 by 20 and down again.
+    settle
+        Time after each step, with its unit.
+    yes
+        Start without asking, for scripts.
+    units
+        Of the table: si, metric or us.
+    """
+    from rig.calibration import read_calibration, update_calibration
+    from rig.execution import calibrate_feed_forward, rig_of
+    from rig.link import Link, serial_opener
+    from rig.plan import read_plan
+
+    test, wait = read_plan(plan), parse_quantity(settle, "time")
+    port = _known_port(port)
+    if test.circuit != "water":
+        raise RigError(
+            f"the pump of a water circuit is stepped; the circuit is {test.circuit!r}, whose valve "
+            "neither fills nor empties at its middle, 127.5 counts, whatever the pressure"
+        )
+    if test.calibration is None:
+        raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
+    if beyond := [output for output in steps if not 0 <= output <= 255]:
+        raise RigError(f"an output is 0 to 255 counts, got {beyond[0]}")
+    calibration, unit = read_calibration(test.calibration), unit_system(units)["pressure"]
+    _tell_preconditions(test)
+    what = f"{len(steps)} steps of the pump, the controller off"
+    _confirm(f"{what}. {PRESSURISE}", "started", yes=yes)
+
+    def tell(output: int, pressure: float) -> None:
+        print(f"output {output}: {from_si(pressure, unit, 'pressure'):.4g} {unit}", flush=True)
+
+    with Link(serial_opener(port, baud)) as link, rig_of(test, link, calibration) as rig:
+        found = calibrate_feed_forward(rig, steps, settle=wait, tell=tell)
+    update_calibration(test.calibration, "feed_forward", found)
+    low, high = (f"{from_si(P, unit, 'pressure'):.4g}" for P in found.pressure_range)
+    print(f"known from {low} to {high} {unit}, scatter {found.scatter:.2g} counts")
+    print("written:", test.calibration)
+    return 0
+
+
+@_command
+def run(
+    plan: Path,
+    *,
+    port: str | None = None,
+    baud: int = 115200,
+    output: Path = Path("famjax-rig"),
+    resume: bool = False,
+    dry_run: bool = False,
+    yes: bool = False,
+    meta: tuple[str, ...] = (),
+    start: Literal["asked", "at-once"] | None = None,
+    camera: str | None = None,
+    units: Units = "us",
+) -> int:
+    """Carry out a test at constant pressures and record it; the rig vents however this ends.
+
+    First prints what software cannot check, relief valve and dump valve, and asks for a
+    confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
+    measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
+    takes words, each with Enter: begin (or Enter alone) when the strokes have begun, or to go on;
+    pause with the pressure held; skip a pressure; repeat it; stop.
+
+    Parameters
+    ----------
+    plan
+        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+    port
+        A serial port or socket://host:port.
+    baud
+        Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
+    output
+        Folder for the journal, made if need be.
+    resume
+        Continue the existing journal with the pressure that was not completed; only with the same
+        plan, limits, gains and calibration.
+    dry_run
+        Print the steps of the plan and how long they last, and end.
+    yes
+        Start without asking, for scripts.
+    meta
+        An entry of the journal, `operator=NAME`, repeatable.
+    start
+        When strokes count as begun: `asked`, when begin is typed; `at-once`, when they are asked for,
+        as without a terminal.
+    camera
+        Command that takes a photograph, `{name}` in it for its name; for photograph_every_s.
+    units
+        Of the values: si, metric or us.
+    """
+    from rig.execution import JOURNAL, prepare, record_test
+    from rig.link import Link, serial_opener
+    from rig.plan import duration, read_plan
+
+    test = read_plan(plan)
+    entries = parse_entries(meta, "meta", "operator=A")
+    _tell_preconditions(test)
+    port = port if dry_run else _known_port(port)
+    photographer = None if camera is None else CameraCommand(camera)
+    calibration, first = prepare(test, output, resume=resume, camera=photographer)
+    lasts = _as_said(duration(test.plan, first))
+    if port is None or dry_run:
+        print(*describe(test.plan, first), sep="\n")
+        print(f"lasts {lasts}, besides the device's answers")
+        return 0
+    if start == "asked" and not _at_terminal():
+        raise RigError("--start asked waits for a word, and here is no terminal: at-once")
+    _confirm(f"{lasts} of strokes and rests. {PRESSURISE}", "started", yes=yes)
+    operator = operator_of(calibration, units)
+    output.mkdir(parents=True, exist_ok=True)
+    with Link(serial_opener(port, baud)) as link:
+        record_test(
+            test, link, calibration, output / JOURNAL, first_block=first, append=resume, meta=entries,
+            attendant=operator, asked=start != "at-once" and _at_terminal(), camera=photographer,
+        )  # fmt: skip
+    for name, why in photographer.failures().items() if photographer else ():
+        print(f"photograph {name} failed: {why}", file=sys.stderr)
+    print("written:", output / JOURNAL)
+    return 0
+
+
+@_command
+def check(journal: Path, *, json_: bool = False) -> int:
+    """Check a journal: is it whole, what was lost, did the device do what its law says?
+
+    Exit code 0 when it is sound, 1 when it is not; records that the line lost are listed and do not
+    make it unsound.
+
+    Parameters
+    ----------
+    journal
+        The journal.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    from dataclasses import asdict
+
+    from rig.journal import audit, read_journal
+
+    found = audit(read_journal(journal))
+    print(json.dumps(asdict(found) | {"sound": found.sound}) if json_ else found)
+    return 0 if found.sound else 1
+
+
+def values(
+    sample: Any,
+    calibration: Any,
+    system: str,
+    *,
+    ticks: int | None = None,
+    wanted: float | None = None,
+) -> str:
+    """The values of a record in a line, units beside them.
+
+    Args:
+        sample: the record, or None.
+        calibration: of the sensors; None shows counts.
+        system: "si", "metric" or "us".
+        ticks: in a record, five unless given.
+        wanted: set pressure [Pa], or None.
+    """
+    from rig.protocol import FAULTS, STATES
+
+    if sample is None:
+        return "no record yet"
+    shown = []
+    for kind, total in (("pressure", sample.pressure_sum), ("force", sample.force_sum)):
+        mean, of, unit = total / (ticks or 5), "", "counts"
+        if calibration is not None:
+            unit = unit_system(system)[kind]
+            mean = from_si(float(getattr(calibration, kind).value(5 * mean)), unit, kind)
+            if kind == "pressure" and wanted is not None:
+                of = f" of {from_si(wanted, unit, kind):.5g}"
+        shown.append(f"{kind} {mean:.5g}{of} {unit}")
+    fault = f"  fault: {FAULTS[sample.fault]}" if sample.fault else ""
+    state = f"output {sample.output}  {STATES[sample.state]}{fault}"
+    return "  ".join([f"record {sample.seq}", *shown, state])
+
+
+def operator_of(calibration: Any, system: str):
+    """Who attends a run here: prints what to do and how it goes, and takes words at a terminal."""
+    from rig.execution import Attendant, Situation
+
+    typed: queue.SimpleQueue[str] = queue.SimpleQueue()
+    every = 5.0 if _at_terminal() else 15.0  # s between two lines
+
+    class Operator(Attendant):
+        due = monotonic() + every
+
+        def tell(self, text: str) -> None:
+            print(text, flush=True)
+
+        def look(self, situation: Situation) -> Any:
+            if monotonic() >= self.due:
+                self.due = monotonic() + every
+                line = values(situation.newest, calibration, system, wanted=situation.set_point)
+                self.tell(f"{_where(situation)}  {line}")
+            if typed.empty():
+                return ""
+            if (word := typed.get()) == "stop":
+                raise KeyboardInterrupt
+            if word not in ("", "begin", "pause", "skip", "repeat"):
+                self.tell(WORDS)
+                return ""
+            return word or "begin"
+
+    def read() -> None:
+        with contextlib.suppress(OSError):  # the terminal has gone
+            # Not sys.stdin: a lock of its buffer, held here, would hinder the end of the program.
+            while data := os.read(sys.stdin.fileno(), 4096):
+                for line in data.decode(errors="ignore").splitlines():
+                    typed.put(line.strip().lower())
+
+    if _at_terminal():
+        print(WORDS)
+        threading.Thread(target=read, name="words", daemon=True).start()
+    return Operator()
+
+
+def _where(situation: Any) -> str:
+    """Where in its plan a run is."""
+    cycle = f" {situation.cycle} of {situation.cycles}" if situation.cycle else ""
+    phase = "waits for the first stroke" if situation.phase == "ready" else situation.phase
+    return (
+        f"block {situation.block} (the last is {situation.last_block}): {phase}{cycle}, "
+        f"{_as_said(situation.left)} left"
+    )
+
+
+def _as_said(seconds: float) -> str:
+    """A duration as a person says it.
+
+    >>> _as_said(70.0), _as_said(9.4)
+    ('70 s (1 min 10 s)', '9 s')
+    """
+    minutes, left = divmod(round(seconds), 60)
+    return f"{seconds:.0f} s ({minutes} min {left} s)" if minutes else f"{seconds:.0f} s"
+
+
+def describe(plan: Any, first_block: int = 0) -> list[str]:
+    """One line for each step with the time at which it begins, units in the line; nothing is run.
+
+    >>> from rig.plan import Isobaric
+    >>> describe(Isobaric((1e5,), cycles=1, stroke=0.0625, rate=0.0009765625, settle=5.0))[:3]
+    ['     0.0 s  block 0: 100000 Pa', '     0.0 s  set 100000 Pa', '     0.0 s  wait 5 s']
+    """
+    from rig.plan import seconds_of
+
+    texts = {
+        "block": "block {1}: {2:.0f} Pa",
+        "set": "set {1:.0f} Pa",
+        "wait": "wait {1:g} s",
+        "strokes": "{2} cycles, {3:g} s: stroke {4:g} m at {5:g} m/s",
+        "done": "block {1} is complete",
+    }
+    at, lines = 0.0, []
+    for step in plan.steps(first_block):
+        lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
+        at += seconds_of(step)
+    return lines
+
+
+class CameraCommand:
+    """Calls a program for each photograph and does not wait for it; what it says is seen at once.
+
+    Args:
+        command: program and arguments, `{name}` in them for the photograph's name.
+
+    Raises:
+        RigError: the program is not there, or the name has no place in the command.
+    """
+
+    def __init__(self, command: str) -> None:
+        self._words = shlex.split(command)
+        self._started: dict[str, subprocess.Popen[bytes]] = {}
+        if "{name}" not in command:
+            raise RigError(
+                "the camera's command needs {name} where the photograph's name goes, as in 'gphoto2 "
+                "--capture-image-and-download --filename photographs/{name}.jpg'; got "
+                f"{command!r}"
+            )
+        if shutil.which(self._words[0]) is None:
+            raise RigError(
+                f"the camera's program {self._words[0]!r} is not on this computer's path"
+            )
+
+    def __call__(self, name: str) -> None:
+        """Take a photograph of a name."""
+        words = [word.replace("{name}", name) for word in self._words]
+        nothing = subprocess.DEVNULL
+        self._started[name] = subprocess.Popen(words, stdin=nothing, stdout=nothing)
+        for process in self._started.values():
+            process.poll()  # those that have ended go
+
+    def failures(self) -> dict[str, str]:
+        """Photographs that were not taken and why; waits for those under way, 30 s for each at most."""
+        failed = {}
+        for name, process in self._started.items():
+            try:
+                code = process.wait(30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                code = "none within 30 s"
+            if code != 0:
+                failed[name] = f"exit code {code}"
+        return failed
+
+
+def _known_port(port: str | None) -> str:
+    """The port, or an error that lists what there is to choose from."""
+    if port is not None:
+        return port
+    from rig import link
+
+    known = ", ".join(f"{path} ({text})" for path, text in link.ports().items())
+    raise RigError(
+        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
+    )
+
+
+def _at_terminal() -> bool:
+    """Whether a person can type here and see what it does."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def _tell_preconditions(test: Any) -> None:
+    """Print what must hold before the circuit of a test is pressurised and software cannot check."""
+    kilopascal, psi = (from_si(test.pressure_limit, unit, "pressure") for unit in ("kPa", "psi"))
+    print(f"Circuit of {test.circuit}, limit {kilopascal:.4g} kPa ({psi:.4g} psi). Make sure that:")
+    print(*(f"- {sentence}" for sentence in PRECONDITIONS[test.circuit]), sep="\n")
+
+
+def _typed(question: str) -> str:
+    """The answer that a person types."""
+    try:
+        return input(question)
+    except EOFError:
+        raise RigError("standard input ended before the question was answered") from None
+
+
+def _confirm(question: str, done: str, *, yes: bool) -> None:
+    """Ask a person, and end the command unless the answer is yes."""
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise RigError(
+            "a person's yes is waited for, and standard input is no terminal: in a script, whose "
+            "author answers for what is asked, give --yes"
+        )
+    if _typed(question).strip().lower() != "yes":
+        raise RigError(f"not {done}: the answer was not yes")

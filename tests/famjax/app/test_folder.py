@@ -1,0 +1,236 @@
+"""A characterisation folder from its skeleton to its report, and what is said where it cannot be."""
+
+import importlib
+import json
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+from browser import Browser, check_page
+from rendering.folder import TRUE_LENGTHS, write_twin
+from rendering.folder_truth import TRUTH
+
+from famjax.__main__ import main
+from famjax.app.sheet import SHEET, read_sheet, skeleton
+from famjax.boundary.errors import InputError
+
+SPECIMEN = """
+[specimen]
+name = "a muscle"
+rest_length_in = 9.28125
+wall_thickness_in = 0.0625
+bladder_diameter_in = 0.875
+"""
+RECORDS = '[records]\nforce_map = "map.csv"\n'
+
+
+def famjax(capsys: pytest.CaptureFixture, *words: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main([*map(str, words)])
+    said = capsys.readouterr()
+    return int(stop.value.code or 0), said.out, said.err
+
+
+def sheet(folder: Path, text: str) -> Path:
+    (folder / SHEET).write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_a_new_folder_has_a_sheet_that_can_be_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    folder = tmp_path / "muscle"
+    code, out, _ = famjax(capsys, "new", folder)
+    assert code == 0
+    assert f"famjax characterise {folder}" in out
+    found = read_sheet(folder)
+    assert found.specimen.rest_length == 0.25
+    assert found.photographs is not None
+    assert found.photographs.distance == pytest.approx(1.524)
+    code, _, err = famjax(capsys, "new", folder)
+    assert code == 2
+    assert "is there already" in err
+    code, _, err = famjax(capsys, "characterise", folder)
+    assert code == 2
+    assert "names test.fam, which is not in" in err
+
+
+def test_every_commented_entry_of_the_skeleton_is_one(tmp_path: Path) -> None:
+    """Each by itself, in the place of what it stands for."""
+    for line in skeleton().splitlines():
+        entry = line.removeprefix("# ").partition("#")[0].strip()
+        if not line.startswith("# ") or "=" not in entry:
+            continue
+        text = skeleton().replace(line, entry)
+        if entry.startswith("force_map"):
+            text = text.replace("journal =", "# ").replace("machine_log =", "# ")
+        if entry.startswith("scale"):
+            text = text.replace("ruler = ", "# ")
+        read_sheet(sheet(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[specimen", "it is not a TOML file"),
+        (SPECIMEN, r"has the tables"),
+        (RECORDS, r"has the tables"),
+        (SPECIMEN + RECORDS + "[fitt]\n", "got specimen, records, fitt"),
+        (SPECIMEN + "[records]\n", "journal and machine_log, both of one test, or in a force_map"),
+        (SPECIMEN + RECORDS + 'journal = "a"\nmachine_log = "b"\n', "keep one"),
+        (SPECIMEN + '[records]\njournal = "a"\n', "both of one test"),
+        (
+            SPECIMEN.replace("rest_length_in", "rest_length") + RECORDS,
+            "unknown entry of the specimen",
+        ),
+        (SPECIMEN.replace('name = "a muscle"\n', "") + RECORDS, "name, rest_length_<unit> and"),
+        (SPECIMEN + "turns = -1\n" + RECORDS, "turns must be a number > 0"),
+        (SPECIMEN + RECORDS + "[photographs]\nruler = 'r.jpg'\n", "pictures is missing"),
+        (SPECIMEN + RECORDS + "[photographs]\npictures = 'p'\ndistance = 60\n", "has no unit"),
+        (
+            SPECIMEN + RECORDS + "[fit]\nconstraint = 'druker'\n",
+            "none or positive or slope or drucker",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_sheet_is_said(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        read_sheet(sheet(tmp_path, text))
+
+
+def test_a_folder_without_a_sheet_is_told_how_to_get_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"famjax new .* writes one"):
+        read_sheet(tmp_path)
+
+
+TRUE = (TRUTH, TRUE_LENGTHS)
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small twin of seed 3, evaluated while its truth was elsewhere: no step reads it."""
+    place = tmp_path_factory.mktemp("twin")
+    folder = place / "muscle"
+    write_twin(folder, seed=3)
+    for name in TRUE:
+        (folder / name).rename(place / name)
+    with pytest.raises(SystemExit) as stop:
+        main(["characterise", str(folder)])
+    assert not stop.value.code
+    for name in TRUE:
+        (place / name).rename(folder / name)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_twin_comes_back(twin: Path) -> None:
+    """The law within four of its errors, those of the shape included; the turns within a thousandth."""
+    truth = tomllib.loads((twin / TRUTH).read_text())["muscle"]
+    found = json.loads((twin / "results" / "measured" / "figures.json").read_text())
+    for k, true in enumerate(truth["coefficients_Pa"], start=1):
+        name = f"E_{k}"
+        assert abs(found["values"][name] - true) < 4 * found["std"][name]
+    assert found["values"]["turns"] == pytest.approx(truth["turns"], rel=2e-3)
+    others = {
+        name: json.loads((twin / "results" / name / "figures.json").read_text())["rmse_N"]
+        for name in ("cylinder", "average-diameter", "virtual-work")
+    }
+    assert found["rmse_N"] < min(others.values())
+    assert found["rmse_N"] < 1e-3 * found["largest_force_N"]
+
+
+@pytest.mark.slow
+def test_the_example_judges_by_its_truth(twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "examples" / "chambers2021")
+    known = importlib.import_module("twin").Twin(twin)
+    truth = tomllib.loads((twin / TRUTH).read_text())
+    assert list(known.muscle.coefficients) == truth["muscle"]["coefficients_Pa"]
+    assert known.truth.rig.clock_ahead == truth["rig"]["clock_ahead_s"]
+    assert known.lengths.keys() == {file.name for file in (twin / "photographs").iterdir()}
+
+
+@pytest.mark.slow
+def test_the_report_is_whole(twin: Path) -> None:
+    report = twin / "results" / "report"
+    page = (report / "report.html").read_text()
+    assert re.search(r'(src|href)="(?!data:|#)', page) is None  # nothing is fetched
+    names = {path.stem for path in (report / "figures").iterdir()}
+    assert page.count("<figure") == len(names) == 8
+    assert {"photographs", "shape", "test"} < names
+    for words in (
+        "Errors of the force by geometry",
+        "identified from the force",
+        "1 picture could not be measured",
+        "What two sources say of one thing",
+        "Cylinder and elastic cylinder are the same here",
+        "length in the pictures over displacement of the machine",
+        "complete strokes in journal and log: expected 6 or more, found 5",
+    ):
+        assert words in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_report_stands_on_a_screen(headless: Browser, twin: Path, width: int) -> None:
+    parts = ("What to do next", "Figures", "Errors and cross-checks", "Notes", "Provenance")
+    check_page(headless, twin / "results" / "report" / "report.html", width, parts)
+
+
+@pytest.mark.slow
+def test_the_same_folder_gives_the_same_bytes(
+    twin: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    before = {path: path.read_bytes() for path in (twin / "results").rglob("*") if path.is_file()}
+    code, _, err = famjax(capsys, "characterise", twin)
+    assert code == 0
+    assert err.count("as before") == 9
+    for step in ("records", "pictures", "cylinder"):
+        code, _, err = famjax(capsys, "characterise", twin, "--force", step, "--only", step)
+        assert code == 0
+    after = {path: path.read_bytes() for path in before}
+    assert [path for path in before if before[path] != after[path]] == []
+
+
+@pytest.mark.slow
+def test_without_pictures_the_force_alone_is_evaluated(
+    twin: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """From the map that the first step made."""
+    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
+    code, _, err = famjax(capsys, "characterise", sheet(tmp_path, SPECIMEN + RECORDS))
+    assert code == 0
+    page = (tmp_path / "results" / "report" / "report.html").read_text()
+    for words in ("There are no photographs", "There is a force map and no record of the test"):
+        assert words in page
+        assert words in err
+
+
+@pytest.mark.slow
+def test_pictures_without_a_log_or_a_ruler(
+    twin: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """The scale stated, the force from the map that the first step made, the bladder not measured."""
+    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
+    shutil.copytree(twin / "photographs", tmp_path / "photographs")
+    pictures = """
+[photographs]
+pictures = "photographs"
+scale = "76.97+-0.02 px/in"
+distance_in = 60
+[fit]
+order = 3
+starts = 2
+"""
+    specimen = SPECIMEN.replace("bladder_diameter_in = 0.875", "braid_thickness_in = 0.011")
+    code, _, err = famjax(capsys, "characterise", sheet(tmp_path, specimen + RECORDS + pictures))
+    assert code == 0
+    page = (tmp_path / "results" / "report" / "report.html").read_text()
+    for words in (
+        "The photographs have no log beside them",
+        "There is no photograph of a ruler",
+        "diameter at rest is not stated",
+    ):
+        assert words in page
+        assert words in err

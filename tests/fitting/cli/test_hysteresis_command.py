@@ -1,0 +1,161 @@
+"""Raw ramps in, both branches out: `famjax ramps`, `fit`, `assess --hysteresis`, `predict --history`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import famjax
+from famjax.__main__ import main
+from famjax.terms import MaxwellSlip, SlipElements
+from fitting import load_fit
+from fitting.hysteresis import History
+from fitting.prediction import predict_history
+from fitting.prediction.forces import static_rows
+
+# For the fit that all of these read, which then only one stage of CI makes.
+pytestmark = pytest.mark.slow
+
+REST, TOP, ZERO = 0.3, 6e5, 9e3
+LENGTHS = (0.3, 0.288, 0.276, 0.264)
+SLIP = MaxwellSlip(SlipElements([0.01], [6.0]), SlipElements([0.004], [12.0]), REST, 1e6)
+PRESSURES = (0.0, 4e5, TOP, 4e5, 5e5, 4e5)  # fill, vent, and a minor loop
+
+
+def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    captured = capsys.readouterr()
+    return int(stop.value.code or 0), captured.out, captured.err
+
+
+def _muscle() -> famjax.Muscle:
+    braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.13, length=REST)
+    bladder = famjax.Bladder(REST, 0.022, 0.002, embedded=True)
+    return famjax.Muscle(
+        famjax.EstimatedGeometry(braid, bladder), famjax.PolynomialMaterial([3e6, -2e6]), 2e4
+    )
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Continuous ramps at four lengths, with what the pressure sensor reads at atmosphere."""
+    folder, entries = tmp_path_factory.mktemp("ramps"), []
+    rng = np.random.default_rng(3)
+    P = np.concatenate([np.linspace(0, TOP, 1200), np.linspace(TOP, 0, 1200)])
+    for length in LENGTHS:
+        L = np.full(P.size, length)
+        F = np.asarray(_muscle().force(L, P)) + np.asarray(SLIP.along(L, P))
+        F = np.maximum(F, 0.0) + 0.02 * rng.normal(size=F.size)
+        rows = np.stack([0.01 * np.arange(P.size), (P + ZERO) / 1e3, F], axis=1)
+        path = folder / f"at{1e3 * length:.0f}.csv"
+        np.savetxt(path, rows, "%.6f", ",", header="time_s,pressure_kPa,force_N", comments="")
+        entries.append(f"{path}={1e3 * length:g}mm")
+    return entries
+
+
+@pytest.fixture(scope="module")
+def fitted(records: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fit")
+    known = ("rest_length_mm=300", "nominal_diameter_mm=20", "wall_thickness_mm=2")
+    specimen = [word for one in known for word in ("--specimen", one)]
+    for words in (
+        ["ramps", *records, "--atmosphere", f"{ZERO}Pa", *specimen],
+        ["fit", str(folder / "map.csv"), "--order", "2"],
+        ["assess", str(folder / "fit.json"), "--hysteresis", str(folder / "branches.csv")],
+    ):
+        with pytest.raises(SystemExit) as stop:
+            main([*words, "--output", str(folder)])
+        assert not stop.value.code
+    return folder
+
+
+def test_the_fit_holds_the_hysteresis(fitted: Path) -> None:
+    document = json.loads((fitted / "fit.json").read_text())["hysteresis"]
+    assert document["duality_gap"] < 1e-10
+    # The lowest point of each record is at the kink where the muscle turns slack.
+    assert document["rms_N"] < 0.12 * document["measured_rms_N"]
+    assert document["left_out"]["length"]["ratio"] < 0.3
+    assert min(document["lost_energy_J"]) >= 0
+    page = (fitted / "report.html").read_text()
+    assert "Hysteresis: half the difference" in page
+    assert "duality gap" in page
+    assert load_fit(fitted / "fit.json").hysteresis is not None
+
+
+def test_both_branches_are_predicted(
+    capsys: pytest.CaptureFixture, fitted: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "history.csv"
+    rows = [f"{k},270,{P / 1e3}" for k, P in enumerate(PRESSURES)]
+    path.write_text("\n".join(["time_s,length_mm,pressure_kPa", *rows]) + "\n")
+    code, out, _ = run(capsys, "predict", fitted / "fit.json", "--history", path, "--json")
+    assert code == 0
+    got = json.loads(out)
+    force, static = (np.array([row[key] for row in got]) for key in ("force_N", "static_force_N"))
+    assert [row["time_s"] for row in got] == [0, 1, 2, 3, 4, 5]
+    L, P = np.full(6, 0.27), np.array(PRESSURES)  # a length between those of the records
+    true = np.asarray(_muscle().force(L, P)) + np.asarray(SLIP.along(L, P))
+    np.testing.assert_allclose(force[1:], true[1:], atol=0.01 * true.max())
+    half = (true[3] - true[1]) / 2
+    assert (force[3] - force[1]) / 2 == pytest.approx(half, rel=0.1)
+    assert (force[3] + force[1]) / 2 == pytest.approx(static[1], rel=1e-3)
+    assert force[5] == pytest.approx(force[3], rel=1e-9)  # the minor loop leaves no trace
+    code, out, _ = run(capsys, "predict", fitted / "fit.json", "--history", path)
+    assert code == 0
+    assert "Force along the history" in out
+    assert "slack it pulls nothing" in out
+    table = " ".join(out.split())
+    assert "length mm pressure kPa force N static force N hysteresis N" in table  # as in the file
+    assert "270 400" in table
+    code, out, _ = run(
+        capsys, "predict", fitted / "fit.json", "--history", path, "--units", "us", "--json"
+    )
+    assert json.loads(out)[1]["pressure_psi"] == pytest.approx(4e5 / 6894.757, rel=1e-6)
+
+
+def test_the_band_holds_the_error_of_the_hysteresis(fitted: Path) -> None:
+    fit = load_fit(fitted / "fit.json")
+    missed = max(one["rms_N"] for one in fit.document["hysteresis"]["left_out"].values())
+    L, P = np.full(6, 0.27), np.array(PRESSURES)
+    rows, static = predict_history(fit, History(L, P)), static_rows(fit, L, P)
+    for row, alone in zip(rows[1:], static[1:], strict=True):
+        half = (row["high_95_N"] - row["low_95_N"]) / 2
+        assert half == pytest.approx(
+            np.hypot((alone["high_95_N"] - alone["low_95_N"]) / 2, 1.96 * missed), rel=1e-9
+        )
+        assert row["force_std_N"] == pytest.approx(np.hypot(alone["force_std_N"], missed), rel=1e-9)
+        assert (row["high_95_N"] + row["low_95_N"]) / 2 == pytest.approx(row["force_N"], rel=1e-9)
+
+
+def test_what_cannot_be_done_is_said(
+    capsys: pytest.CaptureFixture, records: list[str], fitted: Path, tmp_path: Path
+) -> None:
+    def error(*arguments: object) -> str:
+        code, _, err = run(capsys, *arguments)
+        assert code != 0
+        return " ".join(err.split())
+
+    out = ("--output", tmp_path / "o")
+    assert "takes one force map, got 4" in error("fit", *records, *out)
+    assert "--atmosphere" in error("ramps", *records, *out)
+    assert "rest length of the muscle must be given" in error(
+        "ramps", *records, "--atmosphere", "9kPa", *out
+    )
+    history = tmp_path / "history.csv"
+    history.write_text("length_mm,pressure_kPa\n270,0\n270,400\n")
+    assert "leave out --length" in error(
+        "predict", fitted / "fit.json", "--history", history, "--length", "270mm"
+    )
+    document = json.loads((fitted / "fit.json").read_text())
+    del document["hysteresis"]["left_out"]["length"]["rms_N"]
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text(json.dumps(document))
+    told = error("predict", damaged, "--history", history)
+    assert "damaged: it has no entry 'hysteresis.left_out.length.rms_N'" in told
+    del document["hysteresis"]
+    plain = tmp_path / "plain.json"
+    plain.write_text(json.dumps(document))
+    assert "the fit has no hysteresis" in error("predict", plain, "--history", history)
+    assert "a prediction needs a length" in error("predict", plain)

@@ -1,0 +1,245 @@
+"""`famjax measure` from photographs, ruler and log to the files."""
+
+import csv
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rendering import (
+    published_ruler,
+    published_scene,
+    render,
+    render_ruler,
+    render_sequence,
+    stroke_log,
+    triangle_stroke,
+)
+
+from famjax.__main__ import main
+from imaging import ImagingError, read_recipe
+from imaging.cli import RecipeOptions, command_recipe
+from imaging.errors import AmbiguousRuler
+from imaging.pictures import expand, parse_scale
+
+IN = 0.0254
+SIZE = (660, 280)
+STROKE = triangle_stroke(0.3, 60.0)
+TIMES = 3.0 + 6.0 * np.arange(9)
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """A folder with nine pictures of a stroke and the ruler's, and the machine's log beside it."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "photos").mkdir()
+    render_ruler(published_ruler(size=SIZE), 1).save(folder / "photos" / "ruler.jpg")
+    scene = published_scene(0.0, size=SIZE)
+    truth = []
+    for k, photo in enumerate(render_sequence(scene, STROKE, TIMES, clock_offset=20.0, seed=5)):
+        photo.save(folder / "photos" / f"img{k + 1}.jpg")
+        truth.append(photo.truth)
+    assert scene.muscle is not None
+    record = stroke_log(STROKE, np.arange(0, 60, 0.05), scene.muscle.length)
+    record.save(folder / "log.csv")
+    return SimpleNamespace(folder=folder, photos=folder / "photos", truth=truth, record=record)
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as left:
+        main(["measure", *map(str, arguments)])
+    return left.value.code
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_path, capsys):
+    out = tmp_path / "out"
+    ruler = lab.photos / "ruler.jpg"
+    code = run(lab.photos, "--ruler", ruler, "--log", lab.folder / "log.csv", "--jobs", 1,
+               "--output", out, "--overlays", 3, "--json")  # fmt: skip
+    document = json.loads(capsys.readouterr().out)
+    assert code == 0, document
+    assert document["ok"] == document["pictures"] == 9
+    rows = table(out / "measurements.csv")
+    assert [row["path"].rsplit("img")[-1] for row in rows] == [f"{k}.jpg" for k in range(1, 10)]
+    length = np.array([float(row["length_in"]) for row in rows])
+    # 56 px/in here: two tape edges a tenth of a pixel off, and the scale of a coarse ruler.
+    np.testing.assert_allclose(length, [t.length / IN for t in lab.truth], atol=0.012)
+    force = np.array([float(row["force_lbf"]) for row in rows]) * 4.4482216152605
+    truth = np.interp(TIMES, lab.record.time, lab.record.force)
+    assert np.abs(force - truth).max() < 0.01 * np.ptp(lab.record.force)
+    recipe = read_recipe(out / "recipe.toml")
+    assert recipe.scale.source == "ruler"
+    assert recipe.scale.px_per_m == pytest.approx(lab.truth[0].px_per_m, rel=5e-4)
+    assert len(list((out / "overlays").glob("*.jpg"))) == 3
+    for name in ("measurements.nc", "contact_sheet.png", "profiles.png"):
+        assert (out / name).stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
+    recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
+    render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
+    from imaging import Recipe, Scale, write_recipe
+
+    write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
+    picture.write_bytes(b"\xff\xd8 no picture")
+    arguments = [tmp_path / "good.jpg", picture, "--recipe", recipe, "--jobs", 1,
+                 "--overlays", 0, "--units", "metric"]  # fmt: skip
+    assert run(*arguments, "--output", tmp_path / "a") == 3
+    told = capsys.readouterr().out
+    assert "1 of 2 pictures measured" in told
+    assert "UnreadableImage" in told
+    good, bad = table(tmp_path / "a" / "measurements.csv")
+    assert float(good["length_mm"]) == pytest.approx(9.28125 * 0.9 * 25.4, abs=0.3)
+    assert (bad["ok"], bad["length_mm"]) == ("false", "")
+    again = tmp_path / "a" / "recipe.toml"
+    assert again.read_text() == recipe.read_text()
+    # Another scale into the same folder is refused; nothing is overwritten.
+    assert run(*arguments, "--output", tmp_path / "a", "--scale", "60+-0.1 px/in") == 2
+    assert "CampaignChanged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (["PHOTOS"], "the scale is needed"),
+        (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with its error and unit"),
+        (["PHOTOS", "--scale", "56 px/in", "--ruler", "RULER"], "given twice"),
+        (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "has no unit"),
+        (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "1459"], "two numbers"),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5", "--frame-size", "20,20"],
+            "frame",
+        ),
+        (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "cannot read"),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-columns", "displacement=no"],
+            "no column for displacement",
+        ),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-units", "displacement=psi"],
+            "unknown unit 'psi'",
+        ),
+        (
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-columns", "force"],
+            "must read name=value",
+        ),
+        (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
+        (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
+        (["PHOTOS", "--scale", "56 px/in", "--ruler-placement", "0.01in"], "there is no ruler"),
+        (["PHOTOS", "--ruler", "RULER", "--expected-px-per-in", "20"], "expected_pitch_px"),
+        (["PHOTOS", "--ruler", "RULER", "--ruler-placement=-1mm"], "placement_stderr"),
+        (["PHOTOS", "--scale", "56 px/in", "--tape-hue", "red"], "is an angle"),
+    ],
+)
+def test_input_that_cannot_be_used_is_code_2_before_any_work(
+    lab, tmp_path, capsys, arguments, match
+):
+    names = {"PHOTOS": lab.photos, "RULER": lab.photos / "ruler.jpg", "NO": tmp_path / "no.csv",
+             "LOG": lab.folder / "log.csv"}  # fmt: skip
+    code = run(*(names.get(one, one) for one in arguments), "--output", tmp_path / "out")
+    told = capsys.readouterr().err
+    assert code == 2
+    assert any(part in told for part in match.split("|")), told
+    assert not (tmp_path / "out").exists()
+
+
+def test_mixed_sizes_are_code_2(lab, tmp_path, capsys):
+    render(published_scene(0.1, size=(500, 220)), 3).save(tmp_path / "small.jpg")
+    code = run(lab.photos / "img1.jpg", lab.photos / "img2.jpg", tmp_path / "small.jpg",
+               "--scale", "56 px/in", "--output", tmp_path / "out")  # fmt: skip
+    assert code == 2
+    assert "MixedSizes" in capsys.readouterr().err
+
+
+def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
+    import imaging.campaign
+
+    def stopped(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(imaging.campaign, "_measured_by", stopped)
+    code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
+    assert code == 130
+    assert "Run the same command again to go on" in capsys.readouterr().err
+
+
+def test_files_folders_and_patterns_name_pictures_in_natural_order(tmp_path):
+    for name in ("img10.JPG", "img9.jpg", "notes.txt", "ruler.png"):
+        (tmp_path / name).touch()
+    ruler = str(tmp_path / "ruler.png")
+    expected = [str(tmp_path / name) for name in ("img9.jpg", "img10.JPG")]
+    assert expand([str(tmp_path)], without=ruler) == expected
+    assert expand([str(tmp_path / "img*")]) == expected
+    assert expand([expected[1], expected[0]]) == expected[::-1]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ImagingError, match="no folder with pictures"):
+        expand([str(tmp_path / "empty")])
+
+
+def test_a_scale_by_hand_has_the_error_given_or_that_of_its_digits():
+    scale = parse_scale("226.63+-0.02 px/in")
+    assert scale.px_per_m == pytest.approx(226.63 / IN)
+    assert scale.stderr == pytest.approx(0.02 / IN)
+    assert parse_scale("9 px/mm").stderr == pytest.approx(1000 / np.sqrt(12))
+
+
+def test_options_override_the_recipe_file(tmp_path):
+    from imaging import Recipe, Scale, write_recipe
+
+    path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
+    found, provenance = command_recipe(
+        RecipeOptions(recipe=path, distance="60in", orientation="auto")
+    )
+    assert (found.distance, found.orientation, found.scale.px_per_m) == (1.524, "auto", 9000.0)
+    assert provenance == {"recipe_file": str(path)}
+
+
+def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
+    """Sixteenths on the other edge: the options tell which, and how well it was placed."""
+    from imaging import RulerReading, write_recipe
+
+    scene = dataclasses.replace(published_ruler(size=(1325, 300)), edge="both", other_pitch=IN / 16)
+    shot = render_ruler(scene, 5)
+    ruler = shot.save(tmp_path / "ruler.jpg")
+    with pytest.raises(AmbiguousRuler, match="--expected-px-per-in") as caught:
+        command_recipe(RecipeOptions(ruler=ruler))
+    assert caught.value.path == str(ruler)
+    found, _ = command_recipe(
+        RecipeOptions(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
+    )
+    assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
+    assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
+    assert found.ruler == RulerReading(0.003175, 120.0 / IN, 0.06 * IN)
+    path = write_recipe(found, tmp_path / "recipe.toml")
+    again, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler))
+    assert again == found
+    finer, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler, pitch="0.0625in"))
+    assert finer.ruler.placement_stderr == found.ruler.placement_stderr
+    assert finer.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
+
+
+def test_a_crop_without_its_frame_is_of_the_reference_camera_and_says_so() -> None:
+    recipe, provenance = command_recipe(RecipeOptions(scale="226.63 px/in", crop_offset="2234,531"))
+    assert recipe.frame_size == (5568, 3712)
+    assert "assumed" in provenance["frame_size"]
+    assert recipe.camera(1100, 2650).centre == pytest.approx((549.5, 1324.5), abs=1)
+    own, provenance = command_recipe(
+        RecipeOptions(scale="226.63 px/in", crop_offset="0,0", frame_size="1200,2700")
+    )
+    assert own.frame_size == (1200, 2700)
+    assert "frame_size" not in provenance
+
+
+def test_a_picture_that_is_not_there_is_missed_before_its_ruler(capsys, tmp_path):
+    with pytest.raises(SystemExit) as stop:
+        main(["measure", str(tmp_path / "none.jpg"), "--output", str(tmp_path / "o")])
+    assert stop.value.code == 2
+    assert "none.jpg is no file, no folder with pictures" in capsys.readouterr().err
