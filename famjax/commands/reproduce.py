@@ -20,7 +20,7 @@ def reproduce(
     Parameters
     ----------
     output
-        Folder for the page with tables and figures, created if missing.
+        Folder for the page with the tables, created if missing.
     json_
         Print the rows as one JSON list to standard output and nothing else there; chapter 7's fits
         of a synthetic reconstruction, which have no verdict, are on the page without this option.
