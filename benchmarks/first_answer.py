@@ -1,48 +1,40 @@
-"""How long a user waits for the first answer, in CPU seconds of whole processes.
+"""How long a user waits for the first answer, in CPU time of whole processes.
 
-    python benchmarks/first_answer.py [--rows PATTERN ...] [--repeat N] [--long] [--python PATH]
-                                      [--data MAP] [--json FILE] [--list]
-
-Each command and each library call runs in four regimes: `cold`, a fresh process with an empty
-compilation cache; `second`, another process with the cache that the first one has filled; `again`,
-the same once more in one process; `other`, in that process with other numbers. Beside them the same
-fit by scripts that a user writes with SciPy and with lmfit. A figure is the user and system time of
-the process and its children, the least of the repetitions, over that of
+Each command runs in a fresh process with an empty compilation cache (`cold`), and in another one with the
+cache that the first has filled (`second`). A figure is the user and system time of the process and its
+children, the least of the repetitions, over that of
 
     python -c "import jax, equinox, optimistix"
 
-which runs between them in the same way. Commands find their cache by FAMJAX_CACHE_DIR, library
-calls by JAX's own variables; both are in a temporary folder that nothing else uses. Rows that take
-minutes run with `--long`, or when `--rows` names them in full. `--python` measures this tree with
-another interpreter, in which its dependencies are installed.
+which runs between them in the same way. Caches are in a temporary folder that nothing else uses.
 
-This file imports the standard library alone: what it imports is no part of what it measures.
+This file imports the standard library alone: it is also what runs in the measured processes
+(`python benchmarks/first_answer.py steps STEPS.json`) and makes what they read (`... inputs FOLDER MAP`).
 """
 
-import argparse
 import dataclasses
-import fnmatch
 import json
 import math
 import os
 import re
+import runpy
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from row import Case
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent
-STEPS = HERE / "first_answer_steps.py"
-INPUTS = HERE / "first_answer_inputs.py"
 DATA = "DMSP-20-300"
 UNIT = ("-c", "import jax, equinox, optimistix")
-REGIMES = ("cold", "second", "again", "other")
 
 Step = tuple[str, ...]
-"""What follows the interpreter on a command line; {data}, {inputs} and {root} are filled in."""
+"""What follows the interpreter on a command line; {data} and {inputs} are filled in."""
 
 
 def famjax(*arguments: str) -> Step:
@@ -55,144 +47,54 @@ def polynomial(data: str) -> Step:
     return famjax("fit", data, "--law", "polynomial")
 
 
-CHOOSE, SWEEP, COMPARE = (famjax(command, "{data}") for command in ("fit", "sweep", "compare"))
 FIT = polynomial("{data}")
 PREDICT = famjax("predict", "{inputs}/fit.json", "--length", "270mm,250mm", "--pressure", "5bar")
-
-_LIBRARY = """import jax
-jax.config.update("jax_enable_x64", True)
-import famjax, fitting, first_answer_inputs as inputs
-data = inputs.load({map!r})
-"""
-_CALLS = {
-    "identify": "print('rmse_N', fitting.identify(data).errors.rmse)",
-    "sweep": """L0, D0 = data.specimen.rest_length, 1.1 * (data.specimen.nominal_diameter or 0.02)
-braid = famjax.Braid.from_rest(diameter=D0, braid_angle=1.08, length=L0)
-bladder = famjax.Bladder(L0, D0, data.specimen.wall_thickness, embedded=data.specimen.embedded)
-fitting.sweep(data, famjax.EstimatedGeometry(braid, bladder), deadband=4e4)
-""",
-    "compare": "fitting.compare(data)",
-}
+MEASURE = famjax("measure", "{inputs}/photo.jpg", "--ruler", "{inputs}/ruler.jpg")
+_IMPORTS = 'import jax\njax.config.update("jax_enable_x64", True)\nimport famjax, fitting, row\n'
 
 
-def library(call: str, name: str = "{data}") -> Step:
-    """A call of the library on a map, imports included."""
-    return ("-c", _LIBRARY.replace("{map!r}", f"'{name}'") + _CALLS[call])
+def library(name: str = "{data}") -> Step:
+    """An identification by the library, imports included."""
+    return ("-c", f"{_IMPORTS}print('rmse_N', fitting.identify(row.load('{name}')).errors.rmse)")
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
-    """One thing that a user does.
+class Wait:
+    """A command and how long it may take.
 
     Attributes:
-        name: by which `--rows` chooses it.
-        step: what is run; in the regimes cold, second and again.
-        other: what is run in the regime other, None for none.
+        step: what is run.
+        cold, second: limits as multiples of the import, nan for none.
         prime: what has filled the cache before the regime second, in place of `step` itself; there
             is no cold regime then.
-        cold, second: limits as multiples of the import, nan for none.
-        long: takes minutes.
-        peer: a program of another author, which has one regime.
-        issue: that set the limits.
+        long: takes minutes, and runs once.
     """
 
-    name: str
     step: Step
-    other: Step | None = None
-    prime: Step | None = None
     cold: float = math.nan
     second: float = math.nan
+    prime: Step | None = None
     long: bool = False
-    peer: bool = False
-    issue: int = 12
-
-    def limit(self, regime: str) -> float:
-        """Of a regime; nan for none."""
-        return {"cold": self.cold, "second": self.second}.get(regime, math.nan)
 
 
-ROWS = (
-    Row("famjax --help", famjax("--help"), cold=0.3, second=0.3),
-    Row("famjax fit --help", famjax("fit", "--help"), cold=0.3, second=0.3),
-    Row("famjax predict", PREDICT, cold=1.5, second=1.2,
-        other=famjax("predict", "{inputs}/fit.json", "--length", "262mm", "--pressure", "4bar,6bar")),
-    Row("famjax fit", FIT, polynomial("{inputs}/repeated.csv"), cold=3, second=1.8),
-    Row("famjax fit, map of another size", polynomial("{inputs}/smaller.csv"), prime=FIT, second=2.2),
-    Row("famjax fit, another specimen", polynomial("{inputs}/specimen.csv"), prime=FIT, second=2.2),
-    Row("famjax fit, the model chosen", CHOOSE, famjax("fit", "{inputs}/repeated.csv"), cold=9,
-        second=5.4, issue=14),
-    Row("famjax fit, another law, new to the cache", famjax("fit", "{data}", "--law", "ogden"),
-        prime=FIT, second=2.2),
-    Row("famjax fit, another law", famjax("fit", "{data}", "--law", "ogden"), second=2.2),
-    Row("famjax sweep", SWEEP, famjax("sweep", "{inputs}/specimen.csv"), cold=4, second=2, long=True),
-    Row("famjax compare", COMPARE, famjax("compare", "{inputs}/repeated.csv"), cold=25, second=12,
-        long=True),
-    Row("famjax measure", famjax("measure", "{inputs}/photo.jpg", "--ruler", "{inputs}/ruler.jpg"),
-        famjax("measure", "{inputs}/photo2.jpg", "--ruler", "{inputs}/ruler.jpg"), cold=1.5, second=1.5),
-    Row("famjax reproduce", famjax("reproduce"), cold=40, second=25, long=True),
-    Row("identify", library("identify"), library("identify", "{inputs}/repeated.csv")),
-    Row("sweep", library("sweep"), library("sweep", "{inputs}/specimen.csv"), long=True),
-    Row("compare", library("compare"), library("compare", "{inputs}/repeated.csv"), long=True),
-    Row("SciPy script", ("{root}/benchmarks/rivals/fit_scipy.py", "{map}"), peer=True),
-    Row("lmfit script", ("{root}/benchmarks/rivals/fit_lmfit.py", "{map}"), peer=True),
-)  # fmt: skip
-
-
-@dataclasses.dataclass(frozen=True)
-class Check:
-    """A call of the library in a process that has done others, which may not cost more than this.
-
-    Attributes:
-        name: by which `--rows` chooses it.
-        before: steps that the process has done.
-        step: what is looked at.
-        seconds: limit of its CPU time [s], nan for none.
-        programs: limit of the number of programs compiled, nan for none.
-    """
-
-    name: str
-    before: tuple[Step, ...]
-    step: Step
-    seconds: float = math.nan
-    programs: float = math.nan
-
-
-_IMPORTS: Step = ("-c", _LIBRARY.partition("data =")[0])
-CHECKS = (
-    Check("identify, first call after import", (_IMPORTS,), library("identify"), seconds=4.0),
-    Check("identify, renamed specimen", (library("identify"),),
-          library("identify", "{inputs}/renamed.csv"), programs=0),
-    Check("identify, another map in the same bucket", (library("identify"),),
-          library("identify", "{inputs}/repeated.csv"), programs=0),
-)  # fmt: skip
-
-
-@dataclasses.dataclass(frozen=True)
-class Line:
-    """One measured figure.
-
-    Attributes:
-        row: name of the row.
-        regime: see the head of this file; "" for a check.
-        value: multiple of the import, CPU seconds, or number of programs; nan where it failed.
-        unit: "x", "s" or "programs".
-        limit: nan for none.
-        seconds: CPU time [s].
-        note: what else was found out, or why there is no figure.
-    """
-
-    row: str
-    regime: str
-    value: float
-    unit: str
-    limit: float
-    seconds: float
-    note: str = ""
-
-    @property
-    def holds(self) -> bool | None:
-        """Whether the limit is kept; None where there is none."""
-        return None if math.isnan(self.limit) else self.value <= self.limit
+WAITS = {
+    "famjax --help": Wait(famjax("--help"), 0.3, 0.3),
+    "famjax fit --help": Wait(famjax("fit", "--help"), 0.3, 0.3),
+    "famjax predict": Wait(PREDICT, 1.5, 1.2),
+    "famjax fit --law polynomial": Wait(FIT, 3, 1.8),
+    "famjax fit --law polynomial, map of another size":
+        Wait(polynomial("{inputs}/smaller.csv"), second=2.2, prime=FIT),
+    "famjax fit --law polynomial, another specimen":
+        Wait(polynomial("{inputs}/specimen.csv"), second=2.2, prime=FIT),
+    "famjax fit": Wait(famjax("fit", "{data}"), 9, 5.4),
+    "famjax fit --law ogden, new to the cache":
+        Wait(famjax("fit", "{data}", "--law", "ogden"), second=2.2, prime=FIT),
+    "famjax fit --law ogden": Wait(famjax("fit", "{data}", "--law", "ogden"), second=2.2),
+    "famjax measure": Wait(MEASURE, 1.5, 1.5),
+    "famjax sweep": Wait(famjax("sweep", "{data}"), 4, 2, long=True),
+    "famjax compare": Wait(famjax("compare", "{data}"), 25, 12, long=True),
+    "famjax reproduce": Wait(famjax("reproduce"), 40, 25, long=True),
+}  # fmt: skip
 
 
 class FailedRunError(RuntimeError):
@@ -213,24 +115,22 @@ class Machine:
     data: str
     folder: Path
 
-    def run(self, step: Step, cache: Path | None, library: bool | None = None) -> tuple[float, str]:
+    def run(self, step: Step, cache: Path | None) -> tuple[float, str]:
         """CPU time [s] of a process with its children, and what it has printed.
 
         Args:
             step: see `Step`.
-            cache: folder of the compilation cache, None for an empty one or, of a library call,
-                for none.
-            library: whether JAX's own cache is switched on, which commands see to themselves; None
-                for what the step is.
+            cache: folder of the compilation cache, None for an empty one.
 
         Raises:
             FailedRunError: with the last line of what it said.
         """
         where = Path(tempfile.mkdtemp(dir=self.folder))
-        argv = [self.python, *self.filled(step)]
-        around = self._environment(cache, step[0] == "-c" if library is None else library)
+        argv = [self.python, *self._filled(step)]
         with (where / "out").open("w+") as out, (where / "err").open("w+") as err:
-            process = subprocess.Popen(argv, cwd=where, env=around, stdout=out, stderr=err)
+            process = subprocess.Popen(
+                argv, cwd=where, env=self._environment(cache), stdout=out, stderr=err
+            )
             _, status, used = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
             for stream in (out, err):
@@ -241,261 +141,156 @@ class Machine:
             raise FailedRunError(f"exit code {process.returncode}: {last}")
         return used.ru_utime + used.ru_stime, said
 
-    def in_one_process(self, steps: Sequence[Step], cache: Path | None) -> list[dict[str, Any]]:
+    def in_one_process(self, steps: Sequence[Step]) -> list[dict[str, Any]]:
         """CPU time [s] and number of programs compiled, `seconds` and `programs`, of each step."""
         plan = Path(tempfile.mkdtemp(dir=self.folder)) / "steps.json"
-        plan.write_text(json.dumps([self.filled(step) for step in steps]), encoding="utf-8")
-        self.run((str(STEPS), str(plan)), cache, library=steps[0][0] == "-c")
+        plan.write_text(json.dumps([self._filled(step) for step in steps]), encoding="utf-8")
+        self.run((__file__, "steps", str(plan)), None)
         return json.loads(plan.read_text(encoding="utf-8"))
 
-    def filled(self, step: Step) -> list[str]:
+    def _filled(self, step: Step) -> list[str]:
         """The step with its places filled in, and its inputs made."""
-        places = {
-            "{inputs}": str(self.folder / "inputs"), "{root}": str(ROOT), "{data}": self.data,
-            "{map}": self.data_file(),
-        }  # fmt: skip
-        filled = []
-        for word in step:
-            for name in re.findall(r"\{inputs\}/([\w.]+)", word):
-                self._make(name)
-            for place, text in places.items():
-                word = word.replace(place, text)  # noqa: PLW2901
-            filled.append(word)
-        return filled
-
-    def data_file(self) -> str:
-        """The CSV file of the map, for programs that know no bundled ones."""
-        bundled = ROOT / "fitting" / "data" / f"{self.data.lower()}.csv"
-        return str(bundled if bundled.exists() else self.data)
-
-    def _make(self, name: str) -> None:
         inputs = self.folder / "inputs"
-        if (inputs / name).exists():
-            return
-        inputs.mkdir(exist_ok=True)
-        if name == "fit.json":
-            self.run(famjax("fit", "{data}", "--output", str(inputs)), None)
-        else:
-            kind = "maps" if name.endswith(".csv") else "photos"
-            self.run((str(INPUTS), str(inputs), self.data, kind), None)
+        for name in re.findall(r"\{inputs\}/([\w.]+)", " ".join(step)):
+            if not (inputs / name).exists():
+                inputs.mkdir(exist_ok=True)
+                fit = famjax("fit", "{data}", "--output", str(inputs))
+                made = (__file__, "inputs", str(inputs), self.data)
+                self.run(fit if name == "fit.json" else made, None)
+        return [word.replace("{inputs}", str(inputs)).replace("{data}", self.data) for word in step]
 
-    def _environment(self, cache: Path | None, library: bool) -> dict[str, str]:
-        """This tree first, and a cache of its own; a user's is not touched.
-
-        What Python has compiled of this tree it keeps, as on a user's machine.
-        """
+    def _environment(self, cache: Path | None) -> dict[str, str]:
+        """This tree first, and a cache of its own; a user's is not touched."""
         ours = {"FAMJAX_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"}
         given = {key: value for key, value in os.environ.items() if key not in ours}
-        path = [str(ROOT), str(HERE), *filter(None, [given.get("PYTHONPATH")])]
-        given["PYTHONPATH"] = os.pathsep.join(path)
-        given["FAMJAX_CACHE_DIR"] = str(cache or tempfile.mkdtemp(dir=self.folder))
-        if library and cache is not None:
-            given["JAX_COMPILATION_CACHE_DIR"] = str(cache)
-            # JAX leaves out what compiles in less than a second, which is nearly everything here.
-            given["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
-            given["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-        return given
+        path = [
+            str(HERE.parent),
+            str(HERE),
+            str(HERE.parent / "tests"),
+            *filter(None, [given.get("PYTHONPATH")]),
+        ]
+        return given | {
+            "PYTHONPATH": os.pathsep.join(path),
+            "FAMJAX_CACHE_DIR": str(cache or tempfile.mkdtemp(dir=self.folder)),
+        }
 
 
-def measure(
-    machine: Machine,
-    rows: Sequence[Row | Check],
-    *,
-    repeat: int = 3,
-    regimes: Sequence[str] = REGIMES,
-    progress: Callable[[str], None] = lambda _: None,
-) -> list[Line]:
-    """Every row in every regime.
-
-    Args:
-        machine: where they run.
-        rows: what runs.
-        repeat: how often; the least CPU time counts. Long rows run once.
-        regimes: some of `REGIMES`.
-        progress: called with the name of the next row.
-
-    Returns:
-        One line for each row and regime, the import first.
-    """
-    machine.run(UNIT, None)  # reads the files once, so that the first figure does not
-    units = [machine.run(UNIT, None)[0]]
-    found: list[Line] = []
-    for row in rows:
-        progress(row.name)
-        times = 1 if isinstance(row, Row) and row.long else repeat
-        if isinstance(row, Check):
-            found.append(_checked(machine, row, times))
-        else:
-            found += _measured(machine, row, times, regimes, units)
+def waited(machine: Machine, wait: Wait, repeat: int = 3) -> dict[str, float]:
+    """CPU time over that of the import, by regime: the least of the repetitions."""
+    units, seconds = [], {"cold": math.inf, "second": math.inf}
+    machine.run(wait.step, None) if repeat > 1 else None  # reads the files once, makes the inputs
+    for _ in range(1 if wait.long else repeat):
         units.append(machine.run(UNIT, None)[0])
-    unit = min(units)
-    lines = [
-        dataclasses.replace(line, value=line.seconds / unit) if line.unit == "x" else line
-        for line in found
-    ]
-    return [Line("import jax, equinox, optimistix", "", unit, "s", math.nan, unit), *lines]
+        cache = Path(tempfile.mkdtemp(dir=machine.folder))
+        first, _ = machine.run(wait.prime or wait.step, cache)
+        if not wait.prime:
+            seconds["cold"] = min(seconds["cold"], first)
+        seconds["second"] = min(seconds["second"], machine.run(wait.step, cache)[0])
+        units.append(machine.run(UNIT, None)[0])
+    return {f"{regime}, CPU time / import": one / min(units) for regime, one in seconds.items()}
 
 
-def _measured(
-    machine: Machine, row: Row, times: int, regimes: Sequence[str], units: list[float]
-) -> list[Line]:
-    """The lines of a row, without their multiples; a unit is measured before every repetition."""
-    least: dict[str, float] = {}
-    note = ""
-    try:
-        for _ in range(times):
-            units.append(machine.run(UNIT, None)[0])
-            seconds, said = _once(machine, row, regimes)
-            note = _figure(said)
-            for regime, value in seconds.items():
-                least[regime] = min(least.get(regime, math.inf), value)
-    except FailedRunError as error:
-        wanted = [r for r in regimes if not math.isnan(row.limit(r))] or ["second"]
-        return [
-            Line(row.name, r, math.nan, "x", row.limit(r), math.nan, str(error)) for r in wanted
-        ]
-    return [
-        Line(
-            row.name,
-            regime,
-            math.nan,
-            "x",
-            row.limit(regime),
-            least[regime],
-            note if regime in {"cold", "second"} else "",
-        )
-        for regime in REGIMES
-        if regime in least and regime in regimes
-    ]
+def _machine(case: "Case", folder: str) -> Machine:
+    path = Path(case.source or DATA)
+    return Machine(case.python, str(path.resolve() if path.exists() else path), Path(folder))
 
 
-def _once(machine: Machine, row: Row, regimes: Sequence[str]) -> tuple[dict[str, float], str]:
-    """CPU time [s] of each regime, from a cache that is empty at first, and what was printed."""
-    cache = Path(tempfile.mkdtemp(dir=machine.folder))
-    machine.filled(row.step)  # its inputs are made before
-    first, said = machine.run(row.prime or row.step, cache)
-    seconds = {} if row.prime else {"cold": first}
-    if row.peer:
-        return seconds, said
-    if "second" in regimes:
-        seconds["second"], said = machine.run(row.step, cache)
-    last = [row.other] if row.other and "other" in regimes else []
-    if last or "again" in regimes:
-        _, *later = machine.in_one_process([row.step, row.step, *last], cache)
-        seconds |= dict(zip(("again", "other"), (one["seconds"] for one in later), strict=False))
-    return seconds, said
-
-
-def _figure(said: str) -> str:
-    """The RMSE among what a program has printed, or nothing."""
-    found = re.search(r"(?:rmse_N|RMSE) +([0-9.]+)", said)
-    return f"RMSE {float(found[1]):.4g} N" if found else ""
-
-
-def _checked(machine: Machine, check: Check, times: int) -> Line:
-    """The line of a check."""
-    counts = not math.isnan(check.programs)
-    unit, limit = ("programs", check.programs) if counts else ("s", check.seconds)
-    try:
-        ends = [
-            machine.in_one_process([*check.before, check.step], None)[-1]
-            for _ in range(1 if counts else times)
-        ]
-    except FailedRunError as error:
-        return Line(check.name, "", math.nan, unit, limit, math.nan, str(error))
-    seconds = min(end["seconds"] for end in ends)
-    value = max(end["programs"] for end in ends) if counts else seconds
-    return Line(check.name, "", value, unit, limit, seconds)
-
-
-def chosen(patterns: Iterable[str], *, long: bool, peers: bool = True) -> list[Row | Check]:
-    """Rows and checks by name.
-
-    Args:
-        patterns: as for file names, `famjax fit*`; none for all.
-        long: those too that take minutes; one that is named in full is taken in any case.
-        peers: programs of other authors too.
-
-    Raises:
-        ValueError: a pattern that fits nothing, with the names.
-    """
-    every: list[Row | Check] = [*ROWS, *CHECKS]
-    patterns = list(patterns)
-    for pattern in patterns:
-        if not fnmatch.filter([row.name for row in every], pattern):
-            names = "\n  ".join(row.name for row in every)
-            raise ValueError(f"no row is called {pattern!r}; there are\n  {names}")
-    return [
-        row
-        for row in every
-        if row.name in patterns
-        or (
-            (not patterns or any(fnmatch.fnmatch(row.name, one) for one in patterns))
-            and (long or isinstance(row, Check) or not row.long)
-            and (peers or isinstance(row, Check) or not row.peer)
-        )
-    ]
-
-
-def table(lines: Sequence[Line]) -> str:
-    """The printed lines."""
-    said = [f"{'row':44} {'regime':7} {'measured':>14} {'limit':>8} {'CPU s':>8}"]
-    for line in lines:
-        verdict = {True: "holds", False: "does NOT hold", None: ""}[line.holds]
-        limit = "" if math.isnan(line.limit) else f"{line.limit:g}"
-        value = f"{line.value:.3g} {line.unit}"
-        said.append(
-            f"{line.row:44} {line.regime:7} {value:>14} {limit:>8} {line.seconds:8.2f}  "
-            f"{'  '.join(filter(None, [verdict, line.note]))}".rstrip()
-        )
-    return "\n".join(said)
-
-
-def as_dicts(lines: Sequence[Line]) -> list[dict[str, Any]]:
-    """The lines for JSON; what there is none of is None."""
-    rows = [{**dataclasses.asdict(line), "holds": line.holds} for line in lines]
-    for row in rows:
-        for key, value in row.items():
-            if isinstance(value, float) and math.isnan(value):
-                row[key] = None
-    return rows
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; exit code 1 if a limit is not kept."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--rows", nargs="+", default=[], metavar="PATTERN", help="'famjax fit*'")
-    parser.add_argument("--regimes", nargs="+", choices=REGIMES, default=REGIMES)
-    parser.add_argument("--repeat", type=int, default=3, help="the least of so many counts")
-    parser.add_argument("--long", action="store_true", help="rows of minutes too, which run once")
-    parser.add_argument("--python", default=sys.executable, help="the interpreter that is measured")
-    parser.add_argument("--data", default=DATA, help="another force map, CSV or a bundled name")
-    parser.add_argument("--json", type=Path, help="file for the lines")
-    parser.add_argument("--list", action="store_true", help="print the names of the rows and end")
-    given = parser.parse_args(arguments)
-    if given.repeat < 1:
-        parser.error(f"--repeat must be at least 1, got {given.repeat}")
-    try:
-        rows = chosen(given.rows, long=given.long or given.list, peers=given.data == DATA)
-    except ValueError as error:
-        parser.error(str(error))
-    if given.list:
-        print("\n".join(row.name for row in rows))
-        return 0
-    data = str(Path(given.data).resolve()) if Path(given.data).exists() else given.data
+def command_wait(case: "Case", name: str) -> dict[str, float]:
+    """One of `WAITS`."""
     with tempfile.TemporaryDirectory(prefix="first-answer-") as folder:
-        lines = measure(
-            Machine(given.python, data, Path(folder)),
-            rows,
-            repeat=given.repeat,
-            regimes=given.regimes,
-            progress=lambda name: print(f"  {name} ...", file=sys.stderr, flush=True),
-        )
-    print(table(lines))
-    if given.json:
-        given.json.write_text(json.dumps(as_dicts(lines), indent=1, allow_nan=False))
-    return 1 if any(line.holds is False for line in lines) else 0
+        return waited(_machine(case, folder), WAITS[name], case.repeat)
+
+
+def library_calls(case: "Case") -> dict[str, float]:
+    """Calls of the library in a process that has imported it, or has done the like."""
+    with tempfile.TemporaryDirectory(prefix="first-answer-") as folder:
+        machine = _machine(case, folder)
+        first = min(machine.in_one_process([("-c", _IMPORTS), library()])[-1]["seconds"]
+                    for _ in range(case.repeat))  # fmt: skip
+        again = [library("{inputs}/renamed.csv"), library("{inputs}/repeated.csv")]
+        _, renamed, repeated = machine.in_one_process([library(), *again])
+        begin = time.perf_counter()
+        machine.run(FIT, None)
+    return {
+        "identify, first call after the imports, CPU [s]": first,
+        "identify, a renamed specimen, programs compiled": renamed["programs"],
+        "identify, another map of the same bucket, programs compiled": repeated["programs"],
+        "famjax fit --law polynomial, empty cache, wall time [s]": time.perf_counter() - begin,
+    }
+
+
+def do_steps(plan: Path) -> None:
+    """Run the steps of a file one after the other in this process; write their figures in its place.
+
+    `seconds` of user and system time, children included, and `programs`, how many JAX has compiled or
+    loaded; those of the step that imports JAX are not counted.
+    """
+    programs: list[str] = []
+
+    def count(event: str, *_: object, **__: object) -> None:
+        if event == "/jax/core/compile/backend_compile_duration":
+            programs.append(event)
+
+    found, heard = [], False
+    for kind, *rest in json.loads(plan.read_text(encoding="utf-8")):
+        os.chdir(tempfile.mkdtemp(dir=plan.parent))  # outputs of one are no results of the next
+        before, known = os.times(), len(programs)
+        sys.argv = [kind, *rest]
+        try:
+            if kind == "-c":
+                exec(compile(rest[0], "<step>", "exec"), {"__name__": "__main__"})
+            else:
+                sys.argv = rest
+                runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
+        except SystemExit as end:
+            if end.code:
+                raise
+        seconds = sum(os.times()[:4]) - sum(before[:4])
+        found.append({"seconds": seconds, "programs": len(programs) - known})
+        if not heard and "jax" in sys.modules:
+            sys.modules["jax"].monitoring.register_event_duration_secs_listener(count)
+            heard = True
+    plan.write_text(json.dumps(found), encoding="utf-8")
+
+
+def make_inputs(folder: Path, name: str) -> None:
+    """Maps derived from one, and photographs at the reference work's size; everything is seeded."""
+    import numpy as np  # noqa: PLC0415
+    from rendering import published_ruler, published_scene, render, render_ruler  # noqa: PLC0415
+    from row import load  # noqa: PLC0415
+
+    import fitting  # noqa: PLC0415
+
+    data = load(name)
+    rng = np.random.default_rng(0)
+
+    def part(of: fitting.ForceData, keep: np.ndarray) -> fitting.ForceData:
+        names = ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
+        kept = {n: getattr(of, n)[keep] for n in names if getattr(of, n) is not None}
+        return dataclasses.replace(of, **kept)
+
+    levels = np.unique(data.pressure[data.loaded])
+    # Another map in the same bucket: forces by 0.2 % elsewhere, two loaded readings less.
+    keep = np.ones(data.force.size, bool)
+    keep[rng.choice(np.flatnonzero(data.loaded), 2, replace=False)] = False
+    moved = data.force * (1 + 2e-3 * rng.normal(size=data.force.size))
+    others = [fitting.load_bundled(one) for one in fitting.bundled_names()]
+    maps = {
+        "smaller": part(data, data.pressure != levels[len(levels) // 2]),
+        "repeated": part(dataclasses.replace(data, force=moved), keep),
+        "renamed": dataclasses.replace(
+            data, specimen=dataclasses.replace(data.specimen, name="renamed")
+        ),
+        "specimen": next(one for one in others if one.sha256 != data.sha256),
+    }
+    for stem, one in maps.items():
+        fitting.write_csv(one, folder / f"{stem}.csv")
+    render(published_scene(0.175), 7).save(folder / "photo.jpg")
+    render_ruler(published_ruler(), 1).save(folder / "ruler.jpg")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    if sys.argv[1] == "steps":
+        do_steps(Path(sys.argv[2]))
+    else:
+        make_inputs(Path(sys.argv[2]), sys.argv[3])

@@ -11,28 +11,19 @@ A0 and A1 close the gap to the tested blocked force and free contraction. Those 
 which it prints in lbf and in percent; between, they are linear in pressure. The eight coefficients
 of E and the two widths, `LAW` and `WIDTHS`, are a least-squares solution of the inverse problem: the
 work's fits, repeated on these isobars, are to leave the errors that tables 7.1 to 7.6 print. So the
-agreement with those tables shows that such isobars exist, and is no test of anything.
-
-The branches lie a half-difference to either side of the mean,
-
-    h(c, P) = (h0 + h1 P) tanh(c / d_h) tanh((c_free - c) / d_h),
-
-which closes the loop at both ends. h0, h1 and d_h are ASSUMED: no hysteresis is printed. Readings
-carry independent normal noise in the force, of an ASSUMED standard deviation. The pressure is the
-nominal one.
+agreement with those tables shows that such isobars exist, and is no test of anything. Readings are
+means of two branches, of which each carries independent normal noise of an ASSUMED standard deviation.
 """
 
-import csv
-import dataclasses
 import functools
 import sys
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from famjax import Muscle, units
+from famjax import Muscle
 from famjax.geometries import AbstractGeometry
 from famjax.materials import PressurePolynomialMaterial
 from fitting import ForceData, Specimen
@@ -47,119 +38,47 @@ from force_balance import balance  # noqa: E402
 from specimen import ENDS, geometries  # noqa: E402
 
 NAME = "SYNTHETIC reconstruction of the 7/8 in FAM of Chambers 2021"
-
 LAW = ((319.9, -231.8, 119.9, -16.5), (-26.5, 1073.8, -668.2, 122.1))
 """E_1 to E_4 [psi] at 10 and at 100 psi."""
-
 WIDTHS = (0.0089, 0.0727)
 """d0 and d1, contractions."""
-
-HYSTERESIS_LBF, HYSTERESIS_LBF_PER_PSI, HYSTERESIS_CONTRACTION = 2.0, 0.1, 0.01
-"""h0, h1 and d_h of the half-difference: assumed."""
-
 NOISE_LBF = 2.0
-"""Standard deviation of the force: assumed."""
-
+"""Standard deviation of the force on a branch: assumed."""
 POINTS_PER_BRANCH = 85
 """About 170 points per pressure: one photograph a second at 0.04 in/s over the stroke and back."""
 
 
-@dataclasses.dataclass(frozen=True)
-class SyntheticIsobars:
-    """SYNTHETIC readings in SI: at each pressure shortening first, then lengthening.
-
-    Attributes:
-        pressure: gauge pressure P [Pa], shape (n,).
-        length: active length L [m], shape (n,).
-        force: F [N] with hysteresis and noise, shape (n,).
-        mean_force: [N] without either, shape (n,): what the construction holds to be true.
-        lengthening: True on the eccentric branch, shape (n,).
-        rest_length: L0 [m].
-        seed: of the noise.
-        name: says that it is synthetic; put it wherever these numbers go.
-    """
-
-    pressure: Float[np.ndarray, " n"]
-    length: Float[np.ndarray, " n"]
-    force: Float[np.ndarray, " n"]
-    mean_force: Float[np.ndarray, " n"]
-    lengthening: Bool[np.ndarray, " n"]
-    rest_length: float
-    seed: int
-    name: str = NAME
-
-    def branch_means(self) -> tuple[Float[np.ndarray, " m"], ...]:
-        """Pressure [Pa], length [m] and mean force of both branches [N], shape (n / 2,) each."""
-        shape = -1, 2, POINTS_PER_BRANCH
-        there, back = np.moveaxis(self.force.reshape(shape), 1, 0)
-        pressure, length = (a.reshape(shape)[:, 0].ravel() for a in (self.pressure, self.length))
-        return pressure, length, ((there + back[:, ::-1]) / 2).ravel()
-
-
-def reconstruct(seed: int = 0, *, noise_lbf: float = NOISE_LBF) -> SyntheticIsobars:
-    """The SYNTHETIC isobars at 10 to 100 psi; see the module for how they are made.
+@any_units()
+def force_map(*, noise_lbf: float = NOISE_LBF) -> ForceData:
+    """The SYNTHETIC isobars at 10 to 100 psi, in inch, psi and lbf; see the head of this file.
 
     Args:
-        seed: of the noise; the same seed gives the same readings.
-        noise_lbf: standard deviation of the force [lbf]; 0 for none.
+        noise_lbf: standard deviation of the force on either branch [lbf]; 0 for none.
 
     Returns:
-        170 readings per pressure, in SI.
+        85 readings at each of ten pressures.
     """
     pressure, blocked, free = tested_ends()
-    share = np.linspace(0, 1, POINTS_PER_BRANCH)
-    c = free[:, None] * np.concatenate([share, share[::-1]])
-    P = np.broadcast_to(pressure[:, None], c.shape)
+    c = free[:, None] * np.linspace(0, 1, POINTS_PER_BRANCH)
     mean = _mean_force(c, pressure[:, None], blocked[:, None])
-    half = HYSTERESIS_LBF + HYSTERESIS_LBF_PER_PSI * P
-    half = half * np.tanh(c / HYSTERESIS_CONTRACTION)
-    half = half * np.tanh((c.max(axis=1, keepdims=True) - c) / HYSTERESIS_CONTRACTION)
-    lengthening = np.broadcast_to(np.arange(c.shape[1]) >= POINTS_PER_BRANCH, c.shape)
-    noise = noise_lbf * np.random.default_rng(seed).standard_normal(c.shape)
-    force = mean + np.where(lengthening, half, -half) + noise
-    rest = printed()["specimen"]["active_length_in"] * units.INCH
-    return SyntheticIsobars(
-        pressure=P.ravel() * units.PSI,
-        length=rest * (1 - c.ravel()),
-        force=force.ravel() * units.LBF,
-        mean_force=mean.ravel() * units.LBF,
-        lengthening=lengthening.ravel(),
-        rest_length=rest,
-        seed=seed,
-    )
-
-
-def write_csv(path: Path, isobars: SyntheticIsobars) -> Path:
-    """The SYNTHETIC readings as a file that `fitting.read_csv` reads, marked as such.
-
-    Args:
-        path: the file.
-        isobars: from `reconstruct`.
-
-    Returns:
-        The path.
-    """
+    noise = np.random.default_rng(0).standard_normal((pressure.size, 2, POINTS_PER_BRANCH))
+    force = mean + noise_lbf * (noise[:, 0] + noise[:, 1, ::-1]) / 2
     of = printed()["specimen"]
-    head = (
-        f"# {isobars.name}: nothing here is measured; seed {isobars.seed}",
-        f"# specimen: name = {isobars.name}",
-        f"# specimen: rest_length_in = {of['active_length_in']}",
-        f"# specimen: nominal_diameter_in = {of['nominal_diameter_in']}",
-        f"# specimen: wall_thickness_in = {of['bladder_thickness_in']}",
-        f"# specimen: bladder_diameter_in = {of['bladder_outer_diameter_in']}",
-        f"# specimen: braid_thickness_in = {of['braid_thickness_in']}",
+    specimen = Specimen(
+        name=NAME,
+        rest_length=of["active_length_in"],
+        wall_thickness=of["bladder_thickness_in"],
+        nominal_diameter=of["nominal_diameter_in"],
+        bladder_diameter=of["bladder_outer_diameter_in"],
+        braid_thickness=of["braid_thickness_in"],
     )
-    columns = (
-        isobars.pressure / units.PSI,
-        isobars.length / units.INCH,
-        isobars.force / units.LBF,
+    return ForceData(
+        force=force.ravel(),
+        pressure=np.repeat(pressure, POINTS_PER_BRANCH),
+        length=of["active_length_in"] * (1 - c.ravel()),
+        specimen=specimen,
+        source="SYNTHETIC",
     )
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.write("\n".join(head) + "\n")
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("pressure_psi", "length_in", "force_lbf"))
-        rows.writerows(tuple(f"{v:.7g}" for v in row) for row in zip(*columns, strict=True))
-    return path
 
 
 def tested_ends() -> tuple[Float[np.ndarray, " pressures"], ...]:
@@ -208,33 +127,3 @@ def _mean_force(
 def measured_geometry() -> AbstractGeometry:
     """The specimen's measured geometry, in inch and psi."""
     return geometries()["measured"]
-
-
-@any_units()
-def force_map(n_pressures: int = 10, thin: int = 1) -> ForceData:
-    """The mean of the branches of the SYNTHETIC isobars in inch, psi and lbf.
-
-    Args:
-        n_pressures: how many of the ten isobars.
-        thin: every `thin`-th reading of them.
-    """
-    isobars, of = reconstruct(), printed()["specimen"]
-    P, length, force = isobars.branch_means()
-    P = P / units.PSI
-    levels = np.unique(P)[:: -(-10 // n_pressures)]
-    keep = np.isin(P, levels) & (np.arange(P.size) % thin == 0)
-    specimen = Specimen(
-        name=NAME,
-        rest_length=of["active_length_in"],
-        wall_thickness=of["bladder_thickness_in"],
-        nominal_diameter=of["nominal_diameter_in"],
-        bladder_diameter=of["bladder_outer_diameter_in"],
-        braid_thickness=of["braid_thickness_in"],
-    )
-    return ForceData(
-        force=force[keep] / units.LBF,
-        pressure=P[keep],
-        length=length[keep] / units.INCH,
-        specimen=specimen,
-        source="SYNTHETIC",
-    )

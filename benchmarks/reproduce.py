@@ -5,10 +5,9 @@ page alone, are of a synthetic reconstruction. The tables are those of `examples
 modules beside this one are loaded by plain name, so its folder must be on `sys.path`.
 """
 
-import base64
 import html
-import io
 import itertools
+import math
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -24,14 +23,13 @@ import chapter6_force
 import chapter6_virtual_work
 import chapter7_identification
 from beside_print import Row, Table
-from matplotlib.figure import Figure
 from notes import NOT_COMPUTED, NOTES
+from row import Case
 
 from fitting.plausible import any_units
 
 Progress = Callable[[int, int, str], None]
-"""Called before each table and figure with the number of those done, of all, and its name, and once
-at the end."""
+"""Called before each table with the number of those done, of all, and its name, and once at the end."""
 
 CHAPTERS: tuple[tuple[str, tuple[Table, ...]], ...] = (
     ("chapter 2", chapter2_design.chapter.tables),
@@ -67,17 +65,8 @@ def reproduce(
             "the reproduction runs in float64: call jax.config.update('jax_enable_x64', True) first"
         )
     tables = [(f"{chapter}, {name}", table) for chapter, of in CHAPTERS for name, table in of]
-    fits: tuple[Table, ...] = ()
-    figures: dict[str, Callable[[], Figure]] = {}
-    if output is not None:
-        from chambers_figures import FIGURES  # noqa: PLC0415 -- slow to import
-
-        figures, fits = FIGURES, reconstructed() if synthetic else ()
-    names = [
-        *(name for name, _ in (*tables, *fits)),
-        *(f"figure: {draw.__name__.replace('_', ' ')}" for draw in figures.values()),
-        "done",
-    ]
+    fits = reconstructed() if synthetic and output is not None else ()
+    names = [*(name for name, _ in (*tables, *fits)), "done"]
     steps = itertools.count()
 
     def step() -> None:
@@ -94,13 +83,9 @@ def reproduce(
 
     found, made = rows(tables), rows(fits)
     if output is not None:
-        drawn = []
-        for caption, draw in figures.items():
-            step()
-            drawn.append(_figure(caption, draw()))
         output.mkdir(parents=True, exist_ok=True)
         draft = output / f"{PAGE}.part"  # so that the page is written whole or not at all
-        draft.write_text(page(found, made, drawn), encoding="utf-8")
+        draft.write_text(page(found, made), encoding="utf-8")
         os.replace(draft, output / PAGE)
     step()
     return found
@@ -121,13 +106,13 @@ h2{margin:2.2rem 0 .3rem}table{border-collapse:collapse;font-size:.87rem}
 td,th{padding:.12rem .7rem;text-align:right;border-bottom:1px solid #eee}
 td:first-child,th:first-child,td:last-child,th:last-child{text-align:left}
 tr.outside{background:#fde8e4}.within{color:#17702b}.outside .verdict{color:#a3200d;font-weight:600}
-img{max-width:100%}figure{margin:1.5rem 0}figcaption,.note{color:#555}
+.note{color:#555}
 nav{display:flex;flex-wrap:wrap;column-gap:.8rem}nav a{white-space:nowrap}
 """
 
 
-def page(rows: list[Row], synthetic: list[Row], figures: list[str]) -> str:
-    """The page: what agrees, the figures redrawn, and the tables with their tolerances."""
+def page(rows: list[Row], synthetic: list[Row]) -> str:
+    """The page: what agrees, and the tables with their tolerances."""
     rows = sorted(rows, key=lambda row: _order(row.table))
     tables = {table: list(of) for table, of in itertools.groupby(rows, lambda row: row.table)}
     count = {
@@ -149,8 +134,7 @@ def page(rows: list[Row], synthetic: list[Row], figures: list[str]) -> str:
         f"<b>{count['not published']}</b> computed of which no published figure was given to us.</p>",
         f"<nav>{links}</nav><h2>Out of tolerance, and misprints</h2>",
         _table([row for row in rows if row.within is False], with_table=True),
-        f"<h2>Not computed</h2><ul>{reasons}</ul><h2>Figures</h2>",
-        *figures,
+        f"<h2>Not computed</h2><ul>{reasons}</ul>",
     ]
     for table, of in tables.items():
         title = f"Table {table}" if table.replace(".", "").isdigit() else f"Section {table}"
@@ -200,12 +184,20 @@ def _table(rows: list[Row], *, with_table: bool = False) -> str:
     return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
 
 
-def _figure(caption: str, figure: Figure) -> str:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None})
-    data = base64.b64encode(stream.getvalue()).decode()
-    text = html.escape(caption)
-    return (
-        f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{data}">'
-        f"<figcaption>{text}</figcaption></figure>"
-    )
+NUMBERED = ("2.1", "2.2", "2.3", "2.4", "2.5", "4.2", "4.3", "5.1", "5.2",
+            *(f"6.{n}" for n in range(1, 10)), "6.11", "6.12")  # fmt: skip
+"""Tables of the work that follow from what it prints, by its own numbers."""
+
+
+def printed_figures(_: Case) -> dict[str, float]:
+    """Printed figures of each chapter that ours are not within tolerance of, and tables without rows."""
+    rows = reproduce()
+    found = {
+        f"chapter {n}, figures out of tolerance": float(
+            sum(row.verdict == "outside" for row in rows if row.table.startswith(str(n)))
+        )
+        for n in (2, 4, 5, 6, 7)
+    }
+    tables = [[row for row in rows if row.table == number] for number in NUMBERED]
+    finite = [bool(of) and all(math.isfinite(row.computed) for row in of) for of in tables]
+    return found | {"tables without a row, or with one that is no number": finite.count(False)}

@@ -93,7 +93,7 @@ def reproduction(rows: list[dict[str, Any]]) -> str:
         _REPRODUCED,
         _WRITTEN,
         _fence([REPRODUCE]),
-        "Without `--json` it writes a page with all rows, the figures redrawn and all notes.",
+        "Without `--json` it writes a page with all rows and all notes.",
         f"{known} tolerance; {more}",
         "## Out of tolerance",
         _rows(out, with_table=True),

@@ -6,9 +6,9 @@ import pytest
 import famjax
 from famjax.export import Subject
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parent))
 
-from export_rollout import cubic_card
+from targets import cubic_card
 
 ODD_NAME = '20 mm */ /* "quick" & <muscle>'
 

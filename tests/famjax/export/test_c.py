@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from export_c import code_sections, compiled, exported_states, telling
+from targets import code_sections, compiled, exported_states, telling
 
 from famjax.export import Subject, export
 

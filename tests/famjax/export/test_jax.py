@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from export_rollout import rollout, rollout_derivatives
+from targets import rollout, rollout_derivatives
 
 import famjax
 from famjax.boundary.errors import InputError

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from export_c import exported_states
 from scipy.io import loadmat, savemat
+from targets import exported_states
 
 from famjax.export import Subject, export
 

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from export_c import compiled
-from export_knee import driven_knee
+from targets import compiled, driven_knee
 
 from famjax.boundary.errors import InputError
 from famjax.export import CompiledPull, Subject, export, install

@@ -8,8 +8,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from export_c import compiled
 from scipy.io import loadmat
+from targets import compiled
 
 import famjax
 from famjax.export import Subject, export

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from export_c import exported_states
+from targets import exported_states
 
 import famjax
 from famjax.boundary.errors import InputError

@@ -14,7 +14,6 @@ from famjax.cards import read_card
 from famjax.muscles import bundled_card, dmsp_10, dmsp_20
 from fitting import load_bundled
 
-ROOT = Path(__file__).parents[3]
 REMADE = 1e-6  # of the largest force: where a search ends on another machine
 
 
@@ -64,7 +63,7 @@ def test_a_bundled_card_says_where_it_comes_from(name: str) -> None:
 @pytest.mark.slow
 def test_the_script_makes_the_bundled_cards_anew(tmp_path: Path) -> None:
     spec = importlib.util.spec_from_file_location(
-        "bundled_cards", ROOT / "benchmarks" / "bundled_cards.py"
+        "make_cards", Path(__file__).with_name("make_cards.py")
     )
     assert spec is not None
     assert spec.loader is not None

@@ -1,0 +1,340 @@
+"""Identifications: errors, certificates, an independent optimum, truth found again, intervals.
+
+By public names alone, on any force map.
+"""
+
+import dataclasses
+import importlib
+import math
+import tempfile
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+from row import Case
+from scipy import optimize, sparse, stats
+
+import famjax
+import fitting
+from fitting import ForceData, Identification, Parameter, Specimen
+from fitting.convex import Status
+
+Vector: TypeAlias = Float[np.ndarray, " n"]
+Matrix: TypeAlias = Float[np.ndarray, "m n"]
+A1, A2 = "DMSP-20-300", "DMSP-10-250"
+CONSTRAINTS = ("none", "positive", "slope", "drucker")
+
+ENDS, BRAID, RIG = (
+    {name: Parameter()} for name in ("end_factor", "braid_compliance", "series_compliance")
+)
+# Lengths are printed in whole millimetres, so the rest length is good to half of one.
+ROUNDED = {"rest_length": Parameter(min=295.5, max=296.5, unit="mm")}
+# The rubber of A1, identified there as -6.47 +- 0.56: the same make and compound.
+SAME_RUBBER = {"ogden_exponent": Parameter(prior=(-6.5, 0.6))}
+MODELS: dict[str, dict[str, Any]] = {
+    "cubic": {},
+    "cubic, open box": {"order": 3, "box": "open"},
+    "Ogden, ends, rest length to its rounding": {"law": "ogden", "parameters": ENDS | ROUNDED},
+    "Ogden, compliant braid, the rubber of the DMSP-20 as a prior": {
+        "law": "ogden", "parameters": BRAID | SAME_RUBBER, "noise": 1.0,
+    },
+    "Mooney-Rivlin, open box": {"law": "mooney-rivlin", "box": "open"},
+    "quartic linear in pressure, open box": {"order": 4, "dependence": "linear", "box": "open"},
+    "cubic linear in pressure, open box": {"order": 3, "dependence": "linear", "box": "open"},
+}  # fmt: skip
+"""Options of `fitting.identify` by the model in words."""
+
+
+def fit(case: Case, **options: Any) -> Identification:
+    """The identification of the case's map, made once for the same options."""
+    return case.once(("fit", repr(options)), lambda: fitting.identify(case.map, **options))
+
+
+def model(case: Case, name: str) -> dict[str, float]:
+    """RMSE of a model of `MODELS`, and whether it is one to believe."""
+    found = fit(case, **MODELS[name])
+    stable = found.certificate.stability_margin >= -1e-9 * float(np.abs(found.coefficients).max())
+    return {
+        "RMSE [N]": found.errors.rmse,
+        "parameters": float(found.n_parameters),
+        "converged and Drucker-stable": float(found.converged and stable),
+    }
+
+
+def left_out(case: Case, name: str) -> dict[str, float]:
+    """RMSE of a model of `MODELS` on readings that it has not seen."""
+    found = fit(case, **MODELS[name])
+    return {
+        "RMSE, one pressure out [N]": fitting.validate(found, "pressure", starts=12).rmse,
+        "RMSE, one interior length out [N]": fitting.validate(
+            found, "length", starts=12
+        ).interior_rmse,
+    }
+
+
+def certificates(case: Case) -> dict[str, float]:
+    """What the default polynomial fit is certified by."""
+    found = fit(case)
+    certificate, largest = found.certificate, float(np.abs(found.coefficients).max())
+    return {
+        "KKT residual, relative": certificate.kkt_residual,
+        "duality gap, relative": certificate.duality_gap,
+        "gradient residual of the geometry": certificate.gradient_residual,
+        "stability margin / largest coefficient": certificate.stability_margin / largest,
+    }
+
+
+def columns(
+    geometry: Any, deadband: Any, length: Vector, pressure: Vector, order: int
+) -> tuple[Matrix, Vector]:
+    """Force of each unit coefficient [N/Pa], and that of the braid alone [N], at readings."""
+
+    def force(E: Vector) -> Vector:
+        muscle = famjax.Muscle(geometry, famjax.PolynomialMaterial(E), deadband)
+        return np.asarray(muscle.force(length, pressure))
+
+    rest = force(np.zeros(order))
+    return np.stack([(force(1e6 * one) - rest) / 1e6 for one in np.eye(order)], axis=1), rest
+
+
+def constraint_rows(
+    geometry: Any, constraint: str, shortest: float, pressure: float, order: int, stations: int
+) -> Matrix:
+    """Rows G of a constraint G E >= 0 at stations of the path to the shortest length."""
+    path = np.linspace(float(geometry.rest_length), shortest, stations)
+    if constraint == "none":
+        return np.zeros((0, order))
+    if constraint == "positive":
+        return np.eye(order)
+    if constraint == "drucker":
+        laws = [famjax.PolynomialMaterial(one) for one in np.eye(order)]
+        moduli = [famjax.path_modulus(law, geometry, path, pressure) for law in laws]
+        return np.stack([np.asarray(column) for column in moduli], axis=1)
+    ends = geometry.dimensions(np.array([path[0], shortest]), pressure)
+    largest = max(float(np.abs(ends.hoop_strain).max()), float(np.abs(ends.axial_strain).max()))
+    powers = np.arange(1, order + 1)
+    return powers * np.linspace(0, largest, stations)[:, None] ** (powers - 1)
+
+
+def clarabel(A: Matrix, b: Vector, G: Matrix) -> Any:
+    """Minimum of 1/2 |A x - b|^2 under G x >= 0 by Clarabel called directly: a function to time."""
+    solver: Any = importlib.import_module("clarabel")  # its compiled module names no types
+    settings = solver.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    cones = [solver.NonnegativeConeT(len(G))] if len(G) else []
+    P, q, rows = sparse.csc_matrix(np.triu(A.T @ A)), -A.T @ b, sparse.csc_matrix(-G)
+
+    def solve() -> Vector:
+        return np.array(
+            solver.DefaultSolver(P, q, rows, np.zeros(len(G)), cones, settings).solve().x
+        )
+
+    return solve
+
+
+def independent_optimum(case: Case) -> dict[str, float]:
+    """Objectives beside Clarabel's at the same geometry, its constraint on 4000 stations.
+
+    Of orders up to 4 those that the map determines: others are refused.
+    """
+    data, off = case.map, []
+    at, shortest = data.loaded, float(data.length.min())
+    strained = np.unique(data.lengths.level[data.strained]).size
+    for order in range(1, min(strained, 4) + 1):
+        for constraint in CONSTRAINTS:
+            found = fit(case, order=order, constraint=constraint)
+            geometry, deadband = found.muscle.geometry, found.muscle.deadband_pressure
+            A, rest = columns(geometry, deadband, data.length[at], data.pressure[at], order)
+            G = constraint_rows(
+                geometry, constraint, shortest, float(data.pressure[at].max()), order, 4000
+            )
+            b = data.force[at] - rest
+            sizes, size = np.linalg.norm(A, axis=0), float(np.linalg.norm(b))
+            G = G / sizes
+            lengths = np.linalg.norm(G, axis=1)
+            x = clarabel(A / sizes, b / size, G[lengths > 0] / lengths[lengths > 0, None])()
+            theirs = 0.5 * float(np.sum((A / sizes @ x - b / size) ** 2)) * size**2
+            off.append(abs(0.5 * float(np.sum(found.residuals**2)) / theirs - 1))
+    return {"largest relative difference of the objective": max(off)}
+
+
+def by_hand(case: Case) -> dict[str, float]:
+    """The unconstrained cubic fit beside one written with NumPy and SciPy alone, in the same box.
+
+    For threads inside the rubber: braid diameter, braid angle and deadband by bounded least squares from
+    16 starts, the three coefficients by linear least squares inside.
+    """
+    found, data = fit(case, order=3, constraint="none"), case.map
+    L0, t0 = data.specimen.rest_length, data.specimen.wall_thickness
+    P, L, F = (column[data.loaded] for column in (data.pressure, data.length, data.force))
+    names = ("braid_diameter", "braid_angle", "deadband_pressure")
+    low, high = (
+        np.array([getattr(found.estimate(n), end) for n in names]) for end in ("min", "max")
+    )
+
+    def residual(unit: Vector) -> Vector:
+        D0, angle, deadband = low + unit * (high - low)
+        B = L0 / np.sin(angle)
+        N = B * np.cos(angle) / (np.pi * D0)
+        R = np.sqrt(B**2 - L**2) / (2 * np.pi * N)
+        braid = (P - deadband) * (3 * L**2 - B**2) / (4 * np.pi * N**2)
+        V = np.pi * D0 * t0 * L0
+        axial, hoop, t = L / L0 - 1, 2 * R / D0 - 1, V / (2 * np.pi * R * L)
+        A = np.stack([
+            np.sign(axial) * abs(axial) ** n * V / L
+            - np.sign(hoop) * abs(hoop) ** n * t * L**2 / (2 * np.pi * R * N**2)
+            for n in (1, 2, 3)
+        ], axis=1)  # fmt: skip
+        A /= np.linalg.norm(A, axis=0)
+        return braid + A @ np.linalg.lstsq(A, F - braid, rcond=None)[0] - F
+
+    starts = np.random.default_rng(0).uniform(size=(16, 3))
+    ends = [optimize.least_squares(residual, start, bounds=(0, 1)) for start in starts]
+    best = float(np.sqrt(2 * min(end.cost for end in ends) / F.size))
+    return {"relative difference of the RMSE": abs(found.errors.rmse / best - 1)}
+
+
+def file_units(case: Case) -> dict[str, float]:
+    """Estimates from a file in psi, in, lbf beside those from one in kPa, mm, N."""
+    units = {"psi,in,lbf": (6894.757293168361, 0.0254, 4.4482216152605), "kPa,mm,N": (1e3, 1e-3, 1)}
+    data, found = case.map, []
+    of = dataclasses.asdict(data.specimen)
+    head = [f"# specimen: name = {of.pop('name')}",
+            f"# specimen: embedded = {str(of.pop('embedded')).lower()}"]  # fmt: skip
+    head += [f"# specimen: {key}_m = {value!r}" for key, value in of.items() if value is not None]
+    with tempfile.TemporaryDirectory() as folder:
+        for names, sizes in units.items():
+            P, L, F = names.split(",")
+            three = (data.pressure, data.length, data.force)
+            table = np.stack([one / size for one, size in zip(three, sizes, strict=True)], axis=1)
+            lines = [",".join(map(repr, row)) for row in table.tolist()]
+            path = Path(folder) / f"{P}.csv"
+            path.write_text("\n".join([*head, f"pressure_{P},length_{L},force_{F}", *lines]) + "\n")
+            found.append(fitting.identify(fitting.read_csv(path)))
+    one, other = (np.array([e.value for e in each.estimates]) for each in found)
+    return {"largest relative difference of an estimate": float(np.abs(one / other - 1).max())}
+
+
+def sweep(case: Case) -> dict[str, float]:
+    """The 48 fits at the geometry that the standard fit finds."""
+    result, data = fit(case), case.map
+    geometry, deadband = result.muscle.geometry, result.muscle.deadband_pressure
+    found = fitting.sweep(data, geometry, deadband=float(deadband))
+    at = data.loaded
+    pressure = data.pressures.level[at]
+    A, _ = columns(geometry, deadband, data.length[at], pressure, 4)
+    determined = [_determined(A[:, : row.order], pressure, row.dependence) for row in found.rows]
+    drucker = [row for row in found.rows if row.constraint == "drucker"]
+    pairs = list(zip(found.rows, determined, strict=True))
+    return {
+        "determined fits not certified": sum(
+            row.status is not Status.OPTIMAL for row, known in pairs if known
+        ),
+        "undetermined fits not refused": sum(
+            row.status is not Status.RANK_DEFICIENT for row, known in pairs if not known
+        ),
+        "largest relative duality gap": max(row.duality_gap for row in found.rows),
+        "largest violation between stations / largest coefficient": max(
+            -row.margin / float(np.abs(row.coefficients).max()) for row in drucker
+        ),
+    }
+
+
+def _determined(A: Matrix, pressure: Vector, dependence: str) -> bool:
+    """Whether the columns of a law are independent at the readings, by their singular values."""
+    levels = np.unique(pressure)
+    share = ((pressure - levels[0]) / (levels[-1] - levels[0]))[:, None]
+    linear = np.hstack([(1 - share) * A, share * A])
+    parts = {"fixed": [A], "linear": [linear], "free": [A[pressure == level] for level in levels]}
+    sizes = [(part, np.linalg.norm(part, axis=0)) for part in parts[dependence]]
+    return all(
+        size.all() and np.linalg.matrix_rank(part / size) == part.shape[1] for part, size in sizes
+    )
+
+
+_CUBIC = (4e6, -6e6, 6e6)
+TRUTH = {"braid_diameter": 0.022, "braid_angle": math.radians(65), "deadband_pressure": 30e3,
+         "E_1": 4e6, "E_2": -6e6, "E_3": 6e6}  # fmt: skip
+NOISE, REPLICATES = 2.0, 200  # N
+
+
+def muscle_map(diameter: float = 0.022, angle_deg: float = 65, material: Any = None,
+               deadband: float = 30e3, compliance: float = 0.0) -> ForceData:  # fmt: skip
+    """Noise-free readings of a known muscle at 8 lengths and 5 pressures."""
+    braid = famjax.Braid.from_rest(
+        diameter=diameter, braid_angle=math.radians(angle_deg), length=0.3
+    )
+    bladder = famjax.Bladder(0.3, diameter, 0.002, embedded=True)
+    law = famjax.PolynomialMaterial(_CUBIC) if material is None else material
+    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, deadband)
+    mounted = famjax.MountedMuscle(muscle, compliance) if compliance else muscle
+    L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 8), np.linspace(3e5, 7e5, 5)))
+    specimen = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
+    return ForceData(np.asarray(mounted.force(L, P)), P, L, specimen)
+
+
+def recovery(_: Case, law: str) -> dict[str, float]:
+    """Parameters of three random muscles from noise-free readings."""
+    random, worst = np.random.default_rng(0 if law == "polynomial" else 1), 0.0
+    for _k in range(3):
+        diameter, angle = random.uniform(20.5e-3, 23e-3), random.uniform(62, 68)
+        deadband, scale = random.uniform(10e3, 60e3), random.uniform(0.8, 1.2)
+        truth = {"braid_diameter": diameter, "braid_angle": math.radians(angle),
+                 "deadband_pressure": deadband}  # fmt: skip
+        if law == "polynomial":
+            E, options, compliance = scale * np.array(_CUBIC), {}, 0.0
+            material = famjax.PolynomialMaterial(E)
+            truth |= {f"E_{n}": value for n, value in enumerate(E, 1)}
+        else:
+            shear, exponent, compliance = 1.2e6 * scale, -6.0, 2e-6
+            material = famjax.materials.OgdenMaterial([2 * shear / exponent], [exponent])
+            truth |= {"shear_modulus": shear, "ogden_exponent": exponent,
+                      "series_compliance": compliance}  # fmt: skip
+            options = {"law": "ogden", "parameters": RIG}
+        data = muscle_map(diameter, angle, material, deadband, compliance)
+        result = fitting.identify(data, **options)
+        worst = max(worst, *(abs(result.estimate(k).value / v - 1) for k, v in truth.items()))
+    return {"largest relative error of a parameter": worst}
+
+
+def _pulls(data: ForceData, noise: Vector, starts: int) -> list[float]:
+    """Errors of the estimates of a noisy map in their standard errors."""
+    result = fitting.identify(dataclasses.replace(data, force=data.force + noise), starts=starts)
+    return [(result.estimate(k).value - v) / result.estimate(k).stderr for k, v in TRUTH.items()]
+
+
+def noisy(_: Case) -> dict[str, float]:
+    """One map with noise of 2 N."""
+    data = muscle_map()
+    noise = np.random.default_rng(5).normal(0, NOISE, data.force.size)
+    return {"largest error in standard errors": float(np.abs(_pulls(data, noise, 16)).max())}
+
+
+def coverage(_: Case) -> dict[str, float]:
+    """Two-sided probability, over parameters the least, of so many hits of 200 intervals."""
+    data, found = muscle_map(), {}
+    noise = np.random.default_rng(11).normal(0, NOISE, (REPLICATES, data.force.size))
+    pulls = np.abs([_pulls(data, one, 4) for one in noise])
+    for level in (0.68, 0.95):
+        reach = stats.t.ppf((1 + level) / 2, data.force.size - len(TRUTH))
+        inside = (pulls < reach).sum(axis=0)
+        below = stats.binom.cdf(inside, REPLICATES, level)
+        above = stats.binom.sf(inside - 1, REPLICATES, level)
+        found[f"least probability of the hits of {level:.0%} intervals"] = float(
+            np.minimum(1, 2 * np.minimum(below, above)).min()
+        )
+    return found
+
+
+def ridge(_: Case) -> dict[str, float]:
+    """Two lengths alone leave rest length and end factor open, and the report says so."""
+    data = muscle_map()
+    two = np.isin(data.length, np.unique(data.length)[-2:])
+    part = dataclasses.replace(
+        data, force=data.force[two], pressure=data.pressure[two], length=data.length[two]
+    )
+    table = {"rest_length": Parameter(min=297.0, max=303.0, unit="mm"), **ENDS}
+    warned = " ".join(fitting.identify(part, order=1, parameters=table, starts=4).warnings)
+    return {"named, 1 if so": float("Ridge" in warned or "cannot be told apart" in warned)}

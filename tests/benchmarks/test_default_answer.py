@@ -1,0 +1,230 @@
+"""Maps with dense truth, the physics they are made by, and what is counted as silently wrong."""
+
+import ast
+import dataclasses
+import math
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import dense_truth as truth
+import numpy as np
+import pytest
+import tubes
+
+from fitting import bundled_names, load_bundled, read_csv
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+answers = pytest.importorskip("default_answer")
+sys.path.pop(0)
+
+TESTS = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def tube():
+    rubber = tubes.Rubber("mooney-rivlin", 5e5, (0.2,))
+    return tubes.Tube(0.25, 0.01, 1.8e-3, 0.5, math.radians(64), rubber)
+
+
+@pytest.mark.parametrize("name", ["tubes", "dense_truth"])
+def test_the_physics_shares_nothing_with_famjax(name: str) -> None:
+    nodes = ast.walk(ast.parse((TESTS / f"{name}.py").read_text()))
+    imported = {
+        part.partition(".")[0]
+        for node in nodes
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for part in ([node.module or ""] if isinstance(node, ast.ImportFrom)
+                     else [one.name for one in node.names])
+    }  # fmt: skip
+    assert {"numpy"} <= imported
+    assert not imported & {"famjax", "fitting", "imaging", "rig", "jax"}
+
+
+def test_rubber_at_rest_adds_nothing_to_the_braid(tube) -> None:
+    gaylord = 6e5 * np.pi * tube.braid_radius**2 * (2 * np.tan(tube.angle) ** 2 - 1)
+    assert tube.reading(0.25, 6e5) == pytest.approx(gaylord, rel=1e-9)
+
+
+def test_a_thin_wall_pulls_as_its_energy_at_one_radius_changes(tube) -> None:
+    # An oracle without a quadrature: neo-Hookean rubber at the braid's radius alone.
+    rubber = tubes.Rubber("mooney-rivlin", 5e5, (0.0,))
+    thin = dataclasses.replace(tube, wall=1e-5, rubber=rubber)
+    L, P, h = 0.22, 3e5, 1e-6
+    volume = np.pi * ((thin.bore / 2 + thin.wall) ** 2 - (thin.bore / 2) ** 2) * thin.rest_length
+
+    def energy(L: float) -> float:
+        along = L / thin.rest_length
+        squared = (1 - (along * np.sin(thin.angle)) ** 2) / np.cos(thin.angle) ** 2  # around
+        first = squared + along**2 + 1 / (squared * along**2) - 3
+        return volume * 2.5e5 * first - P * np.pi * thin.braid_radius**2 * squared * L
+
+    expected = (energy(L + h) - energy(L - h)) / (2 * h)
+    assert thin.reading(L, P) == pytest.approx(
+        expected, rel=1e-3
+    )  # the wall is 0.2 % of the radius
+
+
+@pytest.mark.parametrize(
+    ("law", "shape"),
+    [("mooney-rivlin", (0.3,)), ("ogden", (2.0, -3.0, 0.4)), ("gent", (9.0,)), ("yeoh", (-0.05, 0.01))],
+)  # fmt: skip
+def test_every_law_has_its_modulus_at_small_strains(law: str, shape) -> None:
+    rubber = tubes.Rubber(law, 4e5, shape)
+    e = 1e-3  # pure shear: the energy is G e^2 / 2 at an engineering shear of 2 e
+    energy = rubber.energy(np.array(np.exp(e)), np.array(np.exp(-e)))
+    assert energy == pytest.approx(4e5 * (2 * e) ** 2 / 2, rel=1e-2)
+
+
+def test_the_rig_is_in_the_reading(tube) -> None:
+    rigid = tube.reading(0.23, 5e5)
+    give = 1e-6
+    gives = dataclasses.replace(tube, rig_give=give)
+    found = gives.reading(0.23, 5e5)
+    assert found == pytest.approx(tube.reading(0.23 - give * found, 5e5), rel=1e-6)
+    assert found < rigid
+    assert dataclasses.replace(tube, gain=1.02).reading(0.23, 5e5) == pytest.approx(1.02 * rigid)
+    offset = dataclasses.replace(tube, offset=2e3)
+    assert offset.reading(0.23, 4.98e5) == pytest.approx(rigid)
+    up = dataclasses.replace(tube, friction=0.05, branch="lengthening").reading(0.23, 5e5)
+    down = dataclasses.replace(tube, friction=0.05, branch="shortening").reading(0.23, 5e5)
+    assert (up + down) / 2 == pytest.approx(rigid)
+    assert down < rigid < up
+
+
+def test_stretched_threads_make_a_longer_muscle_and_open_ends_a_weaker_one(tube) -> None:
+    rigid = tube.reading(0.22, 5e5)
+    soft = dataclasses.replace(tube, thread_stretch=1e-5).reading(0.22, 5e5)
+    domes = dataclasses.replace(tube, ends="domes", end_size=1.0).reading(0.22, 5e5)
+    cones = dataclasses.replace(tube, ends="cones", end_size=1.5)
+    assert soft != pytest.approx(rigid, rel=1e-3)
+    assert domes < rigid
+    assert cones.length(np.array(cones.cylinder), np.array(cones.thread)) == pytest.approx(0.25)
+
+
+def test_where_the_threads_are_straight_there_is_no_reading(tube) -> None:
+    assert np.isnan(tube.reading(0.29, 5e5))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_seed_is_a_map_and_its_truth_lies_inside(seed: int, tmp_path) -> None:
+    one, again = truth.own_map(seed), truth.own_map(seed)
+    assert one.readings == again.readings
+    assert one.readings != truth.own_map(seed + 100).readings
+    path = tmp_path / "map.csv"
+    path.write_text(one.readings)
+    data = read_csv(path)
+    assert data.loaded.sum() >= 12
+    assert ("rest_length" in data.assumed) == ("no lines" in one.about)
+    assert np.isfinite(one.force).all()
+    assert (one.force >= 0).all()
+    assert one.force.max() == pytest.approx(data.max_force, rel=0.05)
+    for values, measured in ((one.length, data.length), (one.pressure, data.pressure)):
+        assert values.min() >= measured.min() * (1 - 1e-6)
+        assert values.max() <= measured.max() * (1 + 1e-6)
+    second, first = np.unique(np.round(data.length, 6))[-2:]
+    assert np.unique(one.length[(one.length > second) & (one.length < first)]).size >= 8
+
+
+def test_states_beyond_the_hull_are_no_truth() -> None:
+    corner = truth.Readings(
+        np.array([0.2, 0.2, 0.1]), np.array([1e5, 2e5, 2e5]), np.array([1.0, 2.0, 1.0])
+    )
+    length, pressure = truth.states(corner)
+    assert length.size > 50
+    assert (length / 0.1 + pressure / 1e5 >= 3 - 1e-6).all()
+
+
+def test_a_hard_muscle_fits_the_real_map() -> None:
+    one = truth.hard_map(3)
+    real = load_bundled("DMSP-10-250")
+    rows = np.loadtxt(one.readings.splitlines()[1:], delimiter=",")
+    assert rows[:, 1] == pytest.approx(real.length * 1e3)
+    error = (rows[:, 2] - real.force)[real.loaded]
+    assert np.sqrt(np.mean(error**2)) < 2.2  # 1.5 N of misfit and 1 N of noise
+    assert "specimen" not in one.readings
+
+
+def test_variants_of_the_bundled_maps() -> None:
+    variants = list(truth.maps("bundled"))
+    assert len(variants) == 30
+    assert len({(one.name, one.about) for one in variants}) == 30
+    whole = next(one for one in variants if one.name == "DMSP-20-300")
+    assert whole.about == "whole, no lines"
+    rows = np.loadtxt(whole.readings.splitlines()[1:], delimiter=",")
+    assert rows[:, 2] == pytest.approx(load_bundled("DMSP-20-300").force)
+
+
+def _examined(force, half: float, *, reasons=(), inside=(1, 1, 1)):
+    """An answer to a truth of 0, 50 and 100 N at three states."""
+    states, force = np.full(3, 0.2), np.array(force, float)
+    one = truth.TruthMap("own", "made up", 0, "", "", states, states, np.array([0.0, 50.0, 100.0]))
+    found = {"force_N": force, "low_95_N": force - half, "high_95_N": force + half,
+             "inside": np.array(inside, float)}  # fmt: skip
+    saved = {"max_force_N": 100.0, "reasons": list(reasons)}
+    return answers.compared(one, one.force, found, saved)
+
+
+def test_a_true_answer_is_neither_bad_nor_silent() -> None:
+    one = _examined([-30, 50, 100], 2.0)
+    assert (one.bad, one.silent, one.worst_half_bands, one.coverage) == (False, False, 0.0, 100.0)
+    assert one.half_band_percent == pytest.approx(2.0)  # of the two states that pull
+
+
+@pytest.mark.parametrize(
+    ("force", "half", "bad"),
+    [
+        ([0, 50, 108], 2.0, True),  # 4 half-bands
+        ([0, 50, 105], 2.0, False),  # 2.5
+        ([0, 50, 112], 8.0, True),  # 12 % of the largest force, outside the band
+        ([0, 50, 112], 13.0, False),  # the band says so
+        ([9, 50, 100], 2.0, True),  # a slack muscle that is said to pull
+    ],
+)
+def test_what_is_wrong(force, half: float, bad: bool) -> None:
+    one = _examined(force, half)
+    assert (one.bad, one.silent) == (bad, bad)
+
+
+def test_what_warns_of_a_wrong_answer() -> None:
+    told = _examined([0, 50, 120], 2.0, reasons=["A length is missed."])
+    assert (told.bad, told.silent) == (True, False)
+    assert not _examined([0, 50, 120], 2.0, inside=(1, 1, 0)).silent
+
+
+def test_states_without_an_answer_are_told() -> None:
+    assert "no answer at 1 of 3 states" in _examined([0, math.nan, 100], 2.0).why
+    assert "no answer" in str(_examined([math.nan] * 3, 2.0))
+
+
+def test_a_refused_map_stays_a_row() -> None:
+    at = np.array([0.2])
+    one = answers.examine(truth.TruthMap("own", "no map", 0, "", "force_N\n1\n", at, at, at))
+    assert one.why.startswith("InputError")
+    assert answers.summary([one])["maps without an answer"] == 1
+
+
+def test_maps_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("pressure_kPa,length_mm,force_N\n100,200,5\n")
+    with pytest.raises(FileNotFoundError, match="truth"):
+        next(answers.given_maps([str(path)]))
+    path.with_suffix(".truth.csv").write_text("pressure_kPa,length_mm,force_N\n100,200,5.5\n")
+    (one,) = answers.given_maps([str(path)])
+    assert (one.length[0], one.pressure[0], one.force[0]) == pytest.approx((0.2, 1e5, 5.5))
+
+
+@pytest.mark.slow
+def test_a_small_map_is_examined() -> None:
+    small = next(one for one in map(truth.own_map, range(20)) if one.about.startswith("4x6"))
+    one = answers.examine(small)
+    assert not one.why
+    assert one.rmse_percent < 5
+    assert one.coverage > 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", bundled_names())
+def test_bands_of_slack_readings_contain_no_force(name: str) -> None:
+    found = answers.slack(SimpleNamespace(map=load_bundled(name), source=name))
+    assert set(found.values()) == {0.0}

@@ -1,0 +1,225 @@
+"""Exported muscles in their targets, for tests and benchmarks: C compiled here, a knee in MuJoCo, MJX."""
+
+import ctypes
+import dataclasses
+import math
+import subprocess
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import famjax
+from famjax import Real
+from famjax.cards import MuscleCard
+from famjax.export import Subject, TabulatedPull, export, install
+from famjax.muscle import Region
+
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion")
+_KINDS = {"double": ctypes.c_double, "float": ctypes.c_float}
+_PRESSURE, _START = 4e5, 0.01  # Pa; m above the equilibrium of the exported load
+_HALF_WIDTH = 0.1  # m, of the lever on the shank
+_KNEE = """
+<mujoco>
+  <worldbody>
+    <site name="front" pos="{lever} 0 {above}"/>
+    <site name="back" pos="-{lever} 0 {above}"/>
+    <body name="shank">
+      <joint name="knee" type="hinge" axis="0 1 0" damping="1"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.04" mass="3.5"/>
+      <site name="front lever" pos="{lever} 0 0"/>
+      <site name="back lever" pos="-{lever} 0 0"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="extensor"><site site="front"/><site site="front lever"/></spatial>
+    <spatial name="flexor"><site site="back"/><site site="back lever"/></spatial>
+  </tendon>
+  <actuator>
+    <general name="extensor" tendon="extensor" gaintype="user" biastype="user"/>
+    <general name="flexor" tendon="flexor" gaintype="user" biastype="user"/>
+    <position name="drive" joint="knee" kp="4000" kv="40"/>
+  </actuator>
+</mujoco>
+"""
+
+Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def _mujoco() -> Any:
+    return import_module("mujoco")  # an extra of the project, without types
+
+
+def compiled(subject: Subject, folder: Path, real: str) -> Callable[[str], Function]:
+    """The exported functions by what they return: force, stiffness, pressure.
+
+    Args:
+        subject: the muscle.
+        folder: of the files.
+        real: double or float.
+
+    Raises:
+        subprocess.CalledProcessError: the compiler warns.
+    """
+    export(subject, ["c"], folder)
+    name, shared = subject.identifier, folder / f"{real}.so"
+    define = f"-D{name.upper()}_REAL={real}"
+    command = ["gcc", *STRICT, "-Os", "-shared", "-fPIC", define, "-o", str(shared)]
+    subprocess.run([*command, str(folder / f"{name}.c")], check=True)
+    loaded = ctypes.CDLL(str(shared))
+
+    def function(what: str) -> Function:
+        found = getattr(loaded, f"{name}_{what}")
+        found.restype, found.argtypes = _KINDS[real], [_KINDS[real]] * 2
+        return lambda a, b: np.array([found(*x) for x in zip(a.tolist(), b.tolist(), strict=True)])
+
+    return function
+
+
+def code_sections(
+    source: Path, *options: str, compiler: str = "gcc", size: str = "size"
+) -> dict[str, int]:
+    """Bytes of each section of a C source compiled for size.
+
+    Args:
+        source: of C.
+        options: of the compiler, beside the strict ones.
+        compiler: its command.
+        size: the command that measures.
+    """
+    target = str(source.with_suffix(".o"))
+    subprocess.run(
+        [compiler, *STRICT, "-Os", *options, "-c", "-o", target, str(source)], check=True
+    )
+    told = subprocess.run([size, "-A", target], capture_output=True, text=True, check=True)
+    rows = [line.split() for line in told.stdout.splitlines()]
+    return {row[0]: int(row[1]) for row in rows if len(row) == 3 and row[1].isdigit()}
+
+
+def exported_states(subject: Subject, count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths and pressures, a half in the muscle's region and a half up to twice its ends."""
+    rng, half = np.random.default_rng(seed), count // 2
+    length, pressure = (
+        np.concatenate([rng.uniform(axis[0], axis[-1], half), rng.uniform(0, 2 * axis[-1], half)])
+        for axis in (subject.pull.lengths, subject.pull.pressures)
+    )
+    return length, pressure
+
+
+def telling(subject: Subject, length: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """Where a force tells the pressure: taut, between the stops, its area above 1 % of the mean."""
+    pull, states = subject.pull, [*zip(length.tolist(), pressure.tolist(), strict=True)]
+    area, force = (np.array([ask(*one) for one in states]) for ask in (pull.area, pull.force))
+    between = (pull.stops[0] < length) & (length < pull.stops[1])
+    return between & (force > pull.slack_width) & (area > 0.01 * area[: len(area) // 2].mean())
+
+
+@dataclasses.dataclass(frozen=True)
+class KneeRun:
+    """What a knee did.
+
+    Attributes:
+        overrun: by how much it left the identified stroke at either end, the lesser, in strokes [-].
+        fastest: largest speed [rad/s] of all 10 s.
+        at_rest: largest speed in the last second, the drive being off [rad/s].
+        finite: whether every state was.
+    """
+
+    overrun: float
+    fastest: float
+    at_rest: float
+    finite: bool
+
+
+def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 10.0) -> KneeRun:
+    """Drive a knee to and fro past the stroke at changing pressures, then let it go.
+
+    The first six tenths of the time a servo swings it at 0.5 Hz so far that both muscles become
+    shorter and longer than in their data, at pressures from none to 1.3 times the highest. Then the
+    servo is off, the pressures are held, and it must come to rest. MuJoCo's default step.
+
+    Args:
+        pull: of both muscles.
+        overrun: beyond either end of the stroke, in strokes.
+        seconds: of simulated time.
+    """
+    mujoco = _mujoco()
+    short, long = pull.lengths[0], pull.lengths[-1]
+    reach = (0.5 + overrun) * (long - short)
+    xml = _KNEE.format(lever=_HALF_WIDTH, above=0.5 * (short + long))
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    install(model, {"extensor": pull, "flexor": pull})
+    # A little more than the angle at which the distance from lever to anchor has changed so much.
+    amplitude = 1.1 * math.asin(min(reach / _HALF_WIDTH, 1.0))
+    highest, steps = pull.pressures[-1], round(seconds / model.opt.timestep)
+    lengths, speeds = np.empty((steps, 2)), np.empty(steps)
+    try:
+        for k in range(steps):
+            now = k * model.opt.timestep
+            wave = math.sin(2 * math.pi * 1.3 * now)
+            if now < 0.6 * seconds:
+                data.ctrl[:2] = 0.65 * highest * (1 + wave), 0.65 * highest * (1 - wave)
+                data.ctrl[2] = amplitude * math.sin(math.pi * now)
+            else:
+                model.actuator_gainprm[2, 0] = model.actuator_biasprm[2, 1:3] = 0.0
+            mujoco.mj_step(model, data)
+            lengths[k], speeds[k] = data.ten_length, abs(data.qvel[0])
+    finally:
+        mujoco.set_mjcb_act_bias(None)
+        mujoco.set_mjcb_act_gain(None)
+    past = min(short - lengths.min(axis=0).max(), lengths.max(axis=0).min() - long)
+    finite = bool(np.isfinite(lengths).all() and np.isfinite(speeds).all())
+    last = float(speeds[-round(1.0 / model.opt.timestep) :].max())
+    return KneeRun(float(past) / (long - short), float(speeds.max()), last, finite)
+
+
+def cubic_card() -> MuscleCard:
+    """The card of a muscle like the DMSP-20 with a cubic law, of which E_1 is a coefficient."""
+    braid = famjax.Braid.from_rest(diameter=23e-3, braid_angle=1.082, length=0.296)
+    bladder = famjax.Bladder(0.296, 23e-3, 1.8e-3, embedded=True)
+    law = famjax.PolynomialMaterial([5.9e6, -19.0e6, 25.8e6])
+    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 40e3)
+    mounted = famjax.MountedMuscle(muscle, jnp.asarray(0.0))
+    return MuscleCard("Test-20", (mounted,), np.ones(1), Region([0.225, 0.3], [0.0, 6e5]))
+
+
+def rollout(folder: Path, steps: int) -> tuple[Callable[[Real], jax.Array], float]:
+    """The height [m] of the load after some steps as a function of E_1 [Pa], and E_1 itself.
+
+    Args:
+        folder: for the files of `famjax export --to mjx` of `cubic_card`.
+        steps: of MuJoCo's default length.
+    """
+    from mujoco import mjx
+
+    export(Subject.of_card(cubic_card()), ["mjx"], folder)
+    model = mjx.put_model(_mujoco().MjModel.from_xml_path(str(folder / "test_20_mjx.xml")))
+    muscle = famjax.cards.read_card(folder / "test_20_card.json").safe()
+
+    def moduli(of: famjax.SafeMuscle) -> jax.Array:
+        return of.continued.muscle.terms.terms[0].material.coefficients  # type: ignore[attr-defined]
+
+    def end(first: Real) -> jax.Array:
+        changed = eqx.tree_at(moduli, muscle, moduli(muscle).at[0].set(first))
+        data = mjx.make_data(model).replace(qpos=jnp.array([_START]))
+
+        def step(data: mjx.Data, _: None) -> tuple[mjx.Data, None]:
+            return famjax.export.mjx_step(model, data, {0: (changed, _PRESSURE)}), None
+
+        return jax.lax.scan(step, data, None, length=steps)[0].qpos[0]
+
+    return jax.jit(end), float(moduli(muscle)[0])
+
+
+def rollout_derivatives(folder: Path, steps: int) -> tuple[float, float]:
+    """Derivative [m/Pa] of the load's height by E_1, exact and by central differences."""
+    end, first = rollout(folder, steps)
+    width = 1e-4 * first
+    difference = (end(first + width) - end(first - width)) / (2 * width)
+    return float(jax.grad(end)(first)), float(difference)
