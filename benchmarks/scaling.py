@@ -53,8 +53,9 @@ def one(replicates: int, jobs: int) -> dict[str, Any]:
         """When the parts were done; the first of these is the fits, or the start."""
         told: list[float] = []
         with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "replicates.jsonl")
             fitting.sweeps.sweep(
-                data, geometry, deadband=deadband, bootstrap=count, executor=executor, resume=folder,
+                data, geometry, deadband=deadband, bootstrap=count, executor=executor, resume=file,
                 progress=lambda *_: told.append(time.perf_counter()),
             )  # fmt: skip
         return told[1:]

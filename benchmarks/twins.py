@@ -55,7 +55,7 @@ def campaign(
         seeds: of the twins.
         size: "small" or "large".
         executor: see `AnyExecutor`.
-        resume: folder to which the figures of each finished one are written.
+        resume: JSONL file to which the figures of each finished one are written.
     """
     settings = {"version": famjax.__version__, "seeds": list(seeds), "size": size}
     store = Store(resume, "campaign of twins", settings, len(seeds))

@@ -164,7 +164,7 @@ def rig_convert(journal: Path, target: Path) -> int:
     journal
         The journal.
     target
-        File to write: .parquet, .nc (NetCDF) or .csv.
+        File to write: .nc (NetCDF) or .csv.
     """
     from famjax.chain.journals import convert
 

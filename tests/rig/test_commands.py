@@ -151,7 +151,7 @@ def test_bad_input_ends_in_a_sentence(simulated: Path, tmp_path: Path, capsys: C
         (("check", tmp_path / "none.fam"), "cannot read"),
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
         (("characterise", journal, "b", "--rest-length", "9"), "has no unit"),
-        (("convert", journal, tmp_path / "t.xls"), "must end in .parquet, .nc or .csv"),
+        (("convert", journal, tmp_path / "t.xls"), "must end in .nc or .csv"),
         (("simulate", calibrated(tmp_path / ".."), "--output", simulated), "test.fam exists"),
         (("run", no_limit, "--output", tmp_path / "o"), missing),
         (("simulate", no_limit, "--output", tmp_path / "o"), missing),

@@ -1,6 +1,6 @@
 """A rig's journal as columns in SI on the host's clock, and as files for other programs.
 
-`table` gives the columns, `convert` writes them as Parquet, NetCDF or CSV.
+`table` gives the columns, `convert` writes them as NetCDF or CSV.
 """
 
 import lazy_loader

@@ -3,5 +3,4 @@ from .formats import (
     convert as convert,
     to_xarray as to_xarray,
     write_netcdf as write_netcdf,
-    write_parquet as write_parquet,
 )

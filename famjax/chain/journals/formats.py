@@ -1,4 +1,4 @@
-"""A journal's columns as a dataset, as NetCDF, Parquet or CSV."""
+"""A journal's columns as a dataset, as NetCDF or CSV."""
 
 import csv
 from pathlib import Path
@@ -46,38 +46,19 @@ def write_netcdf(record: Record, path: str | Path) -> None:
     )
 
 
-def write_parquet(record: Record, path: str | Path) -> None:
-    """Write the table as Parquet, the unit of each column in its name and its metadata.
-
-    Raises:
-        RigError: pyarrow is not installed, or as `table`.
-    """
-    arrow, parquet = (
-        import_extra(name, "tables", RigError) for name in ("pyarrow", "pyarrow.parquet")
-    )
-    columns = table(record)
-    fields = [
-        arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": UNIT_OF[name]})
-        for name, values in columns.items()
-    ]
-    schema = arrow.schema(fields, metadata={"source": record.path.name})
-    parquet.write_table(arrow.table(list(columns.values()), schema=schema), path)
-
-
 def convert(journal: str | Path, target: str | Path) -> Path:
-    """The records of a journal as a table: Parquet, NetCDF or CSV, by the target's ending.
+    """The records of a journal as a table: NetCDF or CSV, by the target's ending.
 
     Raises:
         RigError: another ending, or the journal cannot be read.
     """
     target = Path(target)
     record = read_journal(journal)
-    writers = {".parquet": write_parquet, ".nc": write_netcdf}
-    if target.suffix in writers:
-        writers[target.suffix](record, target)
+    if target.suffix == ".nc":
+        write_netcdf(record, target)
         return target
     if target.suffix != ".csv":
-        raise RigError(f"the target must end in {', '.join(writers)} or .csv, got {target.name!r}")
+        raise RigError(f"the target must end in .nc or .csv, got {target.name!r}")
     columns = table(record)
     with target.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -1,7 +1,6 @@
 """`famjax compare`."""
 
 import json
-import shutil
 from pathlib import Path
 
 from ..lean_imports import load_matplotlib
@@ -76,7 +75,6 @@ def compare(
     load_matplotlib()
     from famjax.boundary.files import as_png, make_output
     from famjax.boundary.origin import Origin
-    from famjax.boundary.tasks import keepable
     from famjax.commands.options.fits import parse_specimen
     from fitting.comparison import plot_comparison
 
@@ -86,7 +84,7 @@ def compare(
         data, parse_specimen(specimen), pressure=pressure_tolerance, length=length_tolerance
     )
     make_output(output)
-    kept = keepable(output / "rows")
+    kept = output / "rows.jsonl"
     with progress("comparing") as show, engine.executor() as executor:
         table = fitting.compare(
             measured, models or None, own=own, starts=starts, seed=seed, executor=executor, resume=kept,
@@ -99,8 +97,7 @@ def compare(
         "seed": seed,
     }
     paths = place.write({"compare.json": document, "compare.png": as_png(plot_comparison(table))})
-    if kept is not None:
-        shutil.rmtree(kept)
+    kept.unlink()
     if json_:
         print(json.dumps(document, allow_nan=False))
         return 0

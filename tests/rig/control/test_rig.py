@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.chain.journals import UNIT_OF, table, to_xarray, write_netcdf, write_parquet
+from famjax.chain.journals import UNIT_OF, table, to_xarray, write_netcdf
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, Rig
 from rig.device import firmware_folder
@@ -110,17 +110,12 @@ def test_a_journal_that_was_cut_off_is_not_sound(recorded: Path, tmp_path: Path)
 
 
 def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path: Path) -> None:
-    pyarrow = pytest.importorskip("pyarrow.parquet")
     xarray = pytest.importorskip("xarray")
     record = read_journal(recorded)
     columns = table(record)
     assert columns.keys() == UNIT_OF.keys()
     assert {values.shape for values in columns.values()} == {(len(record.rows),)}
     assert (np.diff(columns["time_s"]) > 0).all()
-    write_parquet(record, tmp_path / "run.parquet")
-    back = pyarrow.read_table(tmp_path / "run.parquet")
-    np.testing.assert_array_equal(back["force_N"].to_numpy(), columns["force_N"])
-    assert back.schema.field("pressure_Pa").metadata == {b"unit": b"Pa"}
     write_netcdf(record, tmp_path / "run.nc")
     with xarray.open_dataset(tmp_path / "run.nc", engine="scipy") as dataset:
         np.testing.assert_array_equal(dataset["pressure_Pa"], columns["pressure_Pa"])
