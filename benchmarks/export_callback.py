@@ -7,7 +7,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 
 from famjax.export import CompiledPull, Subject, export, install
@@ -15,7 +14,7 @@ from famjax.export import CompiledPull, Subject, export, install
 _STEPS, _RUNS = 2000, 7
 KINDS = ("native", "constant", "C", "plain", "jitted")
 """A motor of MuJoCo's own, a callback that returns a constant, the exported C, the exported Python,
-the model under `jax.jit`."""
+the model under `equinox.filter_jit`."""
 
 
 class _Pull:
@@ -38,12 +37,14 @@ def step_costs(subject: Subject, folder: Path) -> dict[str, float]:
     source = folder / f"{name}.c"
     command = ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", str(source), "-o", str(library)]
     subprocess.run(command, check=True)
-    jitted = jax.jit(subject.muscle.force).lower(jnp.float64(0), jnp.float64(0)).compile()
+    jitted = eqx.filter_jit(subject.muscle.force)
     pulls = {
         "constant": _Pull(lambda *_: 500.0),
         "C": CompiledPull(library, name),
         "plain": subject.pull,
-        "jitted": _Pull(lambda length, pressure: float(jitted(length, pressure))),
+        "jitted": _Pull(
+            lambda length, pressure: float(jitted(jnp.float64(length), jnp.float64(pressure)))
+        ),
     }
     model = mujoco.MjModel.from_xml_path(str(folder / f"{name}.xml"))
     costs: dict[str, float] = {kind: float("inf") for kind in KINDS}
