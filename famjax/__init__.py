@@ -6,8 +6,8 @@ Start with `Muscle`, made of a geometry (`famjax.geometries`) and force terms (`
 bladder law (`famjax.materials`); `famjax.peers` has the models of other authors.
 """
 
-from .boundary.public_names import attach_rooms
+import lazy_loader
 
 __version__ = "0.1.0"
 
-__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

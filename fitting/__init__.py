@@ -5,10 +5,8 @@ far the result can be trusted, `compare` sets it beside the published models. `f
 `fitting.ramps` and `fitting.rubber` turn raw tests into force maps and moduli.
 """
 
-from famjax.boundary.public_names import attach_rooms
+import lazy_loader
 
 __famjax__ = "0.1.0"
 
-_MOVED = {"famjax.cards": ("muscle_as_dict", "muscle_from_dict")}
-
-__getattr__, __dir__, __all__ = attach_rooms(__name__, __file__, _MOVED)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -77,7 +77,7 @@ class Antagonist(eqx.Module):
     is a matter of `AirLine`, friction one of `pressure_along`.
 
     A method called as it is compiles quickly (of a bundled muscle's pair in some 15 s) and runs
-    slowly; within your own `jax.jit`, `jax.jit(pair.pressures_for)`, it is compiled with all of
+    slowly; within your own `jax.jit`, `equinox.filter_jit(pair.pressures_for)`, it is compiled with all of
     XLA's optimisation: three times as long, to run three times as fast. Ask many states in one call.
 
     Attributes:

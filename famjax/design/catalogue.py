@@ -1,14 +1,21 @@
-"""What a catalogue offers: braids, bladders, swage tubes, and the tests of muscles made of them."""
+"""Catalogues of braids, bladders and swage tubes: TOML files, the bundled one first."""
 
 import dataclasses
+import importlib.resources
+import itertools
 import math
-from typing import Annotated
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta
 
 from .. import units
 from ..boundary.errors import InputError
-from ..boundary.toml_file import Positive, Text
+from ..boundary.toml_file import Form, Positive, Text, from_entries, read_toml
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 NOMINAL_ANGLE = math.pi / 4
 """Braid angle [rad] at which a braid has its nominal diameter: 45 deg."""
@@ -51,8 +58,6 @@ class CatalogueBraid:
         boundary_range: the same, unless given, or wider [m]: what lies between the two is usable by
             its source, but outside its jamming range.
         angle_range: angles [rad] at the ends of `diameter_range` as printed, or None.
-        made_to_order_range: least and greatest nominal diameter [m] to which it is woven on order, or
-            None where it is sold as it is. The angles at which it jams stay those of the row.
         n_threads: n [-], of both families, or None: the file does not say.
         breaking_load: of one thread [N], or None.
     """
@@ -64,7 +69,6 @@ class CatalogueBraid:
     source: Text
     boundary_range: _Pair | None = None
     angle_range: _Pair | None = None
-    made_to_order_range: _Pair | None = None
     n_threads: Positive | None = None
     breaking_load: Positive | None = None
 
@@ -96,12 +100,6 @@ class CatalogueBraid:
                     "the circumference; correct one of them (angles from the axis are 90 deg minus "
                     "these)"
                 )
-        woven = self.made_to_order_range
-        if woven is not None and not woven[0] <= nominal <= woven[1]:
-            raise CatalogueError(
-                "made_to_order_range must be [least, greatest] nominal diameter, with that of the row "
-                f"between them; got [{woven[0]:.4g}, {woven[1]:.4g}] m about {nominal:.4g} m"
-            )
         if (self.n_threads is None) != (self.breaking_load is None):
             raise CatalogueError("n_threads must stand together with breaking_load")
 
@@ -176,37 +174,131 @@ class CatalogueTube:
 
 
 @dataclasses.dataclass(frozen=True)
-class CatalogueTest:
-    """Tests to failure of a muscle made of two rows of the catalogue. None: not tested.
-
-    Attributes:
-        name: unique in the catalogue.
-        bladder: name of the bladder.
-        braid: name of the braid.
-        source: where the row comes from.
-        burst_pressure: gauge pressure [Pa] at which it burst.
-        burst_force: pull [N] at which it burst.
-        tensile_force: pull [N] that broke it without pressure.
-    """
-
-    name: Text
-    bladder: Text
-    braid: Text
-    source: Text
-    burst_pressure: Positive | None = None
-    burst_force: Positive | None = None
-    tensile_force: Positive | None = None
-
-    def __post_init__(self) -> None:
-        if self.burst_pressure is None and self.burst_force is None and self.tensile_force is None:
-            raise CatalogueError("a test needs burst_pressure, burst_force or tensile_force")
-
-
-@dataclasses.dataclass(frozen=True)
 class Catalogue:
     """Everything offered, each in the order of the files."""
 
     braids: tuple[CatalogueBraid, ...]
     bladders: tuple[CatalogueBladder, ...]
     tubes: tuple[CatalogueTube, ...]
-    tests: tuple[CatalogueTest, ...] = ()
+
+
+def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) -> Catalogue:
+    """The catalogue that comes with famjax, followed by the user's own files.
+
+    Args:
+        paths: TOML files of the form of `famjax/data/catalogue.toml`.
+        bundled: start from the bundled catalogue; if False, the files are all there is.
+
+    Returns:
+        The catalogue in SI.
+
+    Raises:
+        CatalogueError: what is wrong, with file and row: a missing or unknown unit, an unknown key,
+            a value out of range, a name that is there twice.
+
+    >>> catalogue = load_catalogue()
+    >>> [braid.name for braid in catalogue.braids]
+    ['Kevlar 1.5 in', 'Kevlar 2.0 in', 'Kevlar 2.5 in']
+    >>> len(catalogue.bladders), len(catalogue.tubes)
+    (15, 4)
+    """
+    parts = []
+    if bundled:
+        resource = importlib.resources.files("famjax") / "data" / "catalogue.toml"
+        parts.append(_read(resource, "bundled catalogue: "))
+    parts += [_read(Path(path), f"{path}: ") for path in paths]
+    rows = (_unique([row for part in parts for row in part[kind]], kind) for kind in _KINDS)
+    return Catalogue(*map(tuple, rows))
+
+
+_Rows = Annotated[
+    tuple[dict[str, Any], ...], Meta(description="rows, with [[...]], two brackets, above each")
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class _CatalogueFile:
+    source: Annotated[
+        str,
+        Meta(pattern=r"\S", description="a text in quotes that says where its numbers come from"),
+    ]
+    braid: _Rows = ()
+    bladder: _Rows = ()
+    tube: _Rows = ()
+
+
+def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
+    """The rows of one file, by table."""
+    content = read_toml(path, "catalogue", CatalogueError, where=where)
+    file = from_entries(_CatalogueFile, content, where=where, error=CatalogueError)
+    return {
+        kind: [
+            row
+            for number, fields in enumerate(getattr(file, kind), 1)
+            for row in _rows(kind, fields, f"{where}[[{kind}]] number {number}", file.source)
+        ]
+        for kind in _KINDS
+    }
+
+
+def _unique(rows: list[Any], kind: str) -> list[Any]:
+    seen: dict[str, Any] = {}
+    for row in rows:
+        if row.name in seen:
+            raise CatalogueError(
+                f"the {kind} {row.name!r} is there twice: in {seen[row.name].source!r} and in "
+                f"{row.source!r}; remove or rename one"
+            )
+        seen[row.name] = row
+    return rows
+
+
+_FORM = Form(
+    kinds={
+        **dict.fromkeys(("diameter", "nominal_diameter", "outer_diameter", "thickness"), "length"),
+        **dict.fromkeys(("diameter_range", "boundary_range", "swage_reduction"), "length"),
+        **dict.fromkeys(("free_length", "supported_length"), "length"),
+        **dict.fromkeys(("modulus", "yield_stress", "coefficients"), "stress"),
+        "breaking_load": "force",
+        "angle_range": "angle",
+    }
+)
+
+
+_KINDS: dict[str, tuple[type[Any], tuple[str, ...]]] = {
+    "braid": (CatalogueBraid, ()),
+    "bladder": (CatalogueBladder, ("diameter", "thickness")),
+    "tube": (CatalogueTube, ("outer_diameter", "thickness")),
+}
+"""What a row of each table is, and which of its sizes may be lists."""
+
+
+def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list[Any]:
+    """What one table of a file offers: a row for every pair of the sizes that it lists."""
+    cls, sizes = _KINDS[kind]
+    named = f" ({fields['name']!r})" if "name" in fields else ""
+    rows = []
+    for entries in _of_each_size(kind, fields, sizes) if sizes else [fields]:
+        given = {"source": source, **entries}
+        row = from_entries(cls, given, _FORM, where=f"{where}{named}: ", error=CatalogueError)
+        for name in vars(row):
+            figure = name.removesuffix("_source")
+            if figure != name and (getattr(row, figure) is None) != (getattr(row, name) is None):
+                raise CatalogueError(f"{where}{named}: {figure} must stand together with {name}")
+        rows.append(row)
+    return rows
+
+
+def _of_each_size(
+    kind: str, fields: Mapping[str, Any], sizes: Iterable[str]
+) -> Iterator[dict[str, Any]]:
+    """The entries of each row, named by its sizes as they stand in the file."""
+    keys = [key for size in sizes for key in fields if key.startswith(f"{size}_")]
+    lists = [one if isinstance(one := fields[key], list) and one else [one] for key in keys]
+    for values in itertools.product(*lists):
+        said = [
+            f"{value:g} {key.rpartition('_')[2]}" if isinstance(value, int | float) else ""
+            for key, value in zip(keys, values, strict=True)
+        ]
+        name = f"{kind} {' x '.join(said)}"
+        yield {"name": name, **fields, **dict(zip(keys, values, strict=True))}

@@ -6,23 +6,24 @@ out of the force and counted only in the diameter outside the braid.
 """
 
 import enum
-import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._types import Given, Real, RealArray, as_real
 from ..braids.gaylord import gaylord_force
-from ..braids.inextensible import NEUTRAL_ANGLE, Braid, braid_angle_from_diameter
+from ..braids.inextensible import Braid, braid_angle_from_diameter
+from ..braids.thread import thread_tension
 from ..geometries.bladder import Bladder
 from ..geometries.estimated import EstimatedGeometry
 from ..materials.abstract_material import AbstractMaterial
-from ..materials.polynomial import PolynomialMaterial
 from ..muscle import Muscle
 from ..parameters import number
 from .catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid
 
+_HALVINGS = 52  # to the last bit of a float64 fraction
 _ROUNDING = 1e-9  # relative: 0.75 in and 19.05 mm are the same diameter
 
 
@@ -77,15 +78,6 @@ def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
         return Feasibility.FEASIBLE
     wider = within(braid.boundary_range or braid.diameter_range)
     return Feasibility.BOUNDARY if wider else Feasibility.INFEASIBLE
-
-
-def bladder_material(
-    bladder: CatalogueBladder, otherwise: AbstractMaterial | None
-) -> AbstractMaterial | None:
-    """The law of a bladder's rubber: the catalogue's, or another where it says none."""
-    if bladder.coefficients is None:
-        return otherwise
-    return PolynomialMaterial(list(bladder.coefficients))
 
 
 class Combination(eqx.Module):
@@ -192,24 +184,35 @@ class Combination(eqx.Module):
             pull = self.muscle(material).force(length, pressure)
         return jnp.where(free, pull, jnp.nan)
 
-    def free_contraction(
-        self, pressure: Real, material: AbstractMaterial | None = None
-    ) -> RealArray:
-        """Contraction [-] at zero force, jamming left aside, of the pressure's shape.
-
-        Without a material it is that of the neutral angle, whatever the pressure. With one it is
-        nan where the force does not fall to zero, as below the pressure that moves the bladder.
-        """
-        if material is not None:
-            return self.muscle(material).free_contraction(pressure, throw=False)
-        neutral = 1 - math.sin(NEUTRAL_ANGLE) / jnp.sin(self.braid_angle)
-        return jnp.broadcast_to(neutral, jnp.broadcast_shapes(neutral.shape, jnp.shape(pressure)))
-
     def usable_contraction(
         self, pressure: Real, material: AbstractMaterial | None = None
     ) -> RealArray:
-        """Contraction [-] at which the muscle runs out of force or its braid jams, if sooner."""
-        return jnp.minimum(self.free_contraction(pressure, material), self.contraction_range()[1])
+        """Contraction [-] at which the muscle runs out of force or its braid jams, if sooner.
+
+        Bisected, with the derivative of the implicit function theorem; zero or nan where the pressure
+        does not move the bladder. Of the pressure's shape.
+        """
+        greatest = self.contraction_range()[1]
+
+        def one(P: RealArray) -> RealArray:
+            def force(contraction: RealArray) -> RealArray:
+                return self.force(contraction, P, material)
+
+            def halved(_: Array, ends: tuple[RealArray, RealArray]) -> tuple[RealArray, RealArray]:
+                low, high = ends
+                middle = (low + high) / 2
+                pulls = force(middle) > 0
+                return jnp.where(pulls, middle, low), jnp.where(pulls, high, middle)
+
+            ends = jnp.zeros_like(greatest), greatest
+            low, high = jax.lax.stop_gradient(jax.lax.fori_loop(0, _HALVINGS, halved, ends))
+            zero = (low + high) / 2
+            pull, slope = jax.value_and_grad(force)(zero)
+            zero = zero - (pull - jax.lax.stop_gradient(pull)) / jax.lax.stop_gradient(slope)
+            found = jnp.where(force(greatest) > 0, greatest, zero)
+            return jnp.where(force(jnp.zeros_like(greatest)) > 0, found, jnp.nan)
+
+        return jnp.vectorize(one)(as_real(pressure))
 
     def _length(self, contraction: Real) -> tuple[RealArray, Array]:
         """Length [m], that of rest standing in where the braid jams, and where it does not jam."""
@@ -218,3 +221,57 @@ class Combination(eqx.Module):
         at = as_real(contraction)
         free = (at >= least - rounding) & (at <= greatest + rounding)
         return self.rest_length * (1 - jnp.where(free, at, 0.0)), free
+
+
+def safety_factor(failure: Real, working: Real) -> RealArray:
+    """Safety factor [-]: the load or pressure that failed in a test over the greatest one in use.
+
+    Args:
+        failure: burst pressure [Pa] or tensile failure load [N].
+        working: greatest pressure [Pa] or pull [N] in use, of the same kind.
+
+    Returns:
+        Factor [-], broadcast shape.
+
+    References:
+        Chambers 2021, chapter 2: 280 psi and 2147 lbf.
+
+    >>> print(f"{safety_factor(280, 100):.1f} {safety_factor(2147, 1049):.2f}")  # psi; lbf
+    2.8 2.05
+    """
+    return jnp.asarray(failure) / working
+
+
+def thread_strength_margin(
+    force: Real,
+    pressure: Real,
+    radius: Real,
+    braid_angle: Real,
+    *,
+    n_threads: Real,
+    breaking_load: Real,
+) -> RealArray:
+    """Strength margin of the threads [-]: the load that breaks one over its tension in use.
+
+    The tension is that of `famjax.braids.thread_tension`; all threads are taken to carry the same.
+
+    Args:
+        force: pull F [N] of the muscle.
+        pressure: gauge pressure P [Pa].
+        radius: braid radius R [m].
+        braid_angle: theta [rad], from the circumference.
+        n_threads: n [-], of both families.
+        breaking_load: of one thread [N].
+
+    Returns:
+        Factor [-], broadcast shape; 1 where a thread breaks.
+
+    References:
+        Chambers 2021, section 5.1: a thread breaks at 59.3 lbf.
+
+    >>> margin = thread_strength_margin(1058, 100, 0.522, 1.2032, n_threads=144, breaking_load=59.3)
+    >>> round(float(margin), 1)  # psi, in, lbf
+    7.0
+    """
+    tension = thread_tension(force, pressure, radius, braid_angle, n_threads)
+    return safety_factor(breaking_load, tension)

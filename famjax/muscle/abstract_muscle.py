@@ -20,9 +20,9 @@ from .one_muscle import check_one_muscle
 class AbstractMuscle(Parametrised):
     """A static force model: a pull at a length and a pressure, and all that follows from it.
 
-    A model of your own is a class with `force`, `rest_length` and `length_range`. Every method can
-    be given to `jax.jit`, `jax.vmap` and `jax.grad` as it is: `jax.jit(muscle.force)`. Called
-    outside of them it is compiled once for each shape of its arguments.
+    A model of your own is a class with `force`, `rest_length` and `length_range`. Methods are mapped
+    and differentiated as they are, `jax.vmap(muscle.force)`, and compiled by equinox:
+    `eqx.filter_jit(muscle.force)`.
 
     One instance is one muscle: its numbers are scalars. Many muscles are made and asked under
     `jax.vmap` or `equinox.filter_vmap`.

@@ -1,7 +1,6 @@
 """The base of every class whose numbers can be identified: its parameters by name, and others."""
 
 import dataclasses
-import types
 import typing
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
@@ -13,7 +12,6 @@ import numpy as np
 
 from .._types import Real, RealArray, as_number
 from .declared import Declared, declaration, number, parameter
-from .method import Method
 
 _Self = TypeVar("_Self", bound="Parametrised")
 
@@ -33,27 +31,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
     Of two parameters with one name the later one gets the field that it stands in as prefix, as in
     "terms_2.stiffness". Where the natural parameters are not the fields, a class overrides
     `parameters`, `declared` and `with_parameters` together.
-
-    Instances are compared, and hashed, by identity, so that `jax.jit(muscle.force)` works;
-    `equinox.tree_equal` compares by value.
     """
-
-    def __hash__(self) -> int:
-        """By identity."""
-        return id(self)
-
-    def __eq__(self, other: object) -> bool:
-        """Whether it is the same object."""
-        return self is other
-
-    if not typing.TYPE_CHECKING:
-
-        def __getattribute__(self, name: str) -> Any:
-            """The attribute; a method as one that is a pytree and that jax.jit can look up."""
-            found = object.__getattribute__(self, name)
-            if isinstance(found, types.MethodType) and found.__self__ is self:
-                return found if name.startswith("__") else Method(found.__func__, self)
-            return found
 
     def parameters(self) -> dict[str, RealArray]:
         """The present values by name, in the declared units, each of shape ()."""

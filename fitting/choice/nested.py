@@ -67,13 +67,13 @@ def validate_choice(
         most: groups; with more levels neighbouring ones are left out together.
         executor: what chooses without the levels, each a task: this process, processes or a cluster,
             see `famjax.boundary.tasks.AnyExecutor`; the numbers are the same.
-        resume: folder to which each finished level is written, made if need be; a validation that was
-            stopped goes on from there.
+        resume: JSONL file to which each finished level is written, created if missing; a validation
+            that was stopped goes on from there.
         progress: called with (levels done, levels).
         options: as `choose` was given; a fold has four starts at the most.
 
     Raises:
-        InputError: the folder of another validation, or the executor is gone.
+        InputError: the file of another validation, or the executor is gone.
     """
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
@@ -87,7 +87,7 @@ def validate_choice(
         "groups": groups,
         "options": {name: repr(value) for name, value in sorted(options.items())},
     }
-    store = Store(None if resume is None else Path(resume), "validation", settings, count)
+    store = Store(resume, "validation", settings, count)
     run_fits(
         functools.partial(_fold, data, groups, group, options), range(count), executor=executor,
         store=store, progress=progress,

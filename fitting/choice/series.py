@@ -172,7 +172,7 @@ def identify_series(
         seed: of the starts.
         executor: what judges the families, each rig of a law a task: this process, processes or a
             cluster, see `famjax.boundary.tasks.AnyExecutor`; the model is the same.
-        resume: folder to which the errors of each finished one are written, made if need be; a
+        resume: JSONL file to which the errors of each finished one are written, created if missing; a
             series that was stopped goes on from there.
         progress: called with (what is done, families done, families).
 
@@ -210,7 +210,7 @@ def identify_series(
         "starts": min(starts, _COMPARED),
         "seed": seed,
     }
-    store = Store(None if resume is None else Path(resume), "series", settings, len(rigs))
+    store = Store(resume, "series", settings, len(rigs))
 
     def tell(done: int, total: int) -> None:
         if progress is not None and done < total:

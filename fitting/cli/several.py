@@ -1,6 +1,5 @@
 """Many fits at once: `famjax sweep`, `famjax compare` and `famjax series`."""
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -223,7 +222,6 @@ def compare(
     fitting = load_fitting()
     from famjax.boundary.files import as_png, make_output
     from famjax.boundary.origin import Origin
-    from famjax.boundary.tasks import keepable
     from fitting.comparison import plot_comparison
     from fitting.data import parse_specimen
 
@@ -231,7 +229,7 @@ def compare(
     add_cwd_to_path()
     measured = load_map(data, parse_specimen(specimen))
     make_output(output)
-    kept = keepable(output / "rows")
+    kept = output / "rows.jsonl"
     with progress("comparing") as show:
         table = fitting.compare(
             measured, models or None, own=own, starts=_STARTS, executor=jobs, resume=kept,
@@ -244,8 +242,7 @@ def compare(
         "seed": 0,
     }
     paths = place.write({"compare.json": document, "compare.png": as_png(plot_comparison(table))})
-    if kept is not None:
-        shutil.rmtree(kept)
+    kept.unlink()
     if json_:
         print_json(document)
         return 0

@@ -126,7 +126,7 @@ def compare(
         executor: what fits the models, each a task: this process, processes or a cluster, see
             `famjax.boundary.tasks.AnyExecutor`. A model of your own that cannot be sent to another
             process, such as a function within a function, is fitted in this one.
-        resume: folder to which each finished row is written, made if need be; a comparison that was
+        resume: JSONL file to which each finished row is written, created if missing; a comparison that was
             stopped goes on from there. Models of your own are known by their names.
         progress: called with (models done, models, name of the next one).
 
@@ -165,7 +165,7 @@ def compare(
         "starts": starts,
         "seed": seed,
     }
-    store = Store(None if resume is None else Path(resume), "comparison", settings, len(tasks))
+    store = Store(resume, "comparison", settings, len(tasks))
 
     def tell(done: int, total: int) -> None:
         if progress is not None:

@@ -89,7 +89,7 @@ def bootstrap(
         executor: what does the chunks: this process, processes or a cluster, see
             `famjax.boundary.tasks.AnyExecutor`. A single chunk is done in this one, and so is a model
             of your own that cannot be sent to another, such as one with a function within a function.
-        resume: folder to which each finished chunk is written, made if need be; a bootstrap that was
+        resume: JSONL file to which each finished chunk is written, created if missing; a bootstrap that was
             stopped goes on from there.
         progress: called with (replicates done, replicates).
 
@@ -98,7 +98,7 @@ def bootstrap(
 
     Raises:
         InputError: an unknown way to draw, too few groups to draw from, fewer than two replicates,
-            the folder of another bootstrap, or the executor is gone.
+            the file of another bootstrap, or the executor is gone.
     """
     if resample not in RESAMPLES:
         raise InputError(f"resample is one of {', '.join(RESAMPLES)}, got {resample!r}")
@@ -114,7 +114,7 @@ def bootstrap(
     settings = {
         **result.fingerprint, "resample": resample, "replicates": replicates, "seed": seed,
     }  # fmt: skip
-    store = Store(None if resume is None else Path(resume), "bootstrap", settings, len(chunks))
+    store = Store(resume, "bootstrap", settings, len(chunks))
     run_fits(
         functools.partial(_replicates, result.problem, result.end.u, draws), chunks,
         executor=executor if len(chunks) > 1 else None, store=store,

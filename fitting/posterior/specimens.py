@@ -43,7 +43,7 @@ def sample_each(
         seed: of the draws of each.
         executor: what samples, each identification a task: this process, processes or a cluster, see
             `famjax.boundary.tasks.AnyExecutor`.
-        resume: folder to which each finished posterior is written, made if need be; what was stopped
+        resume: JSONL file to which each finished posterior is written, created if missing; what was stopped
             goes on from there.
         progress: called with (posteriors done, posteriors).
 
@@ -51,7 +51,7 @@ def sample_each(
         The draws of each.
 
     Raises:
-        InputError: what `sample` refuses, the folder of others, or the executor is gone.
+        InputError: what `sample` refuses, the file of others, or the executor is gone.
         RuntimeError: float64 is off.
     """
     load_blackjax()
@@ -60,7 +60,7 @@ def sample_each(
         raise InputError("give the identifications whose posteriors are sampled; got none")
     given = {"draws": draws, "warmup": warmup, "chains": chains, "noise": noise, "seed": seed}
     settings = {**given, "results": [one.fingerprint for one in results]}
-    store = Store(None if resume is None else Path(resume), "posterior", settings, len(results))
+    store = Store(resume, "posterior", settings, len(results))
     run_fits(
         functools.partial(_sampled, given), results, executor=executor, store=store,
         progress=progress, names=[one.data.specimen.name for one in results],

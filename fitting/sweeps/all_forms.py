@@ -69,7 +69,7 @@ def sweep(
         seed: of the replicates; the same seed gives the same numbers, whatever does them.
         executor: what does the replicates, in chunks: this process, processes or a cluster, see
             `famjax.boundary.tasks.AnyExecutor`.
-        resume: folder to which each finished part is written, made if need be; a sweep that was
+        resume: JSONL file to which each finished part is written, created if missing; a sweep that was
             stopped goes on from there.
         progress: called with (parts done, parts).
 
@@ -120,7 +120,7 @@ def sweep(
         "seed": seed,
     }
     parts = [(k, part) for k in range(len(maps)) for part in _parts(bootstrap)]
-    store = Store(None if resume is None else Path(resume), "sweep", settings, len(parts))
+    store = Store(resume, "sweep", settings, len(parts))
     done = sum(index in store for index in range(len(parts)))
     for index, (k, part) in enumerate(parts):
         if part is None and index not in store:

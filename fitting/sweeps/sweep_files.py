@@ -9,7 +9,6 @@ import numpy as np
 
 import famjax
 from famjax.boundary.files import as_png, check_output, make_output, write_all
-from famjax.boundary.tasks import keepable
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 
 from ..data.force_data import ForceData
@@ -19,7 +18,7 @@ from .sweep_plot import plot_curves, plot_errors, rows_of
 
 SWEEP_FILE = "sweep.json"
 """All fits with their coefficients, in the output folder."""
-REPLICATES = "replicates"
+REPLICATES = "replicates.jsonl"
 """Where the finished parts of a bootstrap are kept, in the output folder."""
 
 _CURVES = 3
@@ -37,7 +36,7 @@ def sweep_command(
     """All permutations of the law for some force maps, with their files.
 
     Writes `sweep.json` with all fits in SI, and for each force map pictures of errors and force
-    curves. The parts of a bootstrap are kept in a folder, from which a stopped sweep goes on.
+    curves. The parts of a bootstrap are kept in a file, from which a stopped sweep goes on.
 
     Args:
         data: the force maps.
@@ -55,8 +54,7 @@ def sweep_command(
     """
     check_output(output)
     make_output(output)
-    # The fits alone take less time than it takes to load what keeps them.
-    kept = keepable(output / REPLICATES) if bootstrap else None
+    kept = output / REPLICATES if bootstrap else None
     found = sweep(data, geometry, bootstrap=bootstrap, **options, resume=kept)
     rows = {"rows": [row.as_dict() for row in found.rows]}
     files = {SWEEP_FILE: msgspec.json.encode(rows)}  # nan as null

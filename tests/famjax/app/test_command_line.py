@@ -314,51 +314,6 @@ def test_an_interrupt_is_answered_whatever_is_going_on(
 
 
 @pytest.mark.slow
-def test_design_finds_a_muscle_and_says_why_others_fail(
-    capsys: pytest.CaptureFixture, tmp_path: Path
-) -> None:
-    code, out, _ = run(
-        capsys, "design", "--require", "pressure_psi=100", "--require", "force_lbf=900",
-        "--require", "contraction=0.3", "--json", "--output", tmp_path / "o",
-    )  # fmt: skip
-    assert code == 0
-    document = json.loads(out)
-    best, worst = document["candidates"][0], document["candidates"][-1]
-    assert best["meets"]
-    assert best["blocked_force_lbf"] > 900
-    assert best["usable_contraction"] > 0.3
-    assert worst["fails"]
-    angles = {
-        (row["braid"], row["diameter_in"]): row["braid_angle_deg"]
-        for row in document["braid_angles"]
-    }
-    assert angles["Kevlar 2.0 in", 0.875] == pytest.approx(72.0, abs=0.05)  # table 2.3
-    assert {p.name for p in (tmp_path / "o").iterdir()} == {"design.json", "design.png"}
-    assert all(row["yields_first"] for row in document["tube_buckling"])
-    assert all(row["safety_factor"] > 1 for row in document["safety_factors"])
-    assert any("assumed" in note for note in document["notes"])
-
-
-@pytest.mark.parametrize(
-    ("requirement", "message"),
-    [
-        ("force_dyn=3", "unknown requirement 'force_dyn=3'"),
-        ("force_lbf=much", "is not a number"),
-        ("contraction=30", "a fraction in [0, 1)"),
-    ],
-)
-def test_requirements_that_cannot_be_met_or_read(
-    capsys: pytest.CaptureFixture, tmp_path: Path, requirement: str, message: str
-) -> None:
-    code, out, err = run(
-        capsys, "design", "--require", "pressure_psi=100", "--require", requirement,
-        "--output", tmp_path / "o",
-    )  # fmt: skip
-    assert (code, out) == (2, "")
-    assert message in err
-
-
-@pytest.mark.slow
 def test_a_map_comes_from_standard_input_and_what_is_replaced_is_told(
     map_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:

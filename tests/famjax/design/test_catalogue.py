@@ -36,14 +36,6 @@ swage_reduction_mm = 0.7
 modulus_GPa = 69
 modulus_source = "handbook"
 """
-TEST = """
-source = "a laboratory"
-[[test]]
-name = "burst"
-bladder = "bladder 0.875 in x 0.0625 in"
-braid = "Kevlar 2.0 in"
-burst_pressure_bar = 19.3
-"""
 
 
 def read(tmp_path, text, *, bundled=False):
@@ -78,14 +70,6 @@ def test_bundled_bladders_and_tubes_are_those_offered():
         assert tube.supported_length == pytest.approx(1.85 * INCH)
 
 
-def test_bundled_tests_are_those_of_table_2_5():
-    tensile, burst = load_catalogue().tests
-    assert tensile.tensile_force == pytest.approx(2147 * units.LBF)
-    assert burst.burst_pressure == pytest.approx(280 * units.PSI)
-    assert burst.burst_force == pytest.approx(2639 * units.LBF)
-    assert tensile.burst_pressure is tensile.burst_force is burst.tensile_force is None
-
-
 def test_a_users_file_extends_the_bundled_catalogue(tmp_path):
     catalogue = read(tmp_path, BRAID, bundled=True)
     assert len(catalogue.braids) == 4
@@ -95,10 +79,9 @@ def test_a_users_file_extends_the_bundled_catalogue(tmp_path):
     assert (mine.name, mine.angle_range, mine.source) == ("PET 20 mm", None, "a vendor")
 
 
-def test_threads_and_nominal_diameters_made_to_order_are_read(tmp_path):
-    more = "made_to_order_range_mm = [18, 30]\nn_threads = 90\nbreaking_load_N = 200\n"
+def test_threads_are_read(tmp_path):
+    more = "n_threads = 90\nbreaking_load_N = 200\n"
     (braid,) = read(tmp_path, BRAID + more).braids
-    assert braid.made_to_order_range == pytest.approx((0.018, 0.030))
     assert (braid.n_threads, braid.breaking_load) == (90, 200)
     threads = [(b.n_threads, b.breaking_load) for b in load_catalogue().braids]
     assert threads == [(None, None), (144, pytest.approx(59.3 * units.LBF)), (None, None)]
@@ -129,34 +112,6 @@ def test_a_tube_carries_its_modulus_in_pascal_with_its_source(tmp_path):
     assert tube.modulus == pytest.approx(69e9)
     assert tube.modulus_source == "handbook"
     assert (tube.yield_stress, tube.yield_stress_source, tube.supported_length) == (None,) * 3
-
-
-def test_a_users_test_extends_the_bundled_ones(tmp_path):
-    *_, mine = read(tmp_path, TEST, bundled=True).tests
-    assert mine.burst_pressure == pytest.approx(19.3e5)
-    assert mine.source == "a laboratory"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("Kevlar 2.0 in", "Kevlar 3.0 in", "of the braid 'Kevlar 3.0 in', which is not offered"),
-        ("bladder 0.875", "bladder 0.9", "of the bladder .* offered are bladder 0.5 in x"),
-        ("burst_pressure_bar", "burst_pressure_ksi", "unknown unit 'ksi'.*burst_pressure_psi"),
-        ("burst_pressure_bar", "burst_pressure", "burst_pressure has no unit"),
-        ("burst_pressure_bar = 19.3", "", "a test needs burst_pressure"),
-        (
-            "burst_pressure_bar = 19.3",
-            "burst_force_lbf = [1, 2]",
-            r"burst_force_lbf must be a number > 0 and finite, got \[1, 2\]",
-        ),
-        ('braid = "Kevlar 2.0 in"', "", "braid is missing"),
-    ],
-)
-def test_a_wrong_test_is_refused_with_the_reason(tmp_path, old, new, message):
-    assert old in TEST
-    with pytest.raises(CatalogueError, match=message):
-        read(tmp_path, TEST.replace(old, new), bundled=True)
 
 
 @pytest.mark.parametrize(
@@ -219,12 +174,6 @@ def test_a_wrong_test_is_refused_with_the_reason(tmp_path, old, new, message):
             "modulus_GPa = 69",
             "modulus_GPa = 69\nfree_length_mm = 40\nsupported_length_mm = 50",
             "supported_length, 0.05 m, exceeds free_length",
-        ),
-        (
-            BRAID,
-            "[10, 25]",
-            "[10, 25]\nmade_to_order_range_mm = [22, 30]",
-            "that of the row between",
         ),
         (BRAID, "[10, 25]", "[10, 25]\nn_threads = 90", "together with breaking_load"),
         (

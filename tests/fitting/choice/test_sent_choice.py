@@ -57,11 +57,6 @@ def same_errors(one: NestedValidation, other: NestedValidation) -> bool:
     return all(np.array_equal(values[name], others[name]) for name in values)
 
 
-def content(folder: Path) -> dict[str, bytes]:
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
-
-
 def test_a_choice_that_is_sent_is_the_same(here: Choice, sent: Any) -> None:
     told: list[tuple[str, int, int]] = []
     again = choose(SMALL, **FEW, executor=sent, progress=lambda *of: told.append(of))
@@ -80,7 +75,7 @@ def test_a_choice_that_is_sent_is_the_same(here: Choice, sent: Any) -> None:
 def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
     here: Choice, tmp_path: Path, sent: Any
 ) -> None:
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    whole, cut = tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
     found = validate_choice(here, "length", resume=whole, **FEW)
 
     class StoppedError(Exception):
@@ -95,7 +90,7 @@ def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
     again = validate_choice(here, "length", resume=cut, **FEW, executor=sent)
     assert sent.count == 1  # of four lengths
     assert same_errors(found, again)
-    assert content(cut) == content(whole)
+    assert cut.read_bytes() == whole.read_bytes()
     with pytest.raises(InputError, match=r"a validation of other data .*settings.groups"):
         validate_choice(here, "pressure", resume=cut, **FEW)
 
@@ -107,7 +102,7 @@ def test_two_processes_choose_the_same(here: Choice) -> None:
 def test_a_stopped_series_goes_on_to_the_same_bytes(tmp_path: Path, sent: Any) -> None:
     maps = [measured(0.1, 3), measured(0.2, 4)]
     own: dict[str, Any] = {"laws": ("linear",), "starts": 2}
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    whole, cut = tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
     found = identify_series(maps, **own, resume=whole)
 
     class StoppedError(Exception):
@@ -123,7 +118,7 @@ def test_a_stopped_series_goes_on_to_the_same_bytes(tmp_path: Path, sent: Any) -
     assert sent.count == 2  # of four: with and without a deadband, in two rigs
     assert _same_series(found, again)
     assert _same_series(found, identify_series(maps, **own))
-    assert content(cut) == content(whole)
+    assert cut.read_bytes() == whole.read_bytes()
 
 
 def _same_series(one: Series, other: Series) -> bool:

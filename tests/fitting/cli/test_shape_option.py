@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-import jax
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -49,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     muscle = famjax.Muscle(geometry, famjax.PolynomialMaterial(LAW), 8e3)
     length, pressure = REST * (1 - np.linspace(0.0, 0.33, 7)), np.arange(20, 101, 20) * PSI
-    force = np.asarray(jax.jit(muscle.force)(length, pressure[:, None]))
+    force = np.asarray(eqx.filter_jit(muscle.force)(length, pressure[:, None]))
     force = force + np.random.default_rng(0).normal(0, 1.0, force.shape)
     rows = [
         f"{P / PSI:.4f},{L / INCH:.5f},{F / LBF:.4f}"

@@ -246,26 +246,27 @@ def test_the_table_holds_every_model_the_best_first(table) -> None:
 
 
 def test_a_comparison_that_was_stopped_goes_on(dmsp10: ForceData, tmp_path: Path) -> None:
-    names, folder = ["polynomial_3", "martens_published", "gaylord_nominal"], tmp_path / "rows"
+    names, file = ["polynomial_3", "martens_published", "gaylord_nominal"], tmp_path / "rows.jsonl"
 
     def stop_at_the_third(done: int, total: int, name: str) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        compare(dmsp10, names, resume=folder, progress=stop_at_the_third)
-    kept = sorted(folder.glob("parts/*.parquet"))
-    assert len(kept) == 2
-    times = [file.stat().st_mtime_ns for file in kept]
-    (folder / "parts" / "000002.parquet.unfinished").write_bytes(b"PAR1")
-    resumed = compare(dmsp10, names, resume=folder)
-    assert [file.stat().st_mtime_ns for file in kept] == times
-    assert len(list(folder.rglob("*.*"))) == 4
+        compare(dmsp10, names, resume=file, progress=stop_at_the_third)
+    kept = file.read_bytes()
+    assert len(kept.splitlines()) == 3
+    with file.open("ab") as cut:
+        cut.write(b'{"index": 2, "pa')
+    with pytest.warns(UserWarning, match="line 4 .* is damaged"):
+        resumed = compare(dmsp10, names, resume=file)
+    assert file.read_bytes().startswith(kept)
+    assert len(file.read_bytes().splitlines()) == 4
     assert resumed.as_dict() == compare(dmsp10, names).as_dict()
     with pytest.raises(InputError, match="holds a comparison of other data or with other settings"):
-        compare(dmsp10, names[:1], resume=folder)
+        compare(dmsp10, names[:1], resume=file)
     with pytest.raises(InputError, match=r"settings.tolerances was .*, now \[1000"):
-        compare(dataclasses.replace(dmsp10, pressure_tolerance=1e3), names, resume=folder)
+        compare(dataclasses.replace(dmsp10, pressure_tolerance=1e3), names, resume=file)
 
 
 @pytest.mark.timeout(120)

@@ -42,13 +42,13 @@ def test_each_is_that_of_sample_however_often_it_is_stopped(
             raise StoppedError
 
     with pytest.raises(StoppedError):
-        sample_each(results, **OPTIONS, resume=tmp_path, progress=stop)
-    found = sample_each(results, **OPTIONS, resume=tmp_path, executor=sent)
+        sample_each(results, **OPTIONS, resume=tmp_path / "draws.jsonl", progress=stop)
+    found = sample_each(results, **OPTIONS, resume=tmp_path / "draws.jsonl", executor=sent)
     assert sent.count == 1
     assert all(same(one, other) for one, other in zip(each, found, strict=True))
     assert found[1].names == each[1].names
     with pytest.raises(InputError, match=r"a posterior of other data .*settings.seed"):
-        sample_each(results, **{**OPTIONS, "seed": 6}, resume=tmp_path)
+        sample_each(results, **{**OPTIONS, "seed": 6}, resume=tmp_path / "draws.jsonl")
 
 
 @pytest.mark.long

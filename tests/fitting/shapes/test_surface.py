@@ -2,7 +2,7 @@
 
 import dataclasses
 
-import jax
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -23,7 +23,7 @@ LENGTHS, PRESSURES = REST * (1 - np.linspace(0.01, 0.34, 12)), np.array([20.0, 5
 
 def force(geometry: famjax.geometries.AbstractGeometry) -> np.ndarray:
     muscle = famjax.Muscle(geometry, LAW)
-    return np.asarray(jax.jit(muscle.force)(LENGTHS, PRESSURES[:, None]))
+    return np.asarray(eqx.filter_jit(muscle.force)(LENGTHS, PRESSURES[:, None]))
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -54,7 +53,7 @@ DATA = measured(noise=2.0)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("sweep") / "parts"
+    return tmp_path_factory.mktemp("sweep") / "parts.jsonl"
 
 
 @pytest.fixture(scope="module")
@@ -220,37 +219,27 @@ def test_replicates_scatter_as_the_covariance_says(swept: Sweep) -> None:
     assert (held.coefficients_std[0][at_zero] < 1e-6 * held.coefficients.max()).all()
 
 
-def content(folder: Path) -> dict[str, bytes]:
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
 def test_a_stopped_sweep_goes_on_to_the_same_bytes(
     swept: Sweep, folder: Path, tmp_path: Path
 ) -> None:
-    whole = content(folder)
-    assert list(whole) == ["manifest.json", "parts/000000.parquet", "parts/000001.parquet"]
-    cut = tmp_path / "cut"
-    shutil.copytree(folder, cut)
-    (cut / "parts" / "000000.parquet").unlink()
-    (cut / "parts" / "000001.parquet").write_bytes(whole["parts/000001.parquet"][:2000])
+    whole = folder.read_bytes()
+    assert len(whole.splitlines()) == 3
+    cut = tmp_path / "cut.jsonl"
+    cut.write_bytes(whole[:-2000])
     options = {"deadband": 1e4, "orders": (2, 3), "bootstrap": 250}
     parts: list[tuple[int, int]] = []
-    with pytest.warns(UserWarning, match=r"000001.parquet is damaged .*; it is done again"):
+    with pytest.warns(UserWarning, match=r"line 3 of .* is damaged; its part is done again"):
         again = sweep(
             DATA, geometry(), **options, resume=cut, progress=lambda *done: parts.append(done)
         )
-    assert content(cut) == whole
-    assert parts == [(0, 2), (1, 2), (2, 2)]
+    assert cut.read_bytes() == whole
+    assert parts == [(1, 2), (2, 2)]
     assert [r.objective for r in again.rows] == [r.objective for r in swept.rows]
     json.dumps([r.as_dict() for r in swept.rows])
     with pytest.raises(InputError, match=r"a sweep of other data .*settings.geometry was"):
         sweep(DATA, geometry(0.0221), **options, resume=cut)
-    (cut / "manifest.json").write_text("{]\n")
-    with pytest.raises(InputError, match=r"manifest.json is damaged"):
+    cut.write_text("{]\n")
+    with pytest.raises(InputError, match=r"cut.jsonl is damaged"):
         sweep(DATA, geometry(), **options, resume=cut)
 
 
@@ -368,14 +357,14 @@ def test_the_command_writes_files_and_goes_on(
     assert rows[0]["coefficients"] == swept.rows[0].coefficients.tolist()
     assert rows[-1]["cross_validated_rmse"] is None
     sweep_files.sweep_command([DATA], geometry(), bootstrap=3, output=tmp_path / "new")
-    assert calls[1][1]["resume"] == tmp_path / "new" / "replicates"
+    assert calls[1][1]["resume"] == tmp_path / "new" / "replicates.jsonl"
     assert options["deadband"] == 1e4
     assert given[0] == [DATA]
 
 
 def test_only_what_was_chosen_is_computed(swept: Sweep, tmp_path: Path) -> None:
     chosen = {"orders": (3,), "dependences": ("free", "fixed"), "constraints": ("drucker",)}
-    some = tmp_path / "some"
+    some = tmp_path / "some.jsonl"
     found = sweep(DATA, geometry(), deadband=1e4, **chosen, resume=some)
     assert [(r.dependence, r.order, r.constraint) for r in found.rows] == [
         ("fixed", 3, "drucker"), ("free", 3, "drucker"),
@@ -385,7 +374,8 @@ def test_only_what_was_chosen_is_computed(swept: Sweep, tmp_path: Path) -> None:
             "coefficients_std": r.coefficients_std.tolist()
         }
         assert json.dumps(r.as_dict()) == json.dumps(whole)
-    (part,) = Store(some, "sweep", json.loads((some / "manifest.json").read_text())["settings"], 1)
+    settings = json.loads(some.read_text().partition("\n")[0])["settings"]
+    (part,) = Store(some, "sweep", settings, 1)
     assert part["fits.objective"].shape == (2, 1, 1)
     with pytest.raises(InputError, match="other settings"):
         sweep(DATA, geometry(), deadband=1e4, **(chosen | {"constraints": ("slope",)}), resume=some)

@@ -3,7 +3,6 @@
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -63,35 +62,6 @@ def alone(running: list[int], item: int) -> int:
     most = len(running)
     running.remove(item)
     return most
-
-
-class Job:
-    """As submitit's: no future, only asked whether it is done."""
-
-    def __init__(self, function: Callable[..., Any], args: tuple[Any, ...]) -> None:
-        self._given, self._asked = (function, args), 0
-
-    def done(self) -> bool:
-        self._asked += 1
-        return self._asked > 2
-
-    def result(self) -> Any:
-        function, args = self._given
-        return function(*args)
-
-    def cancel(self) -> None:
-        return
-
-
-class Polled:
-    """An executor whose jobs cannot be waited for."""
-
-    def __init__(self) -> None:
-        self.jobs: list[Job] = []
-
-    def submit(self, function: Callable[..., Any], /, *args: Any) -> Job:
-        self.jobs.append(Job(function, args))
-        return self.jobs[-1]
 
 
 def client(engine: str, folder: str, place: str) -> None:

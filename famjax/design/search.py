@@ -1,0 +1,570 @@
+"""Search of a catalogue: every pair of bladder and braid at every rest length and pressure of a grid.
+
+The grid is evaluated in one mapped program, held against a `Requirement`, and reduced to its Pareto
+front, of which the most balanced design is refined between the points of the grid.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from .. import units
+from .._types import RealArray
+from ..boundary.errors import InputError
+from ..braids.thread import thread_tension
+from ..compile_options import quick_jit
+from ..materials.polynomial import PolynomialMaterial
+from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
+from .combination import Combination, Feasibility, feasibility
+from .swage import TubeStrength, assumption_notes, size_end_fittings, tube_strengths
+
+Floats = NDArray[np.floating]
+Range = tuple[float, float]
+
+ATMOSPHERE = 101325.0
+"""Standard atmosphere [Pa], at which free air is counted."""
+
+LATEX = (257.8 * units.PSI, -57.9 * units.PSI, 32.7 * units.PSI)
+"""E_n [Pa] of the reference work's latex (Chambers 2021, chapter 6): the bladder of the design."""
+
+COLUMNS: dict[str, str] = {
+    "rest_length": "length",
+    "pressure": "pressure",
+    "braid_angle": "angle",
+    "blocked_force": "force",
+    "force": "force",
+    "contraction": "number",
+    "stroke": "length",
+    "outer_diameter": "length",
+    "air": "volume",
+    "thread_factor": "number",
+    "tube_factor": "number",
+}
+"""The numbers of a candidate, in SI, and the kind of unit of each; see `Search`."""
+
+OBJECTIVES: dict[str, Literal["least", "most"]] = {
+    **dict.fromkeys(("outer_diameter", "rest_length", "pressure", "air"), "least"),
+    **dict.fromkeys(("force", "blocked_force", "contraction", "stroke"), "most"),
+}
+"""What a front can weigh, and which of it is better."""
+
+DEFAULT_OBJECTIVES = ("outer_diameter", "rest_length", "air")
+"""The room that a muscle takes, and the air that a stroke costs."""
+
+CONSTRAINTS: dict[str, tuple[str, Literal["least", "most"]]] = {
+    "force": ("force", "least"),
+    "contraction": ("contraction", "least"),
+    "stroke": ("stroke", "least"),
+    "largest_diameter": ("outer_diameter", "most"),
+    "longest_length": ("rest_length", "most"),
+    "thread_factor": ("thread_factor", "least"),
+    "tube_factor": ("tube_factor", "least"),
+}
+"""What is asked for: the column that it is held against, and whether as a lower or an upper limit."""
+
+FRONT_STEP = 0.01
+"""Share by which designs on the front differ at least."""
+
+_ALWAYS = ("force", "contraction")  # a muscle must pull and contract, whatever is asked for
+
+
+@dataclasses.dataclass(frozen=True)
+class Requirement:
+    """What a muscle must do. Zero and infinity ask for nothing.
+
+    Attributes:
+        pressure: gauge pressure P [Pa], the greatest that there is, > 0.
+        force: least pull [N] at `force_contraction`, >= 0.
+        contraction: [-] it must reach, a fraction in [0, 1).
+        largest_diameter: [m] outside the braid, at the contraction and stroke that are asked for.
+        force_contraction: contraction [-] at which `force` is asked for; 0 asks for blocked force.
+        stroke: travel [m] it must reach, >= 0.
+        longest_length: rest length [m] that it may have, between the end-fittings.
+        thread_factor: least breaking load of a thread over its tension at zero contraction [-].
+        tube_factor: least yield load of the swage tube's section over the blocked force [-], as if
+            the tube carried all of it.
+    """
+
+    pressure: float
+    force: float = 0.0
+    contraction: float = 0.0
+    largest_diameter: float = math.inf
+    force_contraction: float = 0.0
+    stroke: float = 0.0
+    longest_length: float = math.inf
+    thread_factor: float = 0.0
+    tube_factor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.pressure < math.inf:
+            raise InputError(f"the pressure must be > 0 and finite, got {self.pressure} Pa")
+        for name in ("contraction", "force_contraction"):
+            if not 0 <= (value := getattr(self, name)) < 1:
+                raise InputError(f"{name} must be a fraction in [0, 1), got {value}; 0.35 is 35 %")
+        for name, (_, side) in CONSTRAINTS.items():
+            value = getattr(self, name)
+            if side == "most" and not value > 0:
+                raise InputError(f"{name} must be > 0, got {value} m")
+            if side == "least" and not 0 <= value < math.inf:
+                raise InputError(f"{name} must be >= 0 and finite, got {value}")
+
+
+@dataclasses.dataclass(frozen=True)
+class BuildablePair:
+    """A bladder under a braid, with its swage tube.
+
+    Attributes:
+        bladder: row of the catalogue.
+        braid: row of the catalogue.
+        fit: feasible, or boundary: usable by its source but at rest outside its jamming range.
+        tube: the swage tube that fits and yields last, or None where none is asked for.
+        tube_yield_load: [N], at which its section yields; nan where none is asked for.
+    """
+
+    bladder: CatalogueBladder
+    braid: CatalogueBraid
+    fit: Feasibility
+    tube: str | None
+    tube_yield_load: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Search:
+    """What a search found: candidates, in the order of pairs, pressures and rest lengths.
+
+    Columns are (candidates,), in SI: `pair`, a position in `pairs`, `rest_length` L0 [m], `pressure`
+    P [Pa], `braid_angle` theta0 [rad] from the circumference, `blocked_force` [N], `force` [N] where it
+    is asked for, usable `contraction` [-], to zero force or to jamming, `stroke` [m], `outer_diameter`
+    [m] and `air` [m3] at the contraction that is asked for, and the factors [-] of `Requirement`, nan
+    where nothing is known.
+
+    Attributes:
+        requirement: as given.
+        ranges: of rest length [m] and pressure [Pa], as given.
+        objectives: as given.
+        pairs: that can be built; the others are in `left_out`.
+        left_out: pairs that cannot be built, by reason: "braid", "end_fitting", "untested".
+        points: numbers of pressures and of rest lengths.
+        columns: of all candidates.
+        margins: (candidates, constraints), share of the limit by which each of `CONSTRAINTS` is kept,
+            negative where it is not; nan where the braid jams before it or nothing is known.
+        front: positions of the candidates of the Pareto front, the most balanced first.
+        refined: columns of the most balanced design refined between the points of the grid, and its
+            `gain` in the sum of balanced costs; None where nothing is feasible.
+        notes: sentences on what was assumed, and on where a range ends the front.
+    """
+
+    requirement: Requirement
+    ranges: dict[str, Range]
+    objectives: tuple[str, ...]
+    pairs: tuple[BuildablePair, ...]
+    left_out: dict[str, int]
+    points: tuple[int, int]
+    columns: dict[str, NDArray]
+    margins: Floats
+    front: NDArray[np.int64]
+    refined: dict[str, Any] | None
+    notes: tuple[str, ...]
+
+    @property
+    def feasible(self) -> NDArray[np.int64]:
+        """Positions of the candidates that keep to everything."""
+        return np.flatnonzero((self.margins >= 0).all(axis=-1))
+
+    @property
+    def nearest(self) -> NDArray[np.int64]:
+        """Position of the candidate that misses its worst limit by the least share, (1,) or (0,)."""
+        missed = np.fmin(np.fmax(-self.margins, 0.0), 1.0)
+        missed = np.where(np.isnan(self.margins), 1.0, missed)
+        worst, together = (np.round(one, 6) for one in (missed.max(axis=-1), missed.sum(axis=-1)))
+        return np.lexsort((together, worst))[:1]  # rounding decides no tie
+
+
+def search(
+    catalogue: Catalogue,
+    requirement: Requirement,
+    *,
+    rest_length: Range,
+    pressure: Range | None = None,
+    about: int = 20_000,
+    objectives: Sequence[str] = DEFAULT_OBJECTIVES,
+    coefficients: Sequence[float] = LATEX,
+    end_fittings: bool = True,
+) -> Search:
+    """The Pareto front of every pair of a catalogue at every rest length and pressure.
+
+    Args:
+        catalogue: from `load_catalogue`.
+        requirement: in SI; its pressure is the greatest that may be given to the muscle.
+        rest_length: least and greatest active length L0 [m]; two equal ones keep it fixed.
+        pressure: least and greatest gauge pressure P [Pa]; a quarter of the requirement's pressure
+            to all of it if omitted.
+        about: number of candidates; the grid has at most so many, but one for each pair.
+        objectives: of `OBJECTIVES`; the fewer, the shorter the front.
+        coefficients: E_n [Pa] of the bladders whose rubber the catalogue does not know; (0.0,) neglects
+            them.
+        end_fittings: True if a swage tube of the catalogue must fit; of those that do, the one that
+            yields last is taken.
+
+    Returns:
+        What was found; `front` is empty where no candidate keeps to everything.
+
+    Raises:
+        InputError: an unknown objective, a pressure range beyond the requirement's pressure, a number
+            out of its range, a catalogue without swage tubes.
+
+    >>> from famjax.design import Requirement, load_catalogue
+    >>> found = search(
+    ...     load_catalogue(), Requirement(690e3, force=2000.0, contraction=0.2, stroke=0.05),
+    ...     rest_length=(0.1, 0.6), about=2000,
+    ... )
+    >>> found.pairs[found.columns["pair"][found.front[0]]].bladder.name
+    'bladder 0.875 in x 0.0625 in'
+    """
+    wanted = tuple(objectives)
+    if not wanted or len({*wanted} & {*OBJECTIVES}) < len(wanted):
+        raise InputError(
+            f"objectives must be one or more of {', '.join(OBJECTIVES)}, each once; got "
+            f"{', '.join(map(repr, wanted)) or 'none'}"
+        )
+    if about < 1:
+        raise InputError(f"about must be >= 1, got {about}")
+    greatest = requirement.pressure
+    ranges = {"rest_length": rest_length, "pressure": pressure or (greatest / 4, greatest)}
+    for name, (low, high) in ranges.items():
+        if not 0 < low <= high < math.inf:
+            raise InputError(
+                f"the range of the {name} must be two numbers, 0 < least <= greatest, got "
+                f"{low:.6g} to {high:.6g} {'m' if name == 'rest_length' else 'Pa'}"
+            )
+    if ranges["pressure"][1] > greatest * (1 + 1e-9):  # the same pressure in two units
+        raise InputError(
+            f"the pressure range ends at {ranges['pressure'][1]:.6g} Pa, above the pressure of the "
+            f"requirement, {greatest:.6g} Pa, which is the greatest that there is"
+        )
+    strengths = tube_strengths(catalogue)
+    pairs, left_out = buildable_pairs(catalogue, requirement, strengths, end_fittings=end_fittings)
+    points = _points(ranges, about // max(1, len(pairs)))
+    lengths, pressures = (
+        np.linspace(*ranges[name], count)
+        for name, count in zip(("rest_length", "pressure"), points[::-1], strict=True)
+    )
+    asked = {name: jnp.asarray(value) for name, value in vars(requirement).items()}
+    known, table = {}, np.zeros((0, len(COLUMNS) + len(CONSTRAINTS)))
+    if pairs:
+        known = _known(pairs, coefficients)
+        table = np.asarray(_grid(known, jnp.asarray(lengths), jnp.asarray(pressures), asked))
+    columns: dict[str, NDArray] = dict(zip(COLUMNS, table.T, strict=False))
+    columns["pair"] = np.repeat(np.arange(len(pairs)), points[0] * points[1])
+    found = Search(
+        requirement, ranges, wanted, tuple(pairs), left_out, points, columns,
+        table[:, len(COLUMNS) :], np.zeros(0, dtype=np.int64), None, (),
+    )  # fmt: skip
+    notes = [note for note in assumption_notes(strengths) if end_fittings and "yield" in note]
+    if not len(feasible := found.feasible):
+        return dataclasses.replace(found, notes=tuple(notes))
+    costs = costs_of({name: columns[name][feasible] for name in wanted}, wanted)
+    at = front_members(costs, FRONT_STEP)
+    at = at[np.argsort(costs[at] @ balance(costs[at]), kind="stable")]
+    front = feasible[at]
+    notes += _at_the_ends({name: columns[name][front] for name in ranges}, ranges)
+    refined = _refined(found, costs[at], int(front[0]), known, asked)
+    return dataclasses.replace(found, front=front, refined=refined, notes=tuple(notes))
+
+
+def _points(ranges: Mapping[str, Range], share: int) -> tuple[int, int]:
+    """Number of pressures and of rest lengths; the rest of the share goes to the lengths."""
+    lengths, pressures = (high > low for low, high in (ranges["rest_length"], ranges["pressure"]))
+    each = max(1, math.isqrt(share) if lengths else share) if pressures else 1
+    return each, max(1, share // each) if lengths else 1
+
+
+def buildable_pairs(
+    catalogue: Catalogue,
+    requirement: Requirement,
+    strengths: Sequence[TubeStrength],
+    *,
+    end_fittings: bool,
+) -> tuple[list[BuildablePair], dict[str, int]]:
+    """The pairs that can be built, and how many others are left out for which reason.
+
+    Args:
+        catalogue: from `load_catalogue`.
+        requirement: in SI.
+        strengths: of the catalogue's tubes, from `tube_strengths`.
+        end_fittings: True if a swage tube must fit.
+
+    Returns:
+        (pairs in the order of the catalogue, number of pairs left out by reason: "braid" does not
+        fit the bladder, "end_fitting" no tube fits, "untested" a thread_factor is asked for and the
+        braid's threads are not known).
+
+    Raises:
+        InputError: an end-fitting is asked for, and the catalogue has no tubes.
+    """
+    if end_fittings and not catalogue.tubes:
+        raise InputError(
+            "the catalogue has no swage tubes: add [[tube]] rows, or search without end-fittings"
+        )
+    if requirement.tube_factor > 0 and not end_fittings:
+        raise InputError("a tube_factor needs the end-fittings: ask for both or for neither")
+    yields = {strength.tube.name: strength.yield_load for strength in strengths}
+    pairs, left_out = [], {"braid": 0, "end_fitting": 0, "untested": 0}
+    for braid in catalogue.braids:
+        for bladder in catalogue.bladders:
+            fit = feasibility(bladder.diameter, braid)
+            fitting = [
+                one.tube.name
+                for one in size_end_fittings(catalogue, braid, bladder.diameter)
+                if end_fittings and one.feasible and one.bladder == bladder
+            ]
+            tube = max(fitting, key=yields.__getitem__, default=None)
+            if fit is Feasibility.INFEASIBLE:
+                left_out["braid"] += 1
+            elif end_fittings and tube is None:
+                left_out["end_fitting"] += 1
+            elif requirement.thread_factor > 0 and braid.breaking_load is None:
+                left_out["untested"] += 1
+            else:
+                load = yields.get(tube or "", math.nan)
+                pairs.append(BuildablePair(bladder, braid, fit, tube, load))
+    return pairs, left_out
+
+
+def _known(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> dict[str, Any]:
+    """What the formulas need of each pair, stacked, in SI; nan where not known."""
+    rubber = [list(p.bladder.coefficients or coefficients) for p in pairs]
+    order = max(map(len, rubber))
+    numbers = [(p.braid.n_threads, p.braid.breaking_load, p.tube_yield_load) for p in pairs]
+    combinations = [Combination.of(p.bladder, p.braid) for p in pairs]
+    return {
+        "combination": jax.tree.map(lambda *leaves: jnp.stack(leaves), *combinations),
+        "coefficients": jnp.asarray([one + [0.0] * (order - len(one)) for one in rubber]),
+        "strengths": jnp.asarray(np.array(numbers, dtype=np.float64)),
+    }
+
+
+def _performance(
+    known: Mapping[str, Any],
+    usable: RealArray,
+    rest_length: RealArray,
+    pressure: RealArray,
+    asked: Mapping[str, Any],
+) -> Float[Array, " numbers"]:
+    """The numbers of `COLUMNS`, then the margins of `CONSTRAINTS`, of one pair at L0 [m] and P [Pa].
+
+    Outer diameter and air are those at the contraction that is asked for, or at the usable one if that
+    is less. The air fills the muscle from rest without pressure to there under pressure, as free air:
+    ((P + P_a) V - P_a V0) / P_a, isothermal.
+    """
+    muscle = eqx.tree_at(lambda c: c.rest_length, known["combination"], rest_length)
+    rubber = PolynomialMaterial(known["coefficients"])
+    threads, breaking_load, tube = known["strengths"]
+    at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest_length), usable)
+    blocked = muscle.force(0.0, pressure, rubber)
+    tension = thread_tension(
+        blocked, pressure, muscle.bladder_diameter / 2, muscle.braid_angle, threads
+    )
+    empty = muscle.geometry.inner_volume(rest_length, jnp.zeros_like(pressure))
+    full = muscle.geometry.inner_volume(rest_length * (1 - at), pressure)
+    columns = {
+        "rest_length": rest_length,
+        "pressure": pressure,
+        "braid_angle": muscle.braid_angle,
+        "blocked_force": blocked,
+        "force": muscle.force(asked["force_contraction"], pressure, rubber),
+        "contraction": usable,
+        "stroke": usable * rest_length,
+        "outer_diameter": muscle.outer_diameter(at),
+        "air": full * (1 + pressure / ATMOSPHERE) - empty,
+        "thread_factor": breaking_load / tension,
+        "tube_factor": tube / blocked,
+    }
+    margins = [
+        _margin(columns[column], asked[name], upper=side == "most", always=name in _ALWAYS)
+        for name, (column, side) in CONSTRAINTS.items()
+    ]
+    return jnp.stack([*(columns[name] for name in COLUMNS), *margins])
+
+
+def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) -> RealArray:
+    # Of a difference, so that what is at its limit keeps to it whatever the rounding of the share.
+    if upper:
+        return jnp.where(jnp.isfinite(limit), (limit - found) / limit, 1.0)
+    wanted = limit > 0
+    share = (found - limit) / jnp.where(wanted, limit, 1.0)
+    # Without a limit the sign is what counts; what is not asked for is kept with room to spare.
+    return jnp.where(wanted, share, jnp.sign(found) if always else 1.0)
+
+
+def _usable(known: Mapping[str, Any], pressure: RealArray) -> RealArray:
+    """Usable contraction [-] of a pair at a pressure [Pa], which no rest length changes."""
+    rubber = PolynomialMaterial(known["coefficients"])
+    return known["combination"].usable_contraction(pressure, rubber)
+
+
+@quick_jit
+def _grid(
+    known: Mapping[str, Any], lengths: RealArray, pressures: RealArray, asked: Mapping[str, Any]
+) -> Float[Array, "candidates numbers"]:
+    def of_state(state: tuple[Mapping[str, Any], RealArray]) -> RealArray:
+        pair, pressure = state
+        usable = _usable(pair, pressure)
+        return jax.vmap(lambda length: _performance(pair, usable, length, pressure, asked))(lengths)
+
+    n_pairs = len(known["coefficients"])
+    repeated = jax.tree.map(lambda one: jnp.repeat(one, len(pressures), axis=0), known)
+    states = repeated, jnp.tile(pressures, n_pairs)
+    table = jax.lax.map(of_state, states)  # one at a time: memory does not grow with their number
+    return table.reshape(-1, table.shape[-1])
+
+
+@quick_jit
+def _with_slopes(
+    known: Mapping[str, Any], at: Float[Array, "2"], asked: Mapping[str, Any]
+) -> tuple[RealArray, RealArray]:
+    """`_performance` at a rest length and pressure, (numbers,), and its derivative, (numbers, 2)."""
+
+    def numbers(at: RealArray) -> tuple[RealArray, RealArray]:
+        found = _performance(known, _usable(known, at[1]), at[0], at[1], asked)
+        return found, found
+
+    slopes, values = jax.jacfwd(numbers, has_aux=True)(at)
+    return values, slopes
+
+
+def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Floats:
+    """Costs, the less the better: logarithms of the objectives, with a sign, (n, objectives).
+
+    That of zero is taken as -1000, beyond every number's.
+    """
+    signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in objectives]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = [np.log(np.asarray(columns[name], dtype=np.float64)) for name in objectives]
+    return np.clip(np.stack(logs, axis=-1) * signs, -1000.0, 1000.0)
+
+
+def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
+    """Which candidates make the front: a part of the Pareto front, a step apart at the least.
+
+    The costs are cut into boxes of log(1 + step). Of the boxes that no other is better than, each
+    gives the candidate of the least sum of costs. None of them is dominated by any candidate, and for
+    every candidate there is one of them that is in no objective worse by more than the share `step`.
+    Without a step it is the whole front, of equal ones the first.
+
+    Args:
+        costs: from `costs_of`, (n, objectives).
+        step: share [-], >= 0.
+
+    Returns:
+        Positions in `costs`, rising.
+
+    References:
+        Laumanns, Thiele, Deb & Zitzler 2002, Evolutionary Computation 10(3): epsilon-dominance.
+    """
+    boxes = np.floor(costs / np.log1p(step)) if step > 0 else costs
+    order = np.lexsort((costs.sum(-1), *boxes.T))
+    at = order[np.unique(boxes[order], axis=0, return_index=True)[1]]
+    # Ranks add up to more where a box is dominated, so that the first of what is left never is.
+    ranks = np.stack([np.unique(one, return_inverse=True)[1] for one in boxes[at].T], axis=-1)
+    at, ranks = at[by_sum := np.argsort(ranks.sum(-1), kind="stable")], ranks[by_sum]
+    found = []
+    while len(at):
+        found.append(at[0])
+        better = np.any(ranks < ranks[0], axis=-1)
+        at, ranks = at[better], ranks[better]
+    return np.sort(np.array(found, dtype=np.int64))
+
+
+def balance(costs: Floats) -> Floats:
+    """Weights of the costs, (objectives,): a front's sum of them is the least where it is balanced.
+
+    Each cost counts by how far it is on the way from the front's least to its greatest.
+    """
+    span = np.ptp(costs, axis=0)
+    return 1 / np.where(span > 0, span, 1.0)
+
+
+def _refined(
+    found: Search, costs: Floats, first: int, known: Mapping[str, Any], asked: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The most balanced design, its rest length and pressure improved within their ranges.
+
+    Sequential quadratic programming with derivatives by autodiff (Kraft 1988, of SciPy): the least
+    sum of balanced costs while every constraint is kept. A step that would not keep to all is cut.
+    """
+    from scipy.optimize import minimize  # noqa: PLC0415 -- 0.2 s, for a refinement alone
+
+    n, pair = len(COLUMNS), int(found.columns["pair"][first])
+    own = jax.tree.map(lambda values: values[pair], known)
+    start = np.array([found.columns[name][first] for name in found.ranges], dtype=np.float64)
+    low, high = np.array(list(found.ranges.values())).T
+    signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in found.objectives]
+    weights = np.zeros(n)
+    weights[[list(COLUMNS).index(name) for name in found.objectives]] = balance(costs) * signs
+
+    @functools.cache
+    def at(*place: float) -> tuple[NDArray, NDArray, float, NDArray]:
+        """Numbers at a rest length and pressure, their slopes, the sum of costs and its slope."""
+        values, slopes = map(np.asarray, _with_slopes(own, jnp.asarray(place), asked))
+        there = np.isfinite(values) & np.isfinite(slopes).all(-1)
+        slopes = np.where(there[:, None], slopes, 0.0)
+        wanted = np.where(weights != 0, values[:n], 1.0)
+        return values, slopes, float(weights @ np.log(wanted)), (weights / wanted) @ slopes[:n]
+
+    free = high > low
+    scale = (high - low)[free]
+
+    def moved(x: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
+        place = start.copy()
+        place[free] = low[free] + np.clip(x, 0.0, 1.0) * scale
+        return at(*place)
+
+    end, before = start, at(*start)[2]
+    if free.any():
+        kept: dict[str, Any] = {
+            "type": "ineq",
+            "fun": lambda x: np.nan_to_num(moved(x)[0][n:], nan=-1.0),
+            "jac": lambda x: moved(x)[1][n:, free] * scale,
+        }
+        solved = minimize(
+            lambda x: moved(x)[2] - before, (start - low)[free] / scale,
+            jac=lambda x: moved(x)[3][free] * scale, method="SLSQP", constraints=[kept],
+            bounds=[(0.0, 1.0)] * len(scale), options={"maxiter": 60, "ftol": 1e-10},
+        )  # fmt: skip
+        goal = start.copy()
+        goal[free] = low[free] + np.clip(solved.x, 0.0, 1.0) * scale
+        for back in (0.0, *10.0 ** np.arange(-15, 0)):
+            numbers, _, score, _ = at(*(place := goal + back * (start - goal)))
+            if np.all(numbers[n:] >= 0) and score < before:
+                end = place
+                break
+    numbers, _, score, _ = at(*end)
+    return {
+        "pair": pair,
+        "gain": before - score,
+        **dict(zip(COLUMNS, numbers.tolist(), strict=False)),
+    }
+
+
+def _at_the_ends(columns: Mapping[str, NDArray], ranges: Mapping[str, Range]) -> list[str]:
+    """A sentence for each end of a range at which most of a front lies."""
+    notes = []
+    for name, (low, high) in ranges.items():
+        for end, word in ((low, "least"), (high, "greatest")):
+            share = np.mean(np.isclose(columns[name], end, rtol=1e-6, atol=0.0))
+            if low < high and share > 0.5:
+                notes.append(
+                    f"{share:.0%} of the front has the {word} {name.replace('_', ' ')} of its range: "
+                    "widen the range, or ask for what makes another one worth while, such as a stroke."
+                )
+    return notes
