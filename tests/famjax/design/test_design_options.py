@@ -1,7 +1,7 @@
 import pytest
 
 from famjax import units
-from famjax.design import CatalogueError
+from famjax.boundary.errors import InputError
 from famjax.design.cli import parse_requirement
 
 
@@ -26,5 +26,5 @@ def test_entries_are_read_in_any_known_unit():
     ],
 )
 def test_a_wrong_entry_is_refused(entries, message):
-    with pytest.raises(CatalogueError, match=message):
+    with pytest.raises(InputError, match=message):
         parse_requirement(entries)
