@@ -122,7 +122,7 @@ def wrong_scales(
         return []
     if least <= GOOD and not cornered:
         return []
-    tried: list[tuple[float, Suspicion]] = []
+    tried: list[tuple[float, float, Suspicion]] = []
     scales, few = _scales(data), thinned(data)
     for done, scale in enumerate(scales):
         if progress is not None:
@@ -143,9 +143,9 @@ def wrong_scales(
         if (far and good) or freed:
             size = math.log10(max(then.misfit, _GOOD_ENOUGH) / _GOOD_ENOUGH)
             score = scale.unlikely + size + _CORNERED * abs(then.corner)
-            tried.append((score, named(scale.cause, least, then.misfit)))
-    tried.sort(key=lambda one: one[0])
-    return [one for score, one in tried if score < tried[0][0] + _ALIKE][:3]
+            tried.append((score, then.misfit, named(scale.cause, least, then.misfit)))
+    tried.sort(key=lambda one: one[:2])
+    return [one for score, _, one in tried if score < tried[0][0] + _ALIKE][:3]
 
 
 def highest_is_zero(data: ForceData) -> bool:

@@ -55,9 +55,9 @@ def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit: Fit, sound: Force
     code, out, _, folder = fit(metric(sound, force=sound.force / 9.80665), *QUICK)
     assert code == 1
     assert written(folder) == FILES
-    (last,) = [line for line in out.splitlines() if line.startswith("Not identified: ")]
-    assert last.startswith("Not identified: The data look wrong. It seems that the forces are in ")
-    assert "kgf, not N" in out
+    told = " ".join(out.split())
+    assert "Not identified. RMSE " in told
+    assert "The data look wrong. It seems that the forces are in kgf, not N" in told
     saved = json.loads((folder / "fit.json").read_text())
     assert saved["verdict"] == "not identified"
     assert "the forces are in kgf, not N" in saved["suspicions"]
@@ -68,7 +68,6 @@ def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit: Fit, sound: Force
     ("what", "change"),
     [
         ("does not rise", lambda data: {"force": 300 + 1e-3 * np.arange(data.force.size)}),
-        ("in Pa, not kPa", lambda data: {"pressure": data.pressure * 1e3}),
         ("outlier", lambda data: {"force": np.where(np.arange(85) == 84, 99999.0, data.force)}),
         ("absolute", lambda data: {"pressure": data.pressure + 101.3e3}),
     ],
@@ -84,6 +83,18 @@ def test_what_was_identified_whatever_the_misfit(
     assert code == 1
     assert what in " ".join(out.split())
     assert written(folder) == FILES
+
+
+def test_pascals_labelled_kilopascals_are_refused(fit: Fit, sound: ForceData) -> None:
+    text = metric(sound).splitlines()
+    head = next(k for k, line in enumerate(text) if not line.startswith("#"))
+    place = text[head].split(",").index("pressure_kPa")
+    rows = [line.split(",") for line in text[head + 1 :]]
+    for row in rows:
+        row[place] = str(float(row[place]) * 1e3)
+    code, _, err, _ = fit("\n".join([*text[: head + 1], *map(",".join, rows)]) + "\n", *QUICK)
+    assert code == 2
+    assert "a pressure of a muscle lies between" in " ".join(err.split())
 
 
 @pytest.mark.slow
@@ -106,7 +117,8 @@ def test_a_wall_of_nine_tenths_of_the_bore(fit: Fit, sound: ForceData) -> None:
     code, out, _, _ = fit(metric(sound), *QUICK, "--specimen", "wall_thickness_mm=9")
     assert code == 1
     told = " ".join(out.split())
-    assert "Not identified: The wall of 9 mm is 90% of the bore of 10 mm" in told
+    assert "Not identified. RMSE " in told
+    assert "The wall of 9 mm is 90% of the bore of 10 mm" in told
     assert "check wall_thickness and nominal_diameter" in told
 
 
