@@ -68,7 +68,7 @@ def _found(
     if trace is None:
         given = [jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes]
         trace = export.export(jax.jit(flat))(*given)
-        with contextlib.suppress(OSError):  # a full disk keeps nothing
+        with contextlib.suppress(OSError, ImportError):  # a full disk keeps nothing
             torn = file.with_suffix(f".{os.getpid()}")
             torn.write_bytes(trace.serialize())
             torn.replace(file)
