@@ -11,7 +11,6 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 acceptance = pytest.importorskip("acceptance")
 row = pytest.importorskip("row")
-sys.path.pop(0)
 
 MAP = """# specimen: rest_length_mm = 300
 # specimen: wall_thickness_mm = 2

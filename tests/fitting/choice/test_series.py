@@ -302,7 +302,7 @@ def test_a_series_is_known_by_the_numbers_of_its_terms(tmp_path: Path) -> None:
     """What was judged with a preload of 0 N is not that of one of 20 N."""
     maps = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
     held = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}
-    given = {"laws": "linear", "parameters": held, "starts": 1, "resume": tmp_path}
+    given = {"laws": "linear", "parameters": held, "starts": 1, "resume": tmp_path / "series.jsonl"}
     identify_series(maps, terms=Pull(0.0), **given)
     identify_series(maps, terms=Pull(0.0), **given)
     with pytest.raises(InputError, match="series"):
