@@ -422,14 +422,17 @@ def chosen(patterns: Sequence[str], cost: str) -> list[Row]:
     Raises:
         ValueError: a pattern that fits nothing.
     """
+
+    def fits(one: Row, pattern: str) -> bool:
+        return pattern in one.title or fnmatch.fnmatch(one.title, f"*{pattern}*")
+
     for pattern in patterns:
-        if not any(fnmatch.fnmatch(one.title, f"*{pattern}*") for one in ROWS):
+        if not any(fits(one, pattern) for one in ROWS):
             raise ValueError(f"no row fits {pattern!r}; --list prints all of them")
     return [
         one
         for one in ROWS
-        if one.cost in COSTS[cost]
-        and (not patterns or any(fnmatch.fnmatch(one.title, f"*{p}*") for p in patterns))
+        if one.cost in COSTS[cost] and (not patterns or any(fits(one, p) for p in patterns))
     ]
 
 
