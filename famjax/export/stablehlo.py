@@ -27,7 +27,9 @@ def jax_files(subject: Subject) -> dict[str, bytes]:
     name, muscle = subject.identifier, subject.muscle
     states = jax.ShapeDtypeStruct(export.symbolic_shape("states"), jnp.float64)
     programs = {
-        of: export.export(jax.jit(lambda L, P, ask=ask: ask(L, P)), platforms=("cpu", "cuda"))(states, states)
+        of: export.export(jax.jit(lambda *at, ask=ask: ask(*at)), platforms=("cpu", "cuda"))(
+            states, states
+        )
         for of, ask in ((name, muscle.force), (f"{name}_model", muscle.model_force))
     }
     module = f'''"""{docstring(subject.about)}
