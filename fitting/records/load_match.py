@@ -117,8 +117,8 @@ def refine(
     slope = np.gradient(_smooth(fm), tm)
     fourth = np.convolve(np.pad(fm, 2, mode="edge"), [1, -4, 6, -4, 1], mode="valid")
     wrong = _CUBIC * np.abs(fourth)
-    step = np.zeros(4)
-    for done in range(_STEPS):
+    step, done = np.zeros(4), 0
+    while True:
         at, left, J = _linearised(tj, fj, tm, log, slope, wrong, offset, rate, reference)
         scale = np.sqrt((J**2).sum(axis=0))
         if scale[0] == 0:
@@ -126,7 +126,8 @@ def refine(
         step = np.linalg.lstsq(J / scale, left, rcond=None)[0] / scale
         step *= 1.0 if done < _STEPS // 3 else 0.5  # where whole steps go to and fro
         offset, rate = offset + float(step[0]), rate + float(step[1])
-        if abs(step[0]) < _SETTLED * interval:
+        done += 1
+        if abs(step[0]) < _SETTLED * interval or done == _STEPS:
             break
     inverse = np.linalg.pinv((J / scale).T @ (J / scale))
     scores = _covariance_of_scores(left, J / scale)
