@@ -61,7 +61,7 @@ class Sheet:
         return "\n".join(lines) + "\n"
 
     def entry(self, key: str) -> float:
-        """A size of the specimen [mm], 0 where it is not said."""
+        """A size of the specimen [mm], 0 where none is given."""
         return float(str(self.specimen.get(key, 0)))
 
     @property

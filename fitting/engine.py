@@ -165,10 +165,9 @@ class Batch:
         self.layout = at = layouts[0]
         self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
         structure = at.forms, self.like.constraint, at.sizes
-        # What families share is run by all of them.
-        bulk = bulk or any(part.within is not None for part in self.like.parts)
-        self.size = BULK if bulk else MEMBERS
-        self._program = linear_program(*structure, bulk=bulk)
+        shared = all(part.within is not None for part in self.like.parts)
+        self.size = BULK if bulk or shared else MEMBERS
+        self._program = linear_program(*structure, bulk=bulk, shared=shared)
         self._projected = projected_program()
         inputs = [part.inputs for part in self.like.parts]
         self._length, self._pressure = (

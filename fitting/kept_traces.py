@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
 from famjax.compile_options import Options
 
@@ -25,7 +24,8 @@ def kept(
 
     Args:
         function: of pytrees of arrays, which returns one.
-        name: by which its trace is found again; functions that differ have different names.
+        name: by which its trace is found again; functions that differ have different names, and none
+            runs code from outside famjax and fitting.
         like: a pytree of the structure that it returns.
         options: of the compiler.
 
@@ -38,7 +38,7 @@ def kept(
 
     def called(*args: Any) -> Any:
         leaves, treedef = jax.tree.flatten(args)
-        shapes = tuple((np.shape(leaf), np.dtype(leaf.dtype).str) for leaf in leaves)
+        shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
         if (treedef, shapes) not in known:
 
             def flat(*leaves: Any) -> list[Any]:

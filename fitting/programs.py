@@ -250,7 +250,12 @@ def _of_part(
 
 @functools.lru_cache(maxsize=128)
 def linear_program(
-    forms: tuple[Form, ...], constraint: Constraint, sizes: Sizes, *, bulk: bool = False
+    forms: tuple[Form, ...],
+    constraint: Constraint,
+    sizes: Sizes,
+    *,
+    bulk: bool = False,
+    shared: bool = False,
 ) -> Any:
     """The compiled linear model of a structure, for several fits at once.
 
@@ -259,6 +264,8 @@ def linear_program(
         constraint: on the coefficients.
         sizes: of the padded problem.
         bulk: whether it runs so often that optimised code is worth its compilation.
+        shared: whether it is the program that families share. Its trace is kept: all in it is of famjax,
+            where the name of a class tells its code; that of a user's own class does not.
     """
 
     def one(
@@ -279,8 +286,8 @@ def linear_program(
 
     axes: Any = tuple(Group(cast(Any, None), *cast(Any, (0, 0, 0))) for _ in forms)
     many = jax.vmap(one, in_axes=(axes, 0, 0, 0))
-    if not bulk:
-        return jax.jit(many, compiler_options=quick_options())
+    if not shared:
+        return jax.jit(many, compiler_options=bulk_options() if bulk else quick_options())
     like = Linear(*range(4)), Linear(*range(4))
     return kept(many, f"linear {forms} {constraint} {sizes}", like, bulk_options())
 

@@ -29,6 +29,7 @@ _NEUTRAL: Mapping[str, float] = {
 """Of parameters that a family has not, values that change nothing; the rest length is the specimen's."""
 _NONLINEAR = ("braid_diameter", "braid_angle", "rest_length", *_NEUTRAL)
 _ORDER = 3
+_TERMS = {famjax.terms.PressurisedBraid, famjax.terms.BladderWall}
 
 
 class LawSum(AbstractMaterial):
@@ -87,7 +88,7 @@ def _within(part: Part) -> Part:
     family = part.family
     if not isinstance(family, MuscleFamily) or not isinstance(family.source, EstimatedSource):
         return part
-    face = {*family.nonlinear} <= {*_NONLINEAR} and {*family.linear} <= {*_linear()}
+    face = {*family.nonlinear} <= {*_NONLINEAR} and _with_law(family.law.material) is not None
     offsets = len(part.at) > len(family.nonlinear)
     plain = family.source.thread is None and family.terms is None and family.nodes is None
     if not (face and plain) or offsets or len(part.inputs.path_end) > 2:
@@ -112,18 +113,18 @@ def _within(part: Part) -> Part:
 def in_shared_program(mounted: famjax.MountedMuscle) -> famjax.MountedMuscle:
     """The same muscle as the shared program has it; as it is where it is no face of that."""
     muscle = mounted.muscle
-    if not isinstance(muscle, famjax.Muscle):
+    if type(muscle) is not famjax.Muscle or {*map(type, muscle.terms.terms)} != _TERMS:
         return mounted
     geometry, factor = muscle.geometry, np.asarray(1.0)
     if isinstance(geometry, famjax.geometries.EndEffectGeometry):
         geometry, factor = geometry.cylinder, geometry.end_factor
-    material, further = getattr(muscle, "material", None), len(muscle.terms.terms) > 2
-    if type(geometry) is not famjax.EstimatedGeometry or further:
+    law = _with_law(muscle.material)
+    if type(geometry) is not famjax.EstimatedGeometry or law is None:
         return mounted
-    braid, law = geometry.braid, _with_law(material)
+    braid = geometry.braid
     if type(braid) is famjax.Braid:
         braid = famjax.braids.CompliantBraid.of(braid, np.asarray(0.0))
-    if type(braid) is not famjax.braids.CompliantBraid or law is None:
+    if type(braid) is not famjax.braids.CompliantBraid:
         return mounted
     ends = famjax.geometries.EndEffectGeometry(
         famjax.EstimatedGeometry(braid, geometry.bladder), factor
@@ -133,21 +134,22 @@ def in_shared_program(mounted: famjax.MountedMuscle) -> famjax.MountedMuscle:
     return famjax.MountedMuscle(whole, mounted.compliance, exponent)
 
 
-def _with_law(law: AbstractMaterial | None) -> LawSum | None:
-    """The sum with one law alone; None where it is none of the sum."""
-    found = []
-    for one in _whole().laws:
-        if type(one) is type(law):
-            found.append(law)
-        else:
-            found.append(one.with_parameters(dict.fromkeys(Law(one).coefficients, 0.0)))
-    if law not in found:
-        return None
+def _with_law(law: AbstractMaterial) -> LawSum | None:
+    """The sum with one law alone; None where that is none of its laws."""
     if isinstance(law, famjax.PolynomialMaterial):
         extra = _ORDER - law.coefficients.shape[-1]
         if extra < 0:
             return None
-        found[-1] = famjax.PolynomialMaterial(np.pad(np.asarray(law.coefficients), (0, extra)))
+        law = famjax.PolynomialMaterial(np.pad(np.asarray(law.coefficients), (0, extra)))
     if isinstance(law, famjax.materials.OgdenMaterial) and law.moduli.shape != (1,):
         return None
-    return LawSum(tuple(found))
+    if type(law) not in map(type, _whole().laws):
+        return None
+    return LawSum(
+        tuple(
+            law
+            if type(one) is type(law)
+            else one.with_parameters(dict.fromkeys(Law(one).coefficients, 0.0))
+            for one in _whole().laws
+        )
+    )
