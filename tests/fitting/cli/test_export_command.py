@@ -9,6 +9,7 @@ import pytest
 import famjax
 from famjax.__main__ import main
 from famjax.export import TARGETS
+from famjax.muscles import bundled_card
 from fitting.cli.muscle import Target, export
 
 
@@ -35,7 +36,8 @@ def test_a_bundled_muscle_cut_to_length(capsys: pytest.CaptureFixture, tmp_path:
     assert code == 0
     assert out.count("written: ") == 3
     text = (tmp_path / "c" / "dmsp_10.h").read_text()
-    assert "cut from 0.25 to 0.3 m" in text
+    rest = float(bundled_card("DMSP-10").muscle.geometry.rest_length)
+    assert f"cut from {rest:.6g} to 0.3 m" in text
     assert "by `famjax" in text
 
 
