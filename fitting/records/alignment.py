@@ -48,12 +48,12 @@ class Alignment:
             f"{self.offset_error * 1e3:.2g} ms, rate {rate} ppm"
         )
 
-    def journal_time(self, time: ArrayLike) -> np.ndarray:
+    def journal_time(self, time: ArrayLike | float) -> np.ndarray:
         """The journal's time [s] of the machine's times [s], any shape."""
         machine = np.asarray(time, float)
         return np.asarray(machine + self.offset + self.rate * (machine - self.reference))
 
-    def error(self, time: ArrayLike) -> np.ndarray:
+    def error(self, time: ArrayLike | float) -> np.ndarray:
         """Standard error [s] of `journal_time`, of the shape of the machine's times [s]."""
         away = np.abs(np.asarray(time, float) - self.reference)
         with np.errstate(invalid="ignore"):

@@ -30,18 +30,18 @@ class ClockMap:
     residuals: NDArray[np.float64]
     error: float
 
-    def host(self, device: ArrayLike) -> NDArray[np.float64]:
+    def host(self, device: ArrayLike | float) -> NDArray[np.float64]:
         """Host time [s] of device times [s], any shape."""
         t = np.asarray(device, dtype=np.float64)
-        return self.offset + self.rate * t + np.interp(t, self.knots, self.residuals)
+        return np.asarray(self.offset + self.rate * t + np.interp(t, self.knots, self.residuals))
 
-    def device(self, host: ArrayLike) -> NDArray[np.float64]:
+    def device(self, host: ArrayLike | float) -> NDArray[np.float64]:
         """Device time [s] of host times [s], any shape; the inverse of `host` to 1e-9 s."""
         t_host = np.asarray(host, dtype=np.float64)
         t = (t_host - self.offset) / self.rate
         for _ in range(4):  # s changes by some 1e-4 of its argument: each pass gains four digits
             t = (t_host - self.offset - np.interp(t, self.knots, self.residuals)) / self.rate
-        return t
+        return np.asarray(t)
 
     @property
     def drift_ppm(self) -> float:
