@@ -30,9 +30,10 @@ from dense_truth import Group, TruthMap, maps
 
 import fitting
 from fitting import Choice, ForceData
-from fitting.choice import NestedValidation, identify_series, validate_choice
+from fitting.nested import NestedValidation, validate_choice
 from fitting.prediction import static_rows
 from fitting.saved import SavedFit
+from fitting.series import identify_series
 
 HALF_BANDS, PERCENT = 3.0, 10.0
 """Beyond these an answer is wrong: half-widths of its band; part of the largest force."""

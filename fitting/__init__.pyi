@@ -11,15 +11,14 @@ from . import (
     prediction as prediction,
     ramps as ramps,
     records as records,
+    result as result,
     rubber as rubber,
     saved as saved,
-    search as search,
     shapes as shapes,
     sweeps as sweeps,
     verdict as verdict,
 )
-from .choice.choose import Choice as Choice, choose as choose
-from .choice.series import identify_series as identify_series
+from .choice import Choice as Choice, choose as choose
 from .comparison.league_table import compare as compare
 from .data.csv_writer import write_csv as write_csv
 from .data.force_csv import (
@@ -32,9 +31,12 @@ from .errors import InputError as InputError
 from .evidence.likelihood import profile as profile
 from .evidence.resampling import bootstrap as bootstrap
 from .evidence.validation import validate as validate
-from .families.parameters import Parameter as Parameter
+from .identification import identify as identify, identify_together as identify_together
+from .nested import validate_choice as validate_choice
+from .parameters import Parameter as Parameter
 from .posterior.sampling import sample as sample
 from .prediction.forces import predict as predict
+from .result import Identification as Identification
 from .saved.fit_plot import (
     plot_fit as plot_fit,
     plot_isobars as plot_isobars,
@@ -43,8 +45,7 @@ from .saved.fit_plot import (
 )
 from .saved.report import write_fit as write_fit
 from .saved.saved_fit import load_fit as load_fit
-from .search.identification import identify as identify, identify_together as identify_together
-from .search.result import Identification as Identification
+from .series import identify_series as identify_series
 from .shapes.surface import shape_surface as shape_surface
 from .sweeps.all_forms import sweep as sweep
 

@@ -17,7 +17,7 @@ from famjax.boundary.origin import Origin
 from famjax.boundary.tasks import AnyExecutor
 from fitting.data import SharedErrors
 from fitting.evidence import Evidence, Move, drawn_moves, moves_of
-from fitting.families import Parameter
+from fitting.parameters import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.saved import svg_file, write_fit
 from imaging.campaign import PARTS

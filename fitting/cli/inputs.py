@@ -15,8 +15,8 @@ from famjax.console import parse_entries
 if TYPE_CHECKING:
     from fitting import ForceData
     from fitting.data import SharedErrors
-    from fitting.families import Parameter
-    from fitting.families.laws import LawGiven
+    from fitting.families import LawGiven
+    from fitting.parameters import Parameter
 
 _STANDARD_INPUT = "<stdin>"
 """What the command line puts in the place of `-`."""
@@ -72,9 +72,8 @@ Kinds = Mapping[str, str]
 
 def parameter_kinds(*laws: "LawGiven") -> dict[str, str]:
     """Kinds of unit of all parameters that a fit may have: of every known law, and of those given."""
-    from fitting.families import known_laws
-    from fitting.families.laws import law_named
-    from fitting.families.parameters import KINDS
+    from fitting.families import known_laws, law_named
+    from fitting.parameters import KINDS
 
     kinds = dict(KINDS)
     for one in (*known_laws(), *laws):
@@ -139,7 +138,7 @@ def as_parameters(
     bounds: Mapping[str, tuple[float, float]], kinds: Kinds
 ) -> dict[str, "Parameter"]:
     """Bounds in SI as parameters."""
-    from fitting.families import Parameter
+    from fitting.parameters import Parameter
 
     return {
         name: Parameter(min=low, max=high, unit=si_unit(kinds.get(name, "stress")))
@@ -153,7 +152,7 @@ def parse_free(names: Iterable[str], kinds: Kinds | None = None) -> dict[str, "P
     Raises:
         InputError: an unknown name.
     """
-    from fitting.families import Parameter
+    from fitting.parameters import Parameter
 
     found, known = {}, parameter_kinds() if kinds is None else kinds
     for name in names:
@@ -172,7 +171,7 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
     >>> parse_priors(["rest_length_mm=296+-0.5"])["rest_length"].prior
     (296.0, 0.5)
     """
-    from fitting.families import Parameter
+    from fitting.parameters import Parameter
 
     found, known = {}, parameter_kinds() if kinds is None else kinds
     for entry in entries:

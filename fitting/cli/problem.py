@@ -10,11 +10,12 @@ import numpy as np
 import fitting
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.tasks import AnyExecutor
-from fitting.choice import Choice, validate_choice
+from fitting.choice import Choice
 from fitting.data import SharedErrors, Specimen
 from fitting.evidence import Evidence, Move, drawn_moves, gather, left_out_kinds, moves_of
-from fitting.families import Parameter
-from fitting.search.own_parts import own_parts, taking_part
+from fitting.nested import validate_choice
+from fitting.parameters import Parameter
+from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
 from fitting.verdict import Judgement, doubtful, judge, suspect
 

@@ -100,7 +100,7 @@ def sweep(
 
     from famjax.boundary.units import parse_quantity
     from fitting.data import parse_specimen
-    from fitting.search.own_parts import own_parts, taking_part
+    from fitting.posing import own_parts, taking_part
     from fitting.sweeps import check_options, sweep_command
 
     place = Output(output)
@@ -312,8 +312,8 @@ def series(
     """
     fitting = load_fitting()
     from famjax.boundary.origin import Origin
-    from fitting.choice import DEFAULT_LAWS
-    from fitting.search.own_parts import own_parts, taking_part
+    from fitting.posing import own_parts, taking_part
+    from fitting.series import DEFAULT_LAWS
     from fitting.verdict import judge_series
 
     place = Output(output)

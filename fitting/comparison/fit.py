@@ -15,13 +15,13 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..arguments import check_whole
+from ..checks import check_affine
 from ..data.force_data import ForceData
 from ..descent import End, descend_many
 from ..engine import Point, predict
 from ..problem import Part, Problem
 from ..response import MapInputs
-from ..search.checks import check_affine
-from ..search.multi_start import latin_hypercube
+from ..search import latin_hypercube
 from .cross_validation import CrossValidation, check_groups, held_out_errors
 from .peer_family import FamilyOfPeer, Model, PeerFamily
 from .published import peer_families

@@ -14,15 +14,15 @@ import famjax
 from famjax.boundary.class_path import class_named, class_path
 from famjax.boundary.errors import InputError
 
-from ..choice.choose import choose
-from ..choice.nested import MOST, validate_choice
+from ..choice import choose
 from ..data.force_data import ForceData
 from ..evidence.leave_out import leave_out_each
 from ..evidence.left_out import LeftOut
 from ..evidence.validation import singles
-from ..search.identification import identify
-from ..search.own_parts import own_parts, taking_part
-from ..search.result import Identification
+from ..identification import identify
+from ..nested import MOST, validate_choice
+from ..posing import own_parts, taking_part
+from ..result import Identification
 from .peer_family import PeerFamily
 from .row import ComparisonRow
 

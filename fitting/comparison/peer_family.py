@@ -13,7 +13,7 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from ..data.force_data import ForceData, Specimen
-from ..families.geometry_source import EstimatedSource
+from ..families import EstimatedSource
 from ..response import AbstractFamily
 
 _MARGIN = 1.002  # at least, of thread length over the longest reading

@@ -15,7 +15,7 @@ from ..hysteresis.slip_fit import HysteresisFit
 from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hysteresis_warnings
 from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
 from ..posterior.result import Posterior
-from ..search.result import Identification
+from ..result import Identification
 from .leave_out import groups_of, leave_out_each
 from .left_out import LeftOut
 from .likelihood import LEVELS, Profile, profile

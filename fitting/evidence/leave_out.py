@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ..data.levels import groups_of_levels
 from ..problem import Problem
-from ..search.multi_start import latin_hypercube
+from ..search import latin_hypercube
 from .left_out import LeftOut
 from .refit import best_ends, force_error
 

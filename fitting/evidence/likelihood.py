@@ -11,7 +11,7 @@ from jaxtyping import Float
 from famjax.boundary.errors import InputError
 
 from ..arguments import check_names, check_whole
-from ..search.result import Estimate, Identification, check_identified
+from ..result import Estimate, Identification, check_identified
 from .refit import refit
 
 Class = Literal["identified", "one-sided", "flat", "stopped by a bound", "stopped by a constraint"]

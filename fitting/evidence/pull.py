@@ -16,7 +16,7 @@ import famjax
 from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 
-from ..families.shared_program import in_shared_program
+from ..shared_program import in_shared_program
 
 ROWS = 512
 """Rows that one call computes; fewer are filled up, more computed in parts."""

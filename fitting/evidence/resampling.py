@@ -14,7 +14,7 @@ from famjax.boundary.tasks import AnyExecutor, Store
 
 from ..arguments import check_whole
 from ..problem import Problem
-from ..search.result import Identification, check_identified
+from ..result import Identification, check_identified
 from ..tasks import run_fits
 from .refit import force_error, refit
 from .validation import check_nothing_own

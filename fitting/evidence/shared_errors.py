@@ -25,10 +25,10 @@ from ..data.force_data import ForceData, Specimen
 from ..data.shared_errors import SharedErrors
 from ..engine import Point, predict, report_of
 from ..errors import InputError
+from ..posing import Geometry, source_of
 from ..problem import Part
-from ..search.optimal import held_and_active, joint_derivatives
-from ..search.posing import Geometry, source_of
-from ..search.result import Identification
+from ..result import Identification
+from ..summary import held_and_active, joint_derivatives
 from .spread import numbers_by_parameters
 
 DRAWS = 32

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..engine import report_of
-from ..search.result import Identification
+from ..result import Identification
 from .resampling import Bootstrap
 
 _NEGLIGIBLE = 1e-12  # of the largest variance of independent directions: rounding

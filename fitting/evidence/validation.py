@@ -13,8 +13,8 @@ from famjax.boundary.tasks import AnyExecutor
 
 from ..arguments import check_whole
 from ..problem import Problem
-from ..search.multi_start import latin_hypercube
-from ..search.result import Identification, check_identified
+from ..result import Identification, check_identified
+from ..search import latin_hypercube
 from ..tasks import run_fits
 from .leave_out import group_of_each
 from .left_out import LeftOut

@@ -9,8 +9,8 @@ import numpy as np
 from famjax.boundary.errors import InputError, check_seed
 
 from ..arguments import check_whole
-from ..families.parameters import base_name
-from ..search.result import Identification, check_identified
+from ..parameters import base_name
+from ..result import Identification, check_identified
 from .density import Layout
 from .nuts import Drawn, drawn, load_blackjax, tuned_chains
 from .result import Posterior

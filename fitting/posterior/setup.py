@@ -9,8 +9,8 @@ from famjax.boundary.errors import InputError
 
 from ..descent import descend_many
 from ..pure_problem import PureProblem
-from ..search.optimal import joint_derivatives
-from ..search.result import Identification
+from ..result import Identification
+from ..summary import joint_derivatives
 from .box_map import BoxMap
 from .density import Coordinates, Density, Layout
 from .faces import at_faces, faces_of

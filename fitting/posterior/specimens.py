@@ -8,7 +8,7 @@ from typing import Any
 from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store
 
-from ..search.result import Identification
+from ..result import Identification
 from ..tasks import run_fits
 from .nuts import load_blackjax
 from .result import Posterior

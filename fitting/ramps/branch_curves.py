@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
 
-from ..families.monotone_cubic import end_slope, monotone_cubic
+from ..monotone_cubic import end_slope, monotone_cubic
 from .quasi_static_ramp import QuasiStatic
 
 Branches = Literal["both", "fill", "vent"]

@@ -14,14 +14,13 @@ from famjax.boundary.sentence import in_units
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 from famjax.cards import muscle_as_dict
 
-from ..choice.choose import Choice
-from ..choice.other_lengths import OtherLengths
-from ..choice.report import choice_as_dict
-from ..choice.series import Series
+from ..choice import Choice, choice_as_dict
 from ..data.force_csv import specimen_as_dict
 from ..evidence.gathered import Evidence, evidence_as_dict, evidence_warnings
 from ..evidence.spread import muscle_spread
-from ..search.result import Estimate, Identification
+from ..other_lengths import OtherLengths
+from ..result import Estimate, Identification
+from ..series import Series
 from ..verdict.judgement import Judgement, judge
 from ..verdict.series_judgement import judge_series
 from .saved_fit import SCHEMA

@@ -14,7 +14,7 @@ import famjax
 from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import as_arrays, quick_jit
 
-from ..search.result import Identification, check_identified
+from ..result import Identification, check_identified
 
 _COLOURS = mpl.colormaps["viridis"]
 _BEYOND = 1.25  # the law is drawn to this multiple of the strain range

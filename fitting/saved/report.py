@@ -15,12 +15,11 @@ from famjax.boundary.sentence import Quantity, in_units
 from famjax.boundary.units import from_si, unit_system
 
 from ..arguments import check_path
-from ..choice.choose import Choice
-from ..choice.report import choice_table
+from ..choice import Choice, choice_table
 from ..evidence.gathered import Evidence, Table, evidence_tables, evidence_warnings
 from ..evidence.left_out import columns_of
 from ..posterior.plot import plot_posterior
-from ..search.result import Estimate, Identification, check_identified
+from ..result import Estimate, Identification, check_identified
 from ..verdict.judgement import Judgement, judge
 from .fit_file import fit_as_dict, versions
 from .fit_plot import plot_fit

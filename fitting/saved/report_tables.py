@@ -7,7 +7,7 @@ import numpy as np
 from famjax.boundary.units import from_si, unit_system
 
 from ..evidence.gathered import Table
-from ..search.result import Identification
+from ..result import Identification
 from .fit_file import correlations
 
 _TOLD = 0.9

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
 
-from ..search.robust import NORMAL_MAD, TUNED
+from ..search import NORMAL_MAD, TUNED
 from .arrays import AnyArray, fixed, namespace
 from .linear_model import LinearModel
 from .paths import PathFunctions, PathTable

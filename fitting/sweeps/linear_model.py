@@ -14,7 +14,7 @@ import famjax
 from famjax.compile_options import as_arrays, quick_jit
 
 from ..convex import AnyArray
-from ..families.muscle_family import assembled
+from ..families import assembled
 from .paths import SAMPLES, PathFunctions
 
 _POINTS = 1024  # readings that one call takes

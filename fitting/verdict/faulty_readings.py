@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float, Int
 from famjax.boundary.sentence import Quantity, Sentence
 
 from ..data.force_data import ForceData
-from ..search.robust import NORMAL_MAD
+from ..search import NORMAL_MAD
 from .trial import Trial, attempt, richest
 
 Explanation = tuple[str, float]

@@ -11,7 +11,7 @@ from famjax.boundary.sentence import Quantity, Sentence
 
 from ..covariance import CONDITION_LIMIT
 from ..evidence.left_out import LeftOut
-from ..search.result import Estimate, Identification
+from ..result import Estimate, Identification
 from .runs import runs_deviation
 from .suspicion import Suspicion, counted
 

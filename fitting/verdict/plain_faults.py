@@ -8,8 +8,8 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
 
-from ..choice.ladder import Candidate
 from ..data.force_data import ForceData
+from ..ladder import Candidate
 from .suspicion import FAR_BETTER, GOOD, Suspicion, named
 from .trial import Trial, attempt, misfit, plainest, richest
 

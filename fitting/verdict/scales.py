@@ -9,8 +9,8 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS
 
-from ..choice.ladder import Candidate
 from ..data.force_data import ForceData
+from ..ladder import Candidate
 from .faulty_readings import thinned
 from .plain_faults import THICK, wall_share
 from .suspicion import FAR_BETTER, GOOD, Suspicion, named

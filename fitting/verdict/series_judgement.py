@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from famjax.boundary.sentence import Quantity, Sentence
 
 from ..evidence.left_out import LeftOut
-from ..search.result import Identification
+from ..result import Identification
 from .judgement import POOR, Judgement, of_bounds, of_ridges, unchecked
 
 _FOREIGN = 15.0  # % of its largest force: specimens of one series do not differ by so much

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..data.force_data import ForceData
-from ..search.result import Identification
+from ..result import Identification
 from .faulty_readings import Explanation, at_a_limit, kept_only, one_length_off, outliers
 from .plain_faults import (
     absolute,

@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from famjax.boundary.sentence import Sentence
 
-from ..search.result import Identification
+from ..result import Identification
 
 _COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
 

@@ -7,13 +7,13 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
-from ..choice.choose import weigh
-from ..choice.ladder import Candidate, as_cylinder, ladder
-from ..choice.race import descended, posed_of
+from ..choice import weigh
 from ..data.force_data import ForceData
 from ..descent import End
 from ..engine import predict
+from ..ladder import Candidate, as_cylinder, ladder
 from ..problem import Problem
+from ..race import descended, posed_of
 
 _AT_BOUND = 1e-6  # of the width of the interval
 

@@ -9,10 +9,10 @@ import famjax
 from fitting import ForceData, Parameter
 from fitting.descent import descend, descend_many
 from fitting.engine import Batch, partial, predict, solve
+from fitting.posing import pose_one, pose_together
 from fitting.problem import Problem
 from fitting.programs import linear_program, projected_program
-from fitting.search.multi_start import latin_hypercube
-from fitting.search.posing import pose_one, pose_together
+from fitting.search import latin_hypercube
 
 STEP = 1e-5  # of the box
 NOISE = 1e-7  # of a difference so made, of the largest derivative

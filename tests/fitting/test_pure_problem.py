@@ -9,8 +9,8 @@ from famjax.compile_options import quick_jit
 from fitting import ForceData, Parameter, identify
 from fitting.descent import descend
 from fitting.engine import solve
+from fitting.posing import pose_one
 from fitting.pure_problem import PureProblem
-from fitting.search.posing import pose_one
 
 STEP = 0.1  # N: of differences
 DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9

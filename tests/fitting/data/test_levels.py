@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from fitting import ForceData, InputError, Specimen, load_bundled
+from fitting.checks import check_count
 from fitting.comparison import cross_validate
 from fitting.data import levels_of
 from fitting.data.levels import MOST_APART, groups_of_levels
-from fitting.families.laws import law_named
-from fitting.families.parameters import complete_table
-from fitting.search.checks import check_count
+from fitting.families import law_named
+from fitting.parameters import complete_table
 
 SPECIMEN = Specimen("measured", 0.3, 0.002, nominal_diameter=0.02)
 

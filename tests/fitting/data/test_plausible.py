@@ -12,7 +12,7 @@ import pytest
 
 import fitting
 from fitting import ForceData, Parameter, Specimen, identify, load_bundled
-from fitting.families.parameters import complete_table
+from fitting.parameters import complete_table
 
 
 def specimen(**given) -> Specimen:
@@ -27,7 +27,7 @@ def loads(**given) -> ForceData:
 
 
 def table(bounds=None, parameters=None):
-    law = fitting.families.laws.law_named("polynomial", 3)
+    law = fitting.families.law_named("polynomial", 3)
     return complete_table(
         specimen(nominal_diameter=20e-3),
         "physical",

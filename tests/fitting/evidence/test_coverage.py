@@ -12,7 +12,7 @@ from fitting import ForceData, Parameter, Specimen, identify
 from fitting.covariance import covariance
 from fitting.engine import solve
 from fitting.evidence.refit import refit
-from fitting.search.optimal import joint_derivatives
+from fitting.summary import joint_derivatives
 
 pytestmark = pytest.mark.slow
 

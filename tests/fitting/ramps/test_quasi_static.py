@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from famjax.boundary.errors import InputError
 from fitting.data import ForceData, Specimen, read_csv, write_csv
 from fitting.data.csv_writer import csv_text
-from fitting.families.monotone_cubic import end_slope, monotone_cubic
+from fitting.monotone_cubic import end_slope, monotone_cubic
 from fitting.ramps import (
     QuasiStatic,
     RampRecord,

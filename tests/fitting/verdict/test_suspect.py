@@ -9,7 +9,7 @@ import pytest
 
 import famjax
 from fitting import ForceData, Identification, InputError, Parameter, Specimen, identify
-from fitting.choice.ladder import ladder
+from fitting.ladder import ladder
 from fitting.verdict import doubtful, judge, suspect
 from fitting.verdict.plain_faults import absolute, pulls_late
 from fitting.verdict.suspect import least_misfit

@@ -1,0 +1,351 @@
+"""`choose`: the family that predicts best what it has not seen, beside those that fit the data alike."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import famjax
+from famjax.boundary.errors import InputError
+from famjax.boundary.units import finite_or_none, from_si, unit_system
+
+from .checks import check_starts
+from .data.force_data import ForceData
+from .evidence.disagreement import disagreement, where_they_differ
+from .evidence.left_out import LeftOut
+from .evidence.model_error import ModelError, model_error
+from .identification import solve
+from .ladder import MODEL_ERROR, ladder
+from .other_lengths import OtherLengths, accounts, other_lengths
+from .parameters import Parameter
+from .race import (
+    ALIKE,
+    LITTLE_MORE,
+    NEAR,
+    Fitted,
+    Tried,
+    fitted,
+    left_out_of,
+    posed_of,
+    preferred,
+    ranked,
+)
+from .result import Identification
+from .search import check_objective
+
+_COMPARED = 4  # starts of each family
+_HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """The model of a map, chosen by what each family predicts of readings left out.
+
+    Attributes:
+        data: the map.
+        chosen: the identification of the chosen family, which makes the predictions.
+        tried: all families, that of the choice first, the others by their held-out errors.
+        dropped: what the map cannot carry, in sentences.
+        alike: by name, the muscles in their rigs of the other families that fit the data alike. What
+            they disagree about the data do not tell, so it is in the band.
+        error: of predictions, as the readings left out show it.
+        other_lengths: what predictions of muscles of other lengths are made of, None where the map or
+            what a user says leaves but one account of it.
+        open_question: a sentence on where families that fit alike differ by more than the map can settle,
+            and which readings would; "" where they agree.
+    """
+
+    data: ForceData
+    chosen: Identification
+    tried: tuple[Tried, ...]
+    dropped: tuple[str, ...]
+    alike: Mapping[str, famjax.MountedMuscle]
+    error: ModelError
+    other_lengths: OtherLengths | None = None
+    open_question: str = ""
+
+    @property
+    def name(self) -> str:
+        """Of the chosen family."""
+        return self.tried[0].candidate.name
+
+    @property
+    def left_out(self) -> Mapping[str, LeftOut]:
+        """Errors of the chosen family, by "pressure" and by "length"."""
+        return self.tried[0].left_out
+
+    @property
+    def clear(self) -> str:
+        """How clear the choice was, in a sentence."""
+        first, *others = self.tried
+        if not others:
+            return f"Only one family can be carried by this map: {self.name}."
+        near = [one for one in others if one.held_out <= NEAR * first.held_out]
+        alike = sum(one.alike for one in others)
+        band = (
+            f"; {alike} others fit the readings alike (RMSE within {ALIKE:g} times the smallest), and the "
+            "band contains what they disagree about" if alike else ""
+        )  # fmt: skip
+        if near:
+            return (
+                f"Not clear: {', '.join(one.candidate.name for one in near)} "
+                f"{'has' if len(near) == 1 else 'have'} a held-out error within a tenth of that of "
+                f"{self.name}, which comes first on the ladder{band}."
+            )
+        second = min(others, key=lambda one: one.held_out)
+        least = (
+            f"; that of the next, {second.candidate.name}, is "
+            f"{second.held_out / first.held_out:.3g} times as large"
+            if np.isfinite(second.held_out) else ""
+        )  # fmt: skip
+        return f"{self.name} has the smallest held-out error{least}{band}."
+
+    def predict(
+        self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """Force [N] of the chosen model at lengths [m] and gauge pressures [Pa], broadcast."""
+        return self.chosen.predict(length, pressure)
+
+    def half_band(
+        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
+        """Half the width [N] of the 95 % band of single readings at lengths [m] and pressures [Pa]."""
+        force = self.predict(length, pressure)
+        return self.error.half_band(
+            length, pressure, disagreement(force, self.alike.values(), length, pressure)
+        )
+
+
+def choose(
+    data: ForceData,
+    *,
+    constraint: str = "drucker",
+    box: str = "physical",
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    parameters: Mapping[str, Parameter] | None = None,
+    noise: float | None = None,
+    objective: str = "sum_of_squares",
+    starts: int = 16,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Choice:
+    """The model of a force map, from a ladder of families, by what each predicts of readings left out.
+
+    Each family is fitted to all readings and again without each length and without groups of
+    neighbouring pressures. The one with the smallest held-out error is chosen, or the first on the
+    ladder of those within a tenth of it. Nothing is left out of a family that misses the readings by
+    four times the least. A family whose optimum cannot be certified is passed over where another errs
+    little more.
+
+    Args:
+        data: the map.
+        constraint: on the coefficients, as in `identify`; likewise of every family what follows.
+        box: of the standard bounds.
+        bounds: intervals by parameter name; the ladder varies none of these.
+        parameters: bounds, held values and priors; the ladder varies none of these, either.
+        noise: standard deviation of one reading [N]; that of the data unless given.
+        objective: of the fit of the chosen family.
+        starts: of the fit of the chosen family; others are compared with a few.
+        seed: of the starts.
+        progress: called with (what is done, steps done, steps).
+
+    Returns:
+        The choice.
+
+    Raises:
+        InputError: what `identify` refuses of the plainest family.
+        RuntimeError: float64 is off.
+    """
+    check_starts(starts)
+    check_objective(objective)
+    candidates, dropped = ladder(data, parameters, bounds)
+    weighed = weigh(data, noise)
+    if not candidates:
+        raise InputError(
+            f"{int(data.loaded.sum())} loaded readings at "
+            f"{np.unique(data.lengths.level[data.loaded]).size} lengths determine no family: "
+            "measure the force at two lengths or more, of which one is shorter than the rest length"
+        )
+    plainest = posed_of(weighed, candidates[0], constraint, box)  # refused here: it is no muscle
+
+    def tell(what: str) -> Callable[[int, int], None] | None:
+        told = progress
+        return None if told is None else lambda done, total: told(what, done, total)
+
+    elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
+    # Those whose rig is rigid come first: they wait for none that gives way.
+    rigid_first = sorted([*candidates, *elsewhere], key=lambda one: one.rig)
+    outcomes = dict(
+        zip(
+            map(id, rigid_first),
+            fitted(
+                weighed, constraint, box, min(starts, _COMPARED), seed, rigid_first,
+                tell("fitting all families"),
+            ),
+            strict=True,
+        )
+    )  # fmt: skip
+    families, refused = [], {}
+    for candidate in candidates:
+        one = outcomes[id(candidate)]
+        if isinstance(one, Fitted):
+            families.append(one)
+        else:
+            refused.setdefault(one, []).append(candidate.name)
+    dropped = (*dropped, *(f"Left out: {'; '.join(of)}. {why}" for why, of in refused.items()))
+    if not families:
+        solve(plainest, plainest.starts(starts, seed), seed=seed)
+        raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
+    least = min(one.rmse for one in families)
+    judged = sorted(
+        (one for one in families if one.rmse <= _HOPELESS * least),
+        key=lambda one: one.candidate.rig,
+    )
+    errors = left_out_of(judged, seed, tell("leaving readings out"))
+    left_out = dict(zip([one.candidate.name for one in judged], errors, strict=True))
+    tried = ranked(
+        [(one.candidate, one.rmse, left_out.get(one.candidate.name)) for one in families],
+        data.max_force,
+    )
+    order = preferred(tried)
+
+    def identified(place: int) -> Identification | None:
+        posed, near = families[place].posed, families[place].ends
+        points = np.concatenate([near, posed.starts(starts, seed)])[:starts]
+        try:
+            (result,) = solve(
+                posed, points, objective=objective, seed=seed,
+                progress=tell(f"identifying: {tried[place].candidate.name}"),
+            )  # fmt: skip
+        except InputError:
+            return None
+        return dataclasses.replace(result, data=data)
+
+    place, chosen = _first_converged(tried, order, identified)
+    if chosen is None:
+        raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
+    passed = [tried[k].candidate.name for k in order[: order.index(place)]]
+    dropped = (*dropped, *(f"{name} was passed over: its fit did not converge." for name in passed))
+    places = [place, *(k for k in order if k != place)]
+    alike = {
+        one.candidate.name: one.mounted
+        for k, one in enumerate(families) if tried[k].alike and k != place
+    }  # fmt: skip
+    error = model_error(
+        data, chosen.residuals, tried[place].left_out, tried[place].candidate.unknowns
+    )
+    return Choice(
+        data=data,
+        chosen=chosen,
+        tried=tuple(tried[k] for k in places),
+        dropped=dropped,
+        alike=alike,
+        error=error,
+        other_lengths=other_lengths(
+            [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
+            data.max_force,
+        ),
+        open_question=where_they_differ(data, chosen.mounted, alike.values()),
+    )
+
+
+def _first_converged(
+    tried: Sequence[Tried],
+    order: Sequence[int],
+    identified: Callable[[int], Identification | None],
+) -> tuple[int, Identification | None]:
+    """The first family with a certified optimum, of those that err little more than the best.
+
+    Its place and its fit; the first fit of any where none of them has an optimum.
+    """
+    least = min(one.held_out for one in tried)
+    first: tuple[int, Identification | None] = (order[0], None)
+    for place in order:
+        if tried[place].held_out > LITTLE_MORE * least:
+            break
+        fit = identified(place)
+        if fit is not None and fit.converged:
+            return place, fit
+        if fit is not None and first[1] is None:
+            first = place, fit
+    return first
+
+
+def weigh(data: ForceData, noise: float | None = None) -> ForceData:
+    """The map with the error of the laws in the standard deviations of its readings.
+
+    Args:
+        data: the map.
+        noise: standard deviation of one reading [N]; that of the data unless given.
+    """
+    own = noise or (0.0 if data.force_std is None else data.force_std)
+    std = np.hypot(own, MODEL_ERROR * data.max_force)
+    return dataclasses.replace(data, force_std=np.broadcast_to(std, data.force.shape).copy())
+
+
+_HEADER = {
+    "pressure": "pressures out",
+    "interior length": "interior lengths out",
+    "end length": "end lengths out",
+}
+"""Columns of held-out errors, those that there are."""
+
+
+def choice_as_dict(choice: Choice) -> dict[str, Any]:
+    """JSON-ready, SI."""
+    return {
+        "chosen": choice.name,
+        "clear": choice.clear,
+        "open_question": choice.open_question or None,
+        "left_out": list(choice.dropped),
+        "tried": [
+            {
+                "family": one.candidate.name,
+                "unknowns": one.candidate.unknowns,
+                "rmse_N": one.rmse,
+                **{
+                    f"{kind.replace(' ', '_')}s_out_rmse_N": one.columns.get(kind)
+                    for kind in _HEADER
+                },
+                "held_out_N": finite_or_none(one.held_out),
+                "fits_alike": one.alike,
+            }
+            for one in choice.tried
+        ],
+    }
+
+
+def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    """Title, header and rows of text: the chosen family, then the others by their held-out errors."""
+    unit = unit_system(system)["force"]
+
+    def force(value: float | None) -> str:
+        if value is None or not np.isfinite(value):
+            return ""
+        return f"{from_si(value, unit, 'force'):.4g}"
+
+    def part(one: Tried) -> str:
+        if one is choice.tried[0]:
+            return "chosen"
+        return "fits alike" if one.alike else ""
+
+    kinds = [kind for kind in _HEADER if kind in choice.tried[0].columns]
+    rows = [
+        (
+            one.candidate.name, str(one.candidate.unknowns), force(one.rmse),
+            *(force(one.columns.get(kind)) for kind in kinds), force(one.held_out), part(one),
+        )
+        for one in choice.tried
+    ]  # fmt: skip
+    title = f"Families tried, RMSE in {unit}; the held-out error is the geometric mean of the columns out"
+    header = (
+        "family",
+        "unknowns",
+        "in sample",
+        *(_HEADER[kind] for kind in kinds),
+        "held-out error",
+        "",
+    )
+    return title, header, rows

@@ -1,0 +1,244 @@
+"""The families that a fit chooses from, as far as a map can carry them.
+
+Every family has the same unknowns of the geometry: braid diameter and angle, the deadband, ends that open
+as the muscle shortens, threads that stretch, and the rest length within the rounding to which it was given.
+Priors that are the same for every muscle hold what the readings cannot tell. The families differ in two
+things alone: the law of the bladder, and what makes the muscle pull late, its deadband or a rig that gives
+way by a power of the force; either does, and with both a map of one muscle tells neither.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from .arguments import check_mapping
+from .data.force_data import ForceData, check_maps
+from .families import Law, LawGiven, law_named
+from .parameters import Parameter
+
+EXPONENT_PRIOR = (-3.0, 5.0)
+"""Of Ogden's exponent, the same for every muscle: bare rubbers have -2 to 5 (Ogden 1972; 2 is
+neo-Hookean), walls with threads in them -7 to -4. Fewer than four lengths hardly tell its sign."""
+
+MODEL_ERROR = 0.005
+"""Standard deviation, in parts of the largest force, by which a law misses readings of a muscle that
+is made of rubber and threads. It is added to that of the readings: what is known to 0.1 N does not
+count a hundred times more than what is known to 1 N where the law itself is good to 3 N."""
+
+LAWS: dict[str, dict[str, Any]] = {
+    "ogden": {"law": "ogden"},
+    "mooney-rivlin": {"law": "mooney-rivlin"},
+    "linear": {"law": "polynomial", "order": 1},
+    "saturating": {"law": "saturating"},
+    "cubic": {"law": "polynomial", "order": 3},
+}
+"""In the order in which they are believed of a map that cannot tell: the laws of rubber before those
+that only describe, and of either the one of fewer coefficients first."""
+
+END_FACTOR_PRIOR = (1.0, 0.05)
+"""A muscle whose ends open as it shortens is up to a tenth longer than its cylinder."""
+BRAID_COMPLIANCE_PRIOR = (0.0, 1e-5)
+"""[1/N]; threads of a muscle of 10 to 20 mm that stretch by 1 % do so at 1000 N."""
+
+_WIDEST_SCALE = 0.1
+_GEOMETRY = 2  # braid diameter and angle; the rest has priors
+FEWEST_LENGTHS = 4
+"""From which on lengths are left out: without one of three, two are left, which determine no family."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One family of the ladder.
+
+    Attributes:
+        name: in words.
+        law: its name.
+        rig: whether the rig gives way, in place of a deadband.
+        options: law and order, as `identify` takes them.
+        bounds: as a user gave them, likewise.
+        parameters: what takes part, what is held, and priors, likewise.
+        unknowns: numbers without a prior, which the readings have to determine.
+        rank: place on the ladder: of families that predict alike, the first is taken.
+    """
+
+    name: str
+    law: str
+    rig: bool
+    options: Mapping[str, Any]
+    bounds: Mapping[str, tuple[float, float]]
+    parameters: Mapping[str, Parameter]
+    unknowns: int
+    rank: tuple[int, int]
+
+
+def ladder(
+    data: ForceData,
+    parameters: Mapping[str, Parameter] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
+    """The families that a force map can carry.
+
+    Each length tells two numbers, the slope and the intercept of the force in pressure, so a family of as
+    many unknowns has none left to be judged by: it is left out, and so is a law of more coefficients than
+    there are lengths at which the bladder is strained.
+
+    Args:
+        data: the map.
+        parameters: what a user says; none of these is varied by the ladder, and a law that has not
+            one of them is left out.
+        bounds: likewise.
+
+    Returns:
+        (the candidates, in the order of the ladder; one sentence for each kind of family left out).
+    """
+    check_maps(data)
+    check_mapping("bounds", bounds, "from names to (low, high) in SI")
+    check_mapping("parameters", parameters, "from names to fitting.Parameter")
+    bounds, parameters = dict(bounds or {}), dict(parameters or {})
+    said = {*bounds, *parameters}
+    loaded = data.loaded
+    lengths = np.unique(data.lengths.level[loaded]).size
+    pressures = np.unique(data.pressures.level[loaded]).size
+    strained = np.unique(data.lengths.level[data.strained]).size
+    told = lengths * min(pressures, 2) - 1
+    of_any_law = set().union(*map(_rows, LAWS))
+    rigs = (False,) if said & _PULLS_LATE else (False, True)
+    found, dropped, large = [], [], 0
+    for rank, law in enumerate(LAWS):
+        made = law_of(law)
+        lacking = sorted((said & of_any_law) - _rows(law))
+        if lacking:
+            dropped.append(f"The {law} law has no {', '.join(lacking)}, which was given.")
+            continue
+        if len(made.coefficients) > strained:
+            dropped.append(
+                f"The {law} law needs {len(made.coefficients)} lengths at which the bladder is "
+                f"strained; the map has {strained}."
+            )
+            continue
+        for rig in rigs:
+            known = {**_geometry(data), **believed(law, data), **(_RIG if rig else {})}
+            known = {name: one for name, one in known.items() if name not in bounds}
+            if "end_length" in said:
+                known.pop("end_factor", None)
+            unknowns = numbers_of(law) + rig * len(_RIG_UNKNOWNS)
+            if unknowns > told:
+                large += 1
+                continue
+            found.append(
+                Candidate(
+                    name=f"{law}, compliant rig" if rig else law, law=law, rig=rig,
+                    options=LAWS[law], bounds=bounds, parameters={**known, **parameters},
+                    unknowns=unknowns, rank=(rank, rig),
+                )
+            )  # fmt: skip
+    if large:
+        dropped.append(
+            f"{large} families of more than {told} unknowns, which {lengths} lengths cannot "
+            "determine, were left out."
+        )
+    return tuple(found), tuple(dropped)
+
+
+def as_cylinder(one: Candidate, data: ForceData, said: Collection[str] = frozenset()) -> Candidate:
+    """The family with the geometry of a cylinder of stiff threads, which transfers to other lengths.
+
+    Args:
+        one: the family.
+        data: the map.
+        said: parameters of which a user says something; they stay.
+    """
+    held = {
+        "end_factor": Parameter(value=1.0, vary=False),
+        "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
+        "rest_length": Parameter(value=data.specimen.rest_length, vary=False, unit="m"),
+    }
+    changed = {name: entry for name, entry in held.items() if name not in said}
+    return dataclasses.replace(one, parameters={**one.parameters, **changed})
+
+
+_RIG_UNKNOWNS = ("series_compliance", "series_exponent")
+_RIG = {
+    "deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa"),
+    "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
+    **{name: Parameter() for name in _RIG_UNKNOWNS},
+}
+"""A rig that gives way is hardly told from threads that do."""
+_PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
+
+
+def _geometry(data: ForceData) -> dict[str, Parameter]:
+    """What is believed of every muscle, whatever its law."""
+    rest = data.specimen.rest_length
+    rounding = rest_length_rounding(rest)
+    return {
+        "end_factor": Parameter(prior=END_FACTOR_PRIOR),
+        "braid_compliance": Parameter(prior=BRAID_COMPLIANCE_PRIOR, unit="1/N"),
+        "rest_length": Parameter(
+            min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m"
+        ),
+    }
+
+
+def options_of(law: LawGiven) -> dict[str, Any]:
+    """Law and order, as `identify` takes them: a name of the ladder, or whatever a law may be given as."""
+    return LAWS.get(law, {"law": law}) if isinstance(law, str) else {"law": law}
+
+
+def law_of(law: LawGiven) -> Law:
+    """The family of a law.
+
+    Raises:
+        InputError: no such law, or nothing that can be identified by what is given.
+    """
+    if isinstance(law, str) and law in LAWS:
+        return _of_the_ladder(law)
+    options = options_of(law)
+    return law_named(options["law"], options.get("order"))
+
+
+@functools.cache
+def _of_the_ladder(law: str) -> Law:
+    return law_named(**{"order": None, **LAWS[law]})
+
+
+def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
+    """What is known of the law's parameters, whatever the muscle.
+
+    Args:
+        law: as `identify` takes it.
+        data: the map, whose lengths tell which features of a law can be identified: none that is narrower
+            than half the widest gap between them.
+    """
+    known = {"ogden_exponent": Parameter(prior=EXPONENT_PRIOR)}
+    if data is not None:
+        lengths = np.unique(data.lengths.level[data.loaded])
+        widest = float(np.diff(lengths, prepend=lengths[0]).max()) / data.specimen.rest_length
+        least, most = law_of("saturating").shape["strain_scale"].min, _WIDEST_SCALE
+        known["strain_scale"] = Parameter(min=float(np.clip(widest / 2, least, most)))
+    return {name: one for name, one in known.items() if name in law_of(law).shape}
+
+
+def numbers_of(law: LawGiven) -> int:
+    """How many numbers of law and geometry the readings have to determine.
+
+    A shape parameter of the law is one, unless it has a prior, which is as good as a reading.
+    """
+    made = law_of(law)
+    of_prior = {name for name, one in believed(law).items() if one.prior is not None}
+    return _GEOMETRY + len(made.coefficients) + len(made.shape.keys() - of_prior)
+
+
+def _rows(law: str) -> set[str]:
+    """Names of the parameters of a law."""
+    made = law_of(law)
+    return {*made.shape, *made.coefficients}
+
+
+def rest_length_rounding(rest_length: float) -> float:
+    """Half a unit of the last digit to which a rest length [m] is given, from 0.05 to 0.5 mm."""
+    millimetres = rest_length * 1e3
+    return 0.5e-3 if abs(millimetres - round(millimetres)) < 1e-6 else 0.05e-3

@@ -1,0 +1,305 @@
+"""The parameter table of an identification: value, bounds, prior and unit of every parameter."""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.units import UNITS, to_si
+
+from .arguments import check_pair, is_number, shown
+from .data.force_data import Specimen
+from .plausible import check_bounds, check_prior
+
+GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure")
+"""The nonlinear parameters of every fit, in the order in which every array starts."""
+
+KINDS = {
+    "braid_diameter": "length",
+    "braid_angle": "angle",
+    "deadband_pressure": "pressure",
+    "rest_length": "length",
+    "end_factor": "number",
+    "end_length": "length",
+    "braid_compliance": "strain compliance",
+    "series_compliance": "compliance",
+    "series_exponent": "number",
+    "length_offset": "length",
+}
+"""Kind of unit of the parameters that do not belong to the law."""
+
+_LOWEST = {
+    "braid_diameter": "> 0",
+    "braid_angle": "> 0",
+    "rest_length": "> 0",
+    "end_factor": "> 0",
+    "end_length": ">= 0",
+    "strain_scale": "> 0",
+    "deadband_pressure": ">= 0 (gauge pressure)",
+    "braid_compliance": ">= 0: nothing pushes back harder than it is pulled",
+    "series_compliance": ">= 0: nothing pushes back harder than it is pulled",
+    "series_exponent": "> 0",
+}
+"""What the lower bound of a parameter must be."""
+
+_WALL_ALLOWANCE = 3.6e-3
+"""The braid lies between the bore and the outside of two 1.8 mm walls [m]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """What a user says of one parameter; whatever is None stays as the standard table has it.
+
+    Attributes:
+        value: where the parameter is held; only with `vary=False`.
+        min, max: bounds.
+        vary: whether it is identified.
+        prior: (mean, standard deviation) of what is known of it besides the data.
+        unit: of all of these, such as "mm"; "" only for numbers without one.
+    """
+
+    value: float | None = None
+    min: float | None = None
+    max: float | None = None
+    vary: bool = True
+    prior: tuple[float, float] | None = None
+    unit: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One parameter in SI as the fit uses it; one with min = max is held.
+
+    Attributes:
+        min, max: bounds.
+        kind: kind of unit.
+        prior: (mean, standard deviation) or None.
+    """
+
+    min: float = -math.inf
+    max: float = math.inf
+    kind: str = "number"
+    prior: tuple[float, float] | None = None
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the interval is one value."""
+        return self.min == self.max
+
+
+def base_name(name: str) -> str:
+    """The name without its specimen: `braid_angle` of `braid_angle[10cm]`."""
+    return name.partition("[")[0]
+
+
+def standard_table(specimen: Specimen, box: str) -> dict[str, Entry]:
+    """The three parameters of every fit in one of the two standard boxes.
+
+    Args:
+        specimen: its nominal diameter places the braid diameter.
+        box: "physical", in which the geometry is that of a buildable muscle (braid diameter from
+            the bore to 3.6 mm above it, braid angle 60 to 70 deg, deadband to 1 bar), or "open",
+            in which the geometry is only a fit parameter.
+
+    Returns:
+        Entries in SI by name. Without a nominal diameter the braid diameter is bounded by what
+        muscles are made in, 3 to 80 mm.
+
+    Raises:
+        InputError: another box.
+    """
+    nominal = specimen.nominal_diameter
+    if box == "physical":
+        diameter = (nominal, nominal + _WALL_ALLOWANCE) if nominal else (3e-3, 80e-3)
+        angle, deadband = (60, 70), 100e3
+    elif box == "open":
+        diameter = (nominal / 2, nominal * 2) if nominal else (3e-3, 80e-3)
+        angle, deadband = (45, 80), 200e3
+    else:
+        raise InputError(f"the box is 'physical' or 'open', got {box!r}")
+    return {
+        "braid_diameter": Entry(*diameter, "length"),
+        "braid_angle": Entry(math.radians(angle[0]), math.radians(angle[1]), "angle"),
+        "deadband_pressure": Entry(0.0, deadband, "pressure"),
+    }
+
+
+def optional_table(specimen: Specimen) -> dict[str, Entry]:
+    """The parameters that take part only where a user names them, with their standard bounds."""
+    rest = specimen.rest_length
+    return {
+        "rest_length": Entry(0.97 * rest, 1.03 * rest, "length"),
+        "end_factor": Entry(1.0, 1.4),
+        "end_length": Entry(0.0, (1 - 1 / 1.4) * rest, "length"),
+        "braid_compliance": Entry(0.0, 3e-5, KINDS["braid_compliance"]),
+        "series_compliance": Entry(0.0, 5e-5, KINDS["series_compliance"]),
+        "series_exponent": Entry(0.3, 1.0),
+        "length_offset": Entry(-math.inf, math.inf, "length"),
+    }
+
+
+def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
+    """What a user said of a parameter, put over its standard entry, in SI.
+
+    Raises:
+        InputError: a missing or unknown unit, bounds or a value that contradict one another, or a
+            prior without spread.
+    """
+    if not isinstance(given, Parameter):
+        raise InputError(
+            f"what is said of {name} must be a fitting.Parameter, got {shown(given)}: "
+            "bounds={...} takes intervals"
+        )
+    told = given.prior
+    if told is not None:
+        told = check_pair(f"the prior of {name}", told, "is (mean, standard deviation)")
+    numbers = (given.value, given.min, given.max, *(told or ()))
+    for number in (given.value, given.min, given.max):
+        if number is not None and not is_number(number):
+            raise InputError(f"value, min and max of {name} must be numbers, got {shown(number)}")
+    if given.value is not None and not np.isfinite(given.value):
+        raise InputError(f"the value at which {name} is held must be a number, got {given.value}")
+    if standard.kind != "number" and not given.unit and any(n is not None for n in numbers):
+        raise InputError(
+            f"{name} is a {standard.kind} and needs a unit, one of "
+            f"{', '.join(UNITS[standard.kind])}, as in Parameter(..., unit="
+            f"{next(reversed(UNITS[standard.kind]))!r})"
+        )
+
+    def si(value: float) -> float:
+        return to_si(value, given.unit, standard.kind) if given.unit else float(value)
+
+    if not given.vary:
+        if given.value is None:
+            raise InputError(f"{name} with vary=False must have the value at which it is held")
+        if (given.min, given.max, given.prior) != (None, None, None):
+            raise InputError(f"{name} is held at its value: it has no bounds and no prior")
+        check_bounds(name, standard.kind, [si(given.value)], given.unit)
+        return Entry(si(given.value), si(given.value), standard.kind)
+    if given.value is not None:
+        raise InputError(
+            f"{name}: a value is only for a parameter that is held (vary=False); the search makes "
+            "its own starts within the bounds"
+        )
+    prior = None
+    if told is not None:
+        prior = (si(told[0]), si(told[1]))
+        if not (math.isfinite(prior[0]) and math.isfinite(prior[1]) and prior[1] > 0):
+            raise InputError(
+                f"the prior of {name} is a mean and a standard deviation > 0, got {given.prior}"
+            )
+        check_prior(name, standard.kind, prior, given.unit)
+    ends = [si(end) for end in (given.min, given.max) if end is not None]
+    check_bounds(name, standard.kind, ends, given.unit)
+    low = standard.min if given.min is None else si(given.min)
+    high = standard.max if given.max is None else si(given.max)
+    return bounded(name, low, high, dataclasses.replace(standard, prior=prior))
+
+
+def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
+    """The entry with these bounds [SI].
+
+    Raises:
+        InputError: the bounds contradict each other, or hold a parameter that has a prior.
+    """
+    if math.isnan(low) or math.isnan(high) or low > high:
+        raise InputError(
+            f"bounds of {name}: the lower one, {low:.6g}, must not exceed the upper one, "
+            f"{high:.6g} (SI)"
+        )
+    if low == high and entry.prior is not None:
+        raise InputError(
+            f"{name} is held at {low:.6g} (SI) by its bounds, where a prior says nothing: give its "
+            "prior or the value at which it is held, not both"
+        )
+    return dataclasses.replace(entry, min=float(low), max=float(high))
+
+
+def complete_table(
+    specimen: Specimen,
+    box: str,
+    law: Mapping[str, Entry],
+    bounds: Mapping[str, tuple[float, float]],
+    parameters: Mapping[str, Parameter],
+    further: Mapping[str, Entry] | None = None,
+) -> dict[str, Entry]:
+    """The table of one specimen: the standard box, the law, and what the user says of either.
+
+    Args:
+        specimen: of the fit.
+        box: "physical" or "open".
+        law: shape parameters and coefficients of the law.
+        bounds: intervals in SI by name.
+        parameters: the same and more, with units, by name.
+        further: what a geometry or terms of one's own declare; each takes part where it is named.
+
+    Returns:
+        Entries in SI by name, the coefficients last.
+
+    Raises:
+        InputError: an unknown name, or a contradiction.
+    """
+    table = standard_table(specimen, box)
+    optional = {**optional_table(specimen), **(further or {})}
+    known = {**optional, **table, **law}
+    changed = {}
+    for name in (*bounds, *parameters):
+        if name not in known:
+            raise InputError(f"unknown parameter {name!r}; this fit has {', '.join(known)}")
+        entry = known[name]
+        if name in parameters:
+            entry = entry_in_si(name, parameters[name], entry)
+        if name in bounds:
+            ends = check_pair(f"bounds of {name}", bounds[name], "are (low, high)")
+            check_bounds(name, entry.kind, ends)
+            given = parameters.get(name, Parameter())
+            if (given.value, given.min, given.max) != (None, None, None):
+                raise InputError(f"{name}: give its bounds once, as bounds or in parameters")
+            entry = bounded(name, *ends, entry)
+        changed[name] = entry
+    extras = {name: changed[name] for name in optional if name in changed and name not in table}
+    table = {**table, **extras, **law}
+    table |= changed
+    _check_physics(table, law)
+    return table
+
+
+def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None:
+    """Bounds must be finite where a search needs them, and possible where nature sets limits."""
+    offsets = table.get("length_offset")
+    if offsets is not None and not offsets.fixed and offsets.prior is None:
+        raise InputError(
+            "length_offset needs a prior, such as Parameter(prior=(0.0, 0.25), unit='mm'): without "
+            "one the lengths would be free to fit anything"
+        )
+    for name, entry in table.items():
+        if name in law and entry.kind == "stress":
+            continue
+        if name != "length_offset" and not (math.isfinite(entry.min) and math.isfinite(entry.max)):
+            raise InputError(
+                f"{name} needs finite bounds, got {entry.min:.6g} to {entry.max:.6g} (SI)"
+            )
+    for name, must in _LOWEST.items():
+        if name not in table:
+            continue
+        low, strict = table[name].min, must == "> 0"
+        if low < 0 or (strict and low == 0):
+            raise InputError(f"the lower bound of {name} must be {must}")
+    if table["braid_angle"].max >= math.pi / 2:
+        raise InputError("braid_angle lies between 0 and 90 deg, measured from the circumference")
+    if "end_factor" in table and "end_length" in table:
+        raise InputError(
+            "end_factor and end_length are the same thing said in two ways: name one of them"
+        )
+    if "series_exponent" in table and "series_compliance" not in table:
+        raise InputError(
+            "series_exponent is of the compliance of the rig, which takes no part: name "
+            "series_compliance as well"
+        )
+
+
+def names_of(table: Iterable[str], *, like: str) -> tuple[str, ...]:
+    """The names in a table that belong to one base name, such as all `length_offset`s."""
+    return tuple(name for name in table if base_name(name).startswith(like))

@@ -1,0 +1,374 @@
+"""A series of muscles, the same but for their length: one model of all, and of lengths never seen.
+
+What transfers from one length to another is decided by leaving each specimen out in turn. A model
+that fits each specimen best by itself need not transfer: a deadband and a dead end make up for
+whatever distinguishes one short muscle, and the rig's compliance must then be what it is not.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import famjax
+from famjax.boundary.class_path import class_named
+from famjax.boundary.errors import InputError
+from famjax.boundary.tasks import AnyExecutor, Store
+
+from .arguments import check_mapping
+from .checks import check_starts
+from .data.force_data import ForceData, several_maps
+from .evidence.leave_out import leave_out_each
+from .evidence.left_out import LeftOut
+from .evidence.pull import pull
+from .evidence.refit import force_error
+from .evidence.spread import muscle_spread
+from .families import LawGiven
+from .identification import solve
+from .ladder import Candidate, believed, law_of, numbers_of, options_of
+from .parameters import Parameter
+from .posing import Geometry, Posed, fingerprint, pose_together
+from .race import Tried, descended, preferred, ranked
+from .result import Identification
+from .tasks import run_fits
+
+DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
+"""Laws of a series, in the order in which they are believed."""
+
+BETWEEN = 0.02
+"""Standard deviation, in parts of the largest force, by which specimens of a series differ. All
+readings of one specimen are off together, so each specimen counts the same, however many it has."""
+
+_COMPARED = 4  # starts of each family at most
+_NO_DEADBAND = Parameter(value=0.0, vary=False, unit="Pa")
+_EQUAL = (
+    "Each specimen counts the same, whatever the number of its readings and their standard "
+    "deviations: specimens differ by more than the noise of their forces."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Series:
+    """One model of a series of muscles.
+
+    Attributes:
+        name: of the family that transfers best, in words.
+        law: its law.
+        specimens: the identification of each specimen; all parameters are shared.
+        others: the same in a rig that gives way, where predictions are the weighted mean of both.
+        weights: of the first and of the others, of sum 1, see `_weights`.
+        tried: all families, the chosen one first.
+        left_out: errors of the mean on each specimen, while it was left out.
+    """
+
+    name: str
+    law: str
+    specimens: tuple[Identification, ...]
+    others: tuple[tuple[Identification, ...], ...]
+    weights: tuple[float, ...]
+    tried: tuple[Tried, ...]
+    left_out: LeftOut
+
+    @property
+    def candidates(self) -> dict[str, float]:
+        """RMSE [N] on the specimens left out, of every family that was tried."""
+        return {one.candidate.name: one.left_out["specimen"].rmse for one in self.tried}
+
+    @property
+    def between(self) -> float:
+        """Standard deviation [N] of the readings of a new specimen about their prediction.
+
+        That of specimens left out, each of which was predicted from one fewer than a new one is: a
+        mean of n - 1 that each differ by s, and a new one, are s sqrt(1 + 1/(n - 1)) apart.
+        """
+        n = len(self.specimens)
+        left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
+        return left_out * math.sqrt(1 - 1 / n**2)
+
+    def muscle(self, rest_length: float) -> famjax.MountedMuscle:
+        """A muscle of the series with the rest length L0 [m], in the rig of the others."""
+        one = self.specimens[0].mounted
+        return one.with_muscle(famjax.cut_to_length(one.muscle, rest_length))
+
+    def predict(
+        self,
+        rest_length: float,
+        length: Float[np.ndarray, " n"],
+        pressure: Float[np.ndarray, " n"],
+        *,
+        length_std: float = 0.0,
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Force of a muscle never seen, as the rig would measure it, with its standard deviation.
+
+        The standard deviation is that between specimens, which leaving one out shows with the error
+        of the parameters in it, or that of parameters and lengths by linear theory where it is larger.
+
+        Args:
+            rest_length: L0 [m] of the muscle.
+            length: lengths [m].
+            pressure: gauge pressures [Pa].
+            length_std: standard deviation of the lengths [m].
+
+        Returns:
+            (force, standard deviation), both [N] and of shape (n,).
+        """
+        found = [
+            pull(
+                one.mounted,
+                muscle_spread(one) if k == 0 else None,
+                length, pressure, rest_length=rest_length, length_std=length_std,
+            )
+            for k, (one, *_) in enumerate((self.specimens, *self.others))
+        ]  # fmt: skip
+        force = np.average([one.force for one in found], axis=0, weights=self.weights)
+        return force, np.maximum(found[0].std, self.between)
+
+
+def identify_series(
+    data: Sequence[ForceData],
+    *,
+    laws: Sequence[LawGiven] | LawGiven = DEFAULT_LAWS,
+    parameters: Mapping[str, Parameter] | None = None,
+    constraint: str = "drucker",
+    box: str = "physical",
+    geometry: Geometry | None = None,
+    terms: famjax.terms.AbstractForceTerm | None = None,
+    starts: int = 8,
+    seed: int = 0,
+    executor: AnyExecutor = None,
+    resume: Path | str | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Series:
+    """The model of a series that predicts each specimen from the others best.
+
+    Every law is identified on all specimens together, with every parameter shared, with and without
+    a deadband, and again without each of the specimens. Whether the rig gives way is not to be told
+    from ends and lengths by specimens of a few lengths: predictions are the mean of a rigid rig and
+    of one that gives way, weighted by their errors on the specimens left out. The family with the
+    smallest error on them is chosen, or the first in the order of the laws of those within a tenth of it.
+
+    Three specimens of 24 readings take ten seconds of a core, and a new process four to start and trace
+    the laws: more than one pay for more specimens, readings or laws.
+
+    Args:
+        data: force maps of two specimens or more, with different names, measured in one rig.
+        laws: in the order in which they are believed, each as `identify` takes one: a name,
+            `module:Class`, a class or a material; "linear" and "cubic" are polynomials.
+        parameters: as in `identify`; what is named here is not varied. `end_length` is the dead
+            length of rounded ends, the same at every length.
+        constraint: on the coefficients.
+        box: of the standard bounds.
+        geometry: a class or function of the estimated geometry of each specimen, see `identify`; it
+            needs a method `cut_to_length`.
+        terms: further force terms, the same for every specimen; see `identify`.
+        starts: number of starts, of each fit.
+        seed: of the starts.
+        executor: what judges the families, each rig of a law a task: this process, processes or a
+            cluster, see `famjax.boundary.tasks.AnyExecutor`; the model is the same.
+        resume: JSONL file to which the errors of each finished one are written, created if missing; a
+            series that was stopped goes on from there.
+        progress: called with (what is done, families done, families).
+
+    Returns:
+        The model, with the error of every family.
+
+    Raises:
+        InputError: fewer than two specimens, an unknown law, what `identify_together` refuses, the
+            folder of another series, or the executor is gone.
+    """
+    if isinstance(laws, str) or not isinstance(laws, Sequence):
+        laws = (laws,)
+    if isinstance(geometry, str):
+        geometry = class_named(geometry, famjax.geometries.AbstractGeometry, "geometry")
+    data = several_maps(data)
+    check_starts(starts)
+    check_mapping("parameters", parameters, "from names to fitting.Parameter")
+    _check(data, laws, geometry)
+    own = {k: v for k, v in (("geometry", geometry), ("terms", terms)) if v is not None}
+    alike = [_counting_alike(one, data) for one in data]
+    said = dict(parameters or {})
+    families = [rigs for rank, law in enumerate(laws) for rigs in _families(law, rank, said, own)]
+    rigs = [rig for family in families for rig in family]
+    if len({one.name for one in rigs}) < len(rigs):
+        names = ", ".join(dict.fromkeys(one.law for one in rigs))
+        raise InputError(f"each law of a series is tried once: got one of {names} twice")
+    settings = {
+        "version": famjax.__version__,
+        "data": [one.sha256 for one in data],
+        "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in data],
+        "families": [[one.name, repr(sorted(one.parameters.items()))] for one in rigs],
+        "constraint": constraint,
+        "box": box,
+        "own": [fingerprint(one) for one in (*own.values(), *laws)],
+        "starts": min(starts, _COMPARED),
+        "seed": seed,
+    }
+    store = Store(resume, "series", settings, len(rigs))
+
+    def tell(done: int, total: int) -> None:
+        if progress is not None and done < total:
+            progress(rigs[done].name, done, total)
+
+    run_fits(
+        functools.partial(_tried, alike, constraint, box, min(starts, _COMPARED), seed), rigs,
+        executor=executor, store=store, progress=tell, names=[one.name for one in rigs],
+    )  # fmt: skip
+    parts, found = iter(store), []
+    for family in families:
+        judged = [_Judged.of(one, next(parts)) for one in family]
+        sound = [one for one in judged if one is not None]
+        if sound:
+            found.append(sorted(sound, key=lambda one: one.error))
+    if not found:
+        raise InputError(
+            f"none of the families {', '.join(one.name for one in rigs)} has a force at every reading "
+            "without each of the specimens: the others do not determine the parameters. Fix some "
+            "(end_length, series_compliance), or give more specimens"
+        )
+    largest = max(one.max_force for one in data)
+    tried = ranked([_as_one(rigs) for rigs in found], largest)
+    order = preferred(tried)
+    chosen, kept = tried[order[0]], found[order[0]]
+    if progress is not None:
+        progress(f"identifying: {chosen.candidate.name}", len(rigs), len(rigs))
+    posed = [_posed(alike, constraint, box, one.candidate) for one in kept]
+    fits = [solve(one, one.starts(starts, seed), seed=seed) for one in posed]
+    return Series(
+        name=chosen.candidate.name, law=chosen.candidate.law, specimens=fits[0],
+        others=tuple(fits[1:]), weights=_weights(kept), tried=tuple(tried[k] for k in order),
+        left_out=chosen.left_out["specimen"],
+    )  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class _Judged:
+    """A law in a rig that is rigid or gives way: RMSE [N] in sample, errors on specimens left out."""
+
+    candidate: Candidate
+    rmse: float
+    left_out: LeftOut
+
+    @property
+    def error(self) -> float:
+        """RMSE [N] on whole specimens left out, each of which counts the same."""
+        return float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
+
+    @classmethod
+    def of(cls, candidate: Candidate, part: Mapping[str, Any]) -> "_Judged | None":
+        """From the part of a store; None where there is no force of every specimen."""
+        if not part["sound"]:
+            return None
+        out = LeftOut("specimen", part["level"], part["group"], part["error"])
+        return cls(candidate, part["rmse"], out)
+
+
+def _tried(
+    data: Sequence[ForceData],
+    constraint: str,
+    box: str,
+    starts: int,
+    seed: int,
+    candidate: Candidate,
+) -> dict[str, Any]:
+    """Its errors; not sound where the others do not determine the force of every specimen."""
+    problem = _posed(data, constraint, box, candidate).problem
+    best = descended(problem, starts, seed)
+    kinds = {"specimen": (None, 2)}
+    (found,) = leave_out_each([(problem, best.u)], kinds, seed=seed, settled=True)
+    out = found.get("specimen")
+    if out is None or not np.isfinite(out.error).all():
+        return {"sound": False}
+    rmse = float(np.sqrt(np.mean(force_error(problem, best) ** 2)))
+    return {
+        "sound": True, "rmse": rmse, "level": out.level, "group": out.group, "error": out.error,
+    }  # fmt: skip
+
+
+def _posed(data: Sequence[ForceData], constraint: str, box: str, candidate: Candidate) -> Posed:
+    return pose_together(
+        data, own=(), parameters=candidate.parameters, constraint=constraint, box=box,
+        **candidate.options,
+    )  # fmt: skip
+
+
+def _weights(rigs: Sequence[_Judged]) -> tuple[float, ...]:
+    """Weights of a rigid rig and of one that gives way, by their errors on whole specimens left out.
+
+    The likelihood of n errors of unknown scale goes with their root mean square to the power of -n; the
+    readings of one specimen are off together, so n is the number of specimens.
+    """
+    errors = np.array([one.error for one in rigs])
+    likelihood = (errors / errors.min()) ** -float(rigs[0].left_out.group_rmse.size)
+    return tuple((likelihood / likelihood.sum()).tolist())
+
+
+def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOut]]:
+    """The mean of a law in both rigs as one family: RMSE in sample [N], errors on specimens left out."""
+    weights = _weights(rigs)
+    rmse = float(np.sqrt(np.average([one.rmse**2 for one in rigs], weights=weights)))
+    left_out = LeftOut.of_mean([one.left_out for one in rigs], weights)
+    return rigs[0].candidate, rmse, {"specimen": left_out}
+
+
+def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geometry | None) -> None:
+    if len(data) < 2:
+        raise InputError(
+            f"a series needs the force maps of two specimens or more, got {len(data)}. One is fitted by "
+            "famjax fit (identify), and tells of another length by famjax predict --rest-length "
+            "(cut_to_length)"
+        )
+    if not laws:
+        raise InputError(f"a series needs a law, such as {', '.join(DEFAULT_LAWS)}; got none")
+    if len({one.specimen.rest_length for one in data}) < 2:
+        raise InputError(
+            "all specimens have one rest length: they say nothing of another. Give specimens of "
+            "different lengths, or fit each by famjax fit (all at once by identify_together)"
+        )
+    never_cut = famjax.geometries.AbstractGeometry.cut_to_length
+    if isinstance(geometry, type) and getattr(geometry, "cut_to_length", None) is never_cut:
+        raise InputError(
+            f"{geometry.__name__} needs a method cut_to_length(rest_length): a series predicts muscles "
+            "of other lengths"
+        )
+
+
+def _families(
+    law: LawGiven, rank: int, said: Mapping[str, Parameter], own: Mapping[str, Any]
+) -> list[tuple[Candidate, ...]]:
+    """A law with and without a deadband, each in a rigid rig and in one that gives way.
+
+    What a user says of deadband or rig is not varied; a user's own geometry and terms are in all.
+    """
+    name = law if isinstance(law, str) else law_of(law).name
+    rigs = [{}] if "series_compliance" in said else [{}, {"series_compliance": Parameter()}]
+    found = []
+    for deadband in (True,) if "deadband_pressure" in said else (True, False):
+        base = believed(law) | ({} if deadband else {"deadband_pressure": _NO_DEADBAND})
+        found.append(
+            tuple(
+                Candidate(
+                    name=", ".join(
+                        [name, *(["compliant rig"] if rig else []), *([] if deadband else ["no deadband"])]
+                    ),
+                    law=name, rig=bool(rig), options={**options_of(law), **own}, bounds={},
+                    parameters={**base, **rig, **said},
+                    unknowns=numbers_of(law) + deadband + len(rig), rank=(rank, 1 - deadband),
+                )
+                for rig in rigs
+            )
+        )  # fmt: skip
+    return found
+
+
+def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
+    """The map with readings that weigh less, the more of them there are."""
+    largest, mean = max(one.max_force for one in of), np.mean([one.loaded.sum() for one in of])
+    std = BETWEEN * largest * np.sqrt(data.loaded.sum() / mean)
+    return dataclasses.replace(
+        data, force_std=np.full(data.force.shape, std), notes=(*data.notes, _EQUAL)
+    )

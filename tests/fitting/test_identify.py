@@ -1,0 +1,360 @@
+"""Identification: the figures it must reach, its certificate, and truth recovered."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import famjax
+from fitting import ForceData, Identification, InputError, Specimen, identify
+from fitting.engine import solve
+from fitting.families import EstimatedSource, law_named
+from fitting.parameters import complete_table
+from fitting.posing import pose
+from fitting.response import CONSTRAINTS
+
+OBJECTIVE = 1e-6  # relative agreement with an independent convex solver that the project promises
+ROUNDING = 1e-9  # certificates in float64
+
+SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
+
+
+def known_muscle(law: famjax.materials.AbstractMaterial) -> famjax.Muscle:
+    braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=math.radians(65), length=0.3)
+    bladder = famjax.Bladder(0.3, 0.022, 0.002, embedded=True)
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 30e3)
+
+
+def readings(muscle: famjax.Muscle, noise: float = 0.0, seed: int = 0) -> ForceData:
+    lengths, pressures = np.linspace(0.3, 0.25, 8), np.linspace(3e5, 7e5, 5)
+    L, P = (grid.ravel() for grid in np.meshgrid(lengths, pressures))
+    force = np.asarray(muscle.force(L, P)) + noise * np.random.default_rng(seed).normal(size=L.size)
+    assert force.min() > 0  # none slack: all tests share one shape, and with it one compilation
+    return ForceData(force, P, L, SPECIMEN)
+
+
+SOFTENING = famjax.PolynomialMaterial([4e6, -6e6, 6e6])
+
+
+def test_dmsp20_in_the_physical_box(fitted20: Identification) -> None:
+    assert fitted20.converged
+    assert fitted20.errors.rmse <= 7.6  # N: the target of the project on table A1
+    assert fitted20.certificate.kkt_residual < ROUNDING
+    assert fitted20.certificate.duality_gap < ROUNDING
+    assert fitted20.certificate.gradient_residual < 1e-6
+    assert fitted20.certificate.stability_margin > 0
+    assert fitted20.certificate.n_agreeing >= 8
+    assert fitted20.errors.n_points == 60
+
+
+def test_dmsp10_in_the_physical_box(dmsp10: ForceData) -> None:
+    result = identify(dmsp10)
+    assert result.converged
+    assert result.errors.rmse <= 1.9  # N: the target of the project on table A2
+    assert result.certificate.stability_margin > 0
+
+
+@pytest.mark.parametrize(("name", "target"), [("dmsp20", 4.6), ("dmsp10", 1.8)])
+def test_open_box_fits_better_and_says_what_it_is(
+    name: str, target: float, request: pytest.FixtureRequest
+) -> None:
+    result = identify(request.getfixturevalue(name), box="open", starts=8)
+    assert result.converged
+    assert result.errors.rmse <= target
+    assert any("only fit parameters" in warning for warning in result.warnings)
+    assert any("Ridge: braid_diameter and braid_angle" in warning for warning in result.warnings)
+
+
+def test_reported_errors_are_those_of_the_muscle(fitted20: Identification) -> None:
+    data = fitted20.data
+    model = np.asarray(fitted20.muscle.force(data.length, data.pressure))[data.loaded]
+    residual = model - data.force[data.loaded]
+    np.testing.assert_allclose(fitted20.residuals, residual, atol=1e-9)
+    assert fitted20.errors.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
+    assert fitted20.errors.max == pytest.approx(np.abs(residual).max(), rel=1e-12)
+    assert fitted20.estimate("E_2").value == float(fitted20.coefficients[0, 1])
+
+
+def test_a_parameter_at_its_bound_has_no_error_bar(fitted20: Identification) -> None:
+    stopped = [e for e in fitted20.estimates if e.at_bound]
+    assert [e.name for e in stopped] == ["braid_diameter"]
+    assert math.isnan(stopped[0].stderr)
+    assert any("At a bound: braid_diameter" in warning for warning in fitted20.warnings)
+    with pytest.raises(KeyError, match="no parameter 'spam'"):
+        fitted20.estimate("spam")
+
+
+@pytest.mark.parametrize(
+    ("order", "dependence", "constraint"),
+    [(order, "fixed", constraint) for order in (1, 2, 3, 4) for constraint in CONSTRAINTS]
+    + [(3, form, constraint) for form in ("linear", "free") for constraint in ("none", "drucker")],
+)
+def test_convex_fit_agrees_with_clarabel(
+    order: int, dependence: str, constraint: str, clarabel_objective: Callable[..., float]
+) -> None:
+    """Every order and constraint, and every dependence, at one geometry, block by block."""
+    data = readings(known_muscle(SOFTENING), noise=8.0)
+    law = law_named("polynomial", order)
+    problem = pose(
+        [data],
+        [EstimatedSource(SPECIMEN)],
+        complete_table(SPECIMEN, "physical", law.coefficients, {}, {}),
+        law,
+        constraint=constraint,
+        dependence=dependence,
+    )
+    geometry = np.array([0.0215, math.radians(64.0), 25e3])  # beside the truth: constraints bite
+    point = solve(problem, geometry)
+    assert point.cost == pytest.approx(clarabel_objective(*point.programme), rel=OBJECTIVE)
+    assert point.kkt_residual < ROUNDING
+
+
+def test_truth_is_recovered_from_exact_readings() -> None:
+    truth = known_muscle(SOFTENING)
+    result = identify(readings(truth), starts=8)
+    assert result.converged
+    assert result.errors.rmse < 1e-6
+    expected = [0.022, math.radians(65), 30e3, 4e6, -6e6, 6e6]
+    np.testing.assert_allclose([e.value for e in result.estimates], expected, rtol=1e-6)
+
+
+def test_errors_cover_the_truth() -> None:
+    """At 2 N of noise the truth lies within three standard errors, and they are not absurd."""
+    result = identify(readings(known_muscle(SOFTENING), noise=2.0, seed=3), starts=8)
+    expected = [0.022, math.radians(65), 30e3, 4e6, -6e6, 6e6]
+    for estimate, truth in zip(result.estimates, expected, strict=True):
+        assert not estimate.at_bound
+        assert abs(estimate.value - truth) < 3 * estimate.stderr < 3 * abs(truth)
+    assert 1.0 < result.errors.rmse < 3.0
+
+
+@pytest.mark.slow
+def test_drucker_holds_between_the_stations() -> None:
+    """A law that wants to fall: the constraint is active inside the path and holds everywhere."""
+    falling = famjax.PolynomialMaterial([4e6, -18e6, 22e6])
+    data = readings(known_muscle(falling))
+    held = {name: (v, v) for name, v in zip(
+        ("braid_diameter", "braid_angle", "deadband_pressure"), (0.022, math.radians(65), 30e3),
+        strict=True)}  # fmt: skip
+    loose = identify(data, constraint="none", bounds=held, starts=1)
+    assert loose.certificate.stability_margin < -1e5
+    assert any("NOT Drucker-stable" in warning for warning in loose.warnings)
+    stable = identify(data, bounds=held, starts=1)
+    assert stable.active_constraints
+    assert "Drucker modulus 0" in stable.active_constraints[0]
+    largest = np.abs(stable.coefficients).max()
+    lengths = jnp.linspace(data.length.min(), 0.3, 20011)  # not the stations
+    modulus = famjax.path_modulus(stable.muscle.material, stable.muscle.geometry, lengths, 1e5)
+    assert float(modulus.min()) > -1e-9 * largest
+    assert stable.certificate.stability_margin == pytest.approx(
+        float(modulus.min()), abs=1e-9 * largest
+    )
+    assert stable.errors.rmse > loose.errors.rmse
+
+
+def test_slope_constraint_is_exact_by_roots() -> None:
+    falling = famjax.PolynomialMaterial([4e6, -18e6, 22e6])
+    result = identify(readings(known_muscle(falling)), constraint="slope", starts=4)
+    strain = np.linspace(0, result.strain_range, 50021)
+    E = result.coefficients[0]
+    tangent = E[0] + 2 * E[1] * strain + 3 * E[2] * strain**2
+    assert tangent.min() > -1e-9 * np.abs(E).max()
+    assert result.certificate.slope_margin == pytest.approx(tangent.min(), abs=1e-6 * abs(E[0]))
+
+
+def test_positive_constraint(dmsp20: ForceData) -> None:
+    result = identify(dmsp20, constraint="positive", starts=4)
+    assert result.converged
+    assert (result.coefficients >= -1e-6).all()
+    at_zero = [s for s in result.active_constraints if s.endswith("= 0")]
+    assert at_zero
+    zero = result.estimate(at_zero[0].split(" ")[0])
+    assert math.isnan(zero.stderr)  # never an error bar of zero
+
+
+@pytest.mark.slow
+def test_linear_and_free_laws_recover_a_linear_truth() -> None:
+    law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
+    data = readings(known_muscle(law))
+    linear = identify(data, order=2, dependence="linear", starts=4)
+    assert linear.errors.rmse < 1e-6
+    np.testing.assert_allclose(linear.coefficients, law.node_coefficients, rtol=1e-6)
+    held = {
+        "braid_diameter": (0.022, 0.022),
+        "braid_angle": (math.radians(65),) * 2,
+        "deadband_pressure": (3e4, 3e4),
+    }
+    levels = np.unique(data.pressure)
+    free = identify(data, order=2, dependence="free", bounds=held, starts=1)
+    np.testing.assert_allclose(free.coefficients, law.coefficients_at(levels), rtol=1e-6)
+    assert free.node_pressures is not None
+    assert np.isfinite(free.muscle.force(0.28, 0.5 * (levels[0] + levels[1])))
+
+
+def test_free_coefficients_where_readings_scatter_about_their_pressures() -> None:
+    """A reading beyond the first or the last level takes that level's coefficients."""
+    values = np.array([2e6, 3e6, 2.5e6])
+    length = np.tile(np.linspace(0.25, 0.298, 8), 3)
+    pressure = np.repeat([3e5, 5e5, 7e5], 8) + np.tile([-40.0, 60.0, -50.0, 30.0], 6)
+
+    def force(E: float) -> np.ndarray:
+        muscle = known_muscle(famjax.PolynomialMaterial([E]))
+        return np.asarray(muscle.force(length, pressure))
+
+    true = force(0.0) + np.repeat(values, 8) * (force(1e6) - force(0.0)) / 1e6
+    fit = identify(
+        ForceData(true, pressure, length, SPECIMEN, pressure_tolerance=500.0), order=1,
+        dependence="free", constraint="none",
+        geometry=known_muscle(SOFTENING).geometry, bounds={"deadband_pressure": (3e4, 3e4)}, starts=1,
+    )  # fmt: skip
+    np.testing.assert_allclose(fit.coefficients[:, 0], values, rtol=1e-6)
+
+
+def test_units_of_the_file_do_not_matter(
+    tmp_path, dmsp20: ForceData, fitted20: Identification
+) -> None:
+    from fitting import read_csv
+
+    path = tmp_path / "dmsp20.csv"
+    header = ["# specimen: name = DMSP-20-300", "# specimen: rest_length_mm = 296",
+              "# specimen: nominal_diameter_mm = 20", "# specimen: wall_thickness_mm = 1.8",
+              "# specimen: embedded = true", "pressure_psi,length_in,force_lbf"]  # fmt: skip
+    rows = [
+        f"{P / 6894.757293168361!r},{L / 0.0254!r},{F / 4.4482216152605!r}"
+        for P, L, F in zip(dmsp20.pressure, dmsp20.length, dmsp20.force, strict=True)
+    ]
+    path.write_text("\n".join(header + rows).replace("np.float64(", "").replace(")", ""))
+    result = identify(read_csv(path))
+    np.testing.assert_allclose(
+        [e.value for e in result.estimates], [e.value for e in fitted20.estimates], rtol=1e-7
+    )
+
+
+@pytest.mark.slow
+def test_elastic_braid_is_identified() -> None:
+    """The truth has soft threads: the elastic geometry finds it, the inelastic one cannot."""
+    thread = famjax.braids.LinearThread(8e9, 1e-7)
+    source = EstimatedSource(SPECIMEN, 200.0, thread)
+    geometry = source.geometry({"braid_diameter": 0.022, "braid_angle": math.radians(65)})
+    data = readings(famjax.Muscle(geometry, SOFTENING, 30e3))
+    elastic = identify(data, geometry=source, starts=8)
+    expected = [0.022, math.radians(65), 30e3, 4e6, -6e6, 6e6]
+    np.testing.assert_allclose([e.value for e in elastic.estimates], expected, rtol=1e-5)
+    assert identify(data, starts=8).errors.rmse > 100 * elastic.errors.rmse
+
+
+class Silent(famjax.EstimatedGeometry):
+    """A geometry that declares nothing of itself."""
+
+    def declared(self) -> dict[str, famjax.parameters.Declared]:
+        return {}
+
+
+def test_known_geometry_is_taken_as_it_is() -> None:
+    truth = known_muscle(SOFTENING)
+    result = identify(readings(truth), geometry=truth.geometry, starts=2)
+    assert result.estimate("braid_diameter").fixed
+    assert result.derived == ()
+    np.testing.assert_allclose(result.coefficients[0], [4e6, -6e6, 6e6], rtol=1e-6)
+    box = {"braid_diameter": (0.020, 0.0236)}
+    named = identify(readings(truth), geometry=truth.geometry, bounds=box, starts=4)
+    assert named.estimate("braid_diameter").value == pytest.approx(0.022, rel=1e-6)
+    silent = Silent(truth.geometry.braid, truth.geometry.bladder)
+    with pytest.raises(InputError, match="braid_diameter: the known geometry says it already"):
+        identify(readings(truth), geometry=silent, bounds=box)
+    other = dataclasses.replace(SPECIMEN, rest_length=0.31)
+    with pytest.raises(InputError, match="the geometry's rest length, 300 mm, must be"):
+        identify(dataclasses.replace(readings(truth), specimen=other), geometry=truth.geometry)
+
+
+def test_same_seed_same_numbers(dmsp20: ForceData, fitted20: Identification) -> None:
+    again = identify(dmsp20)
+    np.testing.assert_array_equal(again.coefficients, fitted20.coefficients)
+
+
+def test_progress_is_reported(dmsp20: ForceData) -> None:
+    seen: list[tuple[int, int]] = []
+    identify(dmsp20, starts=10, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(done, 10) for done in range(1, 11)]
+
+
+def test_weights_follow_the_standard_deviations() -> None:
+    data = readings(known_muscle(SOFTENING), noise=5.0, seed=1)
+    std = np.where(data.length > 0.26, 1.0, 1e4)
+    result = identify(dataclasses.replace(data, force_std=std), starts=4)
+    heavy = data.length[data.loaded] > 0.26
+    assert (
+        np.abs(result.residuals[heavy]).mean()
+        < np.abs(identify(data, starts=4).residuals[heavy]).mean()
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"order": 0}, "order of the law must be a whole number 1 to 8, got 0"),
+        ({"constraint": "convex"}, "the constraint is one of none, positive, slope, drucker"),
+        ({"dependence": "cubic"}, "the pressure dependence is one of"),
+        ({"box": "big"}, "the box is 'physical' or 'open'"),
+        ({"starts": 0}, "whole number >= 1"),
+        ({"bounds": {"spam": (0.0, 1.0)}}, "unknown parameter 'spam'"),
+        ({"bounds": {"E_1": (2e6, 1e6)}}, "the lower one, 2e.06, must not exceed the upper one"),
+        ({"bounds": {"braid_angle": (1.0, 1.6)}}, "lies between 0.1 and 1.57 rad"),
+        ({"bounds": {"braid_diameter": (0.02, math.inf)}}, "needs finite bounds"),
+        ({"bounds": {"E_1": (-2e6, -1e6)}, "constraint": "positive"}, "no coefficients satisfy"),
+        ({"order": 7}, "needs loaded readings at 7 or more lengths away from the rest length"),
+        (
+            {"dependence": "free", "order": 2},
+            "need loaded readings at 2 or more lengths.*too few at 65, 85, 110",
+        ),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(dmsp20: ForceData, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        identify(dmsp20, **options)
+
+
+def _part(data: ForceData, rows: np.ndarray) -> ForceData:
+    return dataclasses.replace(
+        data, force=data.force[rows], pressure=data.pressure[rows], length=data.length[rows]
+    )
+
+
+def test_too_few_readings_and_one_pressure_are_refused(dmsp20: ForceData) -> None:
+    few = np.flatnonzero(dmsp20.loaded)[:5]
+    with pytest.raises(InputError, match="5 loaded readings cannot determine 6 parameters"):
+        identify(_part(dmsp20, few))
+    top = dmsp20.pressure == dmsp20.pressure.max()
+    with pytest.raises(InputError, match="needs readings at two pressures or more"):
+        identify(_part(dmsp20, top), dependence="linear", order=1)
+
+
+def test_lengths_that_no_braid_reaches_are_refused(dmsp20: ForceData) -> None:
+    too_long = dataclasses.replace(
+        dmsp20, length=np.where(dmsp20.length > 0.29, 0.4, dmsp20.length)
+    )
+    with pytest.raises(InputError, match="longer than its thread"):
+        identify(too_long)
+    specimen = dataclasses.replace(dmsp20.specimen, rest_length=0.5)
+    with pytest.raises(InputError, match="but no braid of at most 70 deg pulls when shorter"):
+        identify(dataclasses.replace(dmsp20, specimen=specimen))
+
+
+def test_everything_fixed_is_refused(dmsp20: ForceData) -> None:
+    held = {"braid_diameter": (0.02, 0.02), "braid_angle": (1.1, 1.1),
+            "deadband_pressure": (4e4, 4e4), "E_1": (2e6, 2e6)}  # fmt: skip
+    with pytest.raises(InputError, match="every parameter is fixed"):
+        identify(dmsp20, order=1, bounds=held)
+
+
+def test_float64_is_asked_for_with_the_line_that_enables_it(dmsp20: ForceData) -> None:
+    import jax
+
+    with (
+        jax.enable_x64(False),
+        pytest.raises(RuntimeError, match=r'jax\.config\.update\("jax_enable_x64", True\)'),
+    ):
+        identify(dmsp20)

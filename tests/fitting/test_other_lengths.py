@@ -1,0 +1,90 @@
+"""One specimen predicts muscles of other lengths by all accounts of it, with a band that holds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import famjax
+from fitting import Choice, ForceData, choose, load_fit, predict, write_fit
+from fitting.other_lengths import FROM_ONE
+from fitting.saved import SavedFit
+from tests.fitting.synthetic import muscle_map
+
+LENGTHS = (1.0, 0.97, 0.94, 0.91, 0.88, 0.85)
+MAKES = {
+    "deadband": {"deadband": 3e4, "rig": None},
+    "rig that gives way": {"deadband": 0.0, "rig": (1.5e-5, 0.5)},
+}
+
+
+def one_of(make: str, rest: float, noise: float) -> ForceData:
+    return muscle_map(noise=noise, seed=5, lengths=LENGTHS, rest=rest, **MAKES[make])
+
+
+@pytest.fixture(scope="module", params=list(MAKES))
+def chosen(request: pytest.FixtureRequest) -> tuple[str, Choice]:
+    return request.param, choose(one_of(request.param, 0.25, noise=0.5))
+
+
+@pytest.fixture
+def saved(chosen: tuple[str, Choice], tmp_path: Path) -> SavedFit:
+    _, choice = chosen
+    write_fit(choice.chosen, tmp_path, choice=choice)
+    return load_fit(tmp_path / "fit.json")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rest", [0.1, 0.5])
+def test_the_band_holds_what_a_muscle_of_that_length_pulls(
+    chosen: tuple[str, Choice], saved: SavedFit, rest: float
+) -> None:
+    data = one_of(chosen[0], rest, noise=0.0)
+    held = []
+    for length in np.unique(data.length):
+        at = (data.length == length) & data.loaded
+        rows = predict(saved, np.array([length]), data.pressure[at], rest_length=rest)
+        assert {row["band"] for row in rows} == {"one specimen"}
+        held += [
+            row["low_95_N"] <= force <= row["high_95_N"]
+            for row, force in zip(rows, data.force[at], strict=True)
+        ]
+    assert np.mean(held) > 0.9
+
+
+@pytest.mark.slow
+def test_a_prediction_is_the_mean_of_the_accounts(
+    chosen: tuple[str, Choice], saved: SavedFit
+) -> None:
+    known = chosen[1].other_lengths
+    assert known is not None
+    assert len(saved.other_lengths) == len(known.members) == len(known.names) > 1
+    forces = [
+        float(one.with_muscle(famjax.cut_to_length(one.muscle, 0.4)).force(0.36, 4e5))
+        for one in known.members
+    ]
+    (row,) = predict(saved, np.array([0.36]), np.array([4e5]), rest_length=0.4)
+    assert row["force_N"] == pytest.approx(np.mean(forces), rel=1e-9)
+    between = FROM_ONE * chosen[1].data.max_force
+    assert row["force_std_N"] == pytest.approx(np.hypot(np.std(forces), between), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_of_three_lengths_too_a_rig_is_an_account_though_it_is_not_chosen() -> None:
+    choice = choose(muscle_map(noise=0.5, seed=5, lengths=(0.97, 0.92, 0.87)))
+    assert choice.other_lengths is not None
+    assert any("rig" in name for name in choice.other_lengths.names)
+    assert all(np.isinf(one.held_out) for one in choice.tried if one.candidate.rig)
+
+
+@pytest.mark.slow
+def test_with_a_deadband_that_was_given_there_is_but_one_account(tmp_path: Path) -> None:
+    few = muscle_map(noise=0.5, seed=5, lengths=(0.97, 0.92, 0.87))
+    choice = choose(few, bounds={"deadband_pressure": (0.0, 3e4)})
+    assert choice.other_lengths is None
+    write_fit(choice.chosen, tmp_path, choice=choice)
+    (row,) = predict(
+        load_fit(tmp_path / "fit.json"), np.array([0.36]), np.array([4e5]), rest_length=0.4
+    )
+    assert row["band"] is None
+    assert row["low_95_N"] is None
