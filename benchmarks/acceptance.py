@@ -36,7 +36,7 @@ GUARD = "the rated time of the guard, with one tick"
 def _fits() -> Iterator[Row]:
     identify = "fitting.identify(data)"
     for data, physical, free in ((A1, 7.6, 4.6), (A2, 1.9, 1.8)):
-        for name, limit in (("cubic", physical), ("cubic, open box", free)):
+        for name, limit in (("cubic", physical), ("cubic, wide bounds", free)):
             yield from rows(
                 f"fit, {name}", "fits:model", ("RMSE [N]", "<=", limit, "the global optimum, rounded up"),
                 ("converged and Drucker-stable", ">=", 1, "a fit to believe"), of=name, data=data,
@@ -58,8 +58,9 @@ def _fits() -> Iterator[Row]:
             command="fitting.validate(fit, ...)", part=LOADED, seed=0, of_its_data=True,
         )  # fmt: skip
     for data, name, rmse in (
-        (A1, "Mooney-Rivlin, open box", 3.3), (A2, "cubic, open box", 1.7),
-        (A1, "quartic linear in pressure, open box", 3.0), (A2, "cubic linear in pressure, open box", 1.1),
+        (A1, "Mooney-Rivlin, wide bounds", 3.3), (A2, "cubic, wide bounds", 1.7),
+        (A1, "quartic linear in pressure, wide bounds", 3.0),
+        (A2, "cubic linear in pressure, wide bounds", 1.1),
     ):  # fmt: skip
         yield from rows(f"fit, {name}, in sample", "fits:model", ("RMSE [N]", "<=", rmse, PAPER), of=name,
                         data=data, command=identify, part=LOADED, seed=0, cost="quick",

@@ -33,16 +33,20 @@ ENDS, BRAID, RIG = (
 ROUNDED = {"rest_length": Parameter(min=295.5, max=296.5, unit="mm")}
 # The rubber of A1, identified there as -6.47 +- 0.56: the same make and compound.
 SAME_RUBBER = {"ogden_exponent": Parameter(prior=(-6.5, 0.6))}
+WIDE = {
+    "braid_diameter": (5e-3, 40e-3), "braid_angle": (0.785, 1.396), "deadband_pressure": (0.0, 2e5),
+}  # fmt: skip
+"""Bounds in which the geometry is a fit parameter only, no muscle that can be built."""
 MODELS: dict[str, dict[str, Any]] = {
     "cubic": {},
-    "cubic, open box": {"order": 3, "box": "open"},
+    "cubic, wide bounds": {"order": 3, "bounds": WIDE},
     "Ogden, ends, rest length to its rounding": {"law": "ogden", "parameters": ENDS | ROUNDED},
     "Ogden, compliant braid, the rubber of the DMSP-20 as a prior": {
         "law": "ogden", "parameters": BRAID | SAME_RUBBER, "noise": 1.0,
     },
-    "Mooney-Rivlin, open box": {"law": "mooney-rivlin", "box": "open"},
-    "quartic linear in pressure, open box": {"order": 4, "dependence": "linear", "box": "open"},
-    "cubic linear in pressure, open box": {"order": 3, "dependence": "linear", "box": "open"},
+    "Mooney-Rivlin, wide bounds": {"law": "mooney-rivlin", "bounds": WIDE},
+    "quartic linear in pressure, wide bounds": {"order": 4, "dependence": "linear", "bounds": WIDE},
+    "cubic linear in pressure, wide bounds": {"order": 3, "dependence": "linear", "bounds": WIDE},
 }  # fmt: skip
 """Options of `fitting.identify` by the model in words."""
 

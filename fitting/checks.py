@@ -83,7 +83,7 @@ def known_bounds(
 def check_source(source: AbstractGeometrySource, table: Mapping[str, Entry]) -> None:
     """A parameter of the geometry must be one that the geometry has."""
     cylinder = {"rest_length", "end_factor", "end_length", "braid_compliance", "series_compliance",
-                "series_exponent", "length_offset"}  # fmt: skip
+                "series_exponent"}  # fmt: skip
     named = sorted(cylinder & set(table) - set(source.declared))
     if named and getattr(source, "known", None) is not None:
         raise InputError(
@@ -133,11 +133,10 @@ def _check(data: ForceData) -> str:
 
 def check_censored(table: Mapping[str, Entry]) -> None:
     """One-sided readings need lengths and forces that do not hang on what they read."""
-    named = [name for name in ("series_compliance", "length_offset") if name in table]
-    if named:
+    if "series_compliance" in table:
         raise InputError(
-            f"censored readings do not go together with {', '.join(named)}: how far a rig gives way, "
-            "or a length is off, is known only where a force was read. Leave one of them out"
+            "censored readings do not go together with series_compliance: how far a rig gives way is "
+            "known only where a force was read. Leave one of them out"
         )
 
 
@@ -180,7 +179,7 @@ def check_count(
         )
     linear = law.coefficients
     free = [n for n, entry in table.items() if not entry.fixed]
-    free_geometry = sum(n not in linear and not n.startswith("length_offset") for n in free)
+    free_geometry = sum(n not in linear for n in free)
     free_coefficients = sum(n in linear for n in free)
     nodes = len(data) if own_law else {"fixed": 1, "linear": 2, "free": levels.size}[dependence]
     unknowns = free_geometry + nodes * free_coefficients

@@ -122,7 +122,6 @@ def choose(
     data: ForceData,
     *,
     constraint: str = "drucker",
-    box: str = "physical",
     bounds: Mapping[str, tuple[float, float]] | None = None,
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
@@ -142,7 +141,6 @@ def choose(
     Args:
         data: the map.
         constraint: on the coefficients, as in `identify`; likewise of every family what follows.
-        box: of the standard bounds.
         bounds: intervals by parameter name; the ladder varies none of these.
         parameters: bounds, held values and priors; the ladder varies none of these, either.
         noise: standard deviation of one reading [N]; that of the data unless given.
@@ -168,7 +166,7 @@ def choose(
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths determine no family: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
-    plainest = posed_of(weighed, candidates[0], constraint, box)  # refused here: it is no muscle
+    plainest = posed_of(weighed, candidates[0], constraint)  # refused here: it is no muscle
 
     def tell(what: str) -> Callable[[int, int], None] | None:
         told = progress
@@ -181,7 +179,7 @@ def choose(
         zip(
             map(id, rigid_first),
             fitted(
-                weighed, constraint, box, min(starts, _COMPARED), seed, rigid_first,
+                weighed, constraint, min(starts, _COMPARED), seed, rigid_first,
                 tell("fitting all families"),
             ),
             strict=True,

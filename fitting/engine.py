@@ -487,7 +487,7 @@ def predict(
     Args:
         problem: of the fit.
         place: which of its parts.
-        parameters: [SI]; offsets of the part's lengths are of no account.
+        parameters: [SI].
         x: coefficients.
         length: as measured [m].
         pressure: gauge [Pa].
@@ -497,8 +497,6 @@ def predict(
     first = problem.readings[place].start
     size = bucket(max(one.force.size for one in problem.parts), 64)
     here = at.readings[first] + np.arange(size)
-    parameters = parameters.copy()
-    parameters[part.at[len(part.family.nonlinear) :]] = 0.0
     about = np.zeros((batch.size, at.sizes.coefficients))
     about[:, :n] = x
     given = np.repeat(parameters[None], batch.size, axis=0)

@@ -24,7 +24,6 @@ def identify(
     order: int | None = None,
     constraint: str = "drucker",
     dependence: str = "fixed",
-    box: str = "physical",
     bounds: Mapping[str, tuple[float, float]] | None = None,
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
@@ -54,14 +53,13 @@ def identify(
             holds between the stations as well.
         dependence: of the polynomial's coefficients on pressure: "fixed" (none), "linear" or
             "free".
-        box: "physical" or "open", see `standard_table`.
-        bounds: intervals (min, max) in SI by parameter name, which replace those of the box; an
+        bounds: intervals (min, max) in SI by parameter name, which replace those of `standard_table`; an
             interval of one value holds the parameter there.
         parameters: the same with units, held values and priors. Naming one of these makes it take
             part: `rest_length`, `end_factor` (k of Tondu & Lopez) or `end_length` (dead length
             L0 (1 - 1/k)), `braid_compliance` (of all threads), `series_compliance` (of the rig), with
             it `series_exponent` (of a rig that gives way by a power of the force, see
-            `famjax.muscle.give_way`), `length_offset` (one for each length, with a prior).
+            `famjax.muscle.give_way`).
         noise: standard deviation of one reading [N], against which priors are weighed; needed
             with priors where the data have no `force_std`.
         objective: "sum_of_squares" or "huber", which counts residuals beyond 1.345 standard
@@ -93,7 +91,7 @@ def identify(
     check_starts(starts)
     check_objective(objective, censored=censored)
     posed = pose_one(
-        data, law=law, order=order, constraint=constraint, dependence=dependence, box=box,
+        data, law=law, order=order, constraint=constraint, dependence=dependence,
         bounds=bounds, parameters=parameters, noise=noise, geometry=geometry, terms=terms,
         censored=censored,
     )  # fmt: skip
@@ -111,7 +109,6 @@ def identify_together(
     law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
-    box: str = "physical",
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
     objective: str = "sum_of_squares",
@@ -131,7 +128,6 @@ def identify_together(
         law: as in `identify`, and all that follows.
         order: of the polynomial law.
         constraint: on the coefficients.
-        box: of the standard bounds; those of a shared parameter are what all specimens allow.
         parameters: bounds, held values and priors, the same for every specimen.
         noise: standard deviation of one reading [N].
         objective: "sum_of_squares" or "huber".
@@ -153,7 +149,7 @@ def identify_together(
     check_starts(starts)
     check_objective(objective, censored=censored)
     posed = pose_together(
-        data, own=own, own_law=own_law, law=law, order=order, constraint=constraint, box=box,
+        data, own=own, own_law=own_law, law=law, order=order, constraint=constraint,
         parameters=parameters, noise=noise, geometry=geometry, terms=terms, censored=censored,
     )  # fmt: skip
     return solve(

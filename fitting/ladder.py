@@ -1,10 +1,11 @@
 """The families that a fit chooses from, as far as a map can carry them.
 
-Every family has the same unknowns of the geometry: braid diameter and angle, the deadband, ends that open
-as the muscle shortens, threads that stretch, and the rest length within the rounding to which it was given.
-Priors that are the same for every muscle hold what the readings cannot tell. The families differ in two
-things alone: the law of the bladder, and what makes the muscle pull late, its deadband or a rig that gives
-way by a power of the force; either does, and with both a map of one muscle tells neither.
+Every family but one has the same unknowns of the geometry: braid diameter and angle, the deadband, ends
+that open as the muscle shortens, threads that stretch, and the rest length within the rounding to which it
+was given. Priors that are the same for every muscle hold what the readings cannot tell. The law of Mooney
+and Rivlin has an equivalent cylinder in their place. The families differ in two things besides: the law of
+the bladder, and what makes the muscle pull late, its deadband or a rig that gives way by a power of the
+force; either does, and with both a map of one muscle tells neither.
 """
 
 import dataclasses
@@ -44,6 +45,7 @@ BRAID_COMPLIANCE_PRIOR = (0.0, 1e-5)
 """[1/N]; threads of a muscle of 10 to 20 mm that stretch by 1 % do so at 1000 N."""
 
 _WIDEST_SCALE = 0.1
+_WIDEST_CYLINDER = 1.4  # of the nominal diameter
 _GEOMETRY = 2  # braid diameter and angle; the rest has priors
 FEWEST_LENGTHS = 4
 """From which on lengths are left out: without one of three, two are left, which determine no family."""
@@ -120,7 +122,8 @@ def ladder(
             )
             continue
         for rig in rigs:
-            known = {**_geometry(data), **believed(law, data), **(_RIG if rig else {})}
+            of_law = _equivalent_cylinder if law in _OF_CYLINDERS else _geometry
+            known = {**of_law(data), **believed(law, data), **(_RIG if rig else {})}
             known = {name: one for name, one in known.items() if name not in bounds}
             if "end_length" in said:
                 known.pop("end_factor", None)
@@ -181,6 +184,19 @@ def _geometry(data: ForceData) -> dict[str, Parameter]:
             min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m"
         ),
     }
+
+
+_OF_CYLINDERS = {"mooney-rivlin"}
+"""Laws that are fitted as Klute & Hannaford (2000) do; with the muscle's own dimensions they miss more."""
+
+
+def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
+    """A cylinder of stiff threads, whose diameter and angle stand for ends and wall as well."""
+    bore = data.specimen.nominal_diameter
+    angle = {"braid_angle": Parameter(min=57.0, max=72.0, unit="deg")}
+    if not bore:
+        return angle
+    return angle | {"braid_diameter": Parameter(min=bore, max=_WIDEST_CYLINDER * bore, unit="m")}
 
 
 def options_of(law: LawGiven) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -26,7 +26,6 @@ KINDS = {
     "braid_compliance": "strain compliance",
     "series_compliance": "compliance",
     "series_exponent": "number",
-    "length_offset": "length",
 }
 """Kind of unit of the parameters that do not belong to the law."""
 
@@ -94,35 +93,23 @@ def base_name(name: str) -> str:
     return name.partition("[")[0]
 
 
-def standard_table(specimen: Specimen, box: str) -> dict[str, Entry]:
-    """The three parameters of every fit in one of the two standard boxes.
+def standard_table(specimen: Specimen) -> dict[str, Entry]:
+    """The three parameters of every fit, in bounds of a muscle that can be built.
 
     Args:
         specimen: its nominal diameter places the braid diameter.
-        box: "physical", in which the geometry is that of a buildable muscle (braid diameter from
-            the bore to 3.6 mm above it, braid angle 60 to 70 deg, deadband to 1 bar), or "open",
-            in which the geometry is only a fit parameter.
 
     Returns:
-        Entries in SI by name. Without a nominal diameter the braid diameter is bounded by what
+        Entries in SI by name: braid diameter from the bore to 3.6 mm above it, braid angle 60 to 70
+        deg, deadband to 1 bar. Without a nominal diameter the braid diameter is bounded by what
         muscles are made in, 3 to 80 mm.
-
-    Raises:
-        InputError: another box.
     """
-    nominal = specimen.nominal_diameter
-    if box == "physical":
-        diameter = (nominal, nominal + _WALL_ALLOWANCE) if nominal else (3e-3, 80e-3)
-        angle, deadband = (60, 70), 100e3
-    elif box == "open":
-        diameter = (nominal / 2, nominal * 2) if nominal else (3e-3, 80e-3)
-        angle, deadband = (45, 80), 200e3
-    else:
-        raise InputError(f"the box is 'physical' or 'open', got {box!r}")
+    bore = specimen.nominal_diameter
+    diameter = (bore, bore + _WALL_ALLOWANCE) if bore else (3e-3, 80e-3)
     return {
         "braid_diameter": Entry(*diameter, "length"),
-        "braid_angle": Entry(math.radians(angle[0]), math.radians(angle[1]), "angle"),
-        "deadband_pressure": Entry(0.0, deadband, "pressure"),
+        "braid_angle": Entry(math.radians(60), math.radians(70), "angle"),
+        "deadband_pressure": Entry(0.0, 100e3, "pressure"),
     }
 
 
@@ -136,7 +123,6 @@ def optional_table(specimen: Specimen) -> dict[str, Entry]:
         "braid_compliance": Entry(0.0, 3e-5, KINDS["braid_compliance"]),
         "series_compliance": Entry(0.0, 5e-5, KINDS["series_compliance"]),
         "series_exponent": Entry(0.3, 1.0),
-        "length_offset": Entry(-math.inf, math.inf, "length"),
     }
 
 
@@ -219,17 +205,15 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
 
 def complete_table(
     specimen: Specimen,
-    box: str,
     law: Mapping[str, Entry],
     bounds: Mapping[str, tuple[float, float]],
     parameters: Mapping[str, Parameter],
     further: Mapping[str, Entry] | None = None,
 ) -> dict[str, Entry]:
-    """The table of one specimen: the standard box, the law, and what the user says of either.
+    """The table of one specimen: the standard bounds, the law, and what the user says of either.
 
     Args:
         specimen: of the fit.
-        box: "physical" or "open".
         law: shape parameters and coefficients of the law.
         bounds: intervals in SI by name.
         parameters: the same and more, with units, by name.
@@ -241,7 +225,7 @@ def complete_table(
     Raises:
         InputError: an unknown name, or a contradiction.
     """
-    table = standard_table(specimen, box)
+    table = standard_table(specimen)
     optional = {**optional_table(specimen), **(further or {})}
     known = {**optional, **table, **law}
     changed = {}
@@ -268,16 +252,10 @@ def complete_table(
 
 def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None:
     """Bounds must be finite where a search needs them, and possible where nature sets limits."""
-    offsets = table.get("length_offset")
-    if offsets is not None and not offsets.fixed and offsets.prior is None:
-        raise InputError(
-            "length_offset needs a prior, such as Parameter(prior=(0.0, 0.25), unit='mm'): without "
-            "one the lengths would be free to fit anything"
-        )
     for name, entry in table.items():
         if name in law and entry.kind == "stress":
             continue
-        if name != "length_offset" and not (math.isfinite(entry.min) and math.isfinite(entry.max)):
+        if not (math.isfinite(entry.min) and math.isfinite(entry.max)):
             raise InputError(
                 f"{name} needs finite bounds, got {entry.min:.6g} to {entry.max:.6g} (SI)"
             )
@@ -298,8 +276,3 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
             "series_exponent is of the compliance of the rig, which takes no part: name "
             "series_compliance as well"
         )
-
-
-def names_of(table: Iterable[str], *, like: str) -> tuple[str, ...]:
-    """The names in a table that belong to one base name, such as all `length_offset`s."""
-    return tuple(name for name in table if base_name(name).startswith(like))

@@ -48,7 +48,6 @@ QUANTITIES = {
     "bladder_diameter": "diameter",
     "braid_diameter": "diameter",
     "end_length": "dead length",
-    "length_offset": "offset of a length",
     "deadband_pressure": "deadband",
     "braid_angle": "braid angle",
     "series_compliance": "compliance",

@@ -43,7 +43,7 @@ from .families import (
     WrappedSource,
     law_named,
 )
-from .parameters import Entry, Parameter, base_name, complete_table, names_of
+from .parameters import Entry, Parameter, base_name, complete_table
 from .problem import Part, Prior, Problem
 from .response import STATIONS, Constraint, MapInputs, PressureDependence
 from .search import latin_hypercube
@@ -66,7 +66,7 @@ class Posed:
         problem: what is searched.
         table: all parameters by name, SI.
         law: family of the law.
-        constraint, dependence, box: as asked for.
+        constraint, dependence: as asked for.
     """
 
     data: tuple[ForceData, ...]
@@ -75,7 +75,6 @@ class Posed:
     law: Law
     constraint: Constraint
     dependence: PressureDependence
-    box: str
 
     def starts(self, count: int, seed: int) -> Float[np.ndarray, "k p"]:
         """Points of the unit box of the free parameters, from which to descend."""
@@ -89,7 +88,6 @@ def pose_one(
     order: int | None = None,
     constraint: str = "drucker",
     dependence: str = "fixed",
-    box: str = "physical",
     bounds: Mapping[str, tuple[float, float]] | None = None,
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
@@ -115,10 +113,10 @@ def pose_one(
     if isinstance(source, KnownSource):
         given |= known_bounds(data, source.known, named)
     further = _further(terms)
-    table = _table(data, source, further, chosen, box, given, parameters or {})
+    table = _table(data, source, further, chosen, given, parameters or {})
     return _posed(
         (data,), (source,), table, chosen, terms=further, constraint=constraint,
-        dependence=dependence, box=box, noise=noise, censored=censored, program=program,
+        dependence=dependence, noise=noise, censored=censored, program=program,
     )  # fmt: skip
 
 
@@ -130,7 +128,6 @@ def pose_together(
     law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
-    box: str = "physical",
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
     geometry: Geometry | None = None,
@@ -158,11 +155,9 @@ def pose_together(
     rows, further = {**chosen.shape, **chosen.coefficients}, _further(terms)
     sources = tuple(source_of(one, geometry, tuple(parameters or {})) for one in data)
     tables = [
-        _table(one, source, further, chosen, box, {}, parameters or {})
+        _table(one, source, further, chosen, {}, parameters or {})
         for one, source in zip(data, sources, strict=True)
     ]
-    if "length_offset" in own:
-        raise InputError("length_offset is always each specimen's own: leave it out of own")
     unknown = sorted(set(own) - set(tables[0]))
     if unknown:
         raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
@@ -177,7 +172,7 @@ def pose_together(
             table[name] = _shared(name, entry, [of[name] for of in tables])
     return _posed(
         tuple(data), sources, table, chosen, terms=further, constraint=constraint,
-        dependence="fixed", box=box, noise=noise, own_law=own_law, censored=censored,
+        dependence="fixed", noise=noise, own_law=own_law, censored=censored,
     )  # fmt: skip
 
 
@@ -194,7 +189,6 @@ def _table(
     source: AbstractGeometrySource,
     further: famjax.terms.SumOfTerms | None,
     law: Law,
-    box: str,
     bounds: Mapping[str, tuple[float, float]],
     parameters: Mapping[str, Parameter],
 ) -> dict[str, Entry]:
@@ -209,7 +203,7 @@ def _table(
             "name, by famjax.parameter(name=...)"
         )
     own = {name: Entry(one.low, one.high, one.kind) for name, one in declared.items()}
-    return complete_table(data.specimen, box, rows, bounds, parameters, own)
+    return complete_table(data.specimen, rows, bounds, parameters, own)
 
 
 def source_of(
@@ -255,7 +249,6 @@ def _posed(
     terms: famjax.terms.SumOfTerms | None,
     constraint: str,
     dependence: str,
-    box: str,
     noise: float | None,
     own_law: bool = False,
     censored: bool = False,
@@ -277,35 +270,21 @@ def _posed(
         )
     if censored:
         check_censored(table)
-    full = _with_offsets(table, data, law)
     for one, source in zip(data, sources, strict=True):
-        own = {base_name(name): full[name] for name in own_names(tuple(full), one.specimen.name)}
+        own = {base_name(name): table[name] for name in own_names(tuple(table), one.specimen.name)}
         check_source(source, table)
         check_lengths(one, own)
         check_priors(one, own, noise)
-    check_count(data, law, form, full, own_law=own_law)
+    check_count(data, law, form, table, own_law=own_law)
     problem = program(
         pose(
-            data, sources, full, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
+            data, sources, table, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
             noise=noise or 1.0, censored=censored,
         )
     )  # fmt: skip
     check_affine(problem)
     check_solvable(problem)
-    return Posed(data, problem, full, law, posed, form, box)
-
-
-def _with_offsets(table: dict[str, Entry], data: Sequence[ForceData], law: Law) -> dict[str, Entry]:
-    """The table with one offset for each distinct length in place of `length_offset`."""
-    if "length_offset" not in table:
-        return table
-    full = {n: entry for n, entry in table.items() if n != "length_offset"}
-    linear = {n: full.pop(n) for n in law.coefficients}
-    for one in data:
-        tag = f"[{one.specimen.name}]" if len(data) > 1 else ""
-        for length in np.unique(one.lengths.level[one.loaded]):
-            full[f"length_offset_at_{length * 1e3:.12g}mm{tag}"] = table["length_offset"]
-    return full | linear
+    return Posed(data, problem, table, law, posed, form)
 
 
 EXCHANGES = 8
@@ -410,11 +389,10 @@ def _part(
     """
     loaded = data.loaded
     mine = own_names(names, data.specimen.name)
-    offsets = names_of(mine, like="length_offset")
-    at = [names.index(n) for n in mine if n not in offsets] + [names.index(n) for n in offsets]
+    at = [names.index(n) for n in mine]
     levels = np.unique(data.pressures.level[loaded])
     nodes = {"fixed": None, "linear": levels[[0, -1]], "free": levels}[dependence]
-    searched = tuple(base_name(n) for n in mine if n not in offsets)
+    searched = tuple(base_name(n) for n in mine)
     family = MuscleFamily.of(
         data.specimen, source, law, searched, terms, nodes, nearest=dependence == "free"
     )
@@ -433,12 +411,10 @@ def _part(
     side = side[rows]
     limit = 0.0 if data.force_limit is None else data.force_limit
     force = np.where(side == 0, data.force[rows], np.where(side > 0, 0.0, limit))
-    lengths = data.lengths.level
     inputs = MapInputs(
         length=data.length[rows],
         pressure=data.pressure[rows],
         force=force,
-        length_index=np.searchsorted(np.unique(lengths[loaded]), lengths[rows]),
         path_pressure=path_pressure,
         path_end=path_end,
         stations=np.tile(stations, (path_end.size, 1)),

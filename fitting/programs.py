@@ -97,7 +97,7 @@ def _padded(at: MapInputs, size: int) -> MapInputs:
     def longer(values: np.ndarray, by: int) -> np.ndarray:
         return np.concatenate([values, np.repeat(values[-1:], by, axis=0)]) if by else values
 
-    readings = (at.length, at.pressure, at.force, at.length_index)
+    readings = (at.length, at.pressure, at.force)
     return MapInputs(
         *(longer(v, extra) for v in readings),
         *(longer(v, more) for v in (at.path_pressure, at.path_end, at.stations)),

@@ -28,14 +28,14 @@ _PROMISE = 1e-7  # of the cost: the table of families is that of full descents t
 _STOPPED = 1e-9  # of the interval
 
 
-def posed_of(data: ForceData, candidate: Candidate, constraint: str, box: str) -> Posed:
+def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
     """The problem of a family.
 
     Raises:
         InputError: the map cannot carry it.
     """
     return pose_one(
-        data, constraint=constraint, box=box, bounds=candidate.bounds,
+        data, constraint=constraint, bounds=candidate.bounds,
         parameters=candidate.parameters, program=sharing_one_program, **candidate.options,
     )  # fmt: skip
 
@@ -97,7 +97,6 @@ class Fitted:
 def fitted(
     data: ForceData,
     constraint: str,
-    box: str,
     starts: int,
     seed: int,
     candidates: Sequence[Candidate],
@@ -108,7 +107,6 @@ def fitted(
     Args:
         data: the map.
         constraint: on the coefficients.
-        box: of the standard bounds.
         starts: of each.
         seed: of the starts.
         candidates: the families.
@@ -117,7 +115,7 @@ def fitted(
     posed: list[Posed | str] = []
     for one in candidates:
         try:
-            posed.append(posed_of(data, one, constraint, box))
+            posed.append(posed_of(data, one, constraint))
         except InputError as error:
             posed.append(str(error))
     problems = [one.problem for one in posed if isinstance(one, Posed)]

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 import famjax
 
@@ -79,7 +79,6 @@ class MapInputs(eqx.Module):
 
     Attributes:
         length, pressure, force: of the readings [m, Pa, N], shape (points,).
-        length_index: number of each reading's length among those that have an offset, (points,).
         path_pressure: of the paths [Pa], shape (paths,).
         path_end: shortest length [m] of each path, shape (paths,); all start at rest.
         stations: parts of the path in [0, 1], shape (paths, stations).
@@ -88,7 +87,6 @@ class MapInputs(eqx.Module):
     length: Float[AnyArray, " points"]
     pressure: Float[AnyArray, " points"]
     force: Float[AnyArray, " points"]
-    length_index: Int[AnyArray, " points"]
     path_pressure: Float[AnyArray, " paths"]
     path_end: Float[AnyArray, " paths"]
     stations: Float[AnyArray, "paths stations"]
@@ -151,7 +149,7 @@ def linear_response(
         family: what is fitted.
         constraint: on the coefficients.
         at: readings and paths.
-        p: `family.nonlinear`, then one offset for each length that has one.
+        p: `family.nonlinear`.
         x0: `family.linear`, or what they are made of.
         reached: force [N] at the readings, by which a compliant rig gives way.
         to_x: matrix that makes `family.linear` of x0; None where x0 is them.
@@ -191,7 +189,7 @@ def report(
 ) -> Report:
     """What is reported of the model of (p, x); arguments as of `linear_response`."""
     placed = _Placed.of(family, at, p, reached)
-    model, searched = placed.model(x), p[: len(family.nonlinear)]
+    model = placed.model(x)
     paths = _Paths.of(model, placed.rest, placed.end, at)
 
     def derived(p: Float[Array, " q"]) -> Float[Array, " d"]:
@@ -207,8 +205,8 @@ def report(
     return Report(
         numbers=flat(model),
         d_numbers=jax.jacfwd(numbers)(both) if both.size else jnp.zeros((flat(model).size, 0)),
-        derived=derived(searched),
-        d_derived=jax.jacfwd(derived)(searched) if searched.size else jnp.zeros((0, 0)),
+        derived=derived(p),
+        d_derived=jax.jacfwd(derived)(p) if p.size else jnp.zeros((0, 0)),
         path_modulus=paths.modulus(model),
         slope=paths.slope(model),
         largest_strain=paths.largest,
@@ -236,12 +234,9 @@ class _Placed(NamedTuple):
         p: Float[Array, " q"],
         reached: Float[Array, " points"],
     ) -> "_Placed":
-        known = len(family.nonlinear)
-        searched = dict(zip(family.nonlinear, p[:known], strict=True))
+        searched = dict(zip(family.nonlinear, p, strict=True))
         rig = rig_of(searched)
         length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
-        if len(p) > known:
-            length = length + p[known:][at.length_index]
         if rig is not None:
             end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
             length = length - famjax.muscle.give_way(reached, *rig)
@@ -267,29 +262,22 @@ def force_and_constraint(
         family: what is fitted.
         constraint: on the coefficients.
         at: readings and paths.
-        p: `family.nonlinear`, then one offset for each length that has one.
+        p: `family.nonlinear`.
         x: coefficients.
         compliant_steps: Newton steps for the force in a compliant rig, from `at.force`; two at the
             solution have its first and second derivatives.
     """
-    known = len(family.nonlinear)
-    searched = dict(zip(family.nonlinear, p[:known], strict=True))
-    model = family.build({**searched, **dict(zip(family.linear, x, strict=True))})
-    length, pressure = jnp.asarray(at.length), jnp.asarray(at.pressure)
-    if p.shape[0] > known:
-        length = length + p[known:][at.length_index]
-    rest, end = family.rest_length(searched), jnp.asarray(at.path_end)
-    rig = rig_of(searched)
-    if rig is None:
-        force = model.force(length, pressure)
+    force = jnp.asarray(at.force)
+    placed = _Placed.of(family, at, p, force)
+    model = placed.model(x)
+    if placed.rig is None:
+        force = model.force(placed.length, placed.pressure)
     else:
-        end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
-        force = jnp.asarray(at.force)
         for _ in range(compliant_steps):
-            shortened = length - famjax.muscle.give_way(force, *rig)
-            muscle, gain = _gain(model, shortened, pressure, force, rig)
+            length = at.length - famjax.muscle.give_way(force, *placed.rig)
+            muscle, gain = _gain(model, length, placed.pressure, force, placed.rig)
             force = force + gain * (muscle - force)
-    paths = _Paths.of(model, rest, end, at)
+    paths = _Paths.of(model, placed.rest, placed.end, at)
     return force, paths.constraint(model, constraint).ravel()
 
 

@@ -21,8 +21,9 @@ from .covariance import CONDITION_LIMIT
 from .data.force_data import ForceData
 from .data.frames import data_frame, data_set, html_table
 from .descent import End
-from .engine import Point, predict
+from .engine import predict
 from .families import Law
+from .parameters import standard_table
 from .problem import Problem
 from .response import Constraint, PressureDependence
 from .search import rounding_of
@@ -128,7 +129,6 @@ class Identification:
     Attributes:
         data: the force map.
         mounted: the model in its rig, of compliance 0 where it was taken as rigid.
-        length_offsets: errors [m] of the distinct loaded lengths, ascending; empty if none.
         estimates: geometry, then the coefficients where they do not depend on pressure.
         node_estimates: the coefficients at each node where they depend on pressure, else empty.
         derived: quantities that follow from the geometry (thread length, turns), with errors.
@@ -143,7 +143,7 @@ class Identification:
         starts: objective of every start [N^2 or weighted], ascending.
         start_parameters: nonlinear parameters [SI] at the end of each, in the same order.
         law: family of the law.
-        constraint, dependence, box, seed: what was asked for.
+        constraint, dependence, seed: what was asked for.
         weights: part of its own weight with which each loaded reading counts; 1
             but for the outliers of Huber's objective.
         converged: the best start is stationary, certified and feasible.
@@ -159,7 +159,6 @@ class Identification:
 
     data: ForceData
     mounted: famjax.MountedMuscle
-    length_offsets: Float[np.ndarray, " lengths"]
     estimates: tuple[Estimate, ...]
     node_estimates: tuple[tuple[Estimate, ...], ...]
     derived: tuple[Estimate, ...]
@@ -176,7 +175,6 @@ class Identification:
     law: Law
     constraint: Constraint
     dependence: PressureDependence
-    box: str
     seed: int
     weights: Float[np.ndarray, " readings"]
     converged: bool
@@ -341,8 +339,8 @@ class Identification:
         return found.reshape(shape)
 
     def model_force(self) -> Float[np.ndarray, " n"]:
-        """The model's force [N] at every reading, slack ones included, lengths corrected."""
-        return force_at_readings(self.data, self.problem, self.place, self.end.point)
+        """The model's force [N] at every reading, slack ones included."""
+        return self.predict(self.data.length, self.data.pressure)
 
     def estimate(self, name: str) -> Estimate:
         """The estimate of that name.
@@ -355,18 +353,6 @@ class Identification:
                 return estimate
         names: list[Any] = [e.name for e in self.estimates + self.derived]
         raise KeyError(f"no parameter {name!r}; there are {', '.join(names)}")
-
-
-def force_at_readings(
-    data: ForceData, problem: Problem, place: int, point: Point
-) -> Float[np.ndarray, " n"]:
-    """Force [N] of a fit at every reading of its map, slack ones included, lengths corrected."""
-    length, level, part = np.array(data.length), data.lengths.level, problem.parts[place]
-    offsets = point.parameters[part.at[len(part.family.nonlinear) :]]
-    if offsets.size:
-        for at, offset in zip(np.unique(level[data.loaded]), offsets, strict=True):
-            length[level == at] += offset
-    return predict(problem, place, point.parameters, point.x, length, data.pressure)
 
 
 def check_identified(result: object) -> None:
@@ -392,10 +378,16 @@ def doubts(result: "Identification") -> tuple[str, ...]:
     """Full sentences, the assumptions on the data first."""
     data, condition = result.data, result.certificate.condition
     found = [*data.notes, *(of.note for of in (data.pressures, data.lengths) if of.note)]
-    if result.box == "open":
+    usual = standard_table(data.specimen)
+    beyond = [
+        e.name for e in result.estimates
+        if e.name in ("braid_diameter", "braid_angle")
+        and not usual[e.name].min <= e.value <= usual[e.name].max
+    ]  # fmt: skip
+    if beyond:
         found.append(
-            "The box is open: braid diameter and angle are then only fit parameters, not the "
-            "dimensions of a muscle that could be built."
+            f"{' and '.join(beyond)}: of an equivalent cylinder, which stands for ends and wall as "
+            "well; not to be taken for a dimension of the muscle."
         )
     stopped = [e.name for e in result.estimates if e.at_bound]
     if stopped:

@@ -135,7 +135,6 @@ def identify_series(
     laws: Sequence[LawGiven] | LawGiven = DEFAULT_LAWS,
     parameters: Mapping[str, Parameter] | None = None,
     constraint: str = "drucker",
-    box: str = "physical",
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
     starts: int = 8,
@@ -162,7 +161,6 @@ def identify_series(
         parameters: as in `identify`; what is named here is not varied. `end_length` is the dead
             length of rounded ends, the same at every length.
         constraint: on the coefficients.
-        box: of the standard bounds.
         geometry: a class or function of the estimated geometry of each specimen, see `identify`; it
             needs a method `cut_to_length`.
         terms: further force terms, the same for every specimen; see `identify`.
@@ -203,7 +201,6 @@ def identify_series(
         "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in data],
         "families": [[one.name, repr(sorted(one.parameters.items()))] for one in rigs],
         "constraint": constraint,
-        "box": box,
         "own": [fingerprint(one) for one in (*own.values(), *laws)],
         "starts": min(starts, _COMPARED),
         "seed": seed,
@@ -215,7 +212,7 @@ def identify_series(
             progress(rigs[done].name, done, total)
 
     run_fits(
-        functools.partial(_tried, alike, constraint, box, min(starts, _COMPARED), seed), rigs,
+        functools.partial(_tried, alike, constraint, min(starts, _COMPARED), seed), rigs,
         executor=executor, store=store, progress=tell, names=[one.name for one in rigs],
     )  # fmt: skip
     parts, found = iter(store), []
@@ -236,7 +233,7 @@ def identify_series(
     chosen, kept = tried[order[0]], found[order[0]]
     if progress is not None:
         progress(f"identifying: {chosen.candidate.name}", len(rigs), len(rigs))
-    posed = [_posed(alike, constraint, box, one.candidate) for one in kept]
+    posed = [_posed(alike, constraint, one.candidate) for one in kept]
     fits = [solve(one, one.starts(starts, seed), seed=seed) for one in posed]
     return Series(
         name=chosen.candidate.name, law=chosen.candidate.law, specimens=fits[0],
@@ -270,13 +267,12 @@ class _Judged:
 def _tried(
     data: Sequence[ForceData],
     constraint: str,
-    box: str,
     starts: int,
     seed: int,
     candidate: Candidate,
 ) -> dict[str, Any]:
     """Its errors; not sound where the others do not determine the force of every specimen."""
-    problem = _posed(data, constraint, box, candidate).problem
+    problem = _posed(data, constraint, candidate).problem
     best = descended(problem, starts, seed)
     kinds = {"specimen": (None, 2)}
     (found,) = leave_out_each([(problem, best.u)], kinds, seed=seed, settled=True)
@@ -289,9 +285,9 @@ def _tried(
     }  # fmt: skip
 
 
-def _posed(data: Sequence[ForceData], constraint: str, box: str, candidate: Candidate) -> Posed:
+def _posed(data: Sequence[ForceData], constraint: str, candidate: Candidate) -> Posed:
     return pose_together(
-        data, own=(), parameters=candidate.parameters, constraint=constraint, box=box,
+        data, own=(), parameters=candidate.parameters, constraint=constraint,
         **candidate.options,
     )  # fmt: skip
 

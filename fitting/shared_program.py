@@ -87,9 +87,8 @@ def _within(part: Part) -> Part:
     if not isinstance(family, MuscleFamily) or not isinstance(family.source, EstimatedSource):
         return part
     face = {*family.nonlinear} <= {*_NONLINEAR} and _with_law(family.law.material) is not None
-    offsets = len(part.at) > len(family.nonlinear)
     plain = family.source.thread is None and family.terms is None and family.nodes is None
-    if not (face and plain) or offsets or len(part.inputs.path_end) > 2:
+    if not (face and plain) or len(part.inputs.path_end) > 2:
         return part
     larger = MuscleFamily(
         nonlinear=_NONLINEAR, linear=_linear(), source=family.source, law=Law(_whole()),

@@ -15,14 +15,14 @@ from .convex import Status
 from .covariance import Covariance, covariance
 from .data.force_data import ForceData
 from .descent import End
-from .engine import Point, numbers_of, partial, report_of, solve
+from .engine import Point, numbers_of, partial, predict, report_of, solve
 from .families import MuscleFamily
 from .margins import Margin, constraint_margin
 from .parameters import Entry
 from .posing import Posed, own_names
 from .problem import Part, Problem
 from .response import Report, unflat
-from .result import Certificate, Errors, Estimate, Identification, force_at_readings
+from .result import Certificate, Errors, Estimate, Identification
 from .search import Robust, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
@@ -276,14 +276,13 @@ def summarise(
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
         nodes, muscle = _nodes_of(found, k), _muscle_of(part, reported.numbers)
-        force = force_at_readings(one, problem, k, point)
+        force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
         errors = _errors(one, force)
         pressures = getattr(muscle.material, "node_pressures", None)
         results.append(
             Identification(
                 data=one,
                 mounted=part.mounted(muscle, point.parameters),
-                length_offsets=point.parameters[part.at[len(part.family.nonlinear) :]],
                 estimates=concerning(estimated, one, nodes, found),
                 node_estimates=() if pressures is None else of_nodes(estimated, found),
                 derived=derived(found, k, reported),
@@ -300,7 +299,6 @@ def summarise(
                 law=posed.law,
                 constraint=posed.constraint,
                 dependence=posed.dependence,
-                box=posed.box,
                 seed=seed,
                 weights=_own_weights(robust, problem, k),
                 converged=bool(

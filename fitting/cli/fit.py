@@ -121,7 +121,7 @@ def fit(
         70 deg to the circumference.
     prior
         What is known of a parameter, name_unit=mean+-std, repeatable: `--prior
-        rest_length_mm=296+-0.5`; `--prior length_offset_mm=0+-0.25` for errors of every length.
+        rest_length_mm=296+-0.5`.
     noise_N
         Standard deviation of one reading, against which priors are weighed.
     shared_error

@@ -300,8 +300,7 @@ def posed_peer(family: PeerFamily, data: ForceData) -> Problem:
     at = data.loaded
     nothing = np.zeros(1)
     inputs = MapInputs(
-        data.length[at], data.pressure[at], data.force[at], np.zeros(at.sum(), int),
-        nothing, nothing, np.zeros((1, 0)),
+        data.length[at], data.pressure[at], data.force[at], nothing, nothing, np.zeros((1, 0)),
     )  # fmt: skip
     weight = 1 / data.force_std[at] if data.force_std is not None else np.ones(at.sum())
     names, linear = (tuple(p.name for p in of) for of in (family.nonlinear, family.linear))

@@ -122,7 +122,7 @@ def _parts(
     """Braid force per pressure [m2], and bladder force [N] of each E_n = 1 Pa."""
     lengths, where = np.unique(length, return_inverse=True)
     none, nothing = np.zeros(lengths.size), np.zeros(1)
-    at = MapInputs(lengths, none + 1, none, none.astype(int), nothing, nothing, np.zeros((1, 0)))
+    at = MapInputs(lengths, none + 1, none, nothing, nothing, np.zeros((1, 0)))
     response = quick_jit(linear_response)
     found = response(family, "none", at, np.zeros(0), np.zeros(ORDER), none)
     return np.asarray(found.force)[where], np.asarray(found.columns)[where]

@@ -75,7 +75,7 @@ def plot_posterior(posterior: Posterior, system: str = "metric") -> Figure:
 
 
 def _short(name: str) -> str:
-    return name.replace("_", " ", 1).replace("length_offset_at_", "offset ")
+    return name.replace("_", " ", 1)
 
 
 def _draw_pair(axes: Axes, x: np.ndarray, y: np.ndarray, divergent: np.ndarray) -> None:

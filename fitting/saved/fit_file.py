@@ -93,10 +93,8 @@ def summary_as_dict(
         "order": result.order,
         "n_parameters": result.n_parameters,
         **_rig(result.mounted),
-        "length_offsets_m": result.length_offsets.tolist(),
         "constraint": result.constraint,
         "dependence": result.dependence,
-        "box": result.box,
         "active_constraints": list(result.active_constraints),
         "converged": result.converged,
         "warnings": [

@@ -85,7 +85,7 @@ def attempt(
         chosen = candidate or richest(data)
         if chosen is None:
             return None
-        problem = posed_of(weigh(data), chosen, "drucker", "physical").problem
+        problem = posed_of(weigh(data), chosen, "drucker").problem
         return Trial(data, problem, descended(problem, starts, seed=0))
     except InputError:
         return None

@@ -35,6 +35,10 @@ def test_a_small_map_gets_fewer_unknowns_instead_of_a_refusal(
 
 def test_every_family_has_the_same_unknowns_of_the_geometry(dmsp20: ForceData) -> None:
     for one in ladder(dmsp20)[0]:
+        if one.law == "mooney-rivlin":  # of an equivalent cylinder
+            assert {"end_factor", "rest_length"}.isdisjoint(one.parameters)
+            assert one.parameters["braid_diameter"].max == pytest.approx(0.028)
+            continue
         assert {"end_factor", "rest_length", "braid_compliance"} <= {*one.parameters}
         assert one.parameters["end_factor"].prior is not None
         assert one.parameters["rest_length"].prior == (0.296, 0.00025)

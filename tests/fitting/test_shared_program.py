@@ -45,7 +45,7 @@ def weighed(dmsp10: ForceData) -> ForceData:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_family_has_the_same_fit_by_its_own_program(weighed: ForceData, name: str) -> None:
-    problem = posed_of(weighed, candidate(weighed, name), "drucker", "physical").problem
+    problem = posed_of(weighed, candidate(weighed, name), "drucker").problem
     assert problem.parts[0].within is not None
     u = np.full(len(problem.free), 0.4)
     shared, own = (solve(one, one.parameters(u)) for one in (problem, alone(problem)))
@@ -57,7 +57,7 @@ def test_a_family_has_the_same_fit_by_its_own_program(weighed: ForceData, name: 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_its_muscle_has_the_same_force(weighed: ForceData, name: str) -> None:
-    problem = posed_of(weighed, candidate(weighed, name), "drucker", "physical").problem
+    problem = posed_of(weighed, candidate(weighed, name), "drucker").problem
     point = solve(problem, problem.parameters(np.full(len(problem.free), 0.4)))
     mounted = problem.parts[0].mounted(muscle_at(problem, point, 0), point.parameters)
     shared = in_shared_program(mounted)

@@ -131,7 +131,7 @@ def test_specimens_are_counted_together_and_shared_parameters_once() -> None:
         ForceData(np.ones(3), np.full(3, 3e5), length, dataclasses.replace(SPECIMEN, name=name))
         for name in "abc"
     ]
-    shared = complete_table(SPECIMEN, "physical", law.coefficients, {}, {})
+    shared = complete_table(SPECIMEN, law.coefficients, {}, {})
     check_count(data, law, "fixed", shared)
     angle = shared.pop("braid_angle")
     own = {f"braid_angle[{name}]": angle for name in "abc"} | shared

@@ -30,7 +30,6 @@ def table(bounds=None, parameters=None):
     law = fitting.families.law_named("polynomial", 3)
     return complete_table(
         specimen(nominal_diameter=20e-3),
-        "physical",
         law.coefficients,
         bounds or {},
         parameters or {},
