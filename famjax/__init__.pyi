@@ -4,34 +4,38 @@ from . import (
     braids as braids,
     cards as cards,
     compile_options as compile_options,
+    continuation as continuation,
     control as control,
     design as design,
     export as export,
     geometries as geometries,
     materials as materials,
+    measured as measured,
     muscle as muscle,
     muscles as muscles,
     parameters as parameters,
     peers as peers,
     profiles as profiles,
+    slip as slip,
+    stability as stability,
+    surfaces as surfaces,
     terms as terms,
     units as units,
 )
+from ._arrays import Real as Real
 from ._require import require as require
-from ._types import Real as Real
-from .braids.elastic import ElasticBraid as ElasticBraid
-from .braids.inextensible import Braid as Braid
-from .geometries.bladder import Bladder as Bladder
-from .geometries.estimated import EstimatedGeometry as EstimatedGeometry
-from .geometries.measured import MeasuredGeometry as MeasuredGeometry
-from .materials.polynomial import PolynomialMaterial as PolynomialMaterial
-from .materials.stability import path_modulus as path_modulus
-from .muscle.abstract_muscle import AbstractMuscle as AbstractMuscle
-from .muscle.balance import Muscle as Muscle
-from .muscle.cutting import cut_to_length as cut_to_length
-from .muscle.mounted import MountedMuscle as MountedMuscle
-from .muscle.safe import SafeMuscle as SafeMuscle
-from .parameters.apart import take_apart as take_apart
-from .parameters.declared import parameter as parameter
+from .braids import Braid as Braid, ElasticBraid as ElasticBraid
+from .continuation import SafeMuscle as SafeMuscle
+from .geometries import Bladder as Bladder, EstimatedGeometry as EstimatedGeometry
+from .materials import PolynomialMaterial as PolynomialMaterial
+from .measured import MeasuredGeometry as MeasuredGeometry
+from .muscle import (
+    AbstractMuscle as AbstractMuscle,
+    MountedMuscle as MountedMuscle,
+    Muscle as Muscle,
+    cut_to_length as cut_to_length,
+)
+from .parameters import parameter as parameter, take_apart as take_apart
+from .stability import path_modulus as path_modulus
 
 __version__: str

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from ._types import in_trace
+from ._arrays import in_trace
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

@@ -330,7 +330,7 @@ def unflat(family: AbstractFamily, numbers: Float[np.ndarray, " l"]) -> Any:
 class _Paths(eqx.Module):
     """Actuation paths of a geometry: strains at the stations, and the largest strain."""
 
-    strains: famjax.materials.PathStrains | None
+    strains: famjax.stability.PathStrains | None
     pressure: Float[Array, " paths"]
     shares: Float[Array, "paths stations"]
     largest: Float[Array, " paths"]
@@ -345,7 +345,7 @@ class _Paths(eqx.Module):
         ends = jnp.stack([jnp.broadcast_to(rest, end.shape), end], axis=-1)
         lengths = rest + shares * (end - rest)[:, None]
         # One evaluation serves the stations and both ends.
-        both = famjax.materials.path_strains(
+        both = famjax.stability.path_strains(
             model.geometry, jnp.concatenate([lengths, ends], axis=-1), pressure[:, None]
         )
         size = jnp.maximum(

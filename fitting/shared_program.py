@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import famjax
-from famjax._types import Real, RealArray
+from famjax._arrays import Real, RealArray
 from famjax.materials import AbstractMaterial
 
 from .families import EstimatedSource, Law, MuscleFamily

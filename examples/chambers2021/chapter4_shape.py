@@ -16,7 +16,8 @@ from twin import Twin
 from famjax import units
 from famjax.braids import braid_angle_from_blocked_force, diameter_from_length
 from famjax.compile_options import quick_jit
-from famjax.geometries import Meridian, tube_volume
+from famjax.geometries import tube_volume
+from famjax.measured import Meridian
 from famjax.profiles import EllipticToroidEnds, FourierProfile
 
 chapter = Chapter(__name__)

@@ -17,8 +17,10 @@ import fitting
 from famjax import units
 from famjax.app import simulate, simulated_muscle
 from famjax.compile_options import quick_jit
-from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
-from famjax.profiles import AssumedShapeFamily, EllipticToroidEnds, SampledSurface
+from famjax.geometries import AbstractGeometry
+from famjax.measured import AverageDiameterGeometry
+from famjax.profiles import EllipticToroidEnds
+from famjax.surfaces import AssumedShapeFamily, SampledSurface
 from famjax.terms import AbstractForceTerm, BladderWall, PressurisedBraid, VirtualWork
 from rig.control import Control
 from rig.plan import Isobaric, PlanFile

@@ -13,9 +13,11 @@ from beside_print import printed
 from famjax import Bladder, Braid, ElasticBraid, EstimatedGeometry, MeasuredGeometry, Muscle, Real
 from famjax.braids import LinearThread
 from famjax.compile_options import quick_jit
-from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
+from famjax.geometries import AbstractGeometry
 from famjax.materials import PressurePolynomialMaterial
-from famjax.profiles import FourierProfile, MeasuredFamily
+from famjax.measured import AverageDiameterGeometry
+from famjax.profiles import FourierProfile
+from famjax.surfaces import MeasuredFamily
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
 """Gauge pressures [psi] at which the work prints its tables of forces."""

@@ -23,7 +23,8 @@ import fitting
 import imaging
 from famjax import units
 from famjax.app import Analysis, Sheet, add_log, analyse, read_log_of_pictures, read_sheet
-from famjax.geometries import AbstractGeometry, AverageDiameterGeometry
+from famjax.geometries import AbstractGeometry
+from famjax.measured import AverageDiameterGeometry
 from fitting.records import read_machine_log, write_dataset
 from imaging.pictures import measure_pictures
 from rig.journal import read_journal

@@ -320,7 +320,7 @@ def _geometry(
     braid = famjax.Braid(surface.threads.length, turns, specimen.braid_thickness)
     geometry = surface.geometry(specimen, braid=braid, draw=draw)
     if name == AVERAGE:
-        return famjax.geometries.AverageDiameterGeometry(geometry.family, geometry.bladder)
+        return famjax.measured.AverageDiameterGeometry(geometry.family, geometry.bladder)
     return geometry
 
 

@@ -15,20 +15,12 @@ from jax.core import Tracer
 from jaxtyping import Float
 from msgspec import UNSET
 
-from .._types import Real, RealArray, as_real
+from .._arrays import Real, RealArray, as_real
 from ..boundary.errors import InputError
 from ..boundary.files import write_all
-from ..muscle import (
-    AbstractMuscle,
-    MountedMuscle,
-    Muscle,
-    Region,
-    SafeMuscle,
-    continued_volume,
-    cut_to_length,
-    number_names,
-)
-from ..terms import CentredSlip
+from ..continuation import Region, SafeMuscle, continued_volume
+from ..muscle import AbstractMuscle, MountedMuscle, Muscle, cut_to_length, number_names
+from ..slip import CentredSlip
 from .document import (
     SCHEMA,
     CardDocument,
@@ -105,7 +97,7 @@ class MuscleCard:
         return self._safe.region
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, `famjax.muscle.continued_volume`, broadcast shape.
+        """Volume V [m3] of the fluid, `famjax.continuation.continued_volume`, broadcast shape.
 
         Raises:
             InputError: the muscle is of a model without a geometry.

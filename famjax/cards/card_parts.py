@@ -14,10 +14,21 @@ from typing import Any
 
 import equinox as eqx
 
-from .. import braids, geometries, materials, muscle, profiles, terms
+from .. import (
+    braids,
+    continuation,
+    geometries,
+    materials,
+    measured,
+    muscle,
+    profiles,
+    slip,
+    surfaces,
+    terms,
+)  # fmt: skip
 from ..boundary.class_path import class_named, class_path
 from ..boundary.errors import InputError
-from ..parameters.declared import declaration
+from ..parameters import declaration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +65,9 @@ MUSCLE_OF_TERMS: Fields = {
 """A muscle with other terms."""
 
 _UNTYPED = {braids.AbstractBraid: braids.Braid, geometries.Bladder: geometries.Bladder}
-_ROOMS = (braids, geometries, materials, muscle, profiles, terms)
+_ROOMS = (
+    braids, geometries, materials, measured, muscle, continuation, profiles, surfaces, slip, terms,
+)  # fmt: skip
 _PLAIN = (bool, int, float, tuple[float, ...])
 
 
@@ -132,7 +145,7 @@ def type_read(name: Any, base: type, where: str) -> type:
 
 def known_types(base: type) -> list[str]:
     """Names of famjax's own classes that may stand for a base."""
-    classes = {name: _own_class(name) for room in _ROOMS for name in room.__all__}
+    classes = {name: _own_class(name) for room in _ROOMS for name in vars(room)}
     return sorted(name for name, cls in classes.items() if cls and issubclass(cls, base))
 
 
@@ -140,5 +153,9 @@ def _own_class(name: str) -> type | None:
     """The concrete class of that name in a room that a muscle is made of; no other is imported."""
     if name.startswith("Abstract"):
         return None
-    found = next((getattr(room, name) for room in _ROOMS if name in room.__all__), None)
-    return found if isinstance(found, type) else None
+    found = [vars(room)[name] for room in _ROOMS if name in vars(room)]
+    return next((one for one in found if isinstance(one, type) and _of_a_room(one)), None)
+
+
+def _of_a_room(cls: type) -> bool:
+    return cls.__module__ in {room.__name__ for room in _ROOMS}

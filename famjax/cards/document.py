@@ -92,7 +92,7 @@ class Cycle(_Entry):
 
 
 class Hysteresis(_Entry):
-    """Elements about the static map, see `famjax.terms.CentredSlip`."""
+    """Elements about the static map, see `famjax.slip.CentredSlip`."""
 
     rest_length_m: float
     modulus_Pa: float

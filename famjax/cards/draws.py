@@ -11,17 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from ..boundary.errors import InputError
 from ..compile_options import quick_jit
-from ..muscle import (
-    AbstractMuscle,
-    MeanMuscle,
-    MountedMuscle,
-    Region,
-    flatten,
-    grid_slopes,
-    largest_share,
-    number_names,
-    rising,
-)
+from ..continuation import Region, grid_slopes, largest_share, rising
+from ..muscle import AbstractMuscle, MeanMuscle, MountedMuscle, flatten, number_names
 
 _AT_ONCE = 32
 _RISES = 0.9  # of the region

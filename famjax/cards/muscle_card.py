@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .. import terms
-from .._types import as_number
+from .._arrays import as_number
 from ..boundary.errors import InputError
 from ..muscle import Muscle
 from .card_parts import (

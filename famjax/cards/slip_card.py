@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..boundary.errors import InputError
-from ..terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
+from ..slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 _SETS = ("wall", "braid")
 _UNITS = {"ramp": "Pa", "stroke": "m"}

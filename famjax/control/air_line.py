@@ -8,9 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._compiled import compiled
-from .._each import at_each
-from .._types import Given, Real, RealArray, as_number, as_real
+from .._arrays import Given, Real, RealArray, as_number, as_real, at_each, compiled
 from .crossing import bracketed
 from .outcome import Answer, Outcome
 

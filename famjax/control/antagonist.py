@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._each import at_each
-from .._types import Given, Real, RealArray, as_number, as_real
+from .._arrays import Given, Real, RealArray, as_number, as_real, at_each
 from ..compile_options import quick_jit
 from .crossing import ROUNDED, first_crossing
 from .held_pair import HeldPair

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._types import RealArray
-from ..muscle.equilibrium import bisected
+from .._arrays import RealArray
+from ..muscle import bisected
 
 ROUNDED = 64  # times the precision, per largest value: a few sums and powers of rounded numbers
 

@@ -7,17 +7,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._compiled import compiled
-from .._types import Real, RealArray, as_real
-from ..muscle import AbstractMuscle
-from ..muscle.equilibrium import longest_equilibrium
+from .._arrays import Real, RealArray, as_real, compiled
+from ..muscle import AbstractMuscle, longest_equilibrium
 from .inverse import HasForce, inverse_pressure
 from .outcome import Answer, Outcome
 
 
 @runtime_checkable
 class HasMemory(Protocol):
-    """Hysteresis along a history, as `famjax.terms.MaxwellSlip` or a `CentredSlip` of a fit."""
+    """Hysteresis along a history, as `famjax.slip.MaxwellSlip` or a `CentredSlip` of a fit."""
 
     def start(self, length: Real, pressure: Real) -> Any:
         """The state at a length [m] and a gauge pressure [Pa] at which a history begins."""

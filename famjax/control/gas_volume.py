@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_number
+from .._arrays import Given, Real, RealArray, as_number
 from ..boundary.errors import InputError
 from ..muscle import AbstractMuscle
 

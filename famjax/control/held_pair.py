@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._alike import of_each
-from .._types import RealArray
+from .._arrays import RealArray, of_each
 from .crossing import ROUNDED, Crossing, bracketed, first_crossing
 from .inverse import HasForce
 from .outcome import Outcome

@@ -6,9 +6,7 @@ from typing import Protocol, runtime_checkable
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from .._compiled import compiled
-from .._each import at_each
-from .._types import Real, RealArray, as_real
+from .._arrays import Real, RealArray, as_real, at_each, compiled
 from .crossing import first_crossing
 from .outcome import Answer, Outcome
 

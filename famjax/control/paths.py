@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_number, as_real
+from .._arrays import Given, Real, RealArray, as_number, as_real
 
 
 class AbstractPath(eqx.Module):

@@ -12,13 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._types import Given, Real, RealArray, as_real
-from ..braids.gaylord import gaylord_force
-from ..braids.inextensible import Braid, braid_angle_from_diameter
-from ..braids.thread import thread_tension
-from ..geometries.bladder import Bladder
-from ..geometries.estimated import EstimatedGeometry
-from ..materials.abstract_material import AbstractMaterial
+from .._arrays import Given, Real, RealArray, as_real
+from ..braids import Braid, braid_angle_from_diameter, gaylord_force, thread_tension
+from ..geometries import Bladder, EstimatedGeometry
+from ..materials import AbstractMaterial
 from ..muscle import Muscle
 from ..parameters import number
 from .catalogue import NOMINAL_ANGLE, CatalogueBladder, CatalogueBraid

@@ -18,11 +18,11 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from .. import units
-from .._types import RealArray
+from .._arrays import RealArray
 from ..boundary.errors import InputError
-from ..braids.thread import thread_tension
+from ..braids import thread_tension
 from ..compile_options import quick_jit
-from ..materials.polynomial import PolynomialMaterial
+from ..materials import PolynomialMaterial
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
 from .combination import Combination, Feasibility, feasibility
 from .swage import TubeStrength, assumption_notes, size_end_fittings, tube_strengths

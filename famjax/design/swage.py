@@ -25,7 +25,7 @@ from collections.abc import Iterable
 import jax.numpy as jnp
 
 from .. import units
-from .._types import Real, RealArray, as_real
+from .._arrays import Real, RealArray, as_real
 from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid, CatalogueTube
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import jax
 import jax.numpy as jnp
 
-from .._types import Real
+from .._arrays import Real
 from ..boundary.errors import InputError
 from ..cards.card import card_as_document
 from ..cards.document import as_text

@@ -22,7 +22,7 @@ class TabulatedPull:
 
     F in the table is the bicubic Hermite interpolant of force, slopes and mixed slope at its nodes:
     C1, and exact at them with its slopes. y is a line that may bend towards an end, S are stops,
-    taut cuts at zero with a small blend: see `famjax.muscle.SafeMuscle`. SI, gauge pressure, scalars.
+    taut cuts at zero with a small blend: see `famjax.continuation.SafeMuscle`. SI, gauge pressure, scalars.
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ from .. import __version__
 from ..boundary.errors import InputError
 from ..boundary.origin import Origin
 from ..cards import MuscleCard, read_card, unidentified
-from ..muscle import SafeMuscle
+from ..continuation import SafeMuscle
 from ..muscles import bundled_card, bundled_name, bundled_text
 from .plain import TabulatedPull
 from .tabulate import TableErrors, table_errors, tabulated

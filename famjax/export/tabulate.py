@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .._types import RealArray
+from .._arrays import RealArray
 from ..boundary.errors import InputError
 from ..compile_options import quick_jit
-from ..muscle import AbstractMuscle, SafeMuscle, slopes
+from ..continuation import SafeMuscle, slopes
+from ..muscle import AbstractMuscle
 from .plain import TabulatedPull
 
 CLOSE = 5e-8

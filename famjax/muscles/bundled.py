@@ -5,7 +5,7 @@ from importlib.resources.abc import Traversable
 
 from ..boundary.errors import InputError
 from ..cards import MuscleCard, read_card
-from ..muscle import SafeMuscle
+from ..continuation import SafeMuscle
 
 NAMES = ("DMSP-10", "DMSP-20")
 """Muscles of which there is a card."""

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 
-from .._types import Real, RealArray, as_real
-from ..braids.inextensible import NEUTRAL_ANGLE, AbstractBraid
+from .._arrays import Real, RealArray, as_real
+from ..braids import NEUTRAL_ANGLE, AbstractBraid
 from ..muscle import AbstractMuscle
 
 _Force = TypeVar("_Force", bound=Callable[..., Any])

@@ -5,7 +5,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_real
+from .._arrays import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
 from .abstract_peer import PeerModel, around_rest, where_it_holds

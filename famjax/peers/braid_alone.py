@@ -3,13 +3,13 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_real
-from ..braids.gaylord import gaylord_force
-from ..braids.inextensible import (
+from .._arrays import Given, Real, RealArray, as_real
+from ..braids import (
     AbstractBraid,
     Braid,
     braid_angle_from_length,
     diameter_from_length,
+    gaylord_force,
 )
 from ..parameters import parameter
 from .abstract_peer import PeerModel, braid_range, known, where_it_holds

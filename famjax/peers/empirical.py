@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_real
+from .._arrays import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from .abstract_peer import PeerModel, around_rest, known, where_it_holds
 

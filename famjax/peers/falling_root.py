@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from .._implicit import over_slope
-from .._types import RealArray
+from .._arrays import RealArray, over_slope
 
 _MAX_STEPS = 100
 

@@ -2,13 +2,11 @@
 
 from jax.typing import ArrayLike
 
-from .._types import Real, RealArray, as_real
-from ..geometries.dimensions import AbstractGeometry
-from ..materials.hyperelastic import MooneyRivlinMaterial
-from ..materials.plain_power import PlainPowerMaterial
-from ..materials.polynomial import PolynomialMaterial
+from .._arrays import Real, RealArray, as_real
+from ..geometries import AbstractGeometry
+from ..materials import MooneyRivlinMaterial, PlainPowerMaterial, PolynomialMaterial
 from ..muscle import Muscle
-from ..profiles.assumed_shapes import kothera_length
+from ..profiles import kothera_length
 from .abstract_peer import PeerModel, where_it_holds
 
 

@@ -6,9 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._compiled import compiled
-from .._each import at_each
-from .._types import Given, Real, RealArray, as_real
+from .._arrays import Given, Real, RealArray, as_real, at_each, compiled
 from ..parameters import number, parameter
 from ..units import KILOPASCAL
 from .abstract_peer import PeerModel, where_it_holds

@@ -5,8 +5,8 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._types import Given, Real, RealArray
-from ..braids.inextensible import Braid
+from .._arrays import Given, Real, RealArray
+from ..braids import Braid
 from ..parameters import parameter
 from ..units import DEGREE, MEGAPASCAL
 from .abstract_peer import PeerModel, braid_range, where_it_holds

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_real
+from .._arrays import Given, Real, RealArray, as_real
 from ..parameters import parameter
 from ..units import BAR
 from .abstract_peer import PeerModel, around_rest, where_it_holds

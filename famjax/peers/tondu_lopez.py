@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._types import Given, Real, RealArray, as_real
-from ..braids.inextensible import Braid
+from .._arrays import Given, Real, RealArray, as_real
+from ..braids import Braid
 from ..parameters import parameter
-from ..profiles.assumed_shapes import tondu_lopez_length
+from ..profiles import tondu_lopez_length
 from ..units import BAR
 from .abstract_peer import PeerModel, around_rest, where_it_holds
 from .braid_alone import Gaylord

@@ -21,8 +21,8 @@ from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_r
 from .inputs import load_fitting, schema_of, warn_unidentified
 
 if TYPE_CHECKING:
+    from famjax.continuation import Region, SafeMuscle
     from famjax.export import Subject
-    from famjax.muscle import Region, SafeMuscle
     from fitting.saved import SavedFit
 
 Target = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]

@@ -3,12 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
-from famjax.terms import slip_coordinates, slip_shares, there_and_back
+from famjax.slip import slip_coordinates, slip_shares, there_and_back
 
 from .branch_pairs import BranchPairs
 
 MODULUS = 1e6
-"""E [Pa] of the coordinates, the order of rubber's: see `famjax.terms.MaxwellSlip`."""
+"""E [Pa] of the coordinates, the order of rubber's: see `famjax.slip.MaxwellSlip`."""
 
 _ELEMENTS = 8  # thresholds on each coordinate
 _OCTAVES = 7  # from the highest to the lowest of them

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 from famjax.compile_options import quick_jit
-from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
+from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 from ..convex import Status, solve_qp
 from .branch_pairs import BranchPairs

@@ -7,7 +7,7 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
 from famjax.cards import Covariance, Draws, MuscleCard, Provenance, draw
-from famjax.muscle import Region
+from famjax.continuation import Region
 
 from .saved_fit import SavedFit
 

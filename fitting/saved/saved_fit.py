@@ -12,7 +12,7 @@ import numpy as np
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.cards import muscle_from_dict, slip_from_dict
-from famjax.terms import CentredSlip
+from famjax.slip import CentredSlip
 
 from ..arguments import check_path
 from ..evidence.model_error import ModelError

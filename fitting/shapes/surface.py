@@ -98,13 +98,13 @@ class ShapeSurface:
 
     def family(
         self, braid: famjax.braids.AbstractBraid, *, draw: int | None = None
-    ) -> famjax.profiles.SampledSurface:
+    ) -> famjax.surfaces.SampledSurface:
         """The surface in a braid; of a draw, if its number is given."""
         both = self.diameters if draw is None else self.draws[draw]
         lengths = self.lengths * (1.0 if draw is None else self.draw_scales[draw])
         known = np.isfinite(self.pressures).all()
         pressures = np.array(self.pressures) if known else np.zeros(1)
-        return famjax.profiles.SampledSurface(
+        return famjax.surfaces.SampledSurface(
             lengths=lengths, pressures=pressures, diameters=both[: len(pressures)], braid=braid
         )
 

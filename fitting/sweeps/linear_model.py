@@ -59,7 +59,7 @@ def _along(
     of: FixedGeometry, pressure: Float[AnyArray, " paths"], length: Float[AnyArray, "paths k"]
 ) -> tuple[Float[Array, "paths k order"], Float[Array, "paths k strains"]]:
     """Modulus [-] of each coefficient at lengths of paths, and axial and hoop strains there."""
-    both = famjax.materials.path_strains(of.geometry, length, pressure[:, None])
+    both = famjax.stability.path_strains(of.geometry, length, pressure[:, None])
     modulus = jax.vmap(lambda one: both.modulus(famjax.PolynomialMaterial(one)), out_axes=-1)(
         jnp.eye(of.order)
     )

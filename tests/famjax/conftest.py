@@ -27,13 +27,13 @@ def table_4_3() -> dict[float, tuple[famjax.profiles.FourierProfile, float]]:
 @pytest.fixture(scope="session")
 def measured_family(
     table_4_3: dict,
-) -> Callable[[famjax.braids.AbstractBraid], famjax.profiles.MeasuredFamily]:
+) -> Callable[[famjax.braids.AbstractBraid], famjax.surfaces.MeasuredFamily]:
     """The family of table 4.3's profiles, made symmetric, about a braid."""
 
-    def about(braid: famjax.braids.AbstractBraid) -> famjax.profiles.MeasuredFamily:
+    def about(braid: famjax.braids.AbstractBraid) -> famjax.surfaces.MeasuredFamily:
         profiles, lengths = zip(*table_4_3.values(), strict=True)
         even = [profile.symmetrised() for profile in profiles]
-        return famjax.profiles.MeasuredFamily(lengths, even, 100.0, braid)
+        return famjax.surfaces.MeasuredFamily(lengths, even, 100.0, braid)
 
     return about
 

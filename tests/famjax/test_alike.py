@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from famjax._alike import of_each
+from famjax._arrays import of_each
 
 
 class Spring(eqx.Module):

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 import famjax
-from famjax.braids import gaylord, inextensible
-from famjax.geometries import bladder
-from famjax.terms import bladder_wall
+from famjax import braids, geometries, terms
 
 
 class Formula(NamedTuple):
@@ -149,11 +147,17 @@ def test_formula_is_homogeneous_in_units(formula: Formula) -> None:
     np.testing.assert_allclose(formula.function(*other), expected, rtol=EXACT)
 
 
+WITH_TESTS_OF_THEIR_OWN = {
+    "crossing_area", "cylinder_dimensions", "pressure_terms", "smooth_sign", "strain_under_cubic",
+    "strain_under_line", "thread_contact_area", "thread_tension", "virtual_work_force", "volume_rate",
+}  # fmt: skip
+
+
 def test_every_public_function_is_in_the_registry() -> None:
     public = {
         name
-        for module in (inextensible, gaylord, bladder, bladder_wall)
+        for module in (braids, geometries, terms)
         for name, value in vars(module).items()
         if getattr(value, "__module__", None) == module.__name__ and name[0].islower()
     }
-    assert public == set(FORMULAS)
+    assert public == set(FORMULAS) | WITH_TESTS_OF_THEIR_OWN

@@ -18,7 +18,7 @@ _ROWS = [  # Chambers 2021, table 4.3 as corrected: contraction, a0, a_n, b_n, w
 ]
 
 
-def true_family() -> famjax.profiles.MeasuredFamily:
+def true_family() -> famjax.surfaces.MeasuredFamily:
     lengths = [REST * (1 - row[0]) for row in _ROWS]
     profiles = [
         famjax.profiles.FourierProfile(
@@ -26,7 +26,7 @@ def true_family() -> famjax.profiles.MeasuredFamily:
         ).symmetrised()
         for _, a0, a, b, w in _ROWS
     ]
-    return famjax.profiles.MeasuredFamily(lengths, profiles, 55 * PSI, BRAID)
+    return famjax.surfaces.MeasuredFamily(lengths, profiles, 55 * PSI, BRAID)
 
 
 def true_diameter(

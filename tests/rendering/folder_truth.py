@@ -90,7 +90,7 @@ class TwinMuscle:
         shapes = np.stack([np.asarray(self.shape(float(one))(x)) for one in c])
         rest = self.rest_length
         braid = famjax.Braid(_THREAD * rest, self.turns, self.braid_thickness)
-        surface = famjax.profiles.SampledSurface(
+        surface = famjax.surfaces.SampledSurface(
             lengths=rest * (1 - c),
             pressures=[0.0],
             diameters=shapes[None],

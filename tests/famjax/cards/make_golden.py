@@ -20,8 +20,9 @@ from famjax.cards import (
     schema,
     write_card,
 )
-from famjax.muscle import MountedMuscle, Region, flatten
-from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
+from famjax.continuation import Region
+from famjax.muscle import MountedMuscle, flatten
+from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 GOLDEN = Path(__file__).parent / "golden"
 LENGTHS, PRESSURES = [0.15, 0.24, 0.27, 0.3, 0.33], [2e4, 2e5, 5e5, 9e5]

@@ -22,7 +22,8 @@ from famjax.cards import (
     write_card,
 )
 from famjax.cards.document import checked
-from famjax.muscle import MountedMuscle, Region, flatten
+from famjax.continuation import Region
+from famjax.muscle import MountedMuscle, flatten
 from famjax.muscles import bundled_card
 
 GOLDEN = Path(__file__).parent / "golden"

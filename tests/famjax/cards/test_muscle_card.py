@@ -33,7 +33,7 @@ PROFILES = (
     famjax.profiles.SemiEllipsoidEnds(1.5, 0.9, 1.1),
     famjax.profiles.CircularArcEnds(1.6, 0.9),
     NARROW,
-    famjax.profiles.IsobaricProfile(famjax.profiles.AssumedShapeFamily(BRAID, NARROW), 50.0),
+    famjax.surfaces.IsobaricProfile(famjax.surfaces.AssumedShapeFamily(BRAID, NARROW), 50.0),
     famjax.profiles.FourierProfile(
         1.27, [-0.83, 0.29, 0.18], [1.2, 0.75, 0.04], 4.347
     ).symmetrised(),
@@ -41,21 +41,21 @@ PROFILES = (
 
 
 # A family is made where a test needs it: making it compiles, and every worker collects this file.
-def family() -> famjax.profiles.MeasuredFamily:
+def family() -> famjax.surfaces.MeasuredFamily:
     lengths = L0 * np.linspace(1.0, 0.73, len(PROFILES))
-    return famjax.profiles.MeasuredFamily(lengths, PROFILES, 100.0, KEVLAR, margin=0.01)
+    return famjax.surfaces.MeasuredFamily(lengths, PROFILES, 100.0, KEVLAR, margin=0.01)
 
 
-def family_of_two() -> famjax.profiles.MeasuredFamily:
+def family_of_two() -> famjax.surfaces.MeasuredFamily:
     """One that is quick to compile."""
-    return famjax.profiles.MeasuredFamily([L0, 0.73 * L0], [NARROW, PROFILES[-1]], 100.0, KEVLAR)
+    return famjax.surfaces.MeasuredFamily([L0, 0.73 * L0], [NARROW, PROFILES[-1]], 100.0, KEVLAR)
 
 
-def surface() -> famjax.profiles.SampledSurface:
+def surface() -> famjax.surfaces.SampledSurface:
     """A shape that swells with the pressure."""
     x, lengths = np.linspace(0, 1, 9), L0 * np.array([1.0, 0.86, 0.72])
     bulge = 1 + 0.3 * np.arange(3)[:, None] * np.sin(np.pi * x)
-    return famjax.profiles.SampledSurface(
+    return famjax.surfaces.SampledSurface(
         lengths, [20.0, 90.0], np.stack([bulge, 1.01 * bulge]), KEVLAR, 0.02
     )
 
@@ -70,7 +70,7 @@ GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
     ),
     "measured": lambda: famjax.MeasuredGeometry(family_of_two(), BLADDER, 8),
     "photographed": lambda: famjax.MeasuredGeometry(surface(), BLADDER, 8),
-    "average": lambda: famjax.geometries.AverageDiameterGeometry(family(), BLADDER),
+    "average": lambda: famjax.measured.AverageDiameterGeometry(family(), BLADDER),
     "compliant": lambda: famjax.EstimatedGeometry(
         famjax.braids.CompliantBraid(9.89, 1.09, 0.011, 4.5e-6), BLADDER
     ),
@@ -118,7 +118,7 @@ BASES = (
     famjax.braids.AbstractBraid,
     famjax.braids.AbstractThread,
     famjax.profiles.AbstractProfile,
-    famjax.profiles.AbstractProfileFamily,
+    famjax.surfaces.AbstractProfileFamily,
     famjax.terms.AbstractForceTerm,
     famjax.terms.AbstractFriction,
     famjax.Bladder,
@@ -130,12 +130,17 @@ CONCRETE = [
         famjax.braids,
         famjax.geometries,
         famjax.materials,
+        famjax.measured,
         famjax.muscle,
+        famjax.continuation,
         famjax.profiles,
+        famjax.surfaces,
+        famjax.slip,
         famjax.terms,
     )
-    for cls in (getattr(room, name) for name in room.__all__)
+    for cls in vars(room).values()
     if inspect.isclass(cls)
+    and cls.__module__ == room.__name__
     and issubclass(cls, BASES)
     and not inspect.isabstract(cls)
     and cls is not famjax.terms.SumOfTerms

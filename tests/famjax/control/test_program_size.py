@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from famjax.control import Antagonist, Pulley, antagonist
-from famjax.muscle import MeanMuscle
-from famjax.muscle.abstract_muscle import AbstractMuscle
+from famjax.muscle import AbstractMuscle, MeanMuscle
 
 LIMITS = {"_stiffness": 2, "_torque_range": 1, "_stiffness_range": 8, "_pressures_for": 14}
 """Copies of the force; of means of three muscles there were 12, 24, 72 and 111."""

@@ -17,8 +17,8 @@ import numpy as np
 import famjax
 from famjax import Real
 from famjax.cards import MuscleCard
+from famjax.continuation import Region
 from famjax.export import Subject, TabulatedPull, export, install
-from famjax.muscle import Region
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion")
 _KINDS = {"double": ctypes.c_double, "float": ctypes.c_float}

@@ -8,7 +8,7 @@ import pytest
 
 import famjax
 from famjax.__main__ import main
-from famjax.terms import MaxwellSlip, SlipElements
+from famjax.slip import MaxwellSlip, SlipElements
 from fitting import load_fit
 from fitting.hysteresis import History
 from fitting.prediction import predict_history

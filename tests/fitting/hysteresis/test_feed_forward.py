@@ -7,7 +7,7 @@ import pytest
 
 import famjax
 from famjax.control import Outcome, length_along, pressure_along, pressure_for_force
-from famjax.terms import CentredSlip, MaxwellSlip, SlipElements
+from famjax.slip import CentredSlip, MaxwellSlip, SlipElements
 from fitting.hysteresis import BranchPairs, HysteresisFit, fit_hysteresis
 
 REST, TOP, LOAD = 0.296, 6e5, 250.0

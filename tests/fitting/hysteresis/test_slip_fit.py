@@ -7,7 +7,7 @@ import pytest
 
 from famjax.boundary.errors import InputError
 from famjax.cards import slip_from_dict
-from famjax.terms import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
+from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 from fitting.hysteresis import (
     BranchPairs,
     HysteresisFit,

@@ -90,7 +90,7 @@ def test_nothing_is_violated_between_the_stations(which: str) -> None:
     size, touching = np.abs(held).max(axis=(-2, -1)), []
     for p, (pressure, end) in enumerate(zip(readings.pressure, readings.path_end, strict=True)):
         length = REST + np.linspace(0, 1, 3001) * (end - REST)
-        strains = famjax.materials.path_strains(geometry, length, pressure)
+        strains = famjax.stability.path_strains(geometry, length, pressure)
         rows = np.stack(
             [np.asarray(strains.modulus(famjax.PolynomialMaterial(E))) for E in np.eye(4)], axis=-1
         )
@@ -111,5 +111,5 @@ def test_corners_of_the_paths_are_found_where_the_hoop_strain_is_zero() -> None:
     assert width.min() > 1e-3
     for own, pressure, end in zip(start, readings.pressure, readings.path_end, strict=True):
         length = REST + np.minimum(own, 1) * (end - REST)
-        hoop = famjax.materials.path_strains(geometry, length, pressure).hoop
+        hoop = famjax.stability.path_strains(geometry, length, pressure).hoop
         assert np.abs(hoop).min() < 1e-13

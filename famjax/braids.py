@@ -1,0 +1,827 @@
+"""The helical braid of inextensible threads: the triangle relation and its inverses.
+
+One thread, unrolled, is the hypotenuse of a right triangle: L = B sin(theta) along the axis and
+pi N D = B cos(theta) around it. `theta` is measured from the circumference.
+"""
+
+import abc
+import math
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int
+
+from ._arrays import Given, Real, RealArray, as_real, at_each, compiled_method, over_slope
+from .parameters import Parametrised, number, parameter
+
+NEUTRAL_ANGLE = math.atan(math.sqrt(0.5))
+"""Braid angle [rad] at which the force magnification 2 tan(theta)^2 - 1 is zero: 35.26 deg."""
+
+_RIGHT_ANGLE = math.pi / 2 * (1 + 1e-6)  # pi/2 in float32 is larger
+
+
+def thread_length_from_angle(length: Real, braid_angle: Real) -> RealArray:
+    """Thread length B [m], B = L / sin(theta).
+
+    Args:
+        length: active length L [m], > 0.
+        braid_angle: theta [rad], from the circumference, in (0, pi/2].
+
+    Returns:
+        B [m], broadcast shape.
+
+    References:
+        Gaylord 1958; Chambers 2021, section 5.1.
+
+    >>> round(float(thread_length_from_angle(3.0, NEUTRAL_ANGLE)), 4)
+    5.1962
+    """
+    return jnp.asarray(length / jnp.sin(braid_angle))
+
+
+def turns_from_angle(length: Real, diameter: Real, braid_angle: Real) -> RealArray:
+    """Turns N [-] of one thread about the axis, N = L / (pi D tan(theta)).
+
+    Args:
+        length: active length L [m], > 0.
+        diameter: braid diameter D [m] at that length, > 0.
+        braid_angle: theta [rad], from the circumference, in (0, pi/2).
+
+    Returns:
+        N [-], a float, broadcast shape.
+
+    References:
+        Gaylord 1958; Chambers 2021, section 5.1.
+    """
+    return jnp.asarray(length / (jnp.pi * diameter * jnp.tan(braid_angle)))
+
+
+def diameter_from_length(length: Real, thread_length: Real, turns: Real) -> RealArray:
+    """Braid diameter D [m], D = sqrt(B^2 - L^2) / (pi N).
+
+    Args:
+        length: active length L [m], 0 < L < B.
+        thread_length: B [m].
+        turns: N [-], > 0.
+
+    Returns:
+        D [m], broadcast shape; nan where L > B, which no braid can reach.
+
+    References:
+        Gaylord 1958; Chambers 2021, section 5.1.
+    """
+    squared = jnp.asarray((thread_length - length) * (thread_length + length))
+    return jnp.sqrt(squared) / (jnp.pi * turns)
+
+
+def length_from_diameter(diameter: Real, thread_length: Real, turns: Real) -> RealArray:
+    """Active length L [m], L = sqrt(B^2 - (pi N D)^2): the inverse of `diameter_from_length`.
+
+    Args:
+        diameter: braid diameter D [m], 0 <= D < B / (pi N).
+        thread_length: B [m].
+        turns: N [-], > 0.
+
+    Returns:
+        L [m], broadcast shape; nan where pi N D > B.
+
+    References:
+        Gaylord 1958; Chambers 2021, section 5.1.
+    """
+    around = jnp.pi * turns * diameter
+    return jnp.sqrt(jnp.asarray((thread_length - around) * (thread_length + around)))
+
+
+def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
+    """Braid angle theta [rad], theta = asin(L / B), written with atan2 to be exact near pi/2.
+
+    Args:
+        length: active length L [m], 0 < L < B.
+        thread_length: B [m].
+
+    Returns:
+        theta [rad], from the circumference, broadcast shape; nan where L > B.
+
+    References:
+        Gaylord 1958; Chambers 2021, section 5.1.
+    """
+    squared = jnp.asarray((thread_length - length) * (thread_length + length))
+    return jnp.arctan2(length, jnp.sqrt(squared))
+
+
+def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle: Real) -> RealArray:
+    """Braid angle theta [rad] at another diameter of the same braid: cos(theta) / D is constant.
+
+    Args:
+        diameter: D [m] where the angle is wanted, >= 0.
+        known_diameter: D1 [m], > 0.
+        known_angle: theta1 [rad] at D1, from the circumference.
+
+    Returns:
+        theta [rad], broadcast shape; nan where D exceeds D1 / cos(theta1) (threads all round).
+
+    References:
+        Chambers 2021, section 2.2.
+    """
+    return jnp.arccos(jnp.cos(known_angle) * diameter / known_diameter)
+
+
+class AbstractBraid(Parametrised):
+    """A braid whose threads have some length under load."""
+
+    rest_thread_length: eqx.AbstractVar[RealArray]
+    turns: eqx.AbstractVar[RealArray]
+    thickness: eqx.AbstractVar[RealArray]
+
+    @abc.abstractmethod
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B [m] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+
+    def reach(
+        self, length: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
+        """Length and thread length where there is a triangle of the two, and where there is.
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa].
+
+        Returns:
+            (L, B, reached), of broadcast shape: where 0 < L < B does not hold, L and B are those of
+            a triangle that has nothing to do with the state, so that no nan spoils the derivatives
+            of other states. What is made of them there is to be replaced by nan.
+        """
+        lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        unloaded = jax.lax.stop_gradient(self.rest_thread_length)
+        aside = unloaded / 2
+        found = self.thread_length(jnp.where(lengths > 0, lengths, aside), pressures)
+        reached = (lengths > 0) & (lengths < found)
+        return (
+            jnp.where(reached, lengths, aside),
+            jnp.where(reached, found, unloaded),
+            reached,
+        )
+
+
+class Braid(AbstractBraid):
+    """A braid of inextensible threads.
+
+    Attributes:
+        rest_thread_length: B0 [m], one thread from fitting to fitting.
+        turns: N [-], turns of one thread about the axis, a float.
+        thickness: t_braid [m], two threads crossing; the bladder lies below it.
+    """
+
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m", default=0.0)
+
+    @classmethod
+    def from_rest(
+        cls, *, diameter: Real, braid_angle: Real, length: Real, thickness: Real = 0.0
+    ) -> "Braid":
+        """The braid that has this diameter and angle at this length.
+
+        Args:
+            diameter: D0 [m], braid diameter at rest.
+            braid_angle: theta0 [rad], from the circumference, in (0, pi/2].
+            length: L0 [m], active length at rest.
+            thickness: t_braid [m].
+
+        Returns:
+            The braid with B = L0 / sin(theta0) and N = L0 / (pi D0 tan(theta0)).
+
+        Raises:
+            ValueError: the angle is out of its range, and not traced; degrees are.
+
+        >>> braid = Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
+        >>> print(f"{braid.diameter(0.3):.4f} {braid.braid_angle(0.3):.4f}")
+        0.0200 1.1000
+        """
+        if not isinstance(braid_angle, Tracer):
+            angle = np.asarray(braid_angle, float)
+            wrong = angle[(angle <= 0) | (angle > _RIGHT_ANGLE)]
+            if wrong.size:
+                raise ValueError(
+                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; an angle in degrees is "
+                    "given as jnp.deg2rad(61.7)"
+                )
+        return cls(
+            rest_thread_length=thread_length_from_angle(length, braid_angle),
+            turns=turns_from_angle(length, diameter, braid_angle),
+            thickness=as_real(thickness),
+        )
+
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B0 [m], whatever the load, in the broadcast shape of the arguments."""
+        shape = jnp.broadcast_shapes(jnp.shape(length), jnp.shape(pressure))
+        return jnp.broadcast_to(self.rest_thread_length, shape)
+
+    def diameter(self, length: Real) -> RealArray:
+        """Braid diameter D [m] at active length L [m]; see `diameter_from_length`."""
+        return diameter_from_length(length, self.rest_thread_length, self.turns)
+
+    def braid_angle(self, length: Real) -> RealArray:
+        """Braid angle theta [rad] at active length L [m]; see `braid_angle_from_length`."""
+        return braid_angle_from_length(length, self.rest_thread_length)
+
+    @property
+    def neutral_length(self) -> RealArray:
+        """Active length [m] at the neutral angle, B / sqrt(3): no braid pulls when shorter."""
+        return self.rest_thread_length * math.sin(NEUTRAL_ANGLE)
+
+
+def force_magnification(braid_angle: Real) -> RealArray:
+    """Force magnification [-], 2 tan(theta)^2 - 1: braid force over pressure times section.
+
+    Args:
+        braid_angle: theta [rad], from the circumference, in (0, pi/2).
+
+    Returns:
+        Magnification [-], broadcast shape; zero at `NEUTRAL_ANGLE`, negative below it.
+
+    References:
+        Gaylord 1958; Chambers 2021, section 2.2.
+    """
+    return 2 * jnp.tan(jnp.asarray(braid_angle)) ** 2 - 1
+
+
+def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
+    """Pull F_G [N] of a cylindrical braid, F_G = P pi R^2 (2 tan(theta)^2 - 1).
+
+    The bladder's stiffness, the stretch of the threads and the rounded ends are neglected.
+
+    Args:
+        pressure: gauge pressure P [Pa].
+        radius: braid radius R [m].
+        braid_angle: theta [rad], from the circumference, in (0, pi/2).
+
+    Returns:
+        F_G [N], broadcast shape, positive when the muscle pulls.
+
+    References:
+        Gaylord 1958; Chambers 2021, equation 6.1.
+
+    >>> round(float(gaylord_force(6e5, 0.01, 1.1)))
+    1267
+    """
+    return jnp.asarray(pressure * jnp.pi * radius**2 * force_magnification(braid_angle))
+
+
+def braid_angle_from_blocked_force(pressure: Real, force: Real, diameter: Real) -> RealArray:
+    """Braid angle theta_0 [rad] at rest from how blocked force rises with pressure.
+
+    The bladder's force at the rest length does not depend on pressure, nor does the deadband's, so
+    that the slope of the line through the readings is Gaylord's own:
+
+    dF/dP = pi D0^2 / 4 (2 tan(theta_0)^2 - 1)
+
+    The stretch of the threads is neglected.
+
+    Args:
+        pressure: gauge pressures P [Pa] of the readings, shape (..., n), n >= 2, not all the same.
+        force: blocked forces F [N], of that shape.
+        diameter: braid diameter D0 [m] at rest, of shape (...).
+
+    Returns:
+        theta_0 [rad], from the circumference, of shape (...); nan where the force falls so steeply
+        with pressure that no braid does it, dF/dP < -pi D0^2 / 4.
+
+    References:
+        Chambers 2021, section 4, initial braid angle.
+
+    >>> P = jnp.array([2e5, 4e5, 6e5])
+    >>> F = gaylord_force(P, 0.01, 1.1) - 50.0  # the bladder pushes
+    >>> round(float(braid_angle_from_blocked_force(P, F, 0.02)), 6)
+    1.1
+    """
+    P, F = as_real(pressure), as_real(force)
+    away = P - jnp.mean(P, axis=-1, keepdims=True)
+    slope = jnp.sum(away * F, axis=-1) / jnp.sum(away**2, axis=-1)
+    magnification = 4 * slope / (jnp.pi * as_real(diameter) ** 2)
+    return jnp.arctan(jnp.sqrt((magnification + 1) / 2))
+
+
+def thread_tension(
+    force: Real, pressure: Real, radius: Real, braid_angle: Real, n_threads: Real
+) -> RealArray:
+    """Tension T [N] of one thread, T = (F + P pi R^2) / (n sin(theta)); the bladder's is neglected.
+
+    The threads that cross the muscle's section hold its pull and the pressure on its end.
+
+    Args:
+        force: pull F [N] of the muscle.
+        pressure: gauge pressure P [Pa].
+        radius: braid radius R [m].
+        braid_angle: theta [rad], from the circumference, in (0, pi/2].
+        n_threads: n [-], threads of both families.
+
+    Returns:
+        T [N], broadcast shape; negative where the threads would have to push.
+
+    References:
+        Chambers 2021, section 5.1.
+
+    >>> round(float(thread_tension(1058, 100, 0.522, 1.2032, 144)), 2)  # lbf: 8.5 in the print
+    8.51
+    """
+    carried = force + pressure * jnp.pi * radius**2
+    return jnp.asarray(carried / (n_threads * jnp.sin(braid_angle)))
+
+
+class AbstractThread(Parametrised):
+    """An elastic thread, at most as stiff as its far modulus.
+
+    With the far stiffness k = A_b E_b, a law's strain must start from 0 at T = 0 and rise with the
+    tension at a rate that never grows and tends to 1 / k, so that it stays below T / k + offset.
+    The root solve of `ElasticBraid` converges for every such law.
+    """
+
+    modulus: eqx.AbstractVar[RealArray]
+    area: eqx.AbstractVar[RealArray]
+
+    @property
+    def far_stiffness(self) -> RealArray:
+        """Tension per strain k = A_b E_b [N] far beyond the toe region."""
+        return self.area * self.modulus
+
+    @property
+    @abc.abstractmethod
+    def offset_strain(self) -> RealArray:
+        """Strain [-] at which the far line starts, by which the strain exceeds T / k at most."""
+
+    @abc.abstractmethod
+    def strain(self, tension: Real) -> RealArray:
+        """Engineering strain [-] of the thread at tension T [N], broadcast shape."""
+
+    @abc.abstractmethod
+    def tension(self, strain: Real) -> RealArray:
+        """Tension T [N] of the thread at an engineering strain [-]: the inverse of `strain`."""
+
+
+class LinearThread(AbstractThread):
+    """A thread that obeys Hooke's law, T = A_b E_b eps; continued so where it would have to push.
+
+    Attributes:
+        modulus: E_b [Pa], > 0.
+        area: A_b [m2], section of the fibres of one thread.
+
+    References:
+        Chambers 2021, section 5.1.
+
+    >>> kevlar = LinearThread(11.6e6, 1.332e-4)  # psi and in2
+    >>> print(f"{kevlar.strain(8.5):.4f}")
+    0.0055
+    """
+
+    modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
+    area: Float[Given, "..."] = number("m2")
+
+    @property
+    def offset_strain(self) -> RealArray:
+        """Zero [-]: there is no toe region."""
+        return jnp.zeros_like(self.far_stiffness)
+
+    def strain(self, tension: Real) -> RealArray:
+        """Engineering strain [-] at tension T [N], T / (A_b E_b)."""
+        return jnp.asarray(tension / self.far_stiffness)
+
+    def tension(self, strain: Real) -> RealArray:
+        """Tension T [N] at an engineering strain [-], A_b E_b eps."""
+        return jnp.asarray(strain * self.far_stiffness)
+
+
+class ToeThread(AbstractThread):
+    """A thread whose fibres straighten before they stretch: a toe region, then a line.
+
+    eps = T / (A_b E_b) + e_t T / (T + T_t)
+
+    A hyperbola, so that both directions are closed forms, smooth on the whole line and monotone. At
+    rest its modulus is E_b / (1 + A_b E_b e_t / T_t); far out it is the line of modulus E_b that
+    starts at the strain e_t. A slack thread pushes with less than T_t.
+
+    Attributes:
+        modulus: E_b [Pa], > 0, beyond the toe region.
+        area: A_b [m2], section of the fibres of one thread.
+        toe_strain: e_t [-], >= 0, that straightening adds in the end.
+        toe_tension: T_t [N], > 0, at which half of it is done.
+
+    >>> thread = ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)  # psi, in2, lbf
+    >>> print(f"{thread.strain(8.5):.4f} {thread.tension(thread.strain(8.5)):.3f}")
+    0.0054 8.500
+    """
+
+    modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
+    area: Float[Given, "..."] = number("m2")
+    toe_strain: Float[Given, "..."] = parameter(low=0.0)
+    toe_tension: Float[Given, "..."] = parameter("N", low=0.0)
+
+    @property
+    def offset_strain(self) -> RealArray:
+        """The toe strain e_t [-]."""
+        return self.toe_strain
+
+    def strain(self, tension: Real) -> RealArray:
+        """Engineering strain [-] at tension T [N], T > -T_t; nan below, where there is none."""
+        inside = jnp.asarray(tension > -self.toe_tension)
+        T = jnp.where(inside, tension, 0.0)
+        value = T / self.far_stiffness + self.toe_strain * T / (T + self.toe_tension)
+        return jnp.where(inside, value, jnp.nan)
+
+    def tension(self, strain: Real) -> RealArray:
+        """Tension T [N] at an engineering strain [-]: the larger root of a quadratic equation."""
+        k = self.far_stiffness
+        # T^2 + p T - q = 0. Of the two forms of its root each is free of cancellation on one side.
+        p = self.toe_tension + k * (self.toe_strain - strain)
+        q = k * strain * self.toe_tension
+        root = jnp.sqrt(
+            (p - 2 * self.toe_tension) ** 2 + 4 * k * self.toe_strain * self.toe_tension
+        )
+        near = p > 0
+        return jnp.where(near, 2 * q / jnp.where(near, p + root, 1.0), (root - p) / 2)
+
+
+_MAX_STEPS = 64
+
+
+class _Rise(eqx.Module):
+    """State of the approach from below."""
+
+    strain: RealArray
+    steps: Int[Array, ""]
+    found: Bool[Array, ""]
+    done: Bool[Array, ""]
+
+
+@eqx.filter_jit
+def strain_under_line(
+    thread: AbstractThread, constant: RealArray, slope: RealArray
+) -> tuple[RealArray, Bool[Array, ""]]:
+    """The strain at which the thread's tension meets the load line T = c + m (1 + eps).
+
+    There is one where m < k = A_b E_b, and none beyond: the load then outgrows every tension.
+
+    Newton's method on r(eps) = eps - strain(T(eps)) cannot fail. The law's strain is concave in the
+    tension, so r is convex, and its slope rises to 1 - m / k > 0. By strain(T) <= T / k + e_t, with
+    the offset strain e_t, r is not negative at the start ((c + m) / k + e_t) / (1 - m / k), and
+    from there the iterates of a convex function fall to its root monotonically. For c = 0 its slope
+    at the root is at least that of the secant from eps = -1, where r = -1: every step then leaves
+    at most the part e_t / (1 + e_t) of the error, and near the root its square. A linear thread
+    starts at the root.
+
+    Args:
+        thread: the law.
+        constant: c [N], shape ().
+        slope: m [N], shape ().
+
+    Returns:
+        (strain [-], found): nan and False where there is none. Derivatives of any order are taken
+        by the implicit function theorem.
+    """
+    k = thread.far_stiffness
+    holds = (slope < k) & jnp.isfinite(slope + constant)
+    c, m = jnp.where(holds, constant, 0.0), jnp.where(holds, slope, 0.0)
+    margin = 1 - m / k
+    start = ((c + m) / k + thread.offset_strain) / margin
+    zero = jnp.zeros_like(m)
+    strain, converged = _newton(thread, jnp.stack([zero, zero, m, c]), start, margin)
+    found = holds & converged
+    return jnp.where(found, strain, jnp.nan), found
+
+
+@eqx.filter_jit
+def strain_under_cubic(
+    thread: AbstractThread, linear: RealArray, cubic: RealArray
+) -> tuple[RealArray, Bool[Array, ""]]:
+    """The smallest strain at which the thread's tension meets the load a x + b x^3, x = 1 + eps.
+
+    It is the one that a growing load reaches, and is approached from below, exactly: the load is
+    convex, so its tangent at any strain lies below it, and the strain at which the thread carries
+    that tangent is at most the one sought. Repeated from there, this rises monotonically and
+    converges quadratically. Where a tangent is as steep as the thread is stiff, no larger strain
+    carries the load either. What is found is polished, and differentiated, as one root.
+
+    Args:
+        thread: the law.
+        linear: a [N], shape ().
+        cubic: b [N], shape (), >= 0.
+
+    Returns:
+        (strain [-], found): nan and False where there is none; derivatives as above.
+    """
+    fixed, a, b = jax.lax.stop_gradient((thread, linear, cubic))
+    tolerance = float(jnp.finfo(a.dtype).eps) ** 0.5
+
+    def rise(state: _Rise) -> _Rise:
+        x = 1 + state.strain
+        strain, found = strain_under_line(fixed, -2 * b * x**3, a + 3 * b * x**2)
+        still = jnp.abs(strain - state.strain) <= tolerance * (1 + jnp.abs(strain))
+        return _Rise(strain, state.steps + 1, found, ~found | still)
+
+    no = jnp.array(False)
+    start = _Rise(jnp.zeros_like(a), jnp.array(0), no, no)
+    below = jax.lax.while_loop(lambda s: ~s.done & (s.steps < _MAX_STEPS), rise, start)
+    holds = below.found & below.done
+    x = 1 + jnp.where(holds, below.strain, 0.0)
+    a, b = jnp.where(holds, linear, 0.0), jnp.where(holds, cubic, 0.0)
+    rate = jax.grad(lambda x: thread.strain(a * x + b * x**3))(x)
+    zero = jnp.zeros_like(a)
+    strain, converged = _newton(thread, jnp.stack([b, zero, a, zero]), x - 1, 1 - rate)
+    found = holds & converged
+    return jnp.where(found, strain, jnp.nan), found
+
+
+def _newton(
+    thread: AbstractThread, load: Float[Array, " 4"], start: RealArray, margin: RealArray
+) -> tuple[RealArray, Bool[Array, ""]]:
+    """Newton's method for eps = strain(load(1 + eps)), the load a polynomial, highest power first.
+
+    Rounding moves the root by its size over the margin. The unknown is counted in 1 / margin^2, so
+    that this is below the tolerance up to the limit itself.
+    """
+    start, unit = jax.lax.stop_gradient((start, 1 / margin**2))
+
+    def residual(y: RealArray) -> RealArray:
+        return y - thread.strain(jnp.polyval(load, 1 + y * unit)) / unit
+
+    tolerance = 4 * float(jnp.finfo(start.dtype).eps)
+
+    def solve(
+        function: Callable[[RealArray], RealArray], start: RealArray
+    ) -> tuple[RealArray, RealArray]:
+        # A quarter of a second to import, which only elastic threads need.
+        import lineax as lx  # noqa: PLC0415
+        import optimistix as optx  # noqa: PLC0415
+
+        solution = optx.root_find(
+            lambda y, _: function(y),
+            optx.Newton(rtol=tolerance, atol=tolerance),
+            start,
+            max_steps=_MAX_STEPS,
+            throw=False,
+            tags=frozenset({lx.diagonal_tag}),
+        )
+        successful = solution.result == optx.RESULTS.successful
+        return solution.value, successful.astype(start.dtype)  # JAX derives no truth values here
+
+    root, converged = jax.lax.custom_root(residual, start / unit, solve, over_slope, has_aux=True)
+    return root * unit, converged > 0
+
+
+class BraidState(eqx.Module):
+    """A braid at one length and pressure under its own pull, Gaylord's.
+
+    Attributes:
+        thread_length: B [m].
+        diameter: D [m].
+        braid_angle: theta [rad], from the circumference.
+        gaylord_force: F_G [N].
+        tension: T [N] of one thread.
+    """
+
+    thread_length: RealArray
+    diameter: RealArray
+    braid_angle: RealArray
+    gaylord_force: RealArray
+    tension: RealArray
+
+
+class BraidStretch(eqx.Module):
+    """The same braid with and without the stretch of its threads.
+
+    Attributes:
+        elastic: with the threads as long as their tension makes them.
+        inelastic: with the threads at their rest length.
+    """
+
+    elastic: BraidState
+    inelastic: BraidState
+
+
+_Stretched = tuple[RealArray, Bool[Array, "..."], Bool[Array, "..."]]
+"""B [m] of finite numbers, whether it is an equilibrium, and whether it is longer than the braid."""
+
+
+class ElasticBraid(AbstractBraid):
+    """A braid of elastic threads, each as long as its tension makes it.
+
+    B = B0 (1 + strain(T)),  T = (F + P pi R^2) / (n sin(theta)),  pi N D = sqrt(B^2 - L^2)
+
+    All attributes are scalars. Two things can forbid an equilibrium, and both give nan in sweeps
+    and an error where a method is asked to `throw`:
+
+    - The threads are too soft: a longer thread makes the braid wider, so the tension grows with the
+      stretch. Where it outgrows every force of the thread the braid gives way without limit; under
+      Gaylord's force that is where B0 P L / (2 pi N^2 n A_b E_b) >= 1.
+    - The active length is L >= B: the threads lie along the axis and enclose nothing.
+
+    Attributes:
+        rest_thread_length: B0 [m], one unloaded thread from fitting to fitting.
+        turns: N [-], turns of one thread about the axis, a float.
+        thickness: t_braid [m], two threads crossing; the bladder lies below it.
+        n_threads: n [-], threads of both families.
+        thread: the law of one thread.
+
+    References:
+        Chambers 2021, section 5.1.
+
+    >>> from famjax.braids import LinearThread
+    >>> kevlar = LinearThread(11.6e6, 1.332e-4)
+    >>> braid = ElasticBraid(9.89, 1.09, 0.011, 144, kevlar)  # inches, psi
+    >>> print(f"{braid.thread_length(9.28125, 100.0):.3f}")
+    9.945
+    """
+
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m")
+    n_threads: Float[Given, "..."] = number()
+    thread: AbstractThread
+
+    def thread_length(self, length: Real, pressure: Real, *, throw: bool = False) -> RealArray:
+        """Thread length B [m] under Gaylord's force, that is, with no help from the bladder.
+
+        F_G + P pi R^2 = P L^2 / (2 pi N^2) at any diameter, so the tension is proportional to B.
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa], >= 0; B0 at zero.
+            throw: raise where there is no equilibrium; if False, as in `dimensions`, nan there.
+
+        Returns:
+            B [m], broadcast shape. Differentiable to any order in the arguments and in every
+            number of the braid, by the implicit function theorem.
+
+        Raises:
+            RuntimeError: there is no equilibrium, and `throw`.
+        """
+        arrays = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        return _required(*self._under_its_own_pull(*arrays), throw=throw)
+
+    def thread_length_at_force(
+        self, length: Real, pressure: Real, force: Real, *, throw: bool = True
+    ) -> RealArray:
+        """Thread length B [m] under a given pull, such as a measured one.
+
+        The tension is a cubic in B. Of the lengths that satisfy the balance the shortest is meant,
+        which a growing load reaches; beyond it the braid widens faster than its threads resist.
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa], >= 0.
+            force: pull F [N] of the muscle, bladder included, >= 0.
+            throw: raise where there is no equilibrium; if False, return nan there.
+
+        Returns:
+            B [m], broadcast shape; differentiable as `thread_length` is.
+
+        Raises:
+            RuntimeError: there is no equilibrium, and `throw`.
+        """
+        arrays = jnp.broadcast_arrays(as_real(length), as_real(pressure), as_real(force))
+        return _required(*self._under_a_pull(*arrays), throw=throw)
+
+    def stretch(self, length: Real, pressure: Real) -> BraidStretch:
+        """B, D, theta, Gaylord's force and the tension, with and without stretch.
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa], >= 0.
+
+        Returns:
+            The two states, of broadcast shape; nan where there is no equilibrium.
+        """
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        rest = jnp.broadcast_to(self.rest_thread_length, length.shape)
+        elastic = self._state(length, pressure, self.thread_length(length, pressure))
+        return BraidStretch(elastic, self._state(length, pressure, rest))
+
+    @compiled_method
+    def _under_its_own_pull(self, length: RealArray, pressure: RealArray) -> _Stretched:
+        def strain(length: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            tension = self._tension_at_rest_length(length, pressure)
+            return strain_under_line(self.thread, jnp.zeros_like(tension), tension)
+
+        return self._stretched(strain, length, pressure)
+
+    @compiled_method
+    def _under_a_pull(self, length: RealArray, pressure: RealArray, force: RealArray) -> _Stretched:
+        def strain(
+            length: RealArray, pressure: RealArray, force: RealArray
+        ) -> tuple[RealArray, Bool[Array, ""]]:
+            rest = self.rest_thread_length
+            # pi R^2 = (B^2 - L^2) / section and sin(theta) = L / B, with B = B0 (1 + strain)
+            section = 4 * jnp.pi * self.turns**2
+            share = rest / (self.n_threads * length)
+            linear = share * (force - pressure * length**2 / section)
+            cubic = share * pressure * rest**2 / section
+            return strain_under_cubic(self.thread, linear, cubic)
+
+        return self._stretched(strain, length, pressure, force)
+
+    def _tension_at_rest_length(self, length: RealArray, pressure: RealArray) -> RealArray:
+        """Tension [N] under Gaylord's force if the threads did not stretch."""
+        around = 2 * jnp.pi * self.turns**2 * self.n_threads
+        return pressure * length * self.rest_thread_length / around
+
+    def _state(
+        self, length: RealArray, pressure: RealArray, thread_length: RealArray
+    ) -> BraidState:
+        diameter = diameter_from_length(length, thread_length, self.turns)
+        angle = braid_angle_from_length(length, thread_length)
+        force = gaylord_force(pressure, diameter / 2, angle)
+        return BraidState(
+            thread_length=thread_length,
+            diameter=diameter,
+            braid_angle=angle,
+            gaylord_force=force,
+            tension=thread_tension(force, pressure, diameter / 2, angle, self.n_threads),
+        )
+
+    def _stretched(
+        self, strain: Callable[..., tuple[RealArray, Bool[Array, ""]]], *arrays: RealArray
+    ) -> _Stretched:
+        """B0 (1 + strain), for arguments of one shape; the first is the active length."""
+        strains, found = at_each(strain, *arrays)
+        # No nan takes part in what follows: it would spoil the derivatives of all others.
+        stretched = self.rest_thread_length * (1 + jnp.where(found, strains, 0.0))
+        return stretched, found, stretched > arrays[0]
+
+
+def _required(
+    stretched: RealArray,
+    found: Bool[Array, "..."],
+    encloses: Bool[Array, "..."],
+    *,
+    throw: bool,
+) -> RealArray:
+    """B [m]; where there is no equilibrium an error, or nan."""
+    if throw:
+        stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)
+        stretched = eqx.error_if(stretched, found & ~encloses, _TOO_LONG)
+    return jnp.where(found & encloses, stretched, jnp.nan)
+
+
+_GIVES_WAY = (
+    "no equilibrium of the braid: its threads stretch without limit, because the wider the braid "
+    "becomes the more the pressure pulls them. Likely causes: the thread's modulus, its area or "
+    "the number of threads is too small or in another unit; the pressure is too high or in another "
+    "unit; an argument is nan. Pass throw=False to get nan instead."
+)
+_TOO_LONG = (
+    "no equilibrium of the braid: the active length must be shorter than the stretched threads, "
+    "and the load does not stretch them to it. Likely causes: the active length and the thread "
+    "length are in different units; the muscle is pulled beyond what its threads allow. Pass "
+    "throw=False to get nan instead."
+)
+
+
+_HIGHEST_COMPLIANCE = 3e-5  # 1/N
+
+
+class CompliantBraid(AbstractBraid):
+    """A braid whose threads stretch in proportion to their tension, under Gaylord's own force.
+
+    B = B0 / (1 - C B0 P L / (2 pi N^2)),  C = 1 / (n A_b E_b)
+
+    The closed form of `ElasticBraid` with linear threads. It needs neither the number of threads
+    nor their section, has no root to solve, and is smooth at C = 0, where the braid is
+    inextensible: what an identification wants.
+
+    Attributes:
+        rest_thread_length: B0 [m].
+        turns: N [-].
+        thickness: t_braid [m].
+        compliance: C [1/N], >= 0, strain of the threads per tension of all of them together.
+
+    References:
+        Davis et al. 2003 (stretching braid); Chambers 2021, section 5.1.
+
+    >>> kevlar = CompliantBraid(9.89, 1.09, 0.011, 1 / (144 * 1.332e-4 * 11.6e6))  # inches, psi
+    >>> print(f"{kevlar.thread_length(9.28125, 100.0):.3f}")
+    9.945
+    """
+
+    rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
+    turns: Float[Given, "..."] = parameter(low=0.0)
+    thickness: Float[Given, "..."] = number("m")
+    compliance: Float[Given, "..."] = parameter(
+        "1/N", name="braid_compliance", low=0.0, high=_HIGHEST_COMPLIANCE
+    )
+
+    @classmethod
+    def of(cls, braid: Braid, compliance: Real) -> "CompliantBraid":
+        """The same braid with compliant threads."""
+        return cls(braid.rest_thread_length, braid.turns, braid.thickness, compliance)
+
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B [m], broadcast shape; nan where the braid gives way without limit."""
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        load = self.rest_thread_length * pressure * length / (2 * jnp.pi * self.turns**2)
+        left = 1 - self.compliance * load
+        holds = left > 0
+        return jnp.where(holds, self.rest_thread_length / jnp.where(holds, left, 1.0), jnp.nan)

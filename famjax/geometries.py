@@ -1,0 +1,568 @@
+"""The dimensions of the muscle at a length and pressure, and what a geometry is: that which gives them."""
+
+import abc
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ._arrays import Given, Real, RealArray, as_real, compiled_method
+from .braids import (
+    NEUTRAL_ANGLE,
+    AbstractBraid,
+    braid_angle_from_length,
+    diameter_from_length,
+    thread_length_from_angle,
+    turns_from_angle,
+)
+from .parameters import Declared, Parametrised, checked_values, parameter
+from .profiles import tondu_lopez_length
+
+
+class Dimensions(eqx.Module):
+    """What the force balance needs to know of the muscle at one length and pressure.
+
+    Attributes:
+        length: L [m].
+        radius: braid radius R [m].
+        braid_angle: theta [rad], from the circumference.
+        turns: N [-].
+        thickness: bladder wall t [m].
+        axial_strain: eps_z [-].
+        hoop_strain: eps_c [-] at stations along the axis, shape (..., stations).
+        station_weights: share of the axis that each station stands for, shape (stations,), sum 1:
+            the axial mean of any function f of the hoop strain is sum(weights * f(eps_c)).
+        bladder_volume: V [m3] of the rubber.
+        volume: volume [m3] within the braid's outline.
+        thread_length: B [m] of the loaded threads; None where the geometry does not say it.
+        rates: derivatives of all of these in the length, at constant pressure, for terms that use
+            them; else None.
+    """
+
+    length: RealArray
+    radius: RealArray
+    braid_angle: RealArray
+    turns: RealArray
+    thickness: RealArray
+    axial_strain: RealArray
+    hoop_strain: Float[Array, "... stations"]
+    station_weights: Float[Array, " stations"]
+    bladder_volume: RealArray
+    volume: RealArray
+    thread_length: RealArray | None = None
+    rates: "Dimensions | None" = None
+
+    @property
+    def reached(self) -> Bool[Array, "..."]:
+        """Whether the muscle can be there: every dimension is a number."""
+        along = jnp.all(jnp.isfinite(self.hoop_strain), axis=-1)
+        for one in (self.length, self.radius, self.braid_angle, self.thickness, self.axial_strain):
+            along &= jnp.isfinite(one)
+        return along & jnp.isfinite(self.volume)
+
+    def where(self, reached: Bool[Array, "..."]) -> "Dimensions":
+        """The same dimensions with 1, which stands for no muscle, where it cannot be.
+
+        What is computed of them is to be replaced by nan there. Nan itself would spoil, in reverse
+        mode, the derivatives of all other states in the numbers that they share.
+        """
+
+        def kept(value: RealArray) -> RealArray:
+            return jnp.where(reached, value, 1.0)
+
+        return dataclasses.replace(
+            self,
+            length=kept(self.length),
+            radius=kept(self.radius),
+            braid_angle=kept(self.braid_angle),
+            thickness=kept(self.thickness),
+            axial_strain=kept(self.axial_strain),
+            hoop_strain=jnp.where(reached[..., None], self.hoop_strain, 1.0),
+            volume=kept(self.volume),
+            # Longer than the length, so that there is a triangle.
+            thread_length=None
+            if self.thread_length is None
+            else jnp.where(reached, self.thread_length, 2.0),
+            rates=None if self.rates is None else self.rates.where(reached),
+        )
+
+    def unless(self, reached: Bool[Array, "..."]) -> "Dimensions":
+        """The same dimensions with nan where the muscle cannot be."""
+
+        def kept(value: RealArray) -> RealArray:
+            return jnp.where(reached, value, jnp.nan)
+
+        return dataclasses.replace(
+            self,
+            radius=kept(self.radius),
+            braid_angle=kept(self.braid_angle),
+            thickness=kept(self.thickness),
+            axial_strain=kept(self.axial_strain),
+            hoop_strain=jnp.where(reached[..., None], self.hoop_strain, jnp.nan),
+            volume=kept(self.volume),
+            thread_length=None if self.thread_length is None else kept(self.thread_length),
+        )
+
+
+class AbstractGeometry(Parametrised):
+    """A source of `Dimensions`."""
+
+    @abc.abstractmethod
+    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
+        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape.
+
+        Nan where the muscle cannot be. Whether there, too, the derivatives of what is computed on the
+        way are numbers, so that in a batch they do not spoil those of the others, `keeps_apart` says.
+        """
+
+    @property
+    def keeps_apart(self) -> bool:
+        """Whether states that cannot be leave the derivatives of all others as they are, see `dimensions`.
+
+        A muscle asks the dimensions of a geometry that does not say so twice, the second time with
+        the rest length in the place of lengths that it cannot have.
+        """
+        return False
+
+    def dimensions_with_rates(self, length: Real, pressure: Real) -> Dimensions:
+        """The dimensions with their `rates`, the derivatives in the length at constant pressure."""
+        lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        at, rates = jax.jvp(
+            lambda lengths: self.dimensions(lengths, pressures),
+            (lengths,),
+            (jnp.ones_like(lengths),),
+        )
+        return dataclasses.replace(at, rates=rates)
+
+    @abc.abstractmethod
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Shortest and longest active length [m] between which an equilibrium is looked for."""
+
+    @property
+    @abc.abstractmethod
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction."""
+
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m] at which some derivative of the dimensions jumps; none if all are smooth."""
+        return jnp.asarray(np.zeros(0))  # which compiles nothing
+
+    def inner_volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid: that of the braid's outline less the rubber's.
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa].
+
+        Returns:
+            V [m3], broadcast shape; nan where the muscle cannot be.
+        """
+        at = self.dimensions(length, pressure)
+        return at.volume - at.bladder_volume
+
+    def braid_limits(self) -> tuple[RealArray, RealArray]:
+        """Active lengths [m] at which the unloaded braid locks, and at which its threads are straight.
+
+        Locked, at the neutral angle, pressure shortens it no further; with straight threads nothing
+        but their stretch lengthens it.
+
+        Returns:
+            (lock, straight) [m], nan for a geometry that has no `braid`.
+
+        References:
+            Chambers 2021, section 2.1: the neutral angle, 35.26 deg from the circumference.
+        """
+        braid = getattr(self, "braid", None)
+        if braid is None:
+            return jnp.full((), jnp.nan), jnp.full((), jnp.nan)
+        thread = braid.rest_thread_length
+        return thread * math.sin(NEUTRAL_ANGLE), thread
+
+    def cut_to_length(self, rest_length: RealArray) -> "AbstractGeometry":  # noqa: ARG002
+        """The geometry of the same construction with another rest length [m]; `famjax.cut_to_length`.
+
+        Raises:
+            ValueError: a shape that is that of one length.
+        """
+        raise ValueError(
+            f"a {type(self).__name__} cannot be cut to another length: a measured or assumed shape is "
+            "that of one length; a geometry of your own can have a method cut_to_length(rest_length)"
+        )
+
+
+def cylinder_volume(length: Real, radius: Real) -> RealArray:
+    """Volume [m3] of a cylinder, V = pi R^2 L; the rounded ends of a real muscle are neglected.
+
+    Args:
+        length: active length L [m].
+        radius: R [m].
+
+    Returns:
+        V [m3], broadcast shape.
+    """
+    return jnp.asarray(jnp.pi * radius**2 * length)
+
+
+def tube_volume(length: Real, outer_diameter: Real, thickness: Real) -> RealArray:
+    """Volume [m3] of the rubber in a tube, V = pi t (D - t) L.
+
+    Args:
+        length: L [m].
+        outer_diameter: D [m].
+        thickness: wall t [m], 0 < t <= D / 2.
+
+    Returns:
+        V [m3], broadcast shape.
+
+    >>> round(float(tube_volume(9.28125, 0.875, 0.0625)), 3)  # inches: Chambers 2021, 1.481 in3
+    1.481
+    """
+    return jnp.asarray(jnp.pi * thickness * (outer_diameter - thickness) * length)
+
+
+def bladder_thickness(length: Real, outer_radius: Real, bladder_volume: Real) -> RealArray:
+    """Wall thickness t [m] of an incompressible tube, t = R - sqrt(R^2 - V / (pi L)).
+
+    Args:
+        length: L [m], > 0.
+        outer_radius: R [m] of the bladder.
+        bladder_volume: V [m3] of the rubber, constant.
+
+    Returns:
+        t [m], broadcast shape; nan where the rubber does not fit in the radius.
+
+    References:
+        Chambers 2021, section 6.1.
+    """
+    section = bladder_volume / (jnp.pi * length)
+    return jnp.asarray(section / (outer_radius + jnp.sqrt(outer_radius**2 - section)))
+
+
+class Bladder(Parametrised):
+    """An incompressible rubber tube.
+
+    Attributes:
+        rest_length: L0 [m], active length at which the axial strain is zero.
+        rest_diameter: outer diameter at rest [m]; mid-wall diameter where `embedded`.
+        rest_thickness: wall t0 [m] at rest.
+        embedded: True where the threads run inside the wall, so that the braid radius is the
+            mid-wall radius; False where the bladder lies under the braid.
+    """
+
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)
+    rest_diameter: Float[Given, "..."] = parameter("m", low=0.0, name="bladder_diameter")
+    rest_thickness: Float[Given, "..."] = parameter("m", low=0.0, name="wall_thickness")
+    embedded: bool = eqx.field(static=True, default=False)
+
+    @property
+    def rest_mid_radius(self) -> RealArray:
+        """Mid-wall radius [m] at rest."""
+        if self.embedded:
+            return self.rest_diameter / 2
+        return (self.rest_diameter - self.rest_thickness) / 2
+
+    @property
+    def volume(self) -> RealArray:
+        """Volume V [m3] of the rubber, 2 pi R_mid t0 L0; constant."""
+        return 2 * jnp.pi * self.rest_mid_radius * self.rest_thickness * self.rest_length
+
+    @property
+    def smallest_braid_radius(self) -> RealArray:
+        """Braid radius [m], thickness of the braid not counted, at which the bore closes at L0."""
+        solid_radius = jnp.sqrt(self.volume / (jnp.pi * self.rest_length))
+        return solid_radius / 2 if self.embedded else solid_radius
+
+    @property
+    def rest_radius(self) -> RealArray:
+        """Outer radius [m] at rest; mid-wall radius where `embedded`."""
+        return self.rest_diameter / 2
+
+    def fits(self, length: Real, radius: Real) -> Bool[Array, "..."]:
+        """Whether the rubber fits in a tube of this length [m] and radius [m] as of `thickness`."""
+        positive = (jnp.asarray(length) > 0) & (radius > 0)
+        if self.embedded:
+            return positive
+        section = self.volume / (jnp.pi * jnp.where(positive, length, self.rest_length))
+        return positive & (jnp.square(radius) >= section)
+
+    def thickness(self, length: Real, radius: Real) -> RealArray:
+        """Wall thickness t [m] at constant volume.
+
+        Args:
+            length: L [m].
+            radius: outer radius [m] of the bladder; mid-wall radius where `embedded`.
+
+        Returns:
+            t [m], broadcast shape.
+        """
+        if self.embedded:
+            return jnp.asarray(self.volume / (2 * jnp.pi * radius * length))
+        return bladder_thickness(length, radius, self.volume)
+
+    def axial_strain(self, length: Real) -> RealArray:
+        """Axial engineering strain eps_z [-], L / L0 - 1: negative when shorter."""
+        return jnp.asarray(length / self.rest_length - 1)
+
+    def hoop_strain(self, length: Real, radius: Real) -> RealArray:
+        """Hoop engineering strain eps_c [-] at mid-wall, R_mid / R_mid0 - 1.
+
+        Args:
+            length: L [m].
+            radius: outer radius [m] of the bladder; mid-wall radius where `embedded`.
+
+        Returns:
+            eps_c [-], broadcast shape.
+
+        References:
+            Chambers 2021, section 6.1.
+        """
+        mid_radius = radius if self.embedded else radius - self.thickness(length, radius) / 2
+        return jnp.asarray(mid_radius / self.rest_mid_radius - 1)
+
+
+_BELOW_NEUTRAL = 0.95  # at the neutral length itself a limp bladder's force is zero, not negative
+
+
+def cylinder_dimensions(
+    length: RealArray,
+    radius: RealArray,
+    braid_angle: RealArray,
+    thread_length: RealArray,
+    braid: AbstractBraid,
+    bladder: Bladder,
+    reached: Bool[Array, "..."],
+) -> Dimensions:
+    """Dimensions of a cylinder of braid radius R [m] and angle theta [rad] at length L [m].
+
+    Args:
+        length: L [m], a number wherever it is; so are the next three, of one shape.
+        radius: braid radius R [m].
+        braid_angle: theta [rad].
+        thread_length: B [m].
+        braid: of the muscle.
+        bladder: of the muscle.
+        reached: whether the braid can be there; what is given elsewhere is of no account.
+
+    Returns:
+        The dimensions, nan where not `reached` or where the rubber does not fit in the braid.
+    """
+    bladder_radius = radius if bladder.embedded else radius - braid.thickness
+    reached = reached & bladder.fits(length, bladder_radius)
+    rest_length, rest_radius = jax.lax.stop_gradient((bladder.rest_length, bladder.rest_radius))
+    wall_length = jnp.where(reached, length, rest_length)
+    wall_radius = jnp.where(reached, bladder_radius, rest_radius)
+    return Dimensions(
+        length=length,
+        radius=radius,
+        braid_angle=braid_angle,
+        turns=braid.turns,
+        thickness=bladder.thickness(wall_length, wall_radius),
+        axial_strain=bladder.axial_strain(wall_length),
+        hoop_strain=bladder.hoop_strain(wall_length, wall_radius)[..., None],
+        station_weights=jnp.ones(1, length.dtype),
+        bladder_volume=bladder.volume,
+        volume=cylinder_volume(length, radius),
+        thread_length=thread_length,
+    ).unless(reached)
+
+
+class EstimatedGeometry(AbstractGeometry):
+    """A cylinder whose diameter follows from the braid: the estimated geometry.
+
+    Attributes:
+        braid: threads about the bladder.
+        bladder: rubber tube under, or in, the braid.
+
+    References:
+        Chambers 2021, chapter 6, "cylindrical approximation".
+    """
+
+    braid: AbstractBraid
+    bladder: Bladder
+
+    @compiled_method
+    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
+        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+        at, thread_length, reached = self.braid.reach(length, pressure)
+        radius = diameter_from_length(at, thread_length, self.braid.turns) / 2
+        angle = braid_angle_from_length(at, thread_length)
+        return cylinder_dimensions(
+            at, radius, angle, thread_length, self.braid, self.bladder, reached
+        )
+
+    @property
+    def keeps_apart(self) -> bool:
+        """States that cannot be are masked before anything is computed of them."""
+        return True
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
+        inset = 0.0 if self.bladder.embedded else self.braid.thickness
+        smallest = 2 * (self.bladder.smallest_braid_radius + inset)
+        closed = jnp.pi * self.braid.turns * smallest
+        thread = self.braid.rest_thread_length
+        shortest = _BELOW_NEUTRAL * thread * math.sin(NEUTRAL_ANGLE)
+        return shortest, jnp.sqrt((thread - closed) * (thread + closed))
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction: the bladder's."""
+        return self.bladder.rest_length
+
+    def cut_to_length(self, rest_length: RealArray) -> "EstimatedGeometry":
+        """The same braid and bladder, longer or shorter: B0 and N are proportional to L0."""
+        new = eqx.error_if(
+            rest_length, jnp.any(rest_length <= 0), "the rest length must be above 0"
+        )
+        ratio = new / self.bladder.rest_length
+        longer = eqx.tree_at(
+            lambda b: (b.rest_thread_length, b.turns),
+            self.braid,
+            (self.braid.rest_thread_length * ratio, self.braid.turns * ratio),
+        )
+        return EstimatedGeometry(longer, dataclasses.replace(self.bladder, rest_length=new))
+
+    def parameters(self) -> dict[str, RealArray]:
+        """Braid diameter and angle at rest, unloaded, then those of braid and bladder."""
+        rest, thread = self.rest_length, self.braid.rest_thread_length
+        natural = {
+            "braid_diameter": diameter_from_length(rest, thread, self.braid.turns),
+            "braid_angle": braid_angle_from_length(rest, thread),
+        }
+        others = super().parameters()
+        return natural | {name: others[name] for name in others if name not in self._replaced}
+
+    def declared(self) -> dict[str, Declared]:
+        """The declarations of the same: diameter and angle in place of thread length and turns."""
+        others = super().declared()
+        return _AT_REST | {name: others[name] for name in others if name not in self._replaced}
+
+    def with_parameters(self, values: Mapping[str, Real]) -> "EstimatedGeometry":
+        """The geometry with other values of some parameters.
+
+        A changed rest length keeps diameter and angle, so that thread length and turns change with
+        it. The mid-wall diameter of an embedded bladder goes with the braid's.
+
+        Raises:
+            ValueError: an unknown name, or a value that is an array.
+        """
+        given = checked_values(self, values)
+        others = {name: value for name, value in given.items() if name not in _AT_REST}
+        changed = super().with_parameters(others)
+        if not given.keys() & {*_AT_REST, "rest_length"}:
+            return changed
+        old = self.parameters()
+        diameter, angle, rest = (
+            given.get(name, old[name]) for name in ("braid_diameter", "braid_angle", "rest_length")
+        )
+        thread, turns = (
+            thread_length_from_angle(rest, angle),
+            turns_from_angle(rest, diameter, angle),
+        )
+        changed = eqx.tree_at(
+            lambda g: (g.braid.rest_thread_length, g.braid.turns), changed, (thread, turns)
+        )
+        if not self.bladder.embedded:
+            return changed
+        wall = self.bladder.rest_diameter + (diameter - old["braid_diameter"])
+        return eqx.tree_at(lambda g: g.bladder.rest_diameter, changed, wall)
+
+    @property
+    def _replaced(self) -> tuple[str, ...]:
+        """Parameters of braid and bladder that diameter and angle at rest stand for."""
+        fields = ("rest_thread_length", "turns")
+        return (*fields, "bladder_diameter") if self.bladder.embedded else fields
+
+
+_AT_REST = {
+    "braid_diameter": Declared("m", "braid_diameter", "length", 3e-3, 80e-3),
+    "braid_angle": Declared("rad", "braid_angle", "angle", math.radians(45), math.radians(80)),
+}
+
+
+_LARGEST_FACTOR = 1.4
+
+
+class EndEffectGeometry(AbstractGeometry):
+    """Another geometry, taken at the length L0 (1 - k eps): the ends shorten but do not pull.
+
+    The same as a dead length l = L0 (1 - 1/k) at the ends, which does not take part in the
+    contraction: the strains of what is left are k times as large. `volume` is that of a cylinder
+    of the shortened length, ends not counted: 1/k of its change is the muscle's own.
+
+    Attributes:
+        cylinder: geometry of the part that pulls, with the muscle's own rest length.
+        end_factor: k [-], 1 for a cylinder, above 1 for rounded ends.
+
+    References:
+        Tondu & Lopez 2000.
+    """
+
+    cylinder: AbstractGeometry
+    end_factor: Float[Given, "..."] = parameter(low=1.0, high=_LARGEST_FACTOR)
+
+    @compiled_method
+    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
+        """Dimensions of the cylinder at active length L [m] and gauge pressure P [Pa]."""
+        positive = as_real(length) > 0
+        at = jnp.where(positive, length, jax.lax.stop_gradient(self.rest_length))
+        shortened = tondu_lopez_length(at, self.rest_length, self.end_factor)
+        return self.cylinder.dimensions(shortened, pressure).unless(positive)
+
+    @property
+    def keeps_apart(self) -> bool:
+        """Whether the cylinder does."""
+        return self.cylinder.keeps_apart
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Shortest and longest active length [m], those of the cylinder mapped back."""
+        shortest, longest = (
+            tondu_lopez_length(end, self.rest_length, 1 / self.end_factor)
+            for end in self.cylinder.length_range()
+        )
+        return shortest, longest
+
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m], those of the cylinder mapped back."""
+        lengths = self.cylinder.breakpoints
+        return tondu_lopez_length(lengths, self.rest_length, 1 / self.end_factor)
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction."""
+        return self.cylinder.rest_length
+
+    def inner_volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid, V_c(L0) + (V_c(L) - V_c(L0))/k, V_c being the cylinder's.
+
+        Its slope in the length is then the cylinder's, as the virtual work of the pressure wants,
+        and at rest the ends count as the cylinder does.
+        """
+        found = self.dimensions(length, pressure)
+        reached = found.reached
+        at, rest = found.where(reached), self.cylinder.dimensions(self.rest_length, jnp.zeros(()))
+        volume = rest.volume + (at.volume - rest.volume) / self.end_factor - at.bladder_volume
+        return jnp.where(reached, volume, jnp.nan)
+
+    def braid_limits(self) -> tuple[RealArray, RealArray]:
+        """Those of the cylinder, mapped back: rounded ends shift both lengths."""
+        rest = self.rest_length
+        lock, straight = self.cylinder.braid_limits()
+        return rest + (lock - rest) / self.end_factor, rest + (straight - rest) / self.end_factor
+
+    def cut_to_length(self, rest_length: RealArray) -> "EndEffectGeometry":
+        """The same ends on a longer or shorter cylinder: their dead length L0 (1 - 1/k) stays."""
+        dead = self.rest_length * (1 - 1 / self.end_factor)
+        new = eqx.error_if(
+            rest_length,
+            jnp.any(rest_length <= dead),
+            "the rest length must be above the dead length of the ends",
+        )
+        return EndEffectGeometry(self.cylinder.cut_to_length(new), new / (new - dead))

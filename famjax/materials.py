@@ -1,0 +1,701 @@
+"""What a stress law of the bladder is. Engineering strain in, true stress out."""
+
+import abc
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ._arrays import Given, Real, RealArray, as_real
+from .parameters import Declared, Parametrised, checked_values, number, parameter
+
+STRESS_SCALE = 1e6
+"""Of coefficients in Pa, by which a search scales them."""
+
+
+class AbstractMaterial(Parametrised):
+    """A bladder material in the force balance: two strains in, two true stresses out.
+
+    Class variables:
+        directions_interact: the stress in one direction depends on the strain in the other, so that
+            the law has no one-dimensional tangent modulus.
+        depends_on_pressure: the stresses depend on the pressure, so that stability is asked for at
+            every pressure.
+        law_name: by which the command line knows the law; "" for laws that it does not.
+    """
+
+    directions_interact: ClassVar[bool] = True
+    depends_on_pressure: ClassVar[bool] = True
+    law_name: ClassVar[str] = ""
+
+    @abc.abstractmethod
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa], positive in tension.
+
+        Args:
+            axial_strain: eps_z [-], engineering, negative when the muscle is shorter.
+            hoop_strain: eps_c [-], engineering, at mid-wall.
+            pressure: gauge pressure P [Pa]; ignored by laws that do not depend on it.
+
+        Returns:
+            (sigma_z, sigma_c) [Pa], each of the broadcast shape.
+        """
+
+
+def tangent_modulus(material: AbstractMaterial, strain: Real, pressure: Real = 0.0) -> RealArray:
+    """Tangent modulus dsigma/deps [Pa] of one direction, which a law without interaction has.
+
+    Args:
+        material: stress law whose two directions do not interact.
+        strain: eps [-], engineering.
+        pressure: gauge pressure P [Pa]; ignored by laws that do not depend on it.
+
+    Returns:
+        The modulus [Pa], broadcast shape.
+
+    Raises:
+        ValueError: the two directions of the law interact, so that there is no such modulus.
+
+    >>> from famjax import PolynomialMaterial
+    >>> print(f"{tangent_modulus(PolynomialMaterial([2.0, 3.0]), 0.5):.1f}")
+    5.0
+    """
+    if material.directions_interact:
+        raise ValueError(
+            f"{type(material).__name__} has no tangent modulus of one direction: its stress depends "
+            "on both strains. Use path_modulus along the path of the muscle, and path stability as "
+            "constraint; a law of one direction says so by directions_interact = False"
+        )
+    strains, pressures = jnp.broadcast_arrays(as_real(strain), as_real(pressure))
+    along = jnp.ones_like(strains)
+    return jax.jvp(lambda e: material.stresses(e, e, pressures)[0], (strains,), (along,))[1]
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+
+
+class AbstractUniaxialLaw(AbstractMaterial):
+    """A law whose two directions do not interact: true stress against its own strain alone.
+
+    The law is given by a potential phi(eps) with sigma = dphi/deps, its integral over engineering
+    strain. As sigma is a true stress, the energy stored is another integral, W in `energy`.
+    """
+
+    directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def potential(self, strain: Real) -> RealArray:
+        """Potential phi [Pa] of one direction at engineering strain eps [-], phi(0) = 0."""
+
+    def stress(self, strain: Real) -> RealArray:
+        """True stress sigma = dphi/deps [Pa] of one direction at engineering strain eps [-]."""
+        return derivative(self.potential, as_real(strain))
+
+    def tangent_modulus(self, strain: Real) -> RealArray:
+        """Tangent modulus dsigma/deps [Pa] at engineering strain eps [-]."""
+        return derivative(self.stress, as_real(strain))
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
+        del pressure
+        return self.stress(axial_strain), self.stress(hoop_strain)
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, the sum over both directions of int sigma dlambda / lambda.
+
+        Gauss-Legendre quadrature with 32 nodes from the unstrained state.
+
+        Args:
+            axial_stretch: lambda_z [-], > 0.
+            hoop_stretch: lambda_c [-], > 0.
+
+        Returns:
+            W [J/m3], broadcast shape.
+        """
+
+        def one(strain: RealArray) -> RealArray:
+            part = strain[..., None] * np.asarray((1 + _NODES) / 2, strain.dtype)
+            weights = np.asarray(_WEIGHTS / 2, strain.dtype)
+            return strain * jnp.sum(weights * self.stress(part) / (1 + part), axis=-1)
+
+        return one(as_real(axial_stretch) - 1) + one(as_real(hoop_stretch) - 1)
+
+
+class SaturatingMaterial(AbstractUniaxialLaw):
+    """The two-term saturating law: a stiff start that softens to a constant modulus; odd.
+
+    sigma = E_inf eps + S (1 - exp(-|eps|/s)) sign(eps)
+
+    Attributes:
+        final_modulus: E_inf [Pa], tangent modulus at large strain.
+        saturation_stress: S [Pa], to which the second term rises.
+        strain_scale: s [-], > 0, strain over which it does.
+
+    >>> law = SaturatingMaterial(2e5, 1e5, 0.2)
+    >>> print(f"{law.stress(0.0):.0f} {law.tangent_modulus(0.0):.0f}")
+    0 700000
+    """
+
+    final_modulus: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=STRESS_SCALE, linear=True
+    )
+    saturation_stress: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=STRESS_SCALE, linear=True
+    )
+    strain_scale: Float[Given, "..."] = parameter(low=2e-3, high=0.5)
+
+    law_name: ClassVar[str] = "saturating"
+
+    def potential(self, strain: Real) -> RealArray:
+        """Potential phi [Pa], E_inf eps^2/2 + S (|eps| + s (exp(-|eps|/s) - 1))."""
+        eps, s = as_real(strain), self.strain_scale
+        # Not jnp.abs: its derivative at zero is zero, and the tangent modulus there would be E_inf.
+        size = jnp.where(eps >= 0, eps, -eps)
+        saturating = size + s * jnp.expm1(-size / s)
+        return self.final_modulus * eps**2 / 2 + self.saturation_stress * saturating
+
+    def stress(self, strain: Real) -> RealArray:
+        """True stress sigma [Pa] of one direction at engineering strain eps [-]."""
+        eps = as_real(strain)
+        sign = jnp.where(eps >= 0, 1.0, -1.0)
+        rising = -sign * jnp.expm1(-sign * eps / self.strain_scale)
+        return self.final_modulus * eps + self.saturation_stress * rising
+
+    @property
+    def initial_modulus(self) -> RealArray:
+        """Tangent modulus [Pa] at zero strain, E_inf + S/s."""
+        return self.final_modulus + self.saturation_stress / self.strain_scale
+
+
+def odd_powers(strain: Real, order: int) -> Float[Array, "... order"]:
+    """The odd powers sign(eps) |eps|^n for n = 1 to `order`, smooth enough for gradients at zero.
+
+    Args:
+        strain: eps [-].
+        order: highest power, >= 1.
+
+    Returns:
+        Array of shape (..., order): a stress law is this, times E_n, summed.
+
+    >>> [round(float(value), 3) for value in odd_powers(-0.2, 3)]
+    [-0.2, -0.04, -0.008]
+    """
+    eps = as_real(strain)
+    powers = [eps]
+    for _ in range(order - 1):
+        powers.append(powers[-1] * jnp.abs(eps))
+    return jnp.stack(powers, axis=-1)
+
+
+class PolynomialMaterial(AbstractMaterial):
+    """The reference work's law, sigma = sum over n of E_n sign(eps) |eps|^n, in both directions.
+
+    Attributes:
+        coefficients: E_n [Pa], shape (order,).
+
+    References:
+        Hocking & Wereley 2012; Chambers 2021, equation 7.1.
+
+    >>> latex = PolynomialMaterial([257.8, -57.9, 32.7])  # psi: Chambers 2021, chapter 6
+    >>> print(f"{latex.stress(1.0):.1f} {latex.stress(-1.0):.1f}")
+    232.6 -232.6
+    """
+
+    coefficients: Float[Given, " order"] = parameter(
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="E_{}"
+    )
+
+    directions_interact: ClassVar[bool] = False
+    depends_on_pressure: ClassVar[bool] = False
+    law_name: ClassVar[str] = "polynomial"
+
+    def __check_init__(self) -> None:
+        """Refuse coefficients that are not one row."""
+        shape = np.shape(self.coefficients)
+        if len(shape) != 1 or not shape[0]:
+            raise ValueError(
+                f"the coefficients E_1, E_2, ... must be one row of shape (order,), got shape {shape}: for "
+                "many laws at once make each within jax.vmap"
+            )
+
+    @classmethod
+    def template(cls, *, order: int = 3, **fields: Any) -> "PolynomialMaterial":
+        """The law of this order, by default the cubic one."""
+        fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
+        return super().template(**fields)
+
+    def stress(self, strain: Real) -> RealArray:
+        """True stress sigma [Pa] at engineering strain eps [-]; odd, sigma(-eps) = -sigma(eps)."""
+        return odd_powers(strain, self.coefficients.shape[-1]) @ self.coefficients
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
+        del pressure
+        return self.stress(axial_strain), self.stress(hoop_strain)
+
+
+class PressurePolynomialMaterial(AbstractMaterial):
+    """The polynomial law with coefficients that depend on pressure, given at pressure nodes.
+
+    Between nodes E_n is interpolated linearly. With two nodes the law is linear in pressure and
+    holds outside them too; with more it is known at the nodes' range only, and nan outside.
+
+    Attributes:
+        node_pressures: [Pa], shape (nodes,), increasing, at least two.
+        node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
+
+    References:
+        Robinson et al. 2015; Chambers 2021, section 7.1.
+    """
+
+    node_pressures: Float[Given, " nodes"] = number("Pa")
+    node_coefficients: Float[Given, "nodes order"] = parameter(
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="E_{1}_at_node_{0}"
+    )
+
+    directions_interact: ClassVar[bool] = False
+
+    def __check_init__(self) -> None:
+        if self.node_pressures.shape[0] < 2:
+            raise ValueError(
+                "a pressure-dependent law needs at least two node pressures, got "
+                f"{self.node_pressures.shape[0]}; use PolynomialMaterial for one"
+            )
+
+    def coefficients_at(self, pressure: Real) -> Float[Array, "... order"]:
+        """Coefficients E_n [Pa] at gauge pressure P [Pa], shape (..., order)."""
+        at = as_real(pressure)
+        return jnp.where(self.known(at)[..., None], self.interpolated(at), jnp.nan)
+
+    def known(self, pressure: Real) -> Bool[Array, "..."]:
+        """Whether the law is known at gauge pressure P [Pa]: between the nodes, or two of them."""
+        at, nodes = as_real(pressure), self.node_pressures
+        if nodes.shape[0] == 2:
+            return jnp.isfinite(at)
+        return (at >= nodes[0]) & (at <= nodes[-1])
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
+        return stresses_between_nodes(self, odd_powers, axial_strain, hoop_strain, pressure)
+
+    def interpolated(self, at: RealArray) -> Float[Array, "... order"]:
+        """Coefficients E_n [Pa] at a pressure [Pa] at which they are known, shape (..., order)."""
+        nodes, values = self.node_pressures, self.node_coefficients
+        cell = jnp.clip(jnp.searchsorted(nodes, at) - 1, 0, nodes.shape[0] - 2)
+        share = ((at - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))[..., None]
+        return values[cell] + share * (values[cell + 1] - values[cell])
+
+
+def stresses_between_nodes(
+    law: PressurePolynomialMaterial,
+    powers: Callable[[Real, int], Float[Array, "... order"]],
+    axial_strain: Real,
+    hoop_strain: Real,
+    pressure: Real,
+) -> tuple[RealArray, RealArray]:
+    """True stresses [Pa] of coefficients given at pressure nodes, nan where they are not known.
+
+    Args:
+        law: the coefficients.
+        powers: of the strain up to an order, such as `odd_powers`.
+        axial_strain: eps_z [-].
+        hoop_strain: eps_c [-].
+        pressure: gauge pressure P [Pa].
+
+    Returns:
+        (sigma_z, sigma_c) [Pa].
+    """
+    known = law.known(pressure)
+    # Inside the law there is no nan, which would spoil the derivatives of other states.
+    coefficients = law.interpolated(jnp.where(known, pressure, law.node_pressures[0]))
+    order = coefficients.shape[-1]
+
+    def stress(strain: Real) -> RealArray:
+        return jnp.where(known, jnp.sum(powers(strain, order) * coefficients, axis=-1), jnp.nan)
+
+    return stress(axial_strain), stress(hoop_strain)
+
+
+class PlainPowerMaterial(AbstractMaterial):
+    """The polynomial law with plain powers, sigma = sum over n of E_n(P) eps^n, in both directions.
+
+    Even powers pull in compression too, so that unlike `PressurePolynomialMaterial`, with which it
+    shares all else, this law is not odd. In a shortening muscle the axial strain is negative.
+
+    Attributes:
+        node_pressures: [Pa], shape (nodes,), increasing, at least two.
+        node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
+    """
+
+    node_pressures: Float[Given, " nodes"] = number("Pa")
+    node_coefficients: Float[Given, "nodes order"] = parameter(
+        "Pa", kind="stress", scale=1e6, linear=True, name="E_{1}_at_node_{0}"
+    )
+
+    directions_interact: ClassVar[bool] = False
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
+        law = PressurePolynomialMaterial(self.node_pressures, self.node_coefficients)
+        return stresses_between_nodes(law, _plain_powers, axial_strain, hoop_strain, pressure)
+
+
+def _plain_powers(strain: Real, order: int) -> Float[Array, "... order"]:
+    return jnp.stack([as_real(strain) ** n for n in range(1, order + 1)], axis=-1)
+
+
+"""Order of magnitude [Pa] of a rubber's stress."""
+
+
+def derivative(function: Callable[[RealArray], RealArray], at: RealArray) -> RealArray:
+    """Derivative, element by element, of a function that acts element by element."""
+    return jax.jvp(function, (at,), (jnp.ones_like(at),))[1]
+
+
+class AbstractHyperelastic(AbstractMaterial):
+    """An incompressible hyperelastic law in plane stress: the wall's radial stress is neglected.
+
+    sigma_z = lambda_z dW/dlambda_z, sigma_c = lambda_c dW/dlambda_c, at the radial stretch
+    lambda_r = 1 / (lambda_z lambda_c). The two directions interact.
+
+    References:
+        Ogden 1997, Non-linear Elastic Deformations, section 4.3.
+    """
+
+    depends_on_pressure: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume at lambda_z, lambda_c [-], both > 0, broadcast shape."""
+
+    @property
+    @abc.abstractmethod
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus mu [Pa] at zero strain; a law of which it is not > 0 is no material."""
+
+    @property
+    def initial_modulus(self) -> RealArray:
+        """Tangent modulus [Pa] of a tensile test at zero strain, E = 3 mu."""
+        return 3 * self.initial_shear_modulus
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True (Cauchy) stresses (sigma_z, sigma_c) [Pa] of the broadcast shape."""
+        axial, hoop, _ = jnp.broadcast_arrays(
+            1 + as_real(axial_strain), 1 + as_real(hoop_strain), as_real(pressure)
+        )
+        return (
+            axial * derivative(lambda stretch: self.energy(stretch, hoop), axial),
+            hoop * derivative(lambda stretch: self.energy(axial, stretch), hoop),
+        )
+
+    def uniaxial_stress(self, strain: Real) -> RealArray:
+        """True stress [Pa] of a tensile test, sigma = lambda dW/dlambda along lambda^-1/2.
+
+        Args:
+            strain: eps [-], engineering, > -1.
+
+        Returns:
+            sigma [Pa], of the strain's shape.
+        """
+        stretch = 1 + as_real(strain)
+        return stretch * derivative(lambda along: self.energy(along, 1 / jnp.sqrt(along)), stretch)
+
+
+def _first_invariant(axial: RealArray, hoop: RealArray) -> RealArray:
+    return axial**2 + hoop**2 + 1 / (axial * hoop) ** 2
+
+
+class NeoHookeanMaterial(AbstractHyperelastic):
+    """The neo-Hookean law, W = mu/2 (I1 - 3).
+
+    Attributes:
+        shear_modulus: mu [Pa], > 0.
+
+    References:
+        Treloar 1943; Rivlin 1948.
+
+    >>> rubber = NeoHookeanMaterial(1.0)
+    >>> print(f"{rubber.uniaxial_stress(1.0):.3f}")  # lambda^2 - 1 / lambda
+    3.500
+    """
+
+    shear_modulus: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", low=0.0, scale=STRESS_SCALE, linear=True
+    )
+
+    law_name: ClassVar[str] = "neo-hookean"
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        I1 = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch))
+        return self.shear_modulus / 2 * (I1 - 3)
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus mu [Pa] at zero strain."""
+        return self.shear_modulus
+
+
+class MooneyRivlinMaterial(AbstractHyperelastic):
+    """The Mooney-Rivlin law, W = C10 (I1 - 3) + C01 (I2 - 3).
+
+    Attributes:
+        c10: C10 [Pa].
+        c01: C01 [Pa]; C10 + C01 > 0.
+
+    References:
+        Mooney 1940; Rivlin 1948.
+    """
+
+    c10: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="C10"
+    )
+    c01: Float[Given, "..."] = parameter(
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="C01"
+    )
+
+    law_name: ClassVar[str] = "mooney-rivlin"
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        axial, hoop = as_real(axial_stretch), as_real(hoop_stretch)
+        I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
+        return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses (sigma_z, sigma_c) [Pa], 2 (lambda_i^2 - lambda_r^2) (C10 + lambda_j^2 C01)."""
+        del pressure
+        axial, hoop = (1 + as_real(axial_strain)) ** 2, (1 + as_real(hoop_strain)) ** 2
+        radial = 1 / (axial * hoop)
+        return (
+            2 * (axial - radial) * (self.c10 + hoop * self.c01),
+            2 * (hoop - radial) * (self.c10 + axial * self.c01),
+        )
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus [Pa] at zero strain, 2 (C10 + C01)."""
+        return 2 * (self.c10 + self.c01)
+
+
+class YeohMaterial(AbstractHyperelastic):
+    """The Yeoh law, W = sum over i of C_i (I1 - 3)^i.
+
+    Attributes:
+        coefficients: C_i [Pa], shape (terms,), usually three; C_1 > 0.
+
+    References:
+        Yeoh 1993, Rubber Chemistry and Technology 66.
+    """
+
+    coefficients: Float[Given, " terms"] = parameter(
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="C_{}"
+    )
+
+    law_name: ClassVar[str] = "yeoh"
+
+    @classmethod
+    def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
+        """The law of this many terms, by default three."""
+        fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
+        return super().template(**fields)
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        x = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch)) - 3
+        energy = jnp.zeros_like(x)
+        for i in reversed(range(self.coefficients.shape[-1])):
+            energy = x * (self.coefficients[i] + energy)
+        return energy
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus [Pa] at zero strain, 2 C_1."""
+        return 2 * self.coefficients[0]
+
+
+class OgdenMaterial(AbstractHyperelastic):
+    """The Ogden law of any number of terms.
+
+    W = sum over p of mu_p / alpha_p (lambda_z^alpha_p + lambda_c^alpha_p + lambda_r^alpha_p - 3).
+    Some programs write 2 mu_p / alpha_p^2 instead: their mu_p is alpha_p / 2 times this one.
+
+    Attributes:
+        moduli: mu_p [Pa], shape (terms,).
+        exponents: alpha_p [-], shape (terms,), not zero; sum of mu_p alpha_p > 0.
+
+    References:
+        Ogden 1972, Proceedings of the Royal Society A 326.
+
+    >>> treloar = OgdenMaterial([0.63e6, 1.2e3, -1e4], [1.3, 5.0, -2.0])  # Ogden 1972
+    >>> print(f"{treloar.initial_shear_modulus / 1e6:.4f}")
+    0.4225
+    """
+
+    moduli: Float[Given, " terms"] = parameter(
+        "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="mu_{}"
+    )
+    exponents: Float[Given, " terms"] = parameter(name="alpha_{}")
+
+    law_name: ClassVar[str] = "ogden"
+
+    def __check_init__(self) -> None:
+        if self.moduli.shape != self.exponents.shape or self.moduli.ndim == 0:
+            raise ValueError(
+                "an Ogden law needs one exponent for each modulus, got moduli of shape "
+                f"{self.moduli.shape} and exponents of shape {self.exponents.shape}"
+            )
+
+    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
+        """Energy W [J/m3] per volume, broadcast shape."""
+        axial, hoop = as_real(axial_stretch)[..., None], as_real(hoop_stretch)[..., None]
+        a = self.exponents
+        powers = axial**a + hoop**a + (axial * hoop) ** -a
+        return jnp.sum(self.moduli / a * (powers - 3), axis=-1)
+
+    def stresses(
+        self, axial_strain: Real, hoop_strain: Real, pressure: Real
+    ) -> tuple[RealArray, RealArray]:
+        """True stresses [Pa], sigma_i = sum over p of mu_p (lambda_i^alpha_p - lambda_r^alpha_p)."""
+        del pressure
+        axial = (1 + as_real(axial_strain))[..., None] ** self.exponents
+        hoop = (1 + as_real(hoop_strain))[..., None] ** self.exponents
+        radial = 1 / (axial * hoop)
+        return (
+            jnp.sum(self.moduli * (axial - radial), axis=-1),
+            jnp.sum(self.moduli * (hoop - radial), axis=-1),
+        )
+
+    @property
+    def initial_shear_modulus(self) -> RealArray:
+        """Shear modulus [Pa] at zero strain, half the sum of mu_p alpha_p."""
+        return jnp.sum(self.moduli * self.exponents, axis=-1) / 2
+
+    @classmethod
+    def template(cls, **fields: Any) -> "OgdenMaterial":
+        """The law of one term, neo-Hookean."""
+        exponent = 2.0
+        fields.setdefault("moduli", [2 * STRESS_SCALE / exponent])
+        fields.setdefault("exponents", [exponent])
+        return super().template(**fields)
+
+    def parameters(self) -> dict[str, RealArray]:
+        """Shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
+        if self.moduli.shape != (1,):
+            return super().parameters()
+        return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
+
+    def declared(self) -> dict[str, Declared]:
+        """The declarations of the same."""
+        return super().declared() if self.moduli.shape != (1,) else dict(_ONE_TERM)
+
+    def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
+        """The law with other values; of one term, mu = 2 G / alpha.
+
+        Exponents nearer to 0 than 1e-6 are moved by that, so that the limit, Hencky's law, is met to
+        about 1e-6.
+
+        Raises:
+            ValueError: an unknown name, or a value that is an array.
+        """
+        if self.moduli.shape != (1,):
+            return super().with_parameters(values)
+        given = self.parameters() | checked_values(self, values)
+        modulus, exponent = (given[name] for name in _ONE_TERM)
+        if not values:
+            return self
+        exponent = exponent + jnp.where(jnp.abs(exponent) < _NEARLY_HENCKY, _NEARLY_HENCKY, 0.0)
+        return eqx.tree_at(
+            lambda law: (law.moduli, law.exponents),
+            self,
+            ((2 * modulus / exponent)[None], exponent[None]),
+        )
+
+
+_NEARLY_HENCKY = 1e-6
+_ONE_TERM = {
+    "shear_modulus": Declared(
+        "Pa", "shear_modulus", "stress", low=0.0, scale=STRESS_SCALE, linear=True
+    ),
+    "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=15.0),
+}
+
+
+class MonotoneMaterial(AbstractUniaxialLaw):
+    """A law whose tangent modulus is linear between knots and constant beyond the last; odd.
+
+    With all nodal moduli >= 0 the stress rises everywhere: Drucker-stable in every state.
+
+    Attributes:
+        knots: strain magnitudes [-] of the nodes, increasing, the first 0.
+        moduli: tangent moduli [Pa] at the knots, shape (knots,).
+
+    >>> law = MonotoneMaterial((0.0, 0.1), [4.0, 2.0])
+    >>> print(f"{law.stress(0.1):.2f} {law.stress(-0.2):.2f} {law.tangent_modulus(0.05):.1f}")
+    0.30 -0.50 3.0
+    """
+
+    knots: tuple[float, ...] = eqx.field(static=True)
+    moduli: Float[Given, " knots"] = parameter(
+        "Pa", kind="stress", low=0.0, scale=STRESS_SCALE, linear=True, name="modulus_at_{}"
+    )
+
+    law_name: ClassVar[str] = "monotone"
+
+    @classmethod
+    def template(
+        cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any
+    ) -> "MonotoneMaterial":
+        """The law with these knots and the same modulus at each of them."""
+        fields.setdefault("moduli", np.full(len(knots), STRESS_SCALE))
+        return super().template(knots=knots, **fields)
+
+    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
+        """The name of a modulus, which says its knot: modulus_at_0.03."""
+        if field != "moduli":
+            return super().parameter_name(field, index)
+        return f"modulus_at_{self.knots[index[0]]:g}"
+
+    def __check_init__(self) -> None:
+        if len(self.knots) < 2 or self.knots[0] != 0 or not np.all(np.diff(self.knots) > 0):
+            raise ValueError(
+                "the knots of a monotone law are two or more increasing strains, the first of "
+                f"them 0, got {self.knots}"
+            )
+        if self.moduli.shape != (len(self.knots),):
+            raise ValueError(
+                f"a monotone law with {len(self.knots)} knots needs as many moduli, got shape "
+                f"{self.moduli.shape}"
+            )
+
+    def potential(self, strain: Real) -> RealArray:
+        """Potential phi [Pa], the modulus integrated twice: a cubic in each cell."""
+        strain = as_real(strain)
+        knots = np.asarray(self.knots)
+        width = np.diff(knots)
+        rise = jnp.diff(self.moduli) / width
+        size = jnp.where(strain >= 0, strain, -strain)[..., None]
+        # Each cell adds what its own change of modulus, and its end, contribute beyond it.
+        inside = jnp.clip(size - knots[:-1], 0, width)
+        beyond = jnp.maximum(size - knots[1:], 0)
+        kinks = rise * (inside**3 / 6 + inside**2 / 2 * beyond + inside * beyond**2 / 2)
+        return self.moduli[0] * size[..., 0] ** 2 / 2 + jnp.sum(kinks, axis=-1)

@@ -1,0 +1,429 @@
+"""What a force model asks of a shape: lengths, areas and volumes by quadrature over the axis.
+
+Each smooth piece of a profile is integrated by Gauss-Legendre quadrature after the substitution
+x = u^2 (3 - 2 u), which also integrates ends with a vertical tangent, where dR/dz ~ 1 / sqrt(z).
+"""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from ._arrays import Real, RealArray, as_real, at_each, compiled_method
+from .braids import AbstractBraid
+from .geometries import AbstractGeometry, Bladder, Dimensions, cylinder_dimensions
+from .profiles import AbstractProfile
+from .surfaces import AbstractMeasuredFamily
+
+QUADRATURE_ORDER = 64
+"""Stations per smooth piece, by default: relative error below 1e-8 for Fourier profiles of up to
+five terms and for every assumed shape; below 1e-12 for the reference work's profiles."""
+
+_GOLDEN = (5**0.5 - 1) / 2
+_SEARCH_CELLS = 256
+
+
+class Meridian(eqx.Module):
+    """A profile at its quadrature stations: radius, slope, and every integral of the two.
+
+    Attributes:
+        length: L [m].
+        radius: R [m], shape (..., stations).
+        slope: dR/dz [-], shape (..., stations).
+        weights: share of the axis that each station stands for, sum 1, shape (..., stations), or
+            (stations,) where they do not depend on the length.
+    """
+
+    length: RealArray
+    radius: Float[Array, "... stations"]
+    slope: Float[Array, "... stations"]
+    weights: Float[Array, "... stations"]
+
+    @classmethod
+    def of(
+        cls, profile: AbstractProfile, length: Real, *, order: int = QUADRATURE_ORDER
+    ) -> "Meridian":
+        """The meridian of a profile's outline.
+
+        Args:
+            profile: D(x, L).
+            length: active length L [m], > 0.
+            order: quadrature stations in each smooth piece, >= 1.
+
+        Returns:
+            The meridian, its arrays of the length's shape with the stations as last axis.
+
+        Raises:
+            RuntimeError: the diameter is not positive everywhere.
+
+        >>> from famjax.profiles import Cylinder
+        >>> print(f"{Meridian.of(Cylinder(2.0), 3.0).volume:.3f}")
+        9.425
+        """
+        length = as_real(length)
+        x, weights = quadrature(profile.breakpoints(length), order)
+        diameter, rate = jax.jvp(
+            lambda x: profile.diameter(x, length[..., None]), (x,), (jnp.ones_like(x),)
+        )
+        radius = _positive(diameter / 2, "the diameter of a profile must be > 0 from x = 0 to 1")
+        return cls(length, radius, rate / (2 * length[..., None]), weights)
+
+    def inset(self, thickness: Real) -> "Meridian":
+        """The line at this thickness [m] below, measured along the radius: the bladder's outside.
+
+        Raises:
+            RuntimeError: the thickness exceeds the radius somewhere.
+        """
+        radius = _positive(
+            self.radius - thickness, "the radius of a profile must exceed the braid's thickness"
+        )
+        return Meridian(self.length, radius, self.slope, self.weights)
+
+    def mean(self, values: Float[Array, "... stations"]) -> RealArray:
+        """Axial mean of what is given at the stations."""
+        return jnp.sum(self.weights * values, axis=-1)
+
+    @property
+    def mean_diameter(self) -> RealArray:
+        """Average diameter [m] over the axis."""
+        return 2 * self.mean(self.radius)
+
+    @property
+    def arc_length(self) -> RealArray:
+        """Length [m] of the line from fitting to fitting; the faces of steps are not counted."""
+        return self.length * self.mean(jnp.sqrt(1 + self.slope**2))
+
+    @property
+    def surface_area(self) -> RealArray:
+        """Lateral area [m2] of the surface of revolution; the faces of steps are not counted."""
+        element = self.radius * jnp.sqrt(1 + self.slope**2)
+        return 2 * jnp.pi * self.length * self.mean(element)
+
+    @property
+    def volume(self) -> RealArray:
+        """Volume [m3] within the surface of revolution."""
+        return jnp.pi * self.length * self.mean(self.radius**2)
+
+    def internal_volume(self, bladder_volume: Real, braid_volume: Real = 0.0) -> RealArray:
+        """Volume [m3] of the fluid: this outline less the bladder and the braid."""
+        return self.volume - bladder_volume - braid_volume
+
+    def thickness(self, bladder_volume: Real) -> RealArray:
+        """Wall t [m] of a bladder with this outer line, volume over area, equal along the axis.
+
+        References:
+            Chambers 2021, section 6.1.
+        """
+        return jnp.asarray(bladder_volume / self.surface_area)
+
+    def axial_strain(self, rest_length: Real) -> RealArray:
+        """Axial engineering strain eps_z [-] of this line, arc length / L0 - 1.
+
+        References:
+            Chambers 2021, section 6.1.
+        """
+        return self.arc_length / rest_length - 1
+
+    def hoop_strain(self, bladder: Bladder) -> Float[Array, "... stations"]:
+        """Hoop engineering strain eps_c [-] at mid-wall of a bladder with this outer line.
+
+        Args:
+            bladder: its volume sets the wall; where it is `embedded` this is its mid-wall line.
+
+        Returns:
+            (R - t / 2) / (R_0 - t_0 / 2) - 1 at the stations, shape (..., stations).
+
+        Raises:
+            RuntimeError: the wall closes the bore somewhere.
+
+        References:
+            Chambers 2021, section 6.1.
+        """
+        inward = 0.0 if bladder.embedded else 0.5
+        thickness = self.thickness(bladder.volume)[..., None]
+        bore = self.radius - (0.5 + inward) * thickness
+        radius = eqx.error_if(
+            self.radius,
+            bore <= 0,
+            "the radius of a profile must leave a bore in the bladder: the wall that the rubber's "
+            "volume asks for fills it. Check the profile, and rest diameter, thickness and length "
+            "of the bladder, all in one unit",
+        )
+        return (radius - inward * thickness) / bladder.rest_mid_radius - 1
+
+    def hoop_strain_moments(self, bladder: Bladder, order: int) -> Float[Array, "... order"]:
+        """Axial means of eps_c^n [-] at mid-wall for n = 1 to `order`; see `hoop_strain`.
+
+        References:
+            Chambers 2021, table 6.2.
+        """
+        strain = self.hoop_strain(bladder)
+        powers = jnp.cumprod(jnp.stack([strain] * order, axis=-1), axis=-1)
+        return jnp.sum(self.weights[..., None] * powers, axis=-2)
+
+
+def quadrature(
+    breakpoints: Float[Array, "... kinks"], order: int = QUADRATURE_ORDER
+) -> tuple[Float[Array, "... stations"], Float[Array, "... stations"]]:
+    """Stations in [0, 1] and their weights for integrands that are smooth between breakpoints.
+
+    Args:
+        breakpoints: positions [-], increasing, strictly between 0 and 1, shape (..., kinks).
+        order: stations in each of the kinks + 1 pieces, >= 1.
+
+    Returns:
+        (x, weights), each of shape (..., order (kinks + 1)) and the breakpoints' precision; the
+        weights sum to 1.
+    """
+    if order < 1:
+        raise ValueError(f"a quadrature needs an order >= 1, got {order}")
+    dtype = breakpoints.dtype
+    ends = (*breakpoints.shape[:-1], 1)
+    edges = jnp.concatenate([jnp.zeros(ends, dtype), breakpoints, jnp.ones(ends, dtype)], axis=-1)
+    share, weight = (rule.astype(dtype) for rule in _unit_rule(order))
+    width = jnp.diff(edges, axis=-1)[..., None]
+    x = edges[..., :-1, None] + width * share
+    shape = (*ends[:-1], -1)
+    return x.reshape(shape), (width * weight).reshape(shape)
+
+
+def maximum_diameter(profile: AbstractProfile, length: Real) -> RealArray:
+    """Largest diameter [m] over the axis; of equal maxima, the first.
+
+    The largest of 257 evenly spaced points, refined by golden section between its neighbours. The
+    derivative is that of the diameter at the place of the maximum, which itself does not matter.
+
+    Args:
+        profile: D(x, L).
+        length: active length L [m].
+
+    Returns:
+        D [m], of the length's shape.
+    """
+    length = as_real(length)
+    x = jnp.linspace(0, 1, _SEARCH_CELLS + 1, dtype=length.dtype)
+    top = x[jnp.argmax(profile.diameter(x, length[..., None]), axis=-1)]
+    step = 1 / _SEARCH_CELLS
+
+    def narrow(_: Real, ends: tuple[RealArray, RealArray]) -> tuple[RealArray, RealArray]:
+        low, high = ends
+        reach = _GOLDEN * (high - low)
+        falls = profile.diameter(high - reach, length) > profile.diameter(low + reach, length)
+        return jnp.where(falls, low, high - reach), jnp.where(falls, low + reach, high)
+
+    ends = (jnp.maximum(top - step, 0), jnp.minimum(top + step, 1))
+    low, high = jax.lax.fori_loop(0, 40, narrow, ends)
+    refined = (low + high) / 2
+    better = profile.diameter(refined, length) > profile.diameter(top, length)
+    return profile.diameter(jax.lax.stop_gradient(jnp.where(better, refined, top)), length)
+
+
+@functools.cache
+def _unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre on [0, 1] in u, as stations x = u^2 (3 - 2 u) and weights w 6 u (1 - u)."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    u = (nodes + 1) / 2
+    shares = 3 * weights * u * (1 - u)
+    return u**2 * (3 - 2 * u), shares / shares.sum()
+
+
+def _positive(radius: RealArray, must: str) -> RealArray:
+    """The radius, or an error where it is not positive."""
+    return eqx.error_if(
+        radius,
+        radius <= 0,
+        f"{must}; somewhere it is not. Check the coefficients of the profile and that the length "
+        "lies in the range in which it was measured",
+    )
+
+
+class MeasuredGeometry(AbstractGeometry):
+    """The muscle as measured: strain and thickness follow the bladder's line in the photograph.
+
+    eps_z = arc length / L0 - 1, t = V / surface area, eps_c at every station; the force terms use
+    the average diameter, with theta = atan(L / (pi N D)). The bladder's line lies t_braid below the
+    outline, along the radius, or is the outline where the bladder is `embedded`.
+
+    Outside `length_range` the shape is not known and the dimensions are nan.
+
+    Attributes:
+        family: measured profiles, and the braid that scales them in pressure.
+        bladder: rubber tube under, or in, the braid.
+        order: quadrature stations in each smooth piece of the profiles.
+
+    Raises:
+        RuntimeError: the wall closes the bore somewhere within the range of lengths; at
+            construction on concrete numbers, in `dimensions` on traced ones.
+
+    References:
+        Chambers 2021, chapter 6, "measured".
+    """
+
+    family: AbstractMeasuredFamily
+    bladder: Bladder
+    order: int = eqx.field(static=True, default=QUADRATURE_ORDER)
+
+    def __check_init__(self) -> None:
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
+            return
+        lengths = jnp.linspace(*self.length_range(), 33)
+        self.dimensions(lengths, self.family.middle_pressure())
+
+    @property
+    def braid(self) -> AbstractBraid:
+        """The family's braid."""
+        return self.family.braid
+
+    @compiled_method
+    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
+        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+        length, pressure, thread_length, reached = _states(self.family, length, pressure)
+        diameter, thickness, axial_strain, hoop_strain, volume = _measures(
+            self.family, self.bladder, self.order, length, pressure
+        )
+        return Dimensions(
+            length=length,
+            radius=diameter / 2,
+            braid_angle=_braid_angle(length, diameter, self.braid),
+            turns=self.braid.turns,
+            thickness=thickness,
+            axial_strain=axial_strain,
+            hoop_strain=hoop_strain,
+            station_weights=quadrature(self.family.kinks, self.order)[1],
+            bladder_volume=self.bladder.volume,
+            volume=volume,
+            thread_length=thread_length,
+        ).unless(reached)
+
+    @property
+    def keeps_apart(self) -> bool:
+        """States that cannot be are masked before anything is computed of them."""
+        return True
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """The family's: the measured lengths, and its margin of extrapolation beyond."""
+        return self.family.length_range()
+
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m] of the profiles, between which the family interpolates."""
+        return self.family.lengths
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction: the bladder's."""
+        return self.bladder.rest_length
+
+
+class AverageDiameterGeometry(AbstractGeometry):
+    """A cylinder of the measured average diameter: it differs from the estimated one in D alone.
+
+    Outside `length_range` the shape is not known and the dimensions are nan.
+
+    Attributes:
+        family: measured profiles, and the braid that scales them in pressure.
+        bladder: rubber tube under, or in, the braid.
+        order: quadrature stations in each smooth piece of the profiles.
+
+    References:
+        Chambers 2021, chapter 6, "measured average diameter".
+    """
+
+    family: AbstractMeasuredFamily
+    bladder: Bladder
+    order: int = eqx.field(static=True, default=QUADRATURE_ORDER)
+
+    @property
+    def braid(self) -> AbstractBraid:
+        """The family's braid."""
+        return self.family.braid
+
+    @compiled_method
+    def dimensions(self, length: Real, pressure: Real) -> Dimensions:
+        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+        length, pressure, thread_length, reached = _states(self.family, length, pressure)
+        radius = _mean_diameter(self.family, self.order, length, pressure) / 2
+        angle = _braid_angle(length, 2 * radius, self.braid)
+        return cylinder_dimensions(
+            length, radius, angle, thread_length, self.braid, self.bladder, reached
+        )
+
+    @property
+    def keeps_apart(self) -> bool:
+        """States that cannot be are masked before anything is computed of them."""
+        return True
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """The family's: the measured lengths, and its margin of extrapolation beyond."""
+        return self.family.length_range()
+
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m] of the profiles, between which the family interpolates."""
+        return self.family.lengths
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction: the bladder's."""
+        return self.bladder.rest_length
+
+
+def _states(
+    family: AbstractMeasuredFamily, length: Real, pressure: Real
+) -> tuple[RealArray, RealArray, RealArray, Bool[Array, "..."]]:
+    """Lengths [m], pressures [Pa], thread lengths [m], and where the shape is known.
+
+    Elsewhere they are those of a state in the middle of what was measured.
+    """
+    length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+    middle = jax.lax.stop_gradient((family.lengths[0] + family.lengths[-1]) / 2)
+    at = jnp.where(family.knows(length), length, middle)
+    found = family.braid.thread_length(at, pressure)
+    reached = family.knows(length) & (at < found)
+    at = jnp.where(reached, at, middle)
+    measured = jax.lax.stop_gradient(family.middle_pressure())
+    thread_length = jnp.where(reached, found, 2 * at)
+    return at, jnp.where(reached, pressure, measured), thread_length, reached
+
+
+@eqx.filter_jit
+def _measures(
+    family: AbstractMeasuredFamily,
+    bladder: Bladder,
+    order: int,
+    length: RealArray,
+    pressure: RealArray,
+) -> tuple[RealArray, ...]:
+    """Mean diameter [m], thickness [m], axial strain, hoop strain at the stations, volume [m3]."""
+    inset = 0.0 if bladder.embedded else family.braid.thickness
+
+    def one(length: RealArray, pressure: RealArray) -> tuple[RealArray, ...]:
+        outline = Meridian.of(family.at(pressure), length, order=order)
+        line = outline.inset(inset)
+        return (
+            outline.mean_diameter,
+            line.thickness(bladder.volume),
+            line.axial_strain(bladder.rest_length),
+            line.hoop_strain(bladder),
+            outline.volume,
+        )
+
+    return at_each(one, length, pressure)
+
+
+@eqx.filter_jit
+def _mean_diameter(
+    family: AbstractMeasuredFamily, order: int, length: RealArray, pressure: RealArray
+) -> RealArray:
+    """Average diameter [m] over the axis."""
+    x, weights = quadrature(family.kinks, order)
+    return jnp.sum(weights * family.diameter(x, length[..., None], pressure[..., None]), axis=-1)
+
+
+def _braid_angle(length: RealArray, diameter: RealArray, braid: AbstractBraid) -> RealArray:
+    """Braid angle theta [rad] of a cylinder, atan(L / (pi N D)), from the circumference."""
+    return jnp.arctan2(length, jnp.pi * braid.turns * diameter)

@@ -1,0 +1,589 @@
+"""The declaration of a number in the class that holds it: unit, kind, range, scale."""
+
+import dataclasses
+import math
+import typing
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from ._arrays import Real, RealArray, as_number, as_real
+
+QUANTITY = "quantity"
+"""Key of the declaration in a field's metadata."""
+
+_KINDS = {
+    "": "number",
+    "Pa": "pressure",
+    "m": "length",
+    "rad": "angle",
+    "N": "force",
+    "m/N": "compliance",
+    "1/N": "strain compliance",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class WithUnit:
+    """What every declared number says of itself.
+
+    Attributes:
+        unit: SI unit, "" for a pure number; of an array with unlike entries, one for each.
+    """
+
+    unit: str | tuple[str, ...] = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Declared(WithUnit):
+    """A number that can be identified.
+
+    Attributes:
+        unit: SI unit, "" for a pure number.
+        name: by which it is free, bounded and reported.
+        kind: of quantity: which units a user may give it in.
+        low, high: sensible range in `unit`; infinite where there is no end to it.
+        scale: magnitude in `unit`, for solvers; None where range or value give one.
+        linear: the force is affine in it, together with all others declared so.
+    """
+
+    name: str | tuple[str, ...] = ""
+    kind: str = "number"
+    low: float = -math.inf
+    high: float = math.inf
+    scale: float | None = None
+    linear: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a range that is none."""
+        if not self.low <= self.high:
+            raise ValueError(
+                f"the range of a parameter goes from low to high, got {self.low} and {self.high}"
+            )
+        if self.scale is not None and not 0 < self.scale < math.inf:
+            raise ValueError(f"the scale of a parameter is finite and > 0, got {self.scale}")
+
+    def entry(self, name: str, index: tuple[int, ...]) -> "Declared":
+        """The declaration of one entry, under its name."""
+        if isinstance(self.unit, str):
+            return dataclasses.replace(self, name=name)
+        unit = self.unit[index[0]]
+        return dataclasses.replace(self, name=name, unit=unit, kind=_KINDS.get(unit, unit))
+
+
+def parameter(
+    unit: str | tuple[str, ...] = "",
+    *,
+    kind: str | None = None,
+    low: float = -math.inf,
+    high: float = math.inf,
+    scale: float | None = None,
+    linear: bool = False,
+    name: str | tuple[str, ...] | None = None,
+    default: Any = dataclasses.MISSING,
+) -> Any:
+    """A field that holds a number which can be identified, or an array of them.
+
+    A scalar by default. Where the field is annotated with axes, as `Float[Array, " order"]`, each
+    entry is a parameter; its name is `name` formatted with the entry's place, counted from 1.
+
+    Args:
+        unit: SI unit, such as "Pa", "m", "rad", "N/m"; "" for a pure number. Of an array whose
+            entries have unlike units, one for each.
+        kind: of quantity. By default "pressure" for Pa, "length" for m, "angle" for rad, "force" for
+            N, "compliance" for m/N, "strain compliance" for 1/N, and the unit itself for any other.
+            Say `kind="stress"` for a stress or a modulus.
+        low: lower end of the sensible range, in `unit`.
+        high: its upper end.
+        scale: magnitude, in `unit`; by default taken from the range, or from the value at hand.
+        linear: the force is affine in this number and in all others declared so.
+        name: if not the field's own; for arrays with places, as in "E_{}", or one for each entry.
+        default: of the field; None for one that may be absent.
+
+    Returns:
+        The field, for the body of a class derived from `Parametrised`.
+
+    >>> from famjax.terms import AbstractForceTerm
+    >>> from jaxtyping import Array, Float
+    >>> class Tape(AbstractForceTerm):
+    ...     stiffness: Float[Array, ""] = parameter("N/m", low=0.0, linear=True)
+    ...
+    ...     def force(self, at, pressure):
+    ...         return self.stiffness * (at.length - 0.3)
+    >>> Tape(40.0).declared()["stiffness"].unit
+    'N/m'
+    """
+    if kind is None:
+        kind = _KINDS.get(unit, unit) if isinstance(unit, str) else "number"
+    declared = Declared(
+        unit=unit,
+        name=name or "",
+        kind=kind,
+        low=low,
+        high=high,
+        scale=scale,
+        linear=linear,
+    )
+    return _field(declared, default)
+
+
+def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
+    """A field that holds a number, or an array of them, which is known and never identified.
+
+    Args:
+        unit: SI unit, "" for a pure number.
+        default: of the field.
+
+    Returns:
+        The field, for the body of an `equinox.Module`.
+    """
+    return _field(WithUnit(unit), default)
+
+
+def declaration(field: dataclasses.Field[Any]) -> WithUnit | None:
+    """What a field says of its number; None for a field that holds something else."""
+    return field.metadata.get(QUANTITY)
+
+
+def _field(quantity: WithUnit, default: Any) -> Any:
+    given = {} if default is dataclasses.MISSING else {"default": default}
+    return eqx.field(converter=_real_or_none, metadata={QUANTITY: quantity}, **given)
+
+
+def _real_or_none(value: Any) -> Any:
+    return None if value is None else as_number(value)
+
+
+_Self = TypeVar("_Self", bound="Parametrised")
+
+
+if typing.TYPE_CHECKING:
+
+    @typing.dataclass_transform(field_specifiers=(dataclasses.field, eqx.field, parameter, number))
+    class _Declaring(type(eqx.Module)): ...
+
+else:
+    _Declaring = type(eqx.Module)
+
+
+class Parametrised(eqx.Module, metaclass=_Declaring):
+    """A module with declared parameters: its own and those of the modules in its fields.
+
+    Of two parameters with one name the later one gets the field that it stands in as prefix, as in
+    "terms_2.stiffness". Where the natural parameters are not the fields, a class overrides
+    `parameters`, `declared` and `with_parameters` together.
+    """
+
+    def parameters(self) -> dict[str, RealArray]:
+        """The present values by name, in the declared units, each of shape ()."""
+        return _values(self)
+
+    def declared(self) -> dict[str, Declared]:
+        """The declarations by name: unit, kind, range, scale, linearity."""
+        return {name: place.declared for name, place in _places(self).items()}
+
+    def with_parameters(self: _Self, values: Mapping[str, Real]) -> _Self:
+        """The same module with other values of some parameters, everything else as it is.
+
+        Args:
+            values: by name, in the declared units, each of shape ().
+
+        Returns:
+            The module. Differentiable in the values, and traceable.
+
+        Raises:
+            ValueError: an unknown name, or a value that is an array.
+        """
+        return _replaced(self, checked_values(self, values))
+
+    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
+        """The name of one entry of a declared field; by default as the declaration says.
+
+        Args:
+            field: name of the field.
+            index: place in the array, () for a scalar.
+
+        Returns:
+            The name.
+        """
+        specs = {one.name: declaration(one) for one in dataclasses.fields(self)}
+        spec = specs[field]
+        return entry_name(spec, field, index) if isinstance(spec, Declared) else field
+
+    @classmethod
+    def template(cls: type[_Self], **fields: Any) -> _Self:
+        """An instance to start from; see `famjax.parameters.template`."""
+        return _template(cls, fields)
+
+
+_Module = TypeVar("_Module", bound=eqx.Module)
+_Family = TypeVar("_Family", bound=Parametrised)
+
+
+def template(cls: type[_Family], **fields: Any) -> _Family:
+    """An instance of a class whose parameters are in the middle of their ranges.
+
+    Where a range has no middle, a parameter is its scale above its lower end, or its scale. So a law
+    can be named by its class alone.
+
+    Args:
+        cls: the class.
+        fields: what is known; what has neither a default nor a declaration must be among them.
+
+    Returns:
+        The instance.
+
+    Raises:
+        ValueError: a field is missing that has no default and is no scalar parameter.
+
+    >>> from famjax.materials import NeoHookeanMaterial
+    >>> template(NeoHookeanMaterial).parameters().keys()
+    dict_keys(['shear_modulus'])
+    """
+    return cls.template(**fields)
+
+
+def middle(declared: Declared) -> float:
+    """The middle of a range, or a value one scale from its only end, or the scale."""
+    scale = 1.0 if declared.scale is None else declared.scale
+    low, high = declared.low, declared.high
+    if np.isfinite(low) and np.isfinite(high):
+        return (low + high) / 2
+    if np.isfinite(low):
+        return low + scale
+    return high - scale if np.isfinite(high) else scale
+
+
+def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str, RealArray]:
+    """The values as scalars.
+
+    Raises:
+        ValueError: an unknown name, or a value that is an array.
+    """
+    known = module.declared()
+    for name, value in values.items():
+        if name not in known:
+            raise ValueError(
+                f"{type(module).__name__} has no parameter {name!r}; it has {', '.join(known)}"
+            )
+        if jnp.ndim(value) != 0:
+            raise ValueError(
+                f"a parameter is one number; got the shape {jnp.shape(value)} for {name!r}. For "
+                "many muscles at once map the function that makes one, by jax.vmap"
+            )
+    return {name: as_number(value) for name, value in values.items()}
+
+
+class _Place(NamedTuple):
+    """Where a parameter stands.
+
+    Attributes:
+        declared: with its name.
+        field: of the module.
+        at: place of the child module in a field that holds several, else None.
+        entry: the index in an array, or the name within the child.
+    """
+
+    declared: Declared
+    field: str
+    at: int | None
+    entry: tuple[int, ...] | str
+
+
+def _places(module: eqx.Module) -> dict[str, _Place]:
+    """Every parameter of a module and of its children, by name."""
+    found: dict[str, _Place] = {}
+    for field in dataclasses.fields(module):
+        value, spec = getattr(module, field.name, None), declaration(field)
+        if isinstance(spec, Declared) and value is not None:
+            for index in np.ndindex(jnp.shape(value)):
+                name = (
+                    module.parameter_name(field.name, index)
+                    if isinstance(module, Parametrised)
+                    else entry_name(spec, field.name, index)
+                )
+                if name in found:
+                    name = f"{field.name}.{name}"
+                found[name] = _Place(spec.entry(name, index), field.name, None, index)
+        for at, child in _children(value):
+            label = field.name if at is None else f"{field.name}_{at + 1}"
+            for inner, one in _declared(child).items():
+                name = inner if inner not in found else f"{label}.{inner}"
+                own = dataclasses.replace(one, name=name)
+                found[name] = _Place(own, field.name, at, inner)
+    return found
+
+
+def _values(module: eqx.Module) -> dict[str, RealArray]:
+    """Every parameter's present value, by name."""
+    found: dict[str, RealArray] = {}
+    of_children: dict[tuple[str, int | None], dict[str, RealArray]] = {}
+    for name, place in _places(module).items():
+        held = getattr(module, place.field)
+        if not isinstance(place.entry, str):
+            found[name] = held[place.entry] if place.entry else held
+            continue
+        at = place.field, place.at
+        if at not in of_children:
+            child = held if place.at is None else held[place.at]
+            of_children[at] = (
+                child.parameters() if isinstance(child, Parametrised) else _values(child)
+            )
+        found[name] = of_children[at][place.entry]
+    return found
+
+
+def entry_name(spec: Declared, field: str, index: tuple[int, ...]) -> str:
+    """The name of an entry as its declaration says it."""
+    if isinstance(spec.name, tuple):
+        return spec.name[index[0]]
+    pattern, counted = spec.name or field, [str(i + 1) for i in index]
+    return pattern.format(*counted) if "{" in pattern else "_".join([pattern, *counted])
+
+
+def _children(value: Any) -> Iterator[tuple[int | None, eqx.Module]]:
+    """The modules in a field: itself, or those in a tuple or list."""
+    if isinstance(value, eqx.Module):
+        yield None, value
+    elif isinstance(value, tuple | list):
+        for at, one in enumerate(value):
+            if isinstance(one, eqx.Module):
+                yield at, one
+
+
+def _declared(child: eqx.Module) -> dict[str, Declared]:
+    """Declarations of a child, which may be a module that knows of none itself."""
+    if isinstance(child, Parametrised):
+        return child.declared()
+    return {name: place.declared for name, place in _places(child).items()}
+
+
+def _replaced(module: _Module, values: Mapping[str, RealArray]) -> _Module:
+    """The module with other values; no constructor runs again."""
+    places = _places(module)
+    entries: dict[str, dict[tuple[int, ...], RealArray]] = {}
+    inner: dict[tuple[str, int | None], dict[str, RealArray]] = {}
+    for name, value in values.items():
+        place = places[name]
+        if isinstance(place.entry, str):
+            inner.setdefault((place.field, place.at), {})[place.entry] = value
+        else:
+            entries.setdefault(place.field, {})[place.entry] = value
+    for field, new in entries.items():
+        old = getattr(module, field)
+        # One stack of all entries, not one scatter for each: less to compile.
+        every = [new[index] if index in new else old[index] for index in np.ndindex(jnp.shape(old))]
+        array = jnp.stack(every).reshape(jnp.shape(old)) if jnp.ndim(old) else every[0]
+        module = _with(module, field, array)
+    for (field, at), of_child in inner.items():
+        held = getattr(module, field)
+        child = held if at is None else held[at]
+        new = (
+            child.with_parameters(of_child)
+            if isinstance(child, Parametrised)
+            else _replaced(child, of_child)
+        )
+        if at is not None:
+            new = type(held)([*held[:at], new, *held[at + 1 :]])
+        module = _with(module, field, new)
+    return module
+
+
+def _with(module: _Module, field: str, value: Any) -> _Module:
+    return eqx.tree_at(lambda m: getattr(m, field), module, value)
+
+
+def _template(cls: type[_Family], fields: Mapping[str, Any]) -> _Family:
+    given = dict(fields)
+    for field in dataclasses.fields(cls):
+        has_default = (
+            field.default is not dataclasses.MISSING
+            or field.default_factory is not dataclasses.MISSING
+        )
+        if field.name in given or not field.init or has_default:
+            continue
+        spec = declaration(field)
+        annotation: Any = field.type
+        array = bool(getattr(annotation, "dims", ())) and annotation.index_variadic is None
+        if not isinstance(spec, Declared) or array:
+            raise ValueError(
+                f"the field {field.name!r} of {cls.__name__} has no default and is no scalar "
+                f"parameter: give it, as in template({cls.__name__}, {field.name}=...)"
+            )
+        given[field.name] = middle(spec)
+    # JAX compiles a program for each shape that it takes in as a number or NumPy array; not so here.
+    host = (float, np.ndarray)
+    return cls(**{n: jax.device_put(v) if isinstance(v, host) else v for n, v in given.items()})
+
+
+_Model = TypeVar("_Model", bound=Parametrised)
+
+
+class Apart(eqx.Module, Generic[_Model]):
+    """The free parameters of a model, scaled and bounded, and the model that they are parts of.
+
+    A parameter with two finite bounds is scaled to 0 at the lower and 1 at the upper one; another
+    is divided by its scale.
+
+    Attributes:
+        whole: the model, whose other parameters stay.
+        names: of the free parameters.
+        scaled: their present values, scaled, shape (free,).
+        low, high: their bounds, scaled, shape (free,); infinite where there is none.
+        offset, scale: value = offset + scale * scaled, in the declared units, shape (free,).
+    """
+
+    whole: _Model
+    names: tuple[str, ...] = eqx.field(static=True)
+    scaled: Float[Array, " free"]
+    low: Float[Array, " free"]
+    high: Float[Array, " free"]
+    offset: Float[Array, " free"]
+    scale: Float[Array, " free"]
+
+    def values(self, scaled: Real) -> dict[str, RealArray]:
+        """The parameters by name, in their declared units."""
+        values = self.offset + self.scale * as_real(scaled)
+        return {name: values[i] for i, name in enumerate(self.names)}
+
+    def muscle(self, scaled: Real) -> _Model:
+        """The model with these scaled parameters, put together again; jit, grad and vmap safe.
+
+        It is for the caller to keep `scaled` between `low` and `high`, or to work in R^n with
+        `unbounded` and `bounded`.
+        """
+        return self.whole.with_parameters(self.values(scaled))
+
+    def bounded(self, z: Real) -> Float[Array, " free"]:
+        """From R^n to the box, smooth and one to one: scaled parameters strictly within bounds.
+
+        A logistic curve between two bounds, softplus above or below one, and z itself where there
+        is none.
+        """
+        z = as_real(z)
+        both, below, above = self._finite
+        low, high = jnp.where(below, self.low, 0.0), jnp.where(above, self.high, 0.0)
+        return jnp.select(
+            [both, below, above],
+            [
+                low + (high - low) * jax.nn.sigmoid(z),
+                low + jax.nn.softplus(z),
+                high - jax.nn.softplus(-z),
+            ],
+            z,
+        )
+
+    @property
+    def unbounded(self) -> Float[Array, " free"]:
+        """The z of the present values: the inverse of `bounded`.
+
+        Raises:
+            ValueError: a present value is not strictly within its bounds.
+        """
+        inside = (self.scaled > self.low) & (self.scaled < self.high)
+        if not isinstance(inside, Tracer) and not np.all(inside):
+            outside = [
+                n for n, good in zip(self.names, np.asarray(inside), strict=True) if not good
+            ]
+            raise ValueError(
+                f"{', '.join(outside)}: no point of R^n stands for a value at or beyond its bounds. "
+                "Start strictly within them, or give other bounds"
+            )
+        both, below, above = self._finite
+        width = jnp.where(both, self.high - self.low, 1.0)
+        share = jnp.where(both, (self.scaled - self.low) / width, 0.5)
+        up = jnp.where(below & ~both, self.scaled - self.low, 1.0)
+        down = jnp.where(above & ~both, self.high - self.scaled, 1.0)
+        return jnp.select(
+            [both, below, above],
+            [jnp.log(share) - jnp.log1p(-share), _inverse_softplus(up), -_inverse_softplus(down)],
+            self.scaled,
+        )
+
+    @property
+    def _finite(
+        self,
+    ) -> tuple[Bool[Array, " free"], Bool[Array, " free"], Bool[Array, " free"]]:
+        """Which parameters have both bounds, a lower one, an upper one."""
+        below, above = jnp.isfinite(self.low), jnp.isfinite(self.high)
+        return below & above, below, above
+
+
+def take_apart(
+    model: _Model,
+    free: Iterable[str] | None = None,
+    *,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> Apart[_Model]:
+    """A model as a flat vector of free parameters of order one, with bounds, and the rest.
+
+    Args:
+        model: a muscle, or any other module with declared parameters.
+        free: names of the parameters that may change; by default all that are declared.
+        bounds: (low, high) in the declared units by name, in place of the declared ranges.
+
+    Returns:
+        `Apart`: `.scaled`, `.low`, `.high`, `.names`, and `.muscle(scaled)`, the way back.
+
+    Raises:
+        ValueError: an unknown name, one that is given twice, bounds of a parameter that is not
+            free, or a lower bound that is not below the upper one.
+
+    >>> from famjax.materials import NeoHookeanMaterial
+    >>> apart = take_apart(NeoHookeanMaterial(2e5), bounds={"shear_modulus": (0.0, 1e6)})
+    >>> print(apart.names, apart.scaled, apart.muscle(apart.scaled * 2).shear_modulus)
+    ('shear_modulus',) [0.2] 400000.0
+    """
+    known, values = model.declared(), model.parameters()
+    names = tuple(known if free is None else free)
+    given = {} if bounds is None else dict(bounds)
+    for name in (*names, *given):
+        if name not in known:
+            raise ValueError(
+                f"{type(model).__name__} has no parameter {name!r}; it has {', '.join(known)}"
+            )
+    if len(set(names)) < len(names):
+        raise ValueError(f"each free parameter is named once, got {', '.join(names)}")
+    for name, (low, high) in given.items():
+        if name not in names:
+            raise ValueError(f"bounds are for free parameters; {name!r} is not one of them")
+        if not low < high:
+            raise ValueError(
+                f"the lower bound of {name!r} must be below the upper one, got {low} and {high}. "
+                "To hold a parameter leave it out of `free`"
+            )
+    at = jnp.stack([values[name] for name in names]) if names else jnp.zeros(0)
+    ends = [given.get(name, (known[name].low, known[name].high)) for name in names]
+    low, high = (jnp.asarray(end, at.dtype) for end in np.array(ends, float).reshape(-1, 2).T)
+    ranged = jnp.isfinite(low) & jnp.isfinite(high)
+    offset = jnp.where(ranged, low, 0.0)
+    magnitude = jnp.stack([_scale(known[n], values[n]) for n in names]) if names else at
+    scale = jnp.where(ranged, high - low, magnitude)
+    return Apart(
+        whole=model,
+        names=names,
+        scaled=(at - offset) / scale,
+        low=(low - offset) / scale,
+        high=(high - offset) / scale,
+        offset=offset,
+        scale=scale,
+    )
+
+
+def _scale(declared: Declared, value: RealArray) -> RealArray:
+    """The declared scale, or the size of the value at hand, or 1 where it is zero."""
+    if declared.scale is not None:
+        return jnp.asarray(declared.scale, value.dtype)
+    size = jax.lax.stop_gradient(jnp.abs(value))
+    return jnp.where(size > 0, size, 1.0)
+
+
+def _inverse_softplus(x: RealArray) -> RealArray:
+    """Z with log(1 + exp(z)) = x > 0."""
+    return x + jnp.log(-jnp.expm1(-x))

@@ -1,0 +1,289 @@
+"""A safe muscle anywhere: finite, slack, rising, C1, and its derivatives those of its values."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, example, given, settings, strategies as st
+
+import famjax
+from famjax.boundary.errors import InputError
+from famjax.continuation import Region, SafeMuscle, bent, rising_region, taut, untaut
+from famjax.muscle import MeanMuscle, MountedMuscle
+
+ROUNDING = 1e-9  # of the largest slope in the batch: of nested derivatives in float64
+JUMP = 1e-5  # of the same: what a C1 slope changes over 2e-8 of the range, bent on 1e-3 of it
+FLOAT32 = 2e-3  # of the largest stiffness or force of the region: second derivatives in float32
+
+SAME = 1e-11  # relative, of forces that begin at a thousandth of the largest: the compiler's order
+
+N = 400
+QUICK = settings(
+    max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+numbers = st.floats(0.0, 1.0)
+
+
+def polynomial(u: list[float]) -> famjax.Muscle:
+    """A muscle of three coefficients, of which any may be negative: it need not be monotone."""
+    braid = famjax.Braid.from_rest(
+        diameter=0.012 + 0.02 * u[0], braid_angle=1.0 + 0.25 * u[1], length=0.3
+    )
+    bladder = famjax.Bladder(0.3, 0.011 + 0.018 * u[0], 0.0012 + 0.0008 * u[2], embedded=True)
+    rubber = famjax.PolynomialMaterial(1e6 * (np.array(u[3:6]) * [1.5, 3, 3] - [0.0, 1.0, 1.0]))
+    return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), rubber, 6e4 * u[6])
+
+
+def compliant(u: list[float]) -> famjax.AbstractMuscle:
+    """The mean of two: soft threads and rounded ends, and the plain one of the same numbers."""
+    plain = polynomial(u)
+    shape = plain.geometry
+    soft = famjax.braids.CompliantBraid.of(shape.braid, 4e-6 * u[7])
+    ends = famjax.geometries.EndEffectGeometry(
+        famjax.EstimatedGeometry(soft, shape.bladder), 1 + 0.2 * u[8]
+    )
+    rubber = famjax.materials.OgdenMaterial([-1e6 * (0.1 + u[3])], [-1 - 6 * u[4]])
+    return MeanMuscle([famjax.Muscle(ends, rubber, 6e4 * u[6]), plain])
+
+
+KINDS = {"polynomial": polynomial, "mean": compliant}
+
+
+@eqx.filter_jit
+def slopes(of: SafeMuscle, L: jax.Array, P: jax.Array) -> tuple[jax.Array, ...]:
+    """Force, stiffness and area; force and area as if it could push; all by one program."""
+
+    def in_both(of: famjax.AbstractMuscle) -> tuple[jax.Array, jax.Array, jax.Array]:
+        value = jax.vmap(jax.value_and_grad(of.force, (0, 1)))
+        force, (stiffness, area) = value(L, P)
+        return force, stiffness, area
+
+    return *in_both(of), *in_both(of.continued)
+
+
+def safe(kind: str, u: list[float], contraction: float, top: float) -> SafeMuscle:
+    lengths, pressures = [0.3 * (1 - contraction), 0.3], [3e4, top]
+    try:
+        return SafeMuscle.of(KINDS[kind](u), lengths, pressures)
+    except InputError:
+        assume(False)
+        raise
+
+
+def random_states(of: SafeMuscle, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Over +-100 % strain and twice the pressure; half of them at a length or pressure of the data."""
+    rng = np.random.default_rng(seed)
+    L, P = 0.6 * rng.random(N), 2 * float(of.data.pressure[1]) * rng.random(N)
+    inside = rng.random(N) < 0.25, rng.random(N) < 0.25
+    (l0, l1), (p0, p1) = (np.asarray(one) for one in (of.region.length, of.region.pressure))
+    L = np.where(inside[0], l0 + (l1 - l0) * rng.random(N), L)
+    return L, np.where(inside[1], p0 + (p1 - p0) * rng.random(N), P)
+
+
+def outside(of: SafeMuscle, L: np.ndarray, P: np.ndarray) -> np.ndarray:
+    (l0, l1), (p0, p1) = (np.asarray(one) for one in (of.region.length, of.region.pressure))
+    return (l0 > L) | (l1 < L) | (p0 > P) | (p1 < P)
+
+
+MUSCLES = {
+    "kind": st.sampled_from(list(KINDS)),
+    "u": st.lists(numbers, min_size=9, max_size=9),
+    "contraction": st.floats(0.1, 0.25),
+    "top": st.floats(2e5, 8e5),
+    "seed": st.integers(0, 1000),
+}
+
+
+@pytest.mark.slow
+@QUICK
+@given(**MUSCLES)
+@example(  # the stiffness at the lowest rising pressure fell between two lines of the grid
+    kind="polynomial", contraction=0.1875, top=2e5, seed=2,
+    u=[0.57421875, 0.205078125, 0.9296875, 0.0, 0.0, 0.36328125, 0.205078125, 0.0, 0.0],
+)  # fmt: skip
+def test_outside_nothing_falls_and_all_is_finite(kind, u, contraction, top, seed) -> None:
+    of = safe(kind, u, contraction, top)
+    L, P = random_states(of, seed)
+    F, K, A, G, G_L, G_P = (np.asarray(one) for one in slopes(of, L, P))
+    assert all(np.isfinite(one).all() for one in (F, K, A, G, G_L, G_P))
+    away = outside(of, L, P)
+    assert away.sum() > N / 2
+    assert (F >= 0).all()
+    for slope in (K, G_L, A, G_P):
+        assert slope[away].min() >= -ROUNDING * np.abs(slope).max()
+    np.testing.assert_array_equal(F[G <= 0], 0.0)  # slack is slack
+    at_lock = float(of.continued.stops[0] - 0.05 * of.rest_length)
+    assert (F[at_lock > L] == 0).all()  # whatever the pressure
+
+
+@pytest.mark.slow
+@QUICK
+@given(**MUSCLES)
+def test_derivatives_are_those_of_the_values(kind, u, contraction, top, seed) -> None:
+    of = safe(kind, u, contraction, top)
+    L, P = random_states(of, seed)
+    _, K, A, *_ = (np.asarray(one) for one in slopes(of, L, P))
+    for slope, (dL, dP) in ((K, (6e-7, 0.0)), (A, (0.0, 1e-6 * top))):
+        ahead, behind = (np.asarray(slopes(of, L + s * dL, P + s * dP)[0]) for s in (1, -1))
+        differences = (ahead - behind) / (2 * max(dL, dP))
+        np.testing.assert_allclose(differences, slope, rtol=0, atol=_bends(slope))
+
+
+def _bends(slope: np.ndarray) -> float:
+    """A kink would be of the order of the slope itself; the blend into slack bends the sharpest."""
+    return 2e-2 * float(np.abs(slope).max())
+
+
+@pytest.mark.slow
+@QUICK
+@given(**MUSCLES)
+def test_the_force_is_c1_across_every_edge(kind, u, contraction, top, seed) -> None:
+    """Slopes on both sides of the region's edges and of the stops, at random places along them."""
+    of = safe(kind, u, contraction, top)
+    rng = np.random.default_rng(seed)
+    n = N // 8
+    anywhere = 0.6 * rng.random(n), 2 * top * rng.random(n)
+    region, stops = of.region, np.asarray(of.continued.stops)
+    edges = [(np.full(n, float(at)), anywhere[1], 6e-9, 0.0) for at in (*region.length, *stops)]
+    edges += [(anywhere[0], np.full(n, float(at)), 0.0, 1e-8 * top) for at in region.pressure]
+    L, P, dL, dP = (
+        np.concatenate([np.broadcast_to(edge[k], n) for edge in edges]) for k in range(4)
+    )
+    below, above = (slopes(of, L + s * dL, P + s * dP)[3:] for s in (-1, 1))
+    for one, other in zip(below, above, strict=True):
+        scale = float(np.abs(np.asarray(one)).max())
+        np.testing.assert_allclose(one, other, rtol=0, atol=JUMP * scale)
+
+
+@pytest.mark.slow
+@QUICK
+@given(**MUSCLES)
+def test_inside_it_is_the_model(kind, u, contraction, top, seed) -> None:
+    of = safe(kind, u, contraction, top)
+    rng = np.random.default_rng(seed)
+    (l0, l1), (p0, p1) = (np.asarray(one) for one in (of.region.length, of.region.pressure))
+    L, P = l0 + (l1 - l0) * rng.random(N), p0 + (p1 - p0) * rng.random(N)
+    model = eqx.filter_jit(of.continued.muscle.force)(L, P)
+    (
+        force,
+        *_,
+    ) = slopes(of, L, P)
+    loaded = np.asarray(model) >= float(of.slack_width)
+    np.testing.assert_allclose(np.asarray(force)[loaded], np.asarray(model)[loaded], rtol=SAME)
+
+
+LATEX = polynomial([0.5, 0.5, 0.5, 0.6, 0.4, 0.4, 0.5])
+
+
+@pytest.fixture(scope="module")
+def latex() -> SafeMuscle:
+    return SafeMuscle.of(LATEX, [0.24, 0.3], [5e4, 6e5])
+
+
+@pytest.mark.slow
+def test_equilibria_agree_with_the_force(latex: SafeMuscle) -> None:
+    for load in (0.3 * float(latex.slack_width), 50.0, 400.0):
+        length = latex.length_at_load(load, 3e5)
+        np.testing.assert_allclose(latex.force(length, 3e5), load, rtol=1e-9)
+    contraction = latex.free_contraction(1.5e5)
+    np.testing.assert_allclose(contraction, LATEX.free_contraction(1.5e5), rtol=1e-9)
+    onset = latex.onset_pressure(0.27, 6e5)
+    np.testing.assert_allclose(onset, LATEX.onset_pressure(0.27, 6e5), rtol=1e-9)
+    assert np.isnan(latex.length_at_load(-1.0, 3e5, throw=False))
+    # Twice the pressure of the data: no shorter than the braid goes.
+    lock = 1 - latex.continued.stops[0] / latex.rest_length
+    assert latex.free_contraction(1.2e6) < lock + 0.04
+
+
+@pytest.mark.slow
+def test_it_is_mapped_jitted_and_differentiated_in_its_own_numbers(latex: SafeMuscle) -> None:
+    L, P = jnp.array([0.1, 0.25, 0.29, 0.35, 0.6]), jnp.array([1e4, 2e5, 9e5, 4e5, 1.2e6])
+    one_by_one = [float(latex.force(float(a), float(b))) for a, b in zip(L, P, strict=True)]
+    np.testing.assert_allclose(jax.vmap(latex.force)(L, P), one_by_one, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(eqx.filter_jit(latex.force)(L, P), one_by_one, rtol=1e-12, atol=1e-9)
+
+    def pull(scale: jax.Array) -> jax.Array:
+        rubber = famjax.PolynomialMaterial(scale * LATEX.material.coefficients)
+        muscle = famjax.Muscle(LATEX.geometry, rubber, LATEX.deadband_pressure)
+        at = Region([0.24, 0.3], [5e4, 6e5])
+        return SafeMuscle.within(muscle, at).force(0.23, 7e5)
+
+    slope = jax.grad(pull)(jnp.ones(()))
+    np.testing.assert_allclose(slope, (pull(1 + 1e-5) - pull(1 - 1e-5)) / 2e-5, rtol=1e-6)
+
+
+def test_float32(latex: SafeMuscle) -> None:
+    single = jax.tree.map(lambda leaf: leaf.astype(np.float32), latex)
+    rng = np.random.default_rng(0)
+    L, P = 0.6 * rng.random(N), 1.2e6 * rng.random(N)
+    found = slopes(single, L.astype(np.float32), P.astype(np.float32))
+    wanted = slopes(latex, L, P)
+    for one, other in zip(found[:3], wanted[:3], strict=True):
+        assert one.dtype == np.float32
+        assert np.isfinite(one).all()
+        assert one.min() >= 0 or -one.min() <= FLOAT32 * one.max()
+        np.testing.assert_allclose(one, other, rtol=0, atol=FLOAT32 * np.abs(other).max())
+
+
+def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
+    falling = polynomial([0.5, 0.5, 0.5, 0.2, 0.1, 0.1, 0.9])
+    of = SafeMuscle.of(falling, [0.24, 0.3], [0.0, 6e5])
+    assert float(of.region.pressure[0]) > 0
+    assert any("monotone from" in note and "kPa" in note for note in of.notes)
+    assert SafeMuscle.of(LATEX, [0.27, 0.3], [2e5, 6e5]).notes == ()
+    kind = famjax.Muscle(LATEX.geometry, famjax.PolynomialMaterial([-9e7]), 0.0)
+    with pytest.raises(InputError, match="no region in which its pull rises"):
+        SafeMuscle.of(kind, [0.24, 0.3], [5e4, 6e5])
+    with pytest.raises(InputError, match="needs two lengths that differ"):
+        SafeMuscle.of(LATEX, [0.3], [5e4, 6e5])
+    with pytest.raises(InputError, match="pressures must be finite and >= 0"):
+        SafeMuscle.of(LATEX, [0.24, 0.3], [-5e4, 6e5])
+
+
+def test_the_largest_rectangle_is_found() -> None:
+    from famjax.continuation import largest_block
+
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        good = rng.random((6, 7)) < 0.8
+        (i0, i1), (j0, j1) = largest_block(good)
+        best = max(
+            (b - a) * (d - c)
+            for a in range(6) for b in range(a, 6) for c in range(7) for d in range(c, 7)
+            if good[a : b + 1, c : d + 1].all()
+        )  # fmt: skip
+        assert good[i0 : i1 + 1, j0 : j1 + 1].all()
+        assert (i1 - i0) * (j1 - j0) == best
+    whole, at = rising_region(LATEX, Region([0.27, 0.3], [2e5, 6e5]))
+    assert at.force.shape == (33, 65)
+    np.testing.assert_array_equal(whole.pressure, [2e5, 6e5])
+
+
+@pytest.mark.slow
+def test_a_rig_that_gives_way_is_continued_too(latex: SafeMuscle) -> None:
+    mounted = SafeMuscle.of(MountedMuscle(LATEX, 2e-6), [0.24, 0.3], [5e4, 6e5])
+    L, P = np.array([0.2, 0.28, 0.33]), np.array([2e5, 4e5, 9e5])
+    found = np.asarray(mounted.force(L, P))
+    assert np.isfinite(found).all()
+    # Inside the mounted muscle is shorter by 2 um/N of its own pull.
+    np.testing.assert_allclose(found[1], latex.force(0.28 - 2e-6 * found[1], 4e5), rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_pieces() -> None:
+    x, ends = jnp.linspace(-3, 3, 601), jnp.array([2.0, 0.0])
+    y = bent(x, ends)
+    np.testing.assert_array_equal(y[x >= -0.4], x[x >= -0.4])
+    assert y[0] > -0.5
+    assert (jnp.diff(y) > 0).all()
+    slope = jax.vmap(jax.grad(lambda x: bent(x, ends)))(jnp.array([-0.4 - 1e-9, -0.4 + 1e-9]))
+    np.testing.assert_allclose(slope, 1.0, atol=1e-7)
+    G, width = jnp.linspace(-1, 3, 401), jnp.asarray(2.0)
+    F = taut(G, width)
+    np.testing.assert_array_equal(F[G <= 0], 0.0)
+    np.testing.assert_array_equal(F[G >= 2], G[G >= 2])
+    assert float(jnp.max(G[G > 0] - F[G > 0])) < 0.15 * 2.0
+    np.testing.assert_allclose(untaut(F[G > 0], width), G[G > 0], rtol=1e-7)
+    assert np.isnan(untaut(jnp.asarray(-0.1), width))
+    np.testing.assert_allclose(jax.grad(taut)(jnp.asarray(2 - 1e-9), width), 1.0, atol=1e-7)
