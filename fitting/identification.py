@@ -13,7 +13,7 @@ from .families import LawGiven
 from .parameters import Parameter
 from .posing import EXCHANGES, Geometry, Posed, pose_one, pose_together
 from .result import Identification
-from .search import best_of, check_objective, descend_all, descend_huber, refine
+from .search import best_of, check_objective, descend_all, descend_reweighted, refine
 from .summary import optimal, summarise
 
 
@@ -62,9 +62,11 @@ def identify(
             `famjax.muscle.give_way`).
         noise: standard deviation of one reading [N], against which priors are weighed; needed
             with priors where the data have no `force_std`.
-        objective: "sum_of_squares" or "huber", which counts residuals beyond 1.345 standard
+        objective: "sum_of_squares"; "huber", which counts residuals beyond 1.345 standard
             deviations of the noise, as the median of the residuals shows it, by their size and
-            not their square; validation and uncertainty keep the weights found.
+            not their square; or "mean_rmse", the mean over pressures of the RMSE (Chambers 2021, equation
+            7.6). Validation and uncertainty keep the weights found. Readings of a region weigh more by
+            a smaller `force_std`.
         geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
             braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
             such as a `famjax.MeasuredGeometry`: as it is, and of it only what `bounds` or
@@ -130,7 +132,7 @@ def identify_together(
         constraint: on the coefficients.
         parameters: bounds, held values and priors, the same for every specimen.
         noise: standard deviation of one reading [N].
-        objective: "sum_of_squares" or "huber".
+        objective: as in `identify`.
         geometry: a class or function of the estimated geometry of each specimen.
         terms: further force terms, the same for every specimen; see `identify`.
         censored: as in `identify`.
@@ -177,14 +179,14 @@ def solve(
     Raises:
         InputError: no start ends at a force for every reading.
     """
-    problem, robust = posed.problem, None
-    if objective == "huber":
-        best, ends, robust = descend_huber(problem, starts, progress)
-        problem = problem.with_readings(factor=robust.weight)
+    problem, weights = posed.problem, None
+    if objective != "sum_of_squares":
+        best, ends, weights = descend_reweighted(problem, starts, objective, progress)
+        problem = problem.with_readings(factor=weights.factor)
     else:
         ends = descend_all(problem, starts, progress)
         best = best_of(ends)
     best, problem = refine(problem, best, EXCHANGES)
     best = best_of([best])  # a rig that gives way may have a force there only by way of the descent
-    found = optimal(problem, best, posed.law.order, robust)
-    return summarise(posed, found, ends, seed, robust)
+    found = optimal(problem, best, posed.law.order, weights)
+    return summarise(posed, found, ends, seed, weights)

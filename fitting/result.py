@@ -401,7 +401,8 @@ def doubts(result: "Identification") -> tuple[str, ...]:
             "fix one of them by --bounds, or add lengths and pressures."
         )
     found += _pulled(result)
-    outliers = result.weights < _OUTLYING
+    # Those of the mean RMSE are one in the mean and say nothing of single readings.
+    outliers = (result.weights < _OUTLYING) & (result.weights.max() <= 1)
     if outliers.any():
         found.append(
             f"{outliers.sum()} of {outliers.size} readings lie so far off that they count less than "

@@ -1,4 +1,4 @@
-"""The outer search: descents from many starts, Huber's weights, constraints exact between the stations.
+"""The outer search: descents from many starts, objectives by weights, constraints exact between stations.
 
 Huber's objective is the sum of rho(r), rho = r^2/2 where |r| <= d, else d |r| - d^2/2. At its optimum
 the weighted least squares with weights min(1, d/|r|) are stationary too, and every step towards it
@@ -191,7 +191,7 @@ def _cell(stations: Float[np.ndarray, " stations"]) -> float:
     return 1 / (stations.size - 1)
 
 
-OBJECTIVES = ("sum_of_squares", "huber")
+OBJECTIVES = ("sum_of_squares", "huber", "mean_rmse")
 
 TUNED = 1.345
 """Huber's threshold per standard deviation: 95 % efficient for normal noise (Huber 1981)."""
@@ -199,22 +199,23 @@ NORMAL_MAD = 1.4826
 """Standard deviations of normal noise in a median absolute deviation."""
 _SCALED = 8  # rounds in which the noise is estimated; the threshold is then kept
 _FROM_ALL = 3  # rounds that descend from every start
-_HUBER_ROUNDS = 200
+_REWEIGHTED = 200  # rounds, at most
 _SETTLED = 1e-9  # largest change of a weight
 _ROUNDING = 1e-9  # of the root mean square force: a spread below is none
 
 
 @dataclasses.dataclass(frozen=True)
-class Robust:
-    """What Huber's objective makes of the readings.
+class Weights:
+    """What an objective that is no sum of squares makes of the readings.
 
     Attributes:
-        weight: sqrt(min(1, d/|r|)) of every reading, a factor on its own weight, shape (points,).
-        threshold: d, in N or in standard deviations of the readings where they have some.
+        factor: of every reading, on its own weight, shape (points,).
+        threshold: of Huber's objective, in N or in standard deviations of the readings where they have
+            some; None of others.
     """
 
-    weight: Float[np.ndarray, " points"]
-    threshold: float
+    factor: Float[np.ndarray, " points"]
+    threshold: float | None
 
 
 def check_objective(objective: str, *, censored: bool = False) -> None:
@@ -228,17 +229,21 @@ def check_objective(objective: str, *, censored: bool = False) -> None:
         raise InputError(f"the objective is one of {', '.join(OBJECTIVES)}, got {objective!r}")
 
 
-def descend_huber(
-    problem: Problem, starts: np.ndarray, progress: Callable[[int, int], None] | None
-) -> tuple[End, list[End], Robust]:
-    """The optimum of Huber's objective.
+def descend_reweighted(
+    problem: Problem,
+    starts: np.ndarray,
+    objective: str,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[End, list[End], Weights]:
+    """The optimum of an objective that weighted least squares reach, weighed anew until that settles.
 
-    The threshold is 1.345 standard deviations of the noise, estimated from the median of the
+    Huber's threshold is 1.345 standard deviations of the noise, estimated from the median of the
     residuals as the first rounds go, and kept in those that follow.
 
     Args:
         problem: with the readings' own weights.
         starts: points of the unit box.
+        objective: "huber" or "mean_rmse".
         progress: called with (starts done, starts) in the first round.
 
     Returns:
@@ -248,30 +253,63 @@ def descend_huber(
         InputError: the weights did not settle.
     """
     points = problem.force.size
-    weight, threshold = np.ones(points), np.inf
+    factor, threshold = np.ones(points), None
     ends = descend_all(problem, starts, progress)
     best = best_of(ends)
-    for done in range(_HUBER_ROUNDS):
+    for done in range(_REWEIGHTED):
         # In the readings' own weights again.
-        residual = best.point.residual[:points] / weight
-        if done < _SCALED:
-            threshold = TUNED * _noise(problem, residual)
-        old, weight = weight, huber_weight(residual, threshold)
-        if done > _SCALED and np.abs(weight - old).max() <= _SETTLED:
-            return best, ends, Robust(weight, threshold)
-        changed = problem.with_readings(factor=weight)
+        residual, old = best.point.residual[:points] / factor, factor
+        if objective == "mean_rmse":
+            factor = mean_rmse_factor(residual, problem.levels("pressure"), _least(problem))
+        else:
+            if done < _SCALED:
+                spread = NORMAL_MAD * float(np.median(np.abs(residual)))
+                threshold = TUNED * max(spread, _least(problem))
+            assert threshold is not None
+            factor = huber_factor(residual, threshold)
+        if done > _SCALED and np.abs(factor - old).max() <= _SETTLED:
+            return best, ends, Weights(factor, threshold)
+        changed = problem.with_readings(factor=factor)
         if done < _FROM_ALL:
             ends = descend_all(changed, starts)
             best = best_of(ends)
         else:
             best = best_of(descend_all(changed, best.u[None]))
     raise InputError(
-        f"Huber's weights did not settle in {_HUBER_ROUNDS} rounds: the readings leave several fits "
-        "equally good. Fix parameters by bounds, or use objective='sum_of_squares'"
+        f"the weights of objective={objective!r} did not settle in {_REWEIGHTED} rounds: the readings "
+        "leave several fits equally good. Fix parameters by bounds, or use objective='sum_of_squares'"
     )
 
 
-def huber_weight(residual: np.ndarray, threshold: float) -> Float[np.ndarray, " points"]:
+def _least(problem: Problem) -> float:
+    """A spread below which there is none, in the unit of the weighted residual."""
+    return _ROUNDING * float(np.sqrt(np.mean((problem.force * problem.weight) ** 2)))
+
+
+def mean_rmse_factor(
+    residual: Float[np.ndarray, " points"], level: Float[np.ndarray, " points"], least: float
+) -> Float[np.ndarray, " points"]:
+    """Factors by which the sum of squares has the gradient of the mean RMSE, up to a constant.
+
+    The mean of sqrt(S_p/n_p) over the pressures p lies below its tangent in the S_p, so that each round
+    lowers it. One in the mean of the squares.
+
+    Args:
+        residual: in the readings' own weights.
+        level: pressure of each reading.
+        least: RMSE that counts as none.
+
+    References:
+        Chambers 2021, equation 7.6.
+    """
+    _, group = np.unique(level, return_inverse=True)
+    count = np.bincount(group)
+    rmse = np.maximum(np.sqrt(np.bincount(group, residual**2) / count), least)
+    square = (1 / (count * rmse))[group]
+    return np.sqrt(square / square.mean())
+
+
+def huber_factor(residual: np.ndarray, threshold: float) -> Float[np.ndarray, " points"]:
     """sqrt(min(1, d/|r|))."""
     size = np.abs(residual)
     return np.sqrt(np.where(size > threshold, threshold / np.where(size > 0, size, 1.0), 1.0))
@@ -290,11 +328,4 @@ def pseudo_residual(
     factor = (1 + unknowns / n_readings * (1 - within) / within) / within
     return np.concatenate(
         [factor * np.clip(readings, -threshold, threshold), residual[n_readings:]]
-    )
-
-
-def _noise(problem: Problem, residual: Float[np.ndarray, " points"]) -> float:
-    return max(
-        NORMAL_MAD * float(np.median(np.abs(residual))),
-        _ROUNDING * float(np.sqrt(np.mean((problem.force * problem.weight) ** 2))),
     )

@@ -23,7 +23,7 @@ from .posing import Posed, own_names
 from .problem import Part, Problem
 from .response import Report, unflat
 from .result import Certificate, Errors, Estimate, Identification
-from .search import Robust, pseudo_residual, rounding_of
+from .search import Weights, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
 
@@ -72,8 +72,8 @@ def joint_derivatives(
     )
 
 
-def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None) -> Optimal:
-    """The optimum at the end of a descent, with its covariance; `robust` as the problem is weighed."""
+def optimal(problem: Problem, end: End, order: int, weights: Weights | None = None) -> Optimal:
+    """The optimum at the end of a descent, with its covariance; `weights` of the objective."""
     point = end.point
     residual, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, end, rows)
@@ -82,13 +82,13 @@ def optimal(problem: Problem, end: End, order: int, robust: Robust | None = None
     off = np.zeros(residual.size, bool)
     off[: problem.force.size] = (problem.side != 0) & (residual[: problem.force.size] == 0)
     residual, jacobian = residual[~off], jacobian[~off]
-    if robust is not None:
+    if weights is not None and weights.threshold is not None:
         # The readings in their own weights again, their residuals as Huber's theory counts them.
-        own = np.concatenate([1 / robust.weight, np.ones(n_priors)])
+        own = np.concatenate([1 / weights.factor, np.ones(n_priors)])
         unknowns = int(np.sum(~held)) - len(set(map(tuple, rows)))
         jacobian = own[:, None] * jacobian
         residual = pseudo_residual(
-            own * residual, robust.weight.size, robust.threshold, max(unknowns, 1)
+            own * residual, weights.factor.size, weights.threshold, max(unknowns, 1)
         )
     spread = covariance(
         jacobian, residual, rows, held, bent=bent, n_priors=n_priors, noise=problem.noise
@@ -259,7 +259,7 @@ def summarise(
     found: Optimal,
     ends: Sequence[End],
     seed: int,
-    robust: Robust | None = None,
+    weights: Weights | None = None,
 ) -> tuple[Identification, ...]:
     """The identifications, one for each force map, that an optimum stands for."""
     problem, point = found.problem, found.point
@@ -300,7 +300,7 @@ def summarise(
                 constraint=posed.constraint,
                 dependence=posed.dependence,
                 seed=seed,
-                weights=_own_weights(robust, problem, k),
+                weights=_own_weights(weights, problem, k),
                 converged=bool(
                     certified and feasible and stationary and math.isfinite(errors.rmse)
                 ),
@@ -324,11 +324,11 @@ def _muscle_of(part: Part, numbers: Float[np.ndarray, " l"]) -> famjax.Muscle:
     return cast(MuscleFamily, part.family).final(unflat(part.family, numbers))
 
 
-def _own_weights(robust: Robust | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
+def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
     """The part of its own weight with which each loaded reading of a specimen counts."""
-    if robust is None:
+    if weights is None:
         return np.ones(int((problem.parts[k].side == 0).sum()))
-    return robust.weight[problem.readings[k]] ** 2
+    return weights.factor[problem.readings[k]] ** 2
 
 
 def _nodes_of(found: Optimal, place: int) -> slice:

@@ -10,7 +10,7 @@ import pytest
 
 import famjax
 from fitting import ForceData, Identification, InputError, Specimen, identify
-from fitting.search import huber_weight
+from fitting.search import huber_factor
 
 pytestmark = pytest.mark.slow
 
@@ -69,7 +69,7 @@ def test_the_optimum_is_that_of_the_function_itself(
     (threshold,) = np.unique((robust.weights * residual)[outlying].round(6))
     # Not tuned: 1.345 times the noise that the median shows.
     assert threshold == pytest.approx(1.345 * NOISE, rel=0.6)
-    np.testing.assert_allclose(robust.weights, huber_weight(residual, threshold) ** 2, atol=1e-6)
+    np.testing.assert_allclose(robust.weights, huber_factor(residual, threshold) ** 2, atol=1e-6)
     scale = jnp.abs(jnp.array(TRUTH))
 
     def objective(shares: jax.Array) -> jax.Array:
@@ -99,3 +99,26 @@ def test_without_outliers_nothing_much_changes() -> None:
 def test_an_objective_must_be_known(spoilt: tuple[ForceData, np.ndarray]) -> None:
     with pytest.raises(InputError, match="the objective is one of sum_of_squares, huber"):
         identify(dataclasses.replace(spoilt[0]), objective="median")
+
+
+def mean_rmse(values: np.ndarray, data: ForceData) -> float:
+    square = (np.asarray(force(jnp.asarray(values))) - data.force) ** 2
+    return float(np.mean([math.sqrt(square[data.pressure == one].mean()) for one in np.unique(P)]))
+
+
+def test_mean_rmse_is_least_where_nothing_near_is_less(
+    spoilt: tuple[ForceData, np.ndarray],
+) -> None:
+    data, _ = spoilt
+    found = identify(data, starts=8, objective="mean_rmse", constraint="none")
+    assert found.converged
+    values = np.array([one.value for one in found.estimates])
+    least = mean_rmse(values, data)
+    squares = identify(data, starts=8, constraint="none")
+    assert least < mean_rmse(np.array([one.value for one in squares.estimates]), data)
+    held = np.array([one.at_bound for one in found.estimates])
+    for place in np.flatnonzero(~held):
+        for step in (-1e-4, 1e-4):
+            near = values * np.where(np.arange(values.size) == place, 1 + step, 1)
+            assert mean_rmse(near, data) > least * (1 - 1e-9)
+    assert not any("Huber" in warning for warning in found.warnings)
