@@ -216,10 +216,34 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         spec = specs[field]
         return entry_name(spec, field, index) if isinstance(spec, Declared) else field
 
+    def __repr__(self) -> str:
+        return "\n".join(_described(self))
+
     @classmethod
     def template(cls: type[_Self], **fields: Any) -> _Self:
         """An instance to start from; see `famjax.parameters.template`."""
         return _template(cls, fields)
+
+
+def _described(part: eqx.Module) -> list[str]:
+    """A module as lines: its class, and below it every field with value and unit."""
+    lines = [type(part).__name__]
+    for field in dataclasses.fields(part):
+        value, spec = getattr(part, field.name), declaration(field)
+        parts = value if isinstance(value, tuple) else (value,)
+        if parts and all(isinstance(one, eqx.Module) for one in parts):
+            for one in parts:
+                first, *rest = _described(one)
+                lines += [f"  {field.name}: {first}", *(f"  {line}" for line in rest)]
+            continue
+        unit = spec.unit if spec is not None and isinstance(spec.unit, str) else ""
+        known = isinstance(value, jax.Array | np.ndarray) and not isinstance(value, Tracer)
+        text = eqx.tree_pformat(value)
+        if known:
+            shown = {"float_kind": "{:.6g}".format}
+            text = f"{np.array2string(np.asarray(value), formatter=shown)} {unit}".rstrip()
+        lines.append(f"  {field.name}: {text}")
+    return lines
 
 
 _Module = TypeVar("_Module", bound=eqx.Module)

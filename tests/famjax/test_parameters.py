@@ -263,3 +263,10 @@ def test_what_cannot_be_taken_apart() -> None:
         _ = at_bound.unbounded
     everything = famjax.take_apart(MUSCLE)
     assert everything.names == tuple(MUSCLE.declared())
+
+
+def test_a_muscle_prints_its_numbers_with_their_units() -> None:
+    braid = famjax.Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
+    text = repr(famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.002)))
+    assert "braid: Braid" in text
+    assert "rest_length: 0.3 m" in text
