@@ -73,7 +73,18 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     Returns:
         The same function.
     """
-    return _jit(function, inline=True)
+    return promoting(_jit(function, inline=True))
+
+
+def promoting(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """The function, whose arrays of different rank may meet, whatever the caller has forbidden his own."""
+
+    @functools.wraps(function)
+    def called(*args: _P.args, **named: _P.kwargs) -> _T:
+        with jax.numpy_rank_promotion("allow"):
+            return function(*args, **named)
+
+    return called
 
 
 def compiled_method(method: _Method) -> _Method:
@@ -91,6 +102,7 @@ def compiled_method(method: _Method) -> _Method:
     """
     whole = compiled(method)
 
+    @promoting
     @functools.wraps(method)
     def called(*arguments: Any, **named: Any) -> Any:
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, named))):

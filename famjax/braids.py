@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
-from ._arrays import Given, Real, RealArray, as_real, at_each, compiled_method, over_slope
+from ._arrays import Given, Real, RealArray, as_real, at_each, compiled, compiled_method, over_slope
 from .parameters import Parametrised, number, parameter
 
 NEUTRAL_ANGLE = math.atan(math.sqrt(0.5))
@@ -457,7 +457,7 @@ class _Rise(eqx.Module):
     done: Bool[Array, ""]
 
 
-@eqx.filter_jit
+@compiled
 def strain_under_line(
     thread: AbstractThread, constant: RealArray, slope: RealArray
 ) -> tuple[RealArray, Bool[Array, ""]]:
@@ -493,7 +493,7 @@ def strain_under_line(
     return jnp.where(found, strain, jnp.nan), found
 
 
-@eqx.filter_jit
+@compiled
 def strain_under_cubic(
     thread: AbstractThread, linear: RealArray, cubic: RealArray
 ) -> tuple[RealArray, Bool[Array, ""]]:

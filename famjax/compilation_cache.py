@@ -15,6 +15,8 @@ import sys
 import warnings
 from pathlib import Path
 
+from .boundary.errors import InputError
+
 VARIABLE = "FAMJAX_CACHE_DIR"
 LARGEST = 256 * 2**20
 """Bytes of all folders together; the entries that were written first go first."""
@@ -32,10 +34,22 @@ def start_jax() -> str:
 
     Returns:
         As `switch_on`.
+
+    Raises:
+        InputError: JAX finds no device.
     """
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_numpy_rank_promotion", "allow")
+    asked = os.environ.get("JAX_PLATFORMS", "")
+    try:
+        jax.devices()
+    except (AssertionError, RuntimeError):  # JAX raises either for a platform without a device
+        raise InputError(
+            f"JAX finds no device: JAX_PLATFORMS is {asked!r}, and this machine has none of that kind. Set "
+            "JAX_PLATFORMS=cpu, or unset it"
+        ) from None
     return switch_on()
 
 

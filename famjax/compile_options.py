@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from ._arrays import in_trace
+from ._arrays import in_trace, promoting
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -80,6 +80,7 @@ def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
         options: dict[str, Any] = {"compiler_options": quick_options()}
         return eqx.filter_jit(function, **options)
 
+    @promoting
     @functools.wraps(function)
     def quick(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         if _tracing(args, kwargs):

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Given, Real, RealArray, as_real
+from ._arrays import Given, Real, RealArray, as_real, promoting
 from .parameters import Declared, Parametrised, checked_values, number, parameter
 
 STRESS_SCALE = 1e6
@@ -102,6 +102,7 @@ class AbstractUniaxialLaw(AbstractMaterial):
         """Tangent modulus dsigma/deps [Pa] at engineering strain eps [-]."""
         return derivative(self.stress, as_real(strain))
 
+    @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
@@ -237,6 +238,7 @@ class PolynomialMaterial(AbstractMaterial):
         """True stress sigma [Pa] at engineering strain eps [-]; odd, sigma(-eps) = -sigma(eps)."""
         return odd_powers(strain, self.coefficients.shape[-1]) @ self.coefficients
 
+    @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
@@ -285,6 +287,7 @@ class PressurePolynomialMaterial(AbstractMaterial):
             return jnp.isfinite(at)
         return (at >= nodes[0]) & (at <= nodes[-1])
 
+    @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
@@ -347,6 +350,7 @@ class PlainPowerMaterial(AbstractMaterial):
 
     directions_interact: ClassVar[bool] = False
 
+    @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
@@ -393,6 +397,7 @@ class AbstractHyperelastic(AbstractMaterial):
         """Tangent modulus [Pa] of a tensile test at zero strain, E = 3 mu."""
         return 3 * self.initial_shear_modulus
 
+    @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
@@ -479,6 +484,7 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
         I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
         return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
 
+    @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
@@ -572,6 +578,7 @@ class OgdenMaterial(AbstractHyperelastic):
         powers = axial**a + hoop**a + (axial * hoop) ** -a
         return jnp.sum(self.moduli / a * (powers - 3), axis=-1)
 
+    @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:

@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Real, RealArray, as_real, at_each, compiled_method
+from ._arrays import Real, RealArray, as_real, at_each, compiled, compiled_method
 from .braids import AbstractBraid
 from .geometries import AbstractGeometry, Bladder, Dimensions, cylinder_dimensions
 from .profiles import AbstractProfile
@@ -390,7 +390,7 @@ def _states(
     return at, jnp.where(reached, pressure, measured), thread_length, reached
 
 
-@eqx.filter_jit
+@compiled
 def _measures(
     family: AbstractMeasuredFamily,
     bladder: Bladder,
@@ -415,7 +415,7 @@ def _measures(
     return at_each(one, length, pressure)
 
 
-@eqx.filter_jit
+@compiled
 def _mean_diameter(
     family: AbstractMeasuredFamily, order: int, length: RealArray, pressure: RealArray
 ) -> RealArray:

@@ -225,6 +225,10 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return _template(cls, fields)
 
 
+def _six_digits(number: Any) -> str:
+    return f"{number:.6g}"
+
+
 def _described(part: eqx.Module) -> list[str]:
     """A module as lines: its class, and below it every field with value and unit."""
     lines = [type(part).__name__]
@@ -240,8 +244,8 @@ def _described(part: eqx.Module) -> list[str]:
         known = isinstance(value, jax.Array | np.ndarray) and not isinstance(value, Tracer)
         text = eqx.tree_pformat(value)
         if known:
-            shown = {"float_kind": "{:.6g}".format}
-            text = f"{np.array2string(np.asarray(value), formatter=shown)} {unit}".rstrip()
+            numbers = np.array2string(np.asarray(value), formatter={"all": _six_digits})
+            text = f"{numbers} {unit}".rstrip()
         lines.append(f"  {field.name}: {text}")
     return lines
 

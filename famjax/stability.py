@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._arrays import Real, RealArray, as_real, at_each
+from ._arrays import Real, RealArray, as_real, at_each, promoting
 from .geometries import AbstractGeometry
 from .materials import AbstractMaterial
 
@@ -41,6 +41,7 @@ class PathStrains(eqx.Module):
         return jnp.sum(weights * work, axis=-1) / jnp.sum(weights * square, axis=-1)
 
 
+@promoting
 def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> PathStrains:
     """The strains along the actuation path, with their derivatives in length.
 
@@ -69,6 +70,7 @@ def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> Pa
     return at_each(one, as_real(length), as_real(pressure))
 
 
+@promoting
 def path_modulus(
     material: AbstractMaterial, geometry: AbstractGeometry, length: Real, pressure: Real
 ) -> RealArray:

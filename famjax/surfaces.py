@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Given, Real, RealArray, as_real, compiled_method
+from ._arrays import Given, Real, RealArray, as_real, compiled, compiled_method
 from .braids import AbstractBraid, diameter_from_length
 from .parameters import Parametrised, number
 from .profiles import AbstractAssumedShape, AbstractProfile, cardinal_splines, slope_matrix
@@ -260,7 +260,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
         return jnp.sort(jnp.concatenate(each))
 
 
-@eqx.filter_jit
+@compiled
 def _diameters(family: MeasuredFamily, x: RealArray, lengths: RealArray) -> RealArray:
     """Diameters [m] at the reference pressure, shape (lengths, positions)."""
     return family.diameter(x, lengths[:, None], family.reference_pressure)

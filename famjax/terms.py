@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Given, Real, RealArray, as_real, at_each
+from ._arrays import Given, Real, RealArray, as_real, at_each, compiled
 from .braids import AbstractBraid, gaylord_force
 from .geometries import AbstractGeometry, Dimensions
 from .materials import AbstractMaterial
@@ -76,7 +76,7 @@ class SumOfTerms(AbstractForceTerm):
             if not isinstance(term, AbstractForceTerm):
                 raise ValueError(
                     "a force term is derived from famjax.terms.AbstractForceTerm and has the method "
-                    f"force(at, pressure); got {term!r}. A bladder material becomes a "
+                    f"force(at, pressure); got {type(term).__name__}. A bladder material becomes a "
                     "term by famjax.terms.BladderWall(material)"
                 )
             flat.extend(term.terms if isinstance(term, SumOfTerms) else [term])
@@ -380,7 +380,7 @@ def pressure_terms(
     )
 
 
-@eqx.filter_jit
+@compiled
 def _rates(
     source: AbstractGeometry | AbstractProfileFamily,
     length: RealArray,

@@ -120,7 +120,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
             ) from None
     if not isinstance(law, famjax.materials.AbstractMaterial):
         raise InputError(
-            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {law!r}"
+            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {type(law).__name__}"
         )
     if not law.declared():
         raise InputError(

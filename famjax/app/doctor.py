@@ -1,6 +1,7 @@
 """Is all as it should be? `famjax doctor` of this installation, `famjax reproduce` of its figures."""
 
 import importlib.metadata
+import os
 import platform
 import sys
 from pathlib import Path
@@ -74,14 +75,20 @@ def doctor() -> int:
         print(f"  {name} {version}")
     import jax
 
-    print("devices:", ", ".join(str(device) for device in jax.devices()))
+    found = problems()
+    try:
+        print("devices:", ", ".join(str(device) for device in jax.devices()))
+    except (AssertionError, RuntimeError):
+        found.append(
+            f"JAX finds no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. Set "
+            "JAX_PLATFORMS=cpu, or unset it"
+        )
     print(
         "float64:",
         "on" if jax.config.read("jax_enable_x64") else "off in this process (JAX's default)",
         "- the famjax commands that identify switch it on themselves",
     )
     print("compilation cache:", _cache_sentence())
-    found = problems()
     for problem in found:
         print("problem:", problem)
     if not found:

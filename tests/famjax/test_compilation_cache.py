@@ -113,3 +113,15 @@ def test_doctor_says_where_programs_are_kept(tmp_path: Path) -> None:
     assert "off (FAMJAX_CACHE_DIR says so" in doctor(FAMJAX_CACHE_DIR="off")
     theirs = str(tmp_path / "theirs")
     assert theirs in doctor(JAX_COMPILATION_CACHE_DIR=theirs)
+
+
+def test_a_platform_without_a_device_is_refused_in_one_sentence() -> None:
+    code = """
+from famjax.compilation_cache import start_jax
+from famjax.boundary.errors import InputError
+try:
+    start_jax()
+except InputError as error:
+    print(error)
+"""
+    assert "JAX_PLATFORMS is 'nothing'" in in_fresh_process(code, JAX_PLATFORMS="nothing")

@@ -220,3 +220,12 @@ def test_a_braid_angle_in_degrees_is_refused(degrees: float) -> None:
         famjax.Braid.from_rest(diameter=0.0236, braid_angle=degrees, length=0.296)
     half_turn = jnp.asarray(np.pi / 2, jnp.float32)
     famjax.Braid.from_rest(diameter=0.0236, braid_angle=half_turn, length=0.296)
+
+
+def test_a_caller_who_forbids_rank_promotion_still_has_forces() -> None:
+    law = famjax.materials.OgdenMaterial([4e5], [2.0])
+    braid = famjax.Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
+    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.002)), law)
+    with jax.numpy_rank_promotion("raise"):
+        assert muscle.force(jnp.array([0.28, 0.3]), 4e5).shape == (2,)
+        assert famjax.path_modulus(law, muscle.geometry, jnp.array([0.28, 0.3]), 4e5).min() > 0
