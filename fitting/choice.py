@@ -81,26 +81,29 @@ class Choice:
         """How clear the choice was, in a sentence."""
         first, *others = self.tried
         if not others:
-            return f"Only one family can be carried by this map: {self.name}."
-        near = [one for one in others if one.held_out <= NEAR * first.held_out]
-        alike = sum(one.alike for one in others)
-        band = (
-            f"; {alike} others fit the readings alike (RMSE within {ALIKE:g} times the smallest), and the "
-            "band contains what they disagree about" if alike else ""
-        )  # fmt: skip
-        if near:
-            return (
-                f"Not clear: {', '.join(one.candidate.name for one in near)} "
-                f"{'has' if len(near) == 1 else 'have'} a held-out error within a tenth of that of "
-                f"{self.name}, which comes first on the ladder{band}."
-            )
+            return f"Only {self.name} could be tried: the map is too small for more."
+        near = [one.candidate.name for one in others if one.held_out <= NEAR * first.held_out]
         second = min(others, key=lambda one: one.held_out)
-        least = (
-            f"; that of the next, {second.candidate.name}, is "
-            f"{second.held_out / first.held_out:.3g} times as large"
-            if np.isfinite(second.held_out) else ""
-        )  # fmt: skip
-        return f"{self.name} has the smallest held-out error{least}{band}."
+        if near:
+            found = (
+                f"Not clear: {' and '.join(near)} and {self.name} predict readings left out about "
+                f"equally well. {self.name} is kept, as the law that is believed first."
+            )
+        elif np.isfinite(second.held_out):
+            found = (
+                f"{self.name} predicts readings left out best; {second.candidate.name}, the next, "
+                f"errs {second.held_out / first.held_out:.3g} times as much."
+            )
+        else:
+            found = f"{self.name} predicts readings left out best."
+        alike = [one.candidate.name for one in others if one.alike]
+        if alike:
+            found += (
+                f" {', '.join(alike)} fit{'s' if len(alike) == 1 else ''} the readings about as well "
+                f"(RMSE within {ALIKE:g} times the smallest); the error band covers what the models "
+                "disagree about."
+            )
+        return found
 
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]

@@ -386,27 +386,27 @@ def doubts(result: "Identification") -> tuple[str, ...]:
     ]  # fmt: skip
     if beyond:
         found.append(
-            f"{' and '.join(beyond)}: of an equivalent cylinder, which stands for ends and wall as "
-            "well; not to be taken for a dimension of the muscle."
+            f"{' and '.join(beyond)} describe an equivalent cylinder, which accounts for the rounded "
+            "ends and the wall. Do not take them for dimensions of the braid."
         )
     stopped = [e.name for e in result.estimates if e.at_bound]
     if stopped:
         found.append(
-            f"At a bound: {', '.join(stopped)}. The data alone would go further, so no standard "
-            "error is given; the errors of the others hold with these kept where they are."
+            f"{', '.join(stopped)}: at the bound of the search. The data alone would go further, so "
+            "there is no standard error; the other errors hold with this value fixed."
         )
     if not np.isfinite(condition) or condition > CONDITION_LIMIT:
         found.append(
-            "The parameters cannot be told apart by these data, so no standard errors are given: "
-            "fix one of them by --bounds, or add lengths and pressures."
+            "These data do not determine every parameter separately, so there are no standard "
+            "errors. Hold one of them by --bounds, or measure more lengths and pressures."
         )
     found += _pulled(result)
     # Those of the mean RMSE are one in the mean and say nothing of single readings.
     outliers = (result.weights < _OUTLYING) & (result.weights.max() <= 1)
     if outliers.any():
         found.append(
-            f"{outliers.sum()} of {outliers.size} readings lie so far off that they count less than "
-            f"{_OUTLYING:g} of what the others do (Huber's objective); look at them."
+            f"{outliers.sum()} of {outliers.size} readings lie so far off that each counts less than "
+            f"{_OUTLYING:g} of an ordinary one (Huber's objective). Look at them."
         )
     names = result.problem.names + result.problem.linear
     plain = dict(zip(names, np.sqrt(np.diag(result.covariance)), strict=True))
@@ -416,22 +416,21 @@ def doubts(result: "Identification") -> tuple[str, ...]:
     ]  # fmt: skip
     if unequal:
         found.append(
-            f"The residuals are not equal noise: the sandwich's standard errors of "
-            f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g} from those of equal "
-            "noise; the larger are given."
+            f"The noise differs between readings: robust (sandwich) standard errors of "
+            f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g} from the usual ones. "
+            "The larger are given."
         )
     found += _ridges(result)
     if result.active_constraints:
         found.append(
-            "A constraint or a bound on the coefficients is active: standard errors hold along it "
-            "only."
+            "A constraint on the coefficients is active: their standard errors hold along it only."
         )
     if not result.certificate.stability_margin >= -rounding_of(result.end.point):
         found.append(
             Sentence(
                 "The law is NOT Drucker-stable on the actuation path (margin ",
                 Quantity(result.certificate.stability_margin, "stress"),
-                "): do not extrapolate or simulate with it; --constraint drucker gives the best stable "
+                "). Do not extrapolate or simulate with it; --constraint drucker finds the best stable "
                 "law.",
             )
         )
@@ -446,18 +445,17 @@ def doubts(result: "Identification") -> tuple[str, ...]:
             )
         )
     if result.certificate.n_agreeing < 2 < result.certificate.n_starts:
-        found.append("Only one start reached the best objective: try more, by starts in Python.")
+        found.append("Only one start reached the best fit: give more (starts=, in Python).")
     if not result.converged:
-        found.append("The fit did NOT converge; its numbers are not an optimum.")
+        found.append("The fit did NOT converge. Do not use its numbers.")
     return tuple(found)
 
 
 def _pulled(result: "Identification") -> list[str]:
     """Parameters that the data drag far from what was said to be known of them."""
     return [
-        f"{e.name} lies {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations of its "
-        "prior away from it: the prior is too narrow, or the parameter makes up for a fault of "
-        "the model."
+        f"{e.name} lies {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
+        "prior. Either the prior is too narrow, or the parameter makes up for a fault of the model."
         for e in result.estimates
         if e.prior is not None and abs(e.value - e.prior[0]) > _PULLED * e.prior[1]
     ]
@@ -468,8 +466,8 @@ def _ridges(result: "Identification") -> list[str]:
     names, stderr = result.problem.names, np.sqrt(np.diag(result.covariance))
     correlation = result.covariance / np.outer(stderr, stderr)
     return [
-        f"Ridge: {first} and {names[j]} are correlated by {correlation[i, j]:.4f}; only a "
-        "combination of them is known well."
+        f"Ridge: {first} and {names[j]} have a correlation of {correlation[i, j]:.4f}. The data tell a "
+        "combination of the two, not each."
         for i, first in enumerate(names)
         for j in range(i + 1, len(names))
         if abs(correlation[i, j]) > _RIDGE

@@ -88,7 +88,7 @@ def test_a_parameter_at_its_bound_has_no_error_bar(fitted20: Identification) -> 
     stopped = [e for e in fitted20.estimates if e.at_bound]
     assert [e.name for e in stopped] == ["braid_diameter"]
     assert math.isnan(stopped[0].stderr)
-    assert any("At a bound: braid_diameter" in warning for warning in fitted20.warnings)
+    assert any("braid_diameter: at the bound" in warning for warning in fitted20.warnings)
     with pytest.raises(KeyError, match="no parameter 'spam'"):
         fitted20.estimate("spam")
 

@@ -76,7 +76,13 @@ def test_report_is_one_self_contained_page(fitted20: Identification) -> None:
     page = html_report(fitted20)
     assert page.startswith("<!doctype html>")
     assert not re.search(r'(?:src|href)="(?!#|data:)', page)
-    for needed in ("<svg", "braid_diameter", "Drucker-stable", fitted20.data.sha256, "At a bound"):
+    for needed in (
+        "<svg",
+        "braid_diameter",
+        "Drucker-stable",
+        fitted20.data.sha256,
+        "at the bound",
+    ):
         assert needed in page
 
 
