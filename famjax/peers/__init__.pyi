@@ -1,19 +1,21 @@
-from .abstract_peer import PeerModel as PeerModel
-from .bolen import Bolen as Bolen
-from .braid_alone import ChouHannaford as ChouHannaford, Gaylord as Gaylord
-from .empirical import (
-    Hildebrandt as Hildebrandt,
-    PolynomialSurface as PolynomialSurface,
-    Wickramatunge as Wickramatunge,
-)
-from .force_balance import (
+from .balance import (
+    ChouHannaford as ChouHannaford,
+    Gaylord as Gaylord,
+    Hunt as Hunt,
+    Kerscher as Kerscher,
     Kothera as Kothera,
+    Martens as Martens,
+    PeerModel as PeerModel,
+    TonduLopez as TonduLopez,
     ferraresi as ferraresi,
     hocking_wereley as hocking_wereley,
     klute_hannaford as klute_hannaford,
     robinson as robinson,
 )
-from .hunt import Hunt as Hunt
-from .martens import Martens as Martens
-from .sarosi import Sarosi as Sarosi
-from .tondu_lopez import Kerscher as Kerscher, TonduLopez as TonduLopez
+from .empirical import (
+    Bolen as Bolen,
+    Hildebrandt as Hildebrandt,
+    PolynomialSurface as PolynomialSurface,
+    Sarosi as Sarosi,
+    Wickramatunge as Wickramatunge,
+)

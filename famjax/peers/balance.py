@@ -1,0 +1,659 @@
+"""Published models that balance forces: the braid, with corrections, walls and laws of the bladder.
+
+A new one has its parameters as fields, `force(length, pressure)` and `length_range()`, where it holds.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int
+
+from .._arrays import Given, Real, RealArray, as_real, at_each, compiled, over_slope
+from ..braids import (
+    NEUTRAL_ANGLE,
+    AbstractBraid,
+    Braid,
+    braid_angle_from_length,
+    diameter_from_length,
+    gaylord_force,
+)
+from ..geometries import AbstractGeometry
+from ..materials import MooneyRivlinMaterial, PlainPowerMaterial, PolynomialMaterial
+from ..muscle import AbstractMuscle, Muscle
+from ..parameters import number, parameter
+from ..profiles import kothera_length, tondu_lopez_length
+from ..units import BAR, DEGREE, KILOPASCAL, MEGAPASCAL
+
+_Force = TypeVar("_Force", bound=Callable[..., Any])
+_ANY_PRESSURE = 1e5  # Pa, at which every model has a force
+
+
+class PeerModel(AbstractMuscle):
+    """A static force model of a fluidic artificial muscle.
+
+    The fields are its parameters, in SI. As with `famjax.Muscle`, the force is not clipped: a
+    negative one means that a real muscle is slack.
+    """
+
+
+def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
+    """From just below the neutral angle to the length [m] of the unloaded threads."""
+    thread = braid.rest_thread_length
+    return 0.95 * math.sin(NEUTRAL_ANGLE) * thread, thread
+
+
+def around_rest(rest_length: RealArray) -> tuple[RealArray, RealArray]:
+    """From half the rest length [m] to a tenth above it: beyond what muscles do."""
+    return 0.5 * rest_length, 1.1 * rest_length
+
+
+def known(rest_length: RealArray | None, model: AbstractMuscle) -> RealArray:
+    """The rest length of a model that works without one.
+
+    Raises:
+        ValueError: it was not given.
+    """
+    if rest_length is None:
+        raise ValueError(
+            f"the force of {type(model).__name__} knows no rest length, so that it has neither a "
+            "blocked force nor a contraction; give it resting_length [m]"
+        )
+    return rest_length
+
+
+def where_it_holds(formula: _Force) -> _Force:
+    """A model's force, nan where length or pressure are no numbers, or the length is not positive.
+
+    The formula is asked of other numbers there: nan itself would spoil, in reverse mode, the derivatives
+    of all other members of a batch.
+    """
+
+    @functools.wraps(formula)
+    def force(self: Any, length: Real, pressure: Real) -> RealArray:
+        L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        holds = (L > 0) & jnp.isfinite(L) & jnp.isfinite(P)
+        middle = jax.lax.stop_gradient(sum(self.length_range()) / 2)
+        found = formula(self, jnp.where(holds, L, middle), jnp.where(holds, P, _ANY_PRESSURE))
+        return jnp.where(holds, found, jnp.nan)
+
+    return force  # type: ignore[return-value] # of the formula's own signature
+
+
+_MAX_STEPS = 100
+
+
+class _Bracket(eqx.Module):
+    """State of the search: the root lies between `low` and `high`, and `y` is tried next."""
+
+    low: RealArray
+    high: RealArray
+    y: RealArray
+    step: RealArray
+    steps: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+def falling_root(residual: Callable[[RealArray], RealArray], start: RealArray) -> RealArray:
+    """The root on [0, 1] of a residual that falls there, with implicit derivatives.
+
+    A step of Newton's method that leaves the bracket, or is not half as long as the one before, is
+    replaced by a bisection. Derivatives of any order are taken by the implicit function theorem, in
+    whatever the residual depends on.
+
+    Args:
+        residual: r(y) of a scalar, of order one, with r(0) >= 0 >= r(1).
+        start: where the search begins, within the interval, shape ().
+
+    Returns:
+        y, shape (); 0 where the residual is below zero there, so that it does no harm to others in
+        a batch.
+    """
+    eps = float(jnp.finfo(start.dtype).eps)
+    rough, fine = eps**0.8, 4 * eps
+
+    def solve(function: Callable[[RealArray], RealArray], start: RealArray) -> RealArray:
+        zero, one = jnp.zeros_like(start), jnp.ones_like(start)
+
+        def narrow(at: _Bracket) -> _Bracket:
+            value, slope = jax.jvp(function, (at.y,), (one,))
+            low = jnp.where(value > 0, at.y, at.low)
+            high = jnp.where(value > 0, at.high, at.y)
+            newton = at.y - value / slope
+            usable = (newton >= low) & (newton <= high)
+            usable &= jnp.abs(newton - at.y) <= 0.5 * at.step
+            y = jnp.where(usable, newton, 0.5 * (low + high))
+            step = jnp.abs(y - at.y)
+            # What a step of Newton's method leaves is of the order of its square.
+            return _Bracket(
+                low, high, y, step, at.steps + 1, step <= jnp.where(usable, rough, fine)
+            )
+
+        none = function(zero) <= 0
+        begin = _Bracket(zero, one, jnp.where(none, zero, start), 2 * one, jnp.array(0), none)
+        return jax.lax.while_loop(lambda at: ~at.done & (at.steps < _MAX_STEPS), narrow, begin).y
+
+    return jax.lax.custom_root(residual, start, solve, over_slope)
+
+
+class Gaylord(PeerModel):
+    """The pull of a pressurised braid; the bladder is neglected but for a deadband and an offset.
+
+    F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
+
+    This is also virtual work, -(P - P_d) dV/dL + F_0, and Chou and Hannaford's model without wall.
+    With a `CompliantBraid` it is Davis' model of threads that stretch.
+
+    Attributes:
+        braid: threads about the bladder.
+        deadband_pressure: P_d [Pa], zero in the originals.
+        force_offset: F_0 [N], zero in the originals.
+        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
+
+    References:
+        Gaylord 1958; Chou & Hannaford 1996; Davis, Tsagarakis, Canderle & Caldwell 2003. General
+        knowledge, not read again: Davis takes the tension of a strand from terms of its own.
+
+    >>> model = Gaylord(Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3))
+    >>> print(f"{model.force(0.3, 6e5):.0f}")
+    1267
+    """
+
+    braid: AbstractBraid
+    deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
+    force_offset: Float[Given, "..."] = parameter("N", linear=True, default=0.0)
+    resting_length: Float[Given, "..."] | None = parameter(
+        "m", low=0.0, name="rest_length", default=None
+    )
+
+    @where_it_holds
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        acting = as_real(pressure) - self.deadband_pressure
+        L, B, reached = self.braid.reach(length, acting)
+        radius = diameter_from_length(L, B, self.braid.turns) / 2
+        pull = gaylord_force(acting, radius, braid_angle_from_length(L, B)) + self.force_offset
+        return jnp.where(reached, pull, jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to the length of the unloaded threads."""
+        return braid_range(self.braid)
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)
+
+
+class ChouHannaford(PeerModel):
+    """The braid about a wall of constant thickness that resists nothing.
+
+    F = pi D^2 P / 4 (3 cos(a)^2 - 1) + pi P (D t (2 sin(a) - 1 / sin(a)) - t^2), cos(a) = L / B
+
+    with D = B / (pi N), the diameter at 90 deg, and a the angle between thread and axis.
+
+    Attributes:
+        braid: threads of constant length.
+        wall_thickness: t [m] of braid and bladder together.
+        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
+
+    References:
+        Chou & Hannaford 1996. General knowledge, not read again.
+    """
+
+    braid: Braid
+    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
+    resting_length: Float[Given, "..."] | None = parameter(
+        "m", low=0.0, name="rest_length", default=None
+    )
+
+    @where_it_holds
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        L, B, reached = self.braid.reach(length, pressure)
+        t = self.wall_thickness
+        D = B / (jnp.pi * self.braid.turns)
+        sine = jnp.sqrt((B - L) * (B + L)) / B
+        wall = jnp.pi * pressure * (D * t * (2 * sine - 1 / sine) - t**2)
+        return jnp.where(reached, Gaylord(self.braid).force(L, pressure) + wall, jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to the length of the threads."""
+        return braid_range(self.braid)
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)
+
+
+class TonduLopez(PeerModel):
+    """The braid alone at a contraction multiplied by k, for ends that are no cylinder.
+
+    F = (P - P_d) pi R0^2 (a (1 - k eps)^2 - b), k = a_k exp(-P / bar) + b_k
+
+    with a = 3 tan(theta)^2 and b = 1 / cos(theta)^2 of the braid angle at rest.
+
+    Attributes:
+        braid: threads of constant length.
+        rest_length: L0 [m], from which the contraction eps is counted.
+        k_far: b_k [-], the value at high pressure; the constant k where `k_rise` is zero.
+        k_rise: a_k [-], by which k is greater without pressure.
+        deadband_pressure: P_d [Pa], zero in the original.
+
+    References:
+        Tondu & Lopez 2000. General knowledge, not read again.
+    """
+
+    braid: Braid
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    k_far: Float[Given, "..."] = parameter(low=0.5, high=3.0, default=1.0)
+    k_rise: Float[Given, "..."] = parameter(low=0.0, high=20.0, default=0.0)
+    deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
+
+    @where_it_holds
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        k = self.k_rise * jnp.exp(-as_real(pressure) / BAR) + self.k_far
+        shortened = tondu_lopez_length(length, self.rest_length, k)
+        return Gaylord(self.braid, self.deadband_pressure).force(shortened, pressure)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to a tenth above it."""
+        return around_rest(self.rest_length)
+
+
+class Kerscher(PeerModel):
+    """Tondu and Lopez' model times a factor that depends on the contraction.
+
+    F = mu(eps) F_TL, mu = a_m exp(-c_m eps) + b_m
+
+    The factor scales the section too, so it cannot be separated from the braid's diameter.
+
+    Attributes:
+        muscle: Tondu and Lopez' model.
+        factor_rise: a_m [-].
+        factor_rate: c_m [-].
+        factor_far: b_m [-].
+
+    References:
+        Kerscher, Albert, Zoellner & Berns 2006. General knowledge, not read again.
+    """
+
+    muscle: TonduLopez
+    factor_rise: Float[Given, "..."] = parameter(linear=True)
+    factor_rate: Float[Given, "..."] = parameter(low=0.0, high=100.0)
+    factor_far: Float[Given, "..."] = parameter(linear=True)
+
+    @where_it_holds
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        eps = 1 - as_real(length) / self.muscle.rest_length
+        factor = self.factor_rise * jnp.exp(-self.factor_rate * eps) + self.factor_far
+        pull = self.muscle.force(length, pressure)
+        reached = jnp.isfinite(pull)
+        return jnp.where(reached, factor * jnp.where(reached, pull, 0.0), jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """Those of Tondu and Lopez' model."""
+        return self.muscle.length_range()
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction."""
+        return self.muscle.rest_length
+
+
+def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:
+    """The force balance with a linear elastic bladder, sigma = E eps in both directions.
+
+    Args:
+        geometry: usually an `EstimatedGeometry`.
+        modulus: E [Pa].
+        deadband_pressure: P_d [Pa], zero in the original.
+
+    Returns:
+        The muscle.
+
+    References:
+        Ferraresi, Franco & Manuello Bertetto 2001. General knowledge, not read again.
+    """
+    return Muscle(geometry, PolynomialMaterial(as_real(modulus)[None]), deadband_pressure)
+
+
+class Kothera(PeerModel):
+    """A force balance evaluated at the length of the part between two quarter-circle ends.
+
+    F(L, P) = F_cylinder(L - 2 (R - R0), P), R the braid's radius at L. That the ends take up some
+    of the thread is neglected.
+
+    Attributes:
+        muscle: the cylindrical one, in the original linear elastic.
+
+    References:
+        Kothera, Jangid, Sirohi & Wereley 2009. The length is theirs from general knowledge; the
+        rest of their algebra for the ends was not read again.
+    """
+
+    muscle: Muscle
+
+    @where_it_holds
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        geometry = self.muscle.geometry
+        radius = geometry.dimensions(length, pressure).radius
+        rest_radius = geometry.dimensions(geometry.rest_length, 0.0).radius
+        return self.muscle.force(kothera_length(length, radius, rest_radius), pressure)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """That of the cylindrical muscle, which is shorter than this one."""
+        return self.muscle.length_range()
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction."""
+        return self.muscle.rest_length
+
+
+def hocking_wereley(
+    geometry: AbstractGeometry, node_pressures: ArrayLike, node_coefficients: ArrayLike
+) -> Muscle:
+    """The force balance with a polynomial stress law of its own at each tested pressure.
+
+    Args:
+        geometry: in the original known, not fitted.
+        node_pressures: [Pa], shape (nodes,), increasing, at least two.
+        node_coefficients: E_n [Pa], shape (nodes, order), order 4 in the original.
+
+    Returns:
+        The muscle; between the nodes E_n is interpolated, and the force is nan outside them.
+
+    References:
+        Hocking & Wereley 2012. General knowledge, not read again. The powers are taken as plain
+        ones; the reference work, Chambers 2021, makes the law odd.
+    """
+    return Muscle(geometry, PlainPowerMaterial(node_pressures, node_coefficients))
+
+
+def robinson(
+    geometry: AbstractGeometry,
+    pressures: ArrayLike,
+    coefficients: ArrayLike,
+    deadband_pressure: Real = 0.0,
+) -> Muscle:
+    """The force balance with polynomial coefficients that are linear in pressure.
+
+    Args:
+        geometry: usually an `EstimatedGeometry`.
+        pressures: two pressures [Pa] at which the coefficients are given, increasing.
+        coefficients: E_n [Pa] there, shape (2, order); positive in the originals.
+        deadband_pressure: P_d [Pa], zero in the originals.
+
+    Returns:
+        The muscle.
+
+    References:
+        Robinson, Kothera & Wereley 2015; Pillsbury et al. 2015. General knowledge, not read
+        again; the powers are taken as plain ones.
+    """
+    return Muscle(geometry, PlainPowerMaterial(pressures, coefficients), deadband_pressure)
+
+
+def klute_hannaford(
+    geometry: AbstractGeometry, c10: Real, c01: Real, deadband_pressure: Real = 0.0
+) -> Muscle:
+    """The pressure's virtual work and a Mooney-Rivlin bladder, F = -(P - P_d) dV/dL + V_b dW/dL.
+
+    With the threads embedded in the wall the force balance is exactly this.
+
+    Args:
+        geometry: usually an `EstimatedGeometry`.
+        c10: C10 [Pa].
+        c01: C01 [Pa].
+        deadband_pressure: P_d [Pa], zero in the originals.
+
+    Returns:
+        The muscle.
+
+    References:
+        Klute & Hannaford 2000; Meller, Chipka, Volkov, Bryant & Garcia 2014. General knowledge.
+    """
+    return Muscle(geometry, MooneyRivlinMaterial(c10, c01), deadband_pressure)
+
+
+_STEEP = math.pi / 2 - 0.01  # rad; the tangent is 100 there, beyond every pressure in use
+
+
+class Hunt(PeerModel):
+    """The force at which an empirical relation for the pressure holds; no physics.
+
+    P = a0 + a5 F + a1 tan(a2 (eps / (eps_max + a4 F) + a3)) + P_S
+
+    At one contraction the pressure rises with the force, so the root is unique. It is sought by
+    Newton's method in a bracket, and differentiated by the implicit function theorem. A muscle
+    longer than at rest (eps < 0) is outside the relation and gives nan.
+
+    Attributes:
+        rest_length: L0 [m], from which the contraction eps is counted.
+        largest_contraction: eps_max [-], free contraction at 620 kPa. Scaling eps_max and a4 with
+            1 / a2 and 1 / a3 changes nothing, so it cannot be fitted beside them.
+        offset_pressure: a0 [Pa].
+        tangent_pressure: a1 [Pa], > 0.
+        tangent_slope: a2 [-], > 0.
+        tangent_offset: a3 [-], negative.
+        contraction_per_force: a4 [1/N], < 0.
+        pressure_per_force: a5 [Pa/N], > 0.
+        hysteresis_pressure: P_S [Pa]: 15.6 kPa when shortening, the opposite when lengthening,
+            zero when static.
+
+    References:
+        Hunt, Graber-Tilton & Quinn 2017, with the constants as corrected by Bolen et al. 2026 in
+        article and code, where they were read.
+
+    >>> muscle = Hunt.published(rest_length=0.25, largest_contraction=0.2)
+    >>> print(f"{muscle.force(0.234, 4e5):.0f}")
+    134
+    """
+
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    largest_contraction: Float[Given, "..."] = number()
+    offset_pressure: Float[Given, "..."] = parameter("Pa")
+    tangent_pressure: Float[Given, "..."] = parameter("Pa", low=0.0)
+    tangent_slope: Float[Given, "..."] = parameter(low=0.1, high=10.0)
+    tangent_offset: Float[Given, "..."] = parameter()
+    contraction_per_force: Float[Given, "..."] = parameter("1/N", kind="1/N", high=0.0)
+    pressure_per_force: Float[Given, "..."] = parameter("Pa/N", low=0.0)
+    hysteresis_pressure: Float[Given, "..."] = number("Pa", default=0.0)
+
+    @classmethod
+    def published(cls, *, rest_length: float, largest_contraction: float) -> "Hunt":
+        """The corrected constants, of 10 mm Festo muscles.
+
+        Args:
+            rest_length: L0 [m].
+            largest_contraction: eps_max [-] of the muscle at hand.
+
+        Returns:
+            The model.
+        """
+        return cls(
+            rest_length=rest_length,
+            largest_contraction=largest_contraction,
+            offset_pressure=254.3 * KILOPASCAL,
+            tangent_pressure=192 * KILOPASCAL,
+            tangent_slope=2.0265,
+            tangent_offset=-0.4609,
+            contraction_per_force=-0.331e-3,
+            pressure_per_force=1.229 * KILOPASCAL,
+        )
+
+    def pressure(self, length: Real, force: Real) -> RealArray:
+        """Gauge pressure P [Pa] that the force F [N] takes at the length L [m], broadcast shape."""
+        return self._pressure(1 - as_real(length) / self.rest_length, as_real(force))
+
+    @where_it_holds
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        return _forces(self, as_real(length), as_real(pressure))
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length to the rest length, where the relation begins."""
+        return 0.5 * self.rest_length, self.rest_length
+
+    def _pressure(self, eps: RealArray, force: RealArray) -> RealArray:
+        relative = eps / (self.largest_contraction + self.contraction_per_force * force)
+        bent = jnp.tan(self.tangent_slope * (relative + self.tangent_offset))
+        linear = self.offset_pressure + self.pressure_per_force * force
+        return linear + self.tangent_pressure * bent + self.hysteresis_pressure
+
+    def _root(self, eps: RealArray, pressure: RealArray) -> RealArray:
+        """The force [N] at one contraction and pressure."""
+        inside = eps >= 0
+        eps = jnp.where(inside, eps, 0.0)
+        bent = eps > 0
+        # Where the tangent is steep the pressure exceeds the one sought, and below that force it
+        # falls by pressure_per_force at least.
+        steepest = eps / (_STEEP / self.tangent_slope - self.tangent_offset)
+        steep = (steepest - self.largest_contraction) / self.contraction_per_force
+        steep = jnp.where(bent, steep, 0.0)
+        excess = self._pressure(eps, steep) - pressure
+        span = (jnp.abs(excess) + self.tangent_pressure) / self.pressure_per_force
+        upper = jax.lax.stop_gradient(jnp.where(bent, steep, steep + span))
+        width = jax.lax.stop_gradient(jnp.where(bent, span, 2 * span))
+
+        def residual(y: RealArray) -> RealArray:
+            reached = self._pressure(eps, upper - width * y)
+            return (reached - pressure) / jax.lax.stop_gradient(self.tangent_pressure)
+
+        share = falling_root(residual, jnp.full_like(pressure, 0.5))
+        return jnp.where(inside, upper - width * share, jnp.nan)
+
+
+@compiled
+def _forces(model: Hunt, length: RealArray, pressure: RealArray) -> RealArray:
+    return at_each(model._root, 1 - length / model.rest_length, pressure)
+
+
+_NOMINAL_ANGLE = 28.6 * DEGREE  # thread to axis
+_WALL = 1.8e-3  # m
+# Bore [m], rest length [m], angle correction [rad], c0 to c3 [MPa/m^n]
+_PUBLISHED = {
+    "DMSP-10-250": (0.010, 0.250, -0.1, (74.085, -689.20, 1837.0, -848.79)),
+    "DMSP-20-300": (0.020, 0.300, -0.073, (93.232, -715.29, 1548.3, -502.95)),
+}
+
+
+class Martens(PeerModel):
+    """Virtual work of the pressure and a linear elastic wall whose modulus is a cubic of length.
+
+    F = -P dV/dL + E (D - D0)/D0 H0 pi L dD/dL - E (L - L0)/L0 H0 pi D,
+    E = c0 + c1 L + c2 L^2 + c3 L^3
+
+    The wall H0 keeps its thickness, and the sign of the axial term is the printed one: a shortened
+    wall adds to the pull.
+
+    Attributes:
+        braid: threads of constant length, D and dD/dL.
+        rest_length: L0 [m].
+        rest_diameter: D0 [m].
+        wall_thickness: H0 [m].
+        coefficients: c0 to c3 [Pa/m^n], shape (4,).
+
+    References:
+        Martens & Boblan 2017, Actuators 6(4). Equations, constants, bore and nominal angle as
+        transcribed in the published code of Bolen et al. 2026. The angle correction is in radians:
+        only so do the constants return the published errors.
+
+    >>> print(f"{Martens.published('DMSP-20-300').force(0.282, 6e5):.0f}")  # measured: 1004 N
+    1022
+    """
+
+    braid: Braid
+    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
+    rest_diameter: Float[Given, "..."] = parameter("m", low=0.0)
+    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
+    coefficients: Float[Given, " 4"] = parameter(
+        ("Pa", "Pa/m", "Pa/m2", "Pa/m3"), linear=True, name=("c0", "c1", "c2", "c3")
+    )
+
+    @classmethod
+    def from_rest(
+        cls,
+        *,
+        diameter: Real,
+        braid_angle: Real,
+        length: Real,
+        wall_thickness: Real,
+        coefficients: Float[Array, " 4"] | tuple[float, ...],
+    ) -> "Martens":
+        """The model whose braid has this diameter and angle at rest.
+
+        Args:
+            diameter: D0 [m].
+            braid_angle: theta0 [rad], from the circumference.
+            length: L0 [m].
+            wall_thickness: H0 [m].
+            coefficients: c0 to c3 [Pa/m^n].
+
+        Returns:
+            The model.
+        """
+        braid = Braid.from_rest(diameter=diameter, braid_angle=braid_angle, length=length)
+        return cls(braid, length, diameter, wall_thickness, coefficients)
+
+    @classmethod
+    def published(cls, muscle: str) -> "Martens":
+        """The published constants: 2.37 and 4.26 % of the largest measured force at worst.
+
+        Args:
+            muscle: "DMSP-20-300" or "DMSP-10-250", with rest lengths of 300 and 250 mm.
+
+        Returns:
+            The model.
+
+        Raises:
+            ValueError: no constants are known for that muscle.
+        """
+        if muscle not in _PUBLISHED:
+            raise ValueError(
+                f"Martens' constants are known for {', '.join(_PUBLISHED)}; got {muscle!r}"
+            )
+        bore, rest_length, correction, coefficients = _PUBLISHED[muscle]
+        return cls.from_rest(
+            diameter=bore,
+            braid_angle=math.pi / 2 - (_NOMINAL_ANGLE + correction),
+            length=rest_length,
+            wall_thickness=_WALL,
+            coefficients=tuple(MEGAPASCAL * c for c in coefficients),
+        )
+
+    @where_it_holds
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        L, _, reached = self.braid.reach(length, pressure)
+        L0, D0 = self.rest_length, self.rest_diameter
+        D = self.braid.diameter(L)
+        slope = -L / ((jnp.pi * self.braid.turns) ** 2 * D)
+        c0, c1, c2, c3 = self.coefficients
+        E = c0 + L * (c1 + L * (c2 + L * c3))
+        hoop = E * (D - D0) / D0 * self.wall_thickness * jnp.pi * L
+        axial = E * (L - L0) / L0 * self.wall_thickness * jnp.pi * D
+        pull = Gaylord(self.braid).force(L, pressure) + hoop * slope - axial
+        return jnp.where(reached, pull, jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to the length of the threads."""
+        return braid_range(self.braid)
