@@ -35,7 +35,7 @@ from rendering.folder_truth import TRUTH, drawn_truth, read_truth
 import famjax
 import fitting
 from famjax.app import simulate
-from famjax.app.sheet import read_sheet
+from famjax.app.folder import read_sheet
 from famjax.units import INCH, PSI
 from fitting.records import MachineLog, synchronise
 from fitting.shapes import Pictures

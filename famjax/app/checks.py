@@ -15,8 +15,8 @@ from fitting.data import Specimen
 from fitting.saved import PageTable
 from rig.journal import Record
 
+from .folder import ASSUMED, Sheet
 from .isobaric import Analysis
-from .sheet import ASSUMED, Sheet
 
 CHECKS = "checks.json"
 """In the folder of a step: what was checked."""

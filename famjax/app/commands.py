@@ -45,7 +45,7 @@ def new(folder: Path) -> int:
     from famjax.boundary.errors import InputError
     from famjax.boundary.files import check_output
 
-    from .sheet import SHEET, skeleton
+    from .folder import SHEET, skeleton
 
     check_output(folder)
     path = folder / SHEET
@@ -96,9 +96,8 @@ def characterise(
     from famjax.boundary.origin import Origin
 
     from .evaluation import evaluation_steps
+    from .folder import RESULTS, read_sheet, run_steps
     from .report.page import first_run, report_step
-    from .sheet import RESULTS, read_sheet
-    from .steps import run_steps
 
     sheet = read_sheet(folder)
     results = folder / RESULTS
@@ -274,7 +273,7 @@ def rig_convert(journal: Path, target: Path) -> int:
     target
         File to write, .csv.
     """
-    from .journals import convert
+    from .isobaric import convert
 
     with ended_in_words():
         print("written:", convert(journal, target))

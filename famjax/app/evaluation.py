@@ -26,11 +26,9 @@ from rig.calibration import Calibration
 from rig.journal import read_journal, stored_calibration
 
 from .checks import record_checks, settle, specimen_checks, warnings_of
+from .folder import RESULTS, FolderStep, Photographs, Sheet
 from .isobaric import Analysis, analyse, branches_csv, figures, plot_characterisation
-from .photographs import add_log, read_log_of_pictures
-from .picture_checks import JournalTime, picture_checks
-from .sheet import RESULTS, Photographs, Sheet
-from .steps import FolderStep
+from .photographs import JournalTime, add_log, picture_checks, read_log_of_pictures
 
 if TYPE_CHECKING:
     from imaging.pictures import CampaignOutcome

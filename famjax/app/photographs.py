@@ -1,16 +1,28 @@
-"""Photographs of a stroke and the machine's log to one table: both clocks, and force at each picture."""
+"""Photographs of a stroke joined with the machine's log, and whether they agree with what else is known."""
 
 import dataclasses
+import datetime
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from famjax.boundary.errors import InputError
-from fitting.records import MachineLog, SyncError, Synchronisation, read_machine_log, synchronise
+from fitting.records import (
+    MachineLog,
+    OtherMotion,
+    SyncError,
+    Synchronisation,
+    read_machine_log,
+    synchronise,
+)
 from imaging import Table
 from imaging.cli import AddLog
+
+from .checks import Check, units_of
+from .folder import ASSUMED, Photographs, Sheet
 
 _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
@@ -110,3 +122,291 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         notes=(*table.notes, *notes),
         provenance={**table.provenance, "log": log.source, "log_sha256": log.sha256},
     )
+
+
+_CLOCK = 600.0  # s, by which a camera's clock may be off that was set by hand
+_ZONE = 1800.0  # s, of which most time zones are multiples
+_FEWEST = 6  # pictures with a time, to lay two clocks onto each other
+
+_GIVE = 0.05  # of the motion, that a machine's frame may give way
+_TRIED = (25.4, 1 / 25.4, 2.54, 1 / 2.54, 10.0, 0.1, 1000.0, 1e-3)  # of a wrong unit
+
+
+class JournalTime(NamedTuple):
+    """The journal's date, and the machine's clock against it.
+
+    Attributes:
+        began: when the journal begins [s since 1970, UTC].
+        offset, rate, reference: see `fitting.records.Alignment`.
+    """
+
+    began: float
+    offset: float
+    rate: float
+    reference: float
+
+    @classmethod
+    def of(cls, date: str, alignment: Mapping[str, Any]) -> "JournalTime":
+        """From the journal's date and what the records' step has written of the clocks."""
+        began = datetime.datetime.fromisoformat(date)
+        return cls(
+            began.timestamp(), alignment["offset_s"], alignment["rate"], alignment["reference_s"]
+        )
+
+    def date(self, log_time: float) -> float:
+        """Date of a time of the machine's log [s since 1970]."""
+        return self.began + log_time + self.offset + self.rate * (log_time - self.reference)
+
+
+def picture_checks(
+    sheet: Sheet,
+    photographs: Photographs,
+    table: Table,
+    machine: MachineLog | None,
+    journal: JournalTime | None,
+    lengths: np.ndarray,
+) -> list[Check]:
+    """The checks of the pictures' table.
+
+    Args:
+        sheet: of the folder.
+        photographs: its part on them.
+        table: of the pictures.
+        machine: the log of the same test, None where the force is a map.
+        journal: its date, where it is known.
+        lengths: of the force map's readings [m], shape (n,).
+    """
+    found = [_measured(table), *_order(table)]
+    if machine is None:
+        return [*found, _cover(table, lengths), *_diameter(sheet, table)]
+    guess = photographs.log_offset
+    if np.isfinite(table["time"][table.ok]).sum() < _FEWEST:
+        found.append(
+            Check("clocks of camera and machine", math.nan, (-math.inf, math.inf),
+                  say=f"Fewer than {_FEWEST} pictures have a time in their EXIF data, so that force and "
+                  "pressure at each are not known: copy the pictures from the camera unchanged.")
+        )  # fmt: skip
+        return [*found, _cover(table, lengths), *_diameter(sheet, table)]
+    try:
+        clock = camera_clock(table, machine, guess)
+    except OtherMotion as error:
+        return [*found, _unlike(error, table, machine, guess)]
+    except SyncError as error:
+        open_ = Check("clocks of camera and machine", math.nan, (-math.inf, math.inf),
+                      say=f"{error}. The force and pressure at each picture are not known; "
+                      "log_offset_s in [photographs] says what the log is ahead of the first "
+                      "picture.")  # fmt: skip
+        return [*found, open_, _cover(table, lengths), *_diameter(sheet, table)]
+    return [
+        *found, *_scale(sheet, photographs, table, machine, clock), _outside(table, machine, clock),
+        *_dates(table, clock, journal), _cover(table, lengths), *_diameter(sheet, table),
+    ]  # fmt: skip
+
+
+def _measured(table: Table) -> Check:
+    """The part of the pictures that could be measured."""
+    reasons = sorted({text.partition(":")[0] for text in table.error if text})
+    return Check(
+        "part of the pictures that could be measured", float(np.mean(table.ok)), (0.9, 1.0),
+        say=f"The reasons, {', '.join(reasons)}, are in measurements.csv; repeat those pictures.",
+    )  # fmt: skip
+
+
+def _order(table: Table) -> list[Check]:
+    """Pictures in the order of their names that are older than the one before; a counter may begin anew."""
+    order = np.argsort([Path(name).name for name in table.path], kind="stable")
+    times = table["time"][order]
+    times = times[np.isfinite(times)]
+    if times.size < _FEWEST:
+        return []
+    return [
+        Check("pictures that are older than the one before them by name",
+              float((np.diff(times) < 0).sum()), (0.0, 1.0),
+              say="The names and the times of the pictures differ in order. The times count: if "
+              "pictures were renamed nothing is wrong, if their times were changed the force at each "
+              "is.")
+    ]  # fmt: skip
+
+
+def _unlike(error: OtherMotion, table: Table, machine: MachineLog, guess: float | None) -> Check:
+    """Lengths that do not follow the displacement: a unit, or another test."""
+    y = table["length"][table.ok]
+    plain = float(np.ptp(y)) / float(np.ptp(machine.displacement))
+    for ratio in (plain, *_TRIED):
+        scaled = dataclasses.replace(machine, displacement=machine.displacement * ratio)
+        try:
+            clock = camera_clock(table, scaled, guess)
+        except SyncError:
+            continue
+        slope = ratio * _line(table, scaled, clock)[0]
+        units = units_of(slope)
+        remedy = f"which is the ratio of {units}" if units else "but not one to one"
+        return Check.about(
+            "length in the pictures over displacement of the machine", slope, 1.0, 0.01,
+            say=f"They follow each other, {remedy}: check the unit of the displacement in the log's "
+            "header, that of the ruler's pitch or the scale in [photographs], and whether pictures and "
+            "log are of one test.",
+        )  # fmt: skip
+    return Check(
+        "part of the lengths' variance that the machine's displacement explains", error.explained,
+        (0.9, 1.0), (0.9, 1.0),
+        say=f"{error} In no unit do they: the pictures are of another test, or their times are not "
+        "those at which they were taken. Give the log and journal of these pictures, and pictures "
+        "as the camera wrote them.",
+    )  # fmt: skip
+
+
+def _line(
+    table: Table, machine: MachineLog, clock: Synchronisation
+) -> tuple[float, float, float, float]:
+    """Length over displacement: slope, its standard error, length at the machine's zero, its error."""
+    at = clock.log_time(table["time"])
+    x = clock.sense * machine.at("displacement", at)[0]
+    y = table["length"]
+    use = np.isfinite(x) & np.isfinite(y)
+    line, covariance = np.polyfit(x[use], y[use], 1, cov="unscaled")
+    scatter = np.std(y[use] - np.polyval(line, x[use]), ddof=2)
+    slope_std, zero_std = scatter * np.sqrt(np.diag(covariance))
+    return float(line[0]), float(slope_std), float(line[1]), float(zero_std)
+
+
+def _scale(
+    sheet: Sheet,
+    photographs: Photographs,
+    table: Table,
+    machine: MachineLog,
+    clock: Synchronisation,
+) -> list[Check]:
+    """Slope and offset of the lengths against the displacement: scale, ruler, rest length."""
+    slope, slope_std, zero, zero_std = _line(table, machine, clock)
+    rest, records = sheet.specimen.rest_length, sheet.records
+    towards = -1.0 if records.shortening_positive else 1.0
+    expected = rest - towards * slope * records.zero_displacement
+    scale_std = float(table.provenance.get("scale_relative_stderr", 0.0))
+    rest_std = math.hypot(
+        sheet.errors.rest_length or ASSUMED.rest_length, zero_std, scale_std * rest
+    )
+    std = math.hypot(sheet.errors.shortening or ASSUMED.shortening, slope_std, scale_std)
+    both = abs((zero / expected - 1) - (slope - 1)) < 3 * math.hypot(std, rest_std / rest)
+    units = units_of(slope)
+    if units:
+        cause = f"This is the ratio of {units}: correct the unit of displacement, pitch or scale."
+    elif both and abs(slope - 1) > 2 * std and abs(zero - expected) > 2 * rest_std:
+        cause = f"Slope and rest length are off alike, {_ruler(slope, photographs.distance)}."
+    elif abs(slope - 1) > _GIVE:
+        cause = (
+            "No frame gives way that much: the pictures and the log are of two tests, or the scale of "
+            "the pictures or the displacement is wrong."
+        )
+    else:
+        cause = (
+            "The machine's frame gives way under load, or its displacement is out of calibration; "
+            "if the ruler lay beside the plane of the axis, the rest length would be off as well."
+        )
+    sign = Check(
+        "sense in which the length follows the displacement", clock.sense * towards, (1.0, 1.0),
+        (1.0, 1.0), say="The pictures show that the displacement is counted the other way: "
+        f"shortening_positive must be {str(clock.sense < 0).lower()} in [records].",
+    )  # fmt: skip
+    rest_say = (
+        "Its slope is off by the same factor: see there."
+        if both and abs(slope - 1) > 2 * std
+        else "Measure the rest length again, between the same edges as the pictures show; state "
+        "zero_displacement where the machine was not at zero there; or the pictures are of another "
+        "muscle."
+    )
+    return [
+        sign,
+        Check.about("length in the pictures over displacement of the machine", slope, 1.0, std,
+                    say=cause),
+        Check.about("length in the pictures at the machine's zero, and the rest length",
+                    zero * 1e3, expected * 1e3, rest_std * 1e3, unit="mm", say=rest_say),
+    ]  # fmt: skip
+
+
+def _ruler(slope: float, distance: float | None) -> str:
+    """What a scale that is off by this factor may come from."""
+    if distance is None:
+        return (
+            "so that the scale of the pictures is: was the ruler in the plane of the muscle's axis?"
+        )
+    away = distance * abs(1 - slope) * 1e3
+    side = "nearer to the camera" if slope < 1 else "farther from the camera"
+    return (
+        f"so that the scale of the pictures is, as if the ruler had been {away:.3g} mm {side} than "
+        "the muscle's axis: photograph it in the plane of the axis, or check distance and pitch"
+    )
+
+
+def _outside(table: Table, machine: MachineLog, clock: Synchronisation) -> Check:
+    """Pictures while the log did not run."""
+    at = clock.log_time(table["time"])
+    at = at[np.isfinite(at)]
+    outside = float(np.mean((at < machine.time[0]) | (at > machine.time[-1])))
+    return Check(
+        "part of the pictures that were taken while the log did not run", outside, (0.0, 0.1),
+        say=f"The log covers {machine.time[-1] - machine.time[0]:.4g} s, the pictures "
+        f"{np.ptp(at):.4g} s: export the whole log, or leave the other pictures out.",
+    )  # fmt: skip
+
+
+def _dates(table: Table, clock: Synchronisation, journal: JournalTime | None) -> list[Check]:
+    """The camera's clock against the journal's date, by the motion that both have seen."""
+    if journal is None:
+        return []
+    first = float(np.nanmin(table["time"]))
+    ahead = table.time_origin + first - journal.date(float(clock.log_time(np.array([first]))[0]))
+    near = abs(ahead - round(ahead / _ZONE) * _ZONE) < _CLOCK / 2
+    zone = near and abs(ahead) < 14.5 * 3600
+    cause = "a time zone or summer time" if zone else "a clock that was not set, or another test"
+    return [
+        Check("camera's clock ahead of the journal's", ahead / 3600,
+              (-_CLOCK / 3600, _CLOCK / 3600), unit="h",
+              say=f"It is {_spelt(ahead)} {'ahead' if ahead > 0 else 'behind'}: {cause}. The pictures "
+              "were laid onto the log by the motion, for which the hour does not matter; make sure "
+              "that they are of this test.")
+    ]  # fmt: skip
+
+
+def _spelt(seconds: float) -> str:
+    minutes = round(abs(seconds) / 60)
+    days, rest = divmod(minutes, 1440)
+    return (f"{days} d " if days else "") + f"{rest // 60} h {rest % 60} min"
+
+
+def _cover(table: Table, lengths: np.ndarray) -> Check:
+    """The part of the force's readings that lie within the lengths of the pictures."""
+    seen = table["length"][table.ok]
+    inside = (lengths >= seen.min()) & (lengths <= seen.max()) if seen.size else np.zeros(1)
+    low, high = (float(one) * 1e3 for one in (seen.min(), seen.max()))
+    return Check(
+        "part of the force's readings within the lengths of the pictures", float(np.mean(inside)),
+        (0.85, 1.0), (0.3, 1.0),
+        say=f"The pictures show {low:.4g} to {high:.4g} mm, the force {lengths.min() * 1e3:.4g} to "
+        f"{lengths.max() * 1e3:.4g} mm; what lies outside is left out. Photograph the whole stroke, and "
+        "check rest_length and the scale.",
+    )  # fmt: skip
+
+
+def _diameter(sheet: Sheet, table: Table) -> Sequence[Check]:
+    """The average diameter at the rest length against the bladder and its braid.
+
+    D^2 falls in a straight line with L^2, as threads that keep their length have it.
+    """
+    specimen = sheet.specimen
+    nominal = specimen.bladder_diameter or specimen.nominal_diameter
+    if nominal is None or table.ok.sum() < _FEWEST:
+        return []
+    L, D = table["length"][table.ok], table["mean_diameter"][table.ok]
+    near = np.quantile(L, 0.5) <= L
+    square = np.polyval(np.polyfit(L[near] ** 2, D[near] ** 2, 1), specimen.rest_length**2)
+    least = nominal + 2 * specimen.braid_thickness
+    if specimen.bladder_diameter is None:
+        least = 0.8 * nominal
+    return [
+        Check("average diameter in the pictures at the rest length, over that of bladder and braid",
+              math.sqrt(max(float(square), 0.0)) / least, (0.97, 1.3), (0.85, 2.0),
+              say="No braid is narrower than its bladder, and few are much wider: check "
+              "bladder_diameter, its unit, and that the pictures are of this specimen. The strain of "
+              "the bladder follows from it.")
+    ]  # fmt: skip

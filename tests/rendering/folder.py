@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from famjax.app.sheet import SHEET
+from famjax.app.folder import SHEET
 from famjax.app.simulation import LOG, simulate, simulated_muscle
 from famjax.boundary.errors import InputError
 from famjax.units import INCH, PSI

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from famjax.app.steps import FolderStep, run_steps
+from famjax.app.folder import FolderStep, run_steps
 from famjax.boundary.errors import InputError
 
 

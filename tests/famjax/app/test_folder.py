@@ -13,7 +13,7 @@ from rendering.folder import TRUE_LENGTHS, write_twin
 from rendering.folder_truth import TRUTH
 
 from famjax.__main__ import main
-from famjax.app.sheet import SHEET, read_sheet, skeleton
+from famjax.app.folder import SHEET, read_sheet, skeleton
 from famjax.boundary.errors import InputError
 
 SPECIMEN = """

@@ -15,9 +15,9 @@ from browser import Browser, check_page
 
 import famjax
 from famjax.__main__ import main
+from famjax.app.folder import SHEET
 from famjax.app.report.figures import rising_range
-from famjax.app.report.states import PRESSURE, states_of
-from famjax.app.sheet import SHEET
+from famjax.app.report.source import PRESSURE, states_of
 from fitting import load_bundled, write_csv
 
 ENTRIES = """

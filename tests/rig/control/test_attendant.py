@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.app.isobaric import analyse
-from famjax.app.journals import table
+from famjax.app.isobaric import analyse, table
 from famjax.app.simulation import Watcher
 from fitting.records import read_machine_log
 from rig.cli import CameraCommand

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from famjax.app.journals import convert, table
+from famjax.app.isobaric import convert, table
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, Rig
 from rig.device import firmware_folder

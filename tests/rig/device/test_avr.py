@@ -19,7 +19,7 @@ from avr import (
 from lock_step import lock_step
 from session_fuzz import Fuzz
 
-from famjax.app.journals import table
+from famjax.app.isobaric import table
 from rig import Journal, Rig, audit, read_journal, run
 from rig.control import Control
 from rig.device import Device, firmware_folder

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
 
-from famjax.app.journals import clocks
+from famjax.app.isobaric import clocks
 from rig.errors import RigError, RigFault
 from rig.journal import Journal, Missing, read_journal
 from rig.protocol import TICK_HZ, TICKS, Sample, frame

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from faulty_channel import FaultyChannel
 
-from famjax.app.journals import table
+from famjax.app.isobaric import table
 from rig.control import Control, Rig
 from rig.device import Device
 from rig.errors import RigFault
