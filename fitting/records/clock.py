@@ -453,15 +453,17 @@ def _refined(
         J = np.column_stack([-gain * v, -gain * v * (at - reference), x, np.ones_like(x)])
         return at, weight * (y - gain * x - zero), weight[:, None] * J
 
-    for done in range(1, _STEPS + 1):
+    done = 0
+    while True:
         at, left, J = linearised(offset, rate)
         scale = np.sqrt((J**2).sum(axis=0))
         if scale[0] == 0:
             raise InputError("the load does not change: it cannot align two clocks")
         step = np.linalg.lstsq(J / scale, left, rcond=None)[0] / scale
-        step *= 1.0 if done <= _STEPS // 3 else 0.5  # where whole steps go to and fro
+        step *= 1.0 if done < _STEPS // 3 else 0.5  # where whole steps go to and fro
         offset, rate = offset + float(step[0]), rate + float(step[1])
-        if abs(step[0]) < _SETTLED * interval:
+        done += 1
+        if abs(step[0]) < _SETTLED * interval or done == _STEPS:
             break
     inverse = np.linalg.pinv((J / scale).T @ (J / scale))
     scores = _covariance_of_scores(left, J / scale)

@@ -40,8 +40,10 @@ _LEAST_STD = 1e-9  # of the largest force: a standard deviation below is roundin
 _PAIRS = ("record", "rest_length_m", "length_m", "pressure_Pa", "half_difference_N",
           "turn_pressure_Pa")  # fmt: skip
 
-Levels, Pulls = Float[np.ndarray, " levels"], Bool[np.ndarray, " levels"]
-Grid, GridMask = Float[np.ndarray, "records levels"], Bool[np.ndarray, "records levels"]
+Levels = Float[np.ndarray, " levels"]
+Pulls = Bool[np.ndarray, " levels"]
+Grid = Float[np.ndarray, "records levels"]
+GridMask = Bool[np.ndarray, "records levels"]
 Curves = tuple[Float[np.ndarray, "2 records levels"], Bool[np.ndarray, "2 records levels"]]
 """Fill and vent force of records at common pressures, nan where not measured, and where it pulls."""
 
@@ -205,7 +207,7 @@ def _at_length(
     records = [i for i, record in enumerate(points.records) if record.length == length]
     forces, pulls = _curves(points, records, pressures)
     if branches == "both":
-        force, pull = forces.mean(axis=0), pulls.all(axis=0)
+        force, pull = forces.mean(axis=0), np.asarray(pulls.all(axis=0))
     else:
         side = ("fill", "vent").index(branches)
         force, pull = forces[side], pulls[side]
@@ -388,8 +390,8 @@ def read_branches(path: Path) -> BranchPairs:
         InputError: no such file, or what is wrong with it.
     """
     header, *rows = csv_lines(path) or [""]
+    cells = [row.split(",") for row in rows]
     try:
-        cells = [row.split(",") for row in rows]
         numbers = np.array([row[1:] for row in cells], float)
     except ValueError:
         numbers = np.empty(0)
@@ -537,9 +539,8 @@ def _summary(static: StaticMap, system: str) -> dict[str, Any]:
     points, units = static.points, unit_system(system)
 
     def entry(name: str, number: float | None, kind: str) -> dict[str, float | None]:
-        known = number is not None and math.isfinite(number)
-        value = from_si(number, units[kind], kind) if known else None
-        return {f"{name}_{units[kind]}": value}
+        unknown = number is None or not math.isfinite(number)
+        return {f"{name}_{units[kind]}": None if unknown else from_si(number, units[kind], kind)}
 
     lengths = []
     for one in static.lengths:

@@ -207,10 +207,11 @@ class BranchPairs:
     ) -> "BranchPairs":  # fmt: skip
         n = np.size(pressure)
         values = (length, pressure, half, *start, *turn)
-        columns = (np.full(n, value, float) for value in values)
         return cls(
-            *columns, np.full(n, cycled), np.zeros(n, int), (name,), rest_length=float(rest_length)
-        )
+            **{key: np.full(n, value, float) for key, value in zip(_COLUMNS, values, strict=True)},
+            cycled=np.full(n, cycled), record=np.zeros(n, int), names=(name,),
+            rest_length=float(rest_length),
+        )  # fmt: skip
 
     @classmethod
     def joined(cls, parts: Sequence["BranchPairs"]) -> "BranchPairs":
