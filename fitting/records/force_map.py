@@ -21,7 +21,7 @@ from ..data.csv_writer import csv_text
 from ..data.force_csv import describe
 from ..data.force_data import ForceData, Specimen
 from .hysteresis import BranchPairs
-from .ramp import LEAST_READINGS, Mask, QuasiStatic, RampRecord, quasi_static, read_ramp
+from .ramp import FILL, LEAST_READINGS, VENT, Mask, QuasiStatic, RampRecord, quasi_static, read_ramp
 from .record import Column
 
 if TYPE_CHECKING:
@@ -86,21 +86,18 @@ class StaticMap:
     lengths: tuple[dict[str, Any], ...]
     points: QuasiStatic
 
-    def force_data(
-        self, specimen: Specimen, *, length_std: float | None = None, keep_slack: bool = False
-    ) -> ForceData:
+    def force_data(self, specimen: Specimen, *, length_std: float | None = None) -> ForceData:
         """The map as data of an identification, without its slack rows.
 
         Args:
             specimen: the muscle.
             length_std: standard deviation of the lengths [m], where it is known.
-            keep_slack: keep slack rows whose force is <= 0, as censored readings.
 
         Raises:
             InputError: no row pulls, or what `ForceData` refuses.
         """
-        kept = ~self.slack | (keep_slack & (self.force <= 0))
-        if self.slack.all():
+        kept = ~self.slack
+        if not kept.any():
             raise InputError(
                 f"all {self.slack.size} rows of the map are slack, under "
                 f"{self.points.slack_below:.4g} N: check the force column, or lower slack_below"
@@ -138,11 +135,7 @@ class StaticMap:
 
 
 def static_map(
-    points: QuasiStatic,
-    *,
-    step: float = 25e3,
-    pressures: Levels | None = None,
-    branches: Branches = "both",
+    points: QuasiStatic, *, step: float = 25e3, branches: Branches = "both"
 ) -> StaticMap:
     """The mean curve of fill and vent branches at common pressures, with hysteresis and errors.
 
@@ -158,22 +151,18 @@ def static_map(
     Args:
         points: of records at one length or several.
         step: of the common pressures [Pa], its multiples from zero up.
-        pressures: the common gauge pressures [Pa] instead, increasing, >= 0.
         branches: "both", or "fill" or "vent" where the other branch was not recorded.
 
     Returns:
         The map.
 
     Raises:
-        InputError: pressures that do not increase, or a length at which no record has the branches
+        InputError: a step that is not > 0, or a length at which no record has the branches
             asked for at any of the pressures.
     """
     if branches not in _SHOWN:
         raise InputError(f'branches must be "both", "fill" or "vent", got {branches!r}')
-    if pressures is None:
-        pressures = _common_pressures(points, step)
-    elif pressures.size == 0 or pressures[0] < 0 or (np.diff(pressures) <= 0).any():
-        raise InputError(f"pressures must be >= 0 and increase, got {pressures} Pa")
+    pressures = _common_pressures(points, step)
     lengths = np.unique(points.length)[::-1].tolist()
     parts = [_at_length(points, length, pressures, branches) for length in lengths]
     summaries = tuple(summary for _, summary in parts)
@@ -229,34 +218,44 @@ def _at_length(
         used.sum(axis=0),
         ~pulling[known],
     )
+    return rows, _length_summary(points, records, (forces, pulls), (force, pull))
+
+
+def _length_summary(
+    points: QuasiStatic, records: list[int], curves: Curves, shown: tuple[Grid, GridMask]
+) -> dict[str, Any]:
+    """What the records of a length show, by the names that `StaticMap.lengths` explains."""
+    (fill, vent), (fills, vents) = curves
     mine = np.isin(points.record, records)
-    ours = mine & ~points.slack & points.settled
-    noise, stderr = (_rms(x[ours if ours.any() else mine]) for x in (points.noise, points.stderr))
-    half = half[pulls.all(axis=0)]
-    marks = ("clamped", "slack", "unsettled", "mislabelled")
-    marked = (points.clamped, points.slack, ~points.settled, points.mislabelled)
-    states = [points.records[i].valve_state for i in records]
-    return rows, {
-        "length": length,
+    pulling = mine & ~points.slack & points.settled
+    least = pulling if pulling.any() else mine
+    half = ((vent - fill) / 2)[fills & vents]
+    ours = [points.records[i] for i in records]
+    states = [record.valve_state for record in ours if record.valve_state is not None]
+
+    def count(mark: np.ndarray) -> int:
+        return int(np.sum(mine & mark))
+
+    return {
+        "length": float(ours[0].length),
         "n_records": len(records),
-        "n_unused": int(np.sum(~np.isfinite(force).any(axis=1))),
-        "n_fill": int(np.sum(mine & points.filling)),
-        "n_vent": int(np.sum(mine & ~points.filling)),
-        **{f"n_{name}": int(np.sum(mine & mark)) for name, mark in zip(marks, marked, strict=True)},
-        "n_repeated_stamps": sum(
-            int(np.sum(np.diff(points.records[i].time) == 0)) for i in records
-        ),
-        "n_glitches": sum(
-            int(np.sum(~np.isin(one, (0, 1, 2)))) for one in states if one is not None
-        ),
-        "noise": noise,
-        "stderr": stderr,
+        "n_unused": int(np.sum(~np.isfinite(shown[0]).any(axis=1))),
+        "n_fill": count(points.filling),
+        "n_vent": count(~points.filling),
+        "n_clamped": count(points.clamped),
+        "n_slack": count(points.slack),
+        "n_unsettled": count(~points.settled),
+        "n_mislabelled": count(points.mislabelled),
+        "n_repeated_stamps": sum(int(np.sum(np.diff(record.time) == 0)) for record in ours),
+        "n_glitches": sum(int(np.sum(~np.isin(state, (0, FILL, VENT)))) for state in states),
+        "noise": _rms(points.noise[least]),
+        "stderr": _rms(points.stderr[least]),
         "half_width_mean": float(half.mean()) if half.size else math.nan,
         "half_width_rms": _rms(half),
         "half_width_max": float(np.abs(half).max()) if half.size else math.nan,
-        "repeatability_fill": _repeatability(forces[0], pulls[0]),
-        "repeatability_vent": _repeatability(forces[1], pulls[1]),
-        "repeatability": _repeatability(force, pull),
+        "repeatability_fill": _repeatability(fill, fills),
+        "repeatability_vent": _repeatability(vent, vents),
+        "repeatability": _repeatability(*shown),
     }
 
 
@@ -449,9 +448,7 @@ def _listed(path: Path) -> list[tuple[Path, float]]:
             f"A single record needs its length: write {path}=73.25mm"
         )
     named = []
-    for number, row in enumerate(rows, 2):
-        if None in row.values() or None in row:
-            raise InputError(f"{path}: row {number} has not as many cells as the header")
+    for row in rows:
         length = parse_quantity(f"{row[f'length_{units[0]}']}{units[0]}", "length")
         named.append((path.parent / row["file"].strip(), length))
     return named

@@ -246,14 +246,22 @@ def test_two_tests_in_one_file_are_refused(tmp_path: Path) -> None:
         read_machine_log(write(tmp_path, simple() + "\n".join(simple().splitlines()[1:])))
 
 
-def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no block of numbers"):
-        read_machine_log(write(tmp_path, "Dear all,\nno numbers today.\n"))
+@pytest.mark.parametrize(
+    ("data", "match"),
+    [
+        (b"Dear all,\nno numbers today.\n", "no block of numbers"),
+        (bytes(range(256)) * 20, "is not a text file"),
+        (b"time_s,displacement_mm,force_N\n0,1,1\n0,1,1\n0,1,1\n", "one row"),
+        (b"time_s,position_mm,position_in,force_N\n0,1,1,1\n1,2,2,2\n2,3,3,3\n", "2 columns"),
+    ],
+)
+def test_what_is_no_log_is_refused_with_its_path(data: bytes, match: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.xls"
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=match) as caught:
+        read_machine_log(path)
+    assert str(path) in str(caught.value)
     with pytest.raises(InputError, match="cannot read"):
         read_machine_log(tmp_path / "none.txt")
-    binary = tmp_path / "log.xls"
-    binary.write_bytes(bytes(range(256)) * 20)
-    with pytest.raises(InputError, match="is not a text file"):
-        read_machine_log(binary)
     with pytest.raises(InputError, match="load is none of time, displacement, force"):
-        read_machine_log(write(tmp_path, simple()), units={"load": "N"})
+        read_machine_log(path, units={"load": "N"})

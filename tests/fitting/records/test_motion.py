@@ -184,27 +184,6 @@ def test_a_log_is_read_in_si(tmp_path):
     assert len(log.sha256) == 64
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("time_s,displacement_furlong\n0,1\n1,2\n2,3\n", "unknown unit 'furlong'"),
-        ("time_s,displacement\n0,1\n1,2\n2,3\n", "no unit"),
-        ("time_s,force_N\n0,1\n1,2\n2,3\n", "no column for displacement"),
-        ("time_s,displacement_mm,displacement_in\n0,1,1\n1,2,2\n2,3,3\n", "2 columns"),
-        ("time_s,displacement_mm\n0,1\n1,2\n0.5,2\n", "time goes back"),
-        ("time_s,displacement_mm\n0,1\n0,1\n0,1\n", "one row"),
-        ("time_s,displacement_mm\n0,1\n1,x\n", "no block of numbers"),
-        ("time_s,displacement_mm\n0,1\n", "no block of numbers"),
-    ],
-)
-def test_a_log_that_cannot_be_used_is_refused_with_its_path(tmp_path, text, match):
-    path = tmp_path / "log.csv"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=match) as caught:
-        read_machine_log(path, **OF_PICTURES)
-    assert str(path) in str(caught.value)
-
-
 def test_interpolation_knows_its_error():
     t = np.arange(0, 20, 0.5)
     log = MachineLog(t, t, force=np.sin(t))
