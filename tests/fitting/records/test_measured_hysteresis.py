@@ -1,29 +1,13 @@
 """Half-differences of measured muscles, of records and lengths that were left out of the fit."""
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
-
 import numpy as np
 import pytest
 
 from fitting.records import BranchPairs, HysteresisFit, fit_hysteresis, leave_out, ramp_pairs
+from tests.fitting import bpa10, festo10
 
 LIMIT = 0.6  # of the measured root mean square
 CERTIFIED = 1e-10
-
-
-def _module(name: str) -> ModuleType:
-    path = Path(__file__).parents[1] / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-BPA10, FESTO10 = _module("bpa10"), _module("festo10")
 
 
 def _fit(pairs: BranchPairs) -> HysteresisFit:
@@ -36,10 +20,10 @@ def _fit(pairs: BranchPairs) -> HysteresisFit:
 
 @pytest.mark.slow
 def test_bpa10_records_and_lengths_left_out() -> None:
-    if not BPA10.FOLDER.is_dir():
-        pytest.skip(BPA10.ABSENT)
-    for name, made in BPA10.bpa10_maps().items():
-        rest_length = BPA10.LENGTHS[name]["Unkink"]
+    if not bpa10.FOLDER.is_dir():
+        pytest.skip(bpa10.ABSENT)
+    for name, made in bpa10.bpa10_maps().items():
+        rest_length = bpa10.LENGTHS[name]["Unkink"]
         fit = _fit(ramp_pairs(made.points, rest_length=rest_length))
         ratios = {one.groups: one.ratio for one in fit.left_out}
         assert set(ratios) == {"record", "length"}
@@ -47,9 +31,9 @@ def test_bpa10_records_and_lengths_left_out() -> None:
 
 
 def test_festo10_lengths_left_out() -> None:
-    if not FESTO10.FOLDER.is_dir():
-        pytest.skip(FESTO10.ABSENT)
-    fits = {name: _fit(pairs) for name, pairs in FESTO10.festo10_pairs().items()}
+    if not festo10.FOLDER.is_dir():
+        pytest.skip(festo10.ABSENT)
+    fits = {name: _fit(pairs) for name, pairs in festo10.festo10_pairs().items()}
     left = {
         name: next(one for one in f.left_out if one.groups == "length") for name, f in fits.items()
     }

@@ -1,11 +1,9 @@
 """Records of known truth: a force law, a hysteresis that closes at the top, noise and a clamp."""
 
 import dataclasses
-import importlib.util
 import json
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -24,6 +22,7 @@ from fitting.records import (
     read_ramps,
     static_map,
 )
+from tests.fitting import bpa10
 
 ZERO, TOP, HALF_WIDTH, NOISE = 9e3, 6.2e5, 4.0, 0.9  # Pa, Pa, N, N
 CLAMP = -8.7
@@ -485,24 +484,11 @@ def test_commands_that_cannot_be(call: Callable[[str], object], match: str, tmp_
         call(str(path))
 
 
-def _bpa10() -> ModuleType:
-    path = Path(__file__).parents[1] / "bpa10.py"
-    spec = importlib.util.spec_from_file_location("bpa10", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-BPA10 = _bpa10()
-
-
 @pytest.fixture(scope="module")
 def bpa10_maps() -> dict[str, StaticMap]:
-    if not BPA10.FOLDER.is_dir():
-        pytest.skip(BPA10.ABSENT)
-    return BPA10.bpa10_maps()
+    if not bpa10.FOLDER.is_dir():
+        pytest.skip(bpa10.ABSENT)
+    return bpa10.bpa10_maps()
 
 
 def test_bpa10_is_as_its_study_says(bpa10_maps: dict[str, StaticMap]) -> None:
@@ -527,11 +513,11 @@ def test_bpa10_is_as_its_study_says(bpa10_maps: dict[str, StaticMap]) -> None:
 
 
 def test_bpa10_as_data(bpa10_maps: dict[str, StaticMap]) -> None:
-    data: dict[str, ForceData] = BPA10.bpa10_data(bpa10_maps)
+    data: dict[str, ForceData] = bpa10.bpa10_data(bpa10_maps)
     assert data["10cm"].max_force == pytest.approx(310, abs=3)
     assert data["30cm"].max_force == pytest.approx(427, abs=3)
     for one in data.values():
         assert one.loaded.all()
-        assert one.force.min() >= BPA10.LEAST_PULL
+        assert one.force.min() >= bpa10.LEAST_PULL
         assert np.unique(one.length).size == 4
         assert 45 <= one.force.size <= 52
