@@ -19,7 +19,7 @@ LEAST_READINGS = 5
 """Of a hold's part, and on either side of a bin's middle."""
 
 Mask = Bool[np.ndarray, " n"]
-Rows = Int[np.ndarray, " rows"]
+Rows = Int[np.ndarray, " _"]
 Holds = Float[np.ndarray, " holds"]
 Kind = Literal["staircase", "ramp"]
 """Pulses of a valve with holds between them, or a pressure that moves all the time."""
