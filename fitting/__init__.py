@@ -1,8 +1,8 @@
 """Identification of fluidic artificial muscles: data with units in, a certified model out.
 
 Start with `read_csv` or `load_bundled` and `identify`; `validate`, `profile` and `bootstrap` say how
-far the result can be trusted, `compare` sets it beside the published models. `fitting.records`,
-`fitting.ramps` and `fitting.rubber` turn raw tests into force maps and moduli.
+far the result can be trusted, `compare` sets it beside the published models. `fitting.records`
+turns raw tests into force maps and moduli.
 """
 
 import lazy_loader

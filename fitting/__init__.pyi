@@ -6,13 +6,10 @@ from . import (
     engine as engine,
     evidence as evidence,
     families as families,
-    hysteresis as hysteresis,
     posterior as posterior,
     prediction as prediction,
-    ramps as ramps,
     records as records,
     result as result,
-    rubber as rubber,
     saved as saved,
     shapes as shapes,
     sweeps as sweeps,
@@ -46,7 +43,7 @@ from .saved.fit_plot import (
 from .saved.report import write_fit as write_fit
 from .saved.saved_fit import load_fit as load_fit
 from .series import identify_series as identify_series
-from .shapes.surface import shape_surface as shape_surface
+from .shapes import shape_surface as shape_surface
 from .sweeps.all_forms import sweep as sweep
 
 __famjax__: str

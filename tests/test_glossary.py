@@ -12,8 +12,8 @@ from famjax.boundary.units import UNITS
 from fitting.data import SharedErrors
 from fitting.evidence import Evidence, carry, moves_of
 from fitting.families import known_laws
-from fitting.hysteresis import BranchPairs, fit_hysteresis, hysteresis_table, leave_out
 from fitting.posterior import Posterior, posterior_table
+from fitting.records import BranchPairs, fit_hysteresis, hysteresis_table, leave_out
 from fitting.saved.report_tables import correlation_tables, specimen_table
 
 GLOSSARY = Path(__file__).parents[1] / "docs" / "glossary.md"

@@ -13,7 +13,7 @@ from famjax import units
 from famjax.braids import BraidState, BraidStretch
 from famjax.compile_options import quick_jit
 from famjax.design import thread_strength_margin
-from fitting.rubber import InSitu, thread_in_situ
+from fitting.records import InSitu, thread_in_situ
 
 chapter = Chapter(__name__)
 

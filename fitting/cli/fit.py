@@ -214,7 +214,7 @@ def assess(
         fitting.posterior.load_blackjax()
     place = Output(fit_json.parent if output is None else output)
     add_cwd_to_path()
-    pairs = None if hysteresis is None else fitting.ramps.read_branches(hysteresis)
+    pairs = None if hysteresis is None else fitting.records.read_branches(hysteresis)
     problem = Problem.read(fitting.load_fit(fit_json).document)
     with _telling("identifying") as tell:
         return _finish(
@@ -244,7 +244,7 @@ def _finish(
 
     from famjax.boundary.origin import Origin
     from fitting import saved
-    from fitting.hysteresis import fit_hysteresis, leave_out
+    from fitting.records import fit_hysteresis, leave_out
 
     from .problem import judged
 

@@ -167,8 +167,8 @@ def _print_history(
     Raises:
         InputError: another option is given, or what `read_history` and `predict_history` refuse.
     """
-    from fitting.hysteresis import read_history
     from fitting.prediction import hysteresis_error, predict_history
+    from fitting.records import read_history
 
     given = [f"--{name}" for name, value in others.items() if value]
     if given:

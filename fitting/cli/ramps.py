@@ -61,7 +61,7 @@ def ramps(
     load_fitting()
     from famjax.boundary.origin import Origin
     from fitting.data import parse_specimen
-    from fitting.ramps import parse_atmosphere, ramps_command
+    from fitting.records import parse_atmosphere, ramps_command
 
     place = Output(output)
     summary, files = ramps_command(

@@ -11,10 +11,14 @@ import numpy as np
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import finite_or_none, from_si, si_unit, unit_system
 
-from ..hysteresis.slip_fit import HysteresisFit
-from ..hysteresis.slip_report import hysteresis_as_dict, hysteresis_table, hysteresis_warnings
 from ..posterior.report import posterior_as_dict, posterior_table, posterior_warnings
 from ..posterior.result import Posterior
+from ..records.hysteresis import (
+    HysteresisFit,
+    hysteresis_as_dict,
+    hysteresis_table,
+    hysteresis_warnings,
+)
 from ..result import Identification
 from .leave_out import groups_of, leave_out_each
 from .left_out import LeftOut

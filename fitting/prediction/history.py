@@ -7,7 +7,7 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none
 
-from ..hysteresis.history_file import History
+from ..records.hysteresis import History
 from ..saved.saved_fit import SavedFit
 from .forces import NORMAL_95, model_forces, static_rows
 from .slack import reported

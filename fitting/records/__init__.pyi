@@ -1,22 +1,65 @@
-from .alignment import (
+from .clock import (
     Alignment as Alignment,
+    ClockMap as ClockMap,
     align_by_load as align_by_load,
     align_by_pulses as align_by_pulses,
+    fit_clock as fit_clock,
 )
-from .characterisation import (
+from .force_map import (
+    StaticMap as StaticMap,
+    branches_csv as branches_csv,
+    parse_atmosphere as parse_atmosphere,
+    plot_ramps as plot_ramps,
+    ramp_pairs as ramp_pairs,
+    ramps_command as ramps_command,
+    read_branches as read_branches,
+    read_ramps as read_ramps,
+    static_map as static_map,
+)
+from .hysteresis import (
+    BranchPairs as BranchPairs,
+    History as History,
+    HysteresisFit as HysteresisFit,
+    HysteresisLeftOut as HysteresisLeftOut,
+    fit_hysteresis as fit_hysteresis,
+    hysteresis_as_dict as hysteresis_as_dict,
+    hysteresis_table as hysteresis_table,
+    hysteresis_warnings as hysteresis_warnings,
+    leave_out as leave_out,
+    read_history as read_history,
+    threshold_grid as threshold_grid,
+)
+from .isobar import (
     Characterisation as Characterisation,
     Isobar as Isobar,
+    IsobaricRecord as IsobaricRecord,
     characterise as characterise,
+    combine as combine,
     force_rmse as force_rmse,
+    strokes as strokes,
+    write_dataset as write_dataset,
 )
-from .clock import ClockMap as ClockMap, fit_clock as fit_clock
-from .dataset import dataset_text as dataset_text, write_dataset as write_dataset
-from .isobaric_record import IsobaricRecord as IsobaricRecord, combine as combine
-from .machine_log import Gap as Gap, MachineLog as MachineLog, read_machine_log as read_machine_log
-from .motion_match import (
+from .log import MachineLog as MachineLog, read_machine_log as read_machine_log
+from .motion import (
     OtherMotion as OtherMotion,
     SyncError as SyncError,
     Synchronisation as Synchronisation,
     synchronise as synchronise,
 )
-from .stroke import Stroke as Stroke, strokes as strokes
+from .ramp import (
+    QuasiStatic as QuasiStatic,
+    RampRecord as RampRecord,
+    find_staircase as find_staircase,
+    quasi_static as quasi_static,
+    read_ramp as read_ramp,
+)
+from .tensile import (
+    BladderCharacterisation as BladderCharacterisation,
+    InSitu as InSitu,
+    ModulusFit as ModulusFit,
+    TensileCycle as TensileCycle,
+    TensileFit as TensileFit,
+    TensileRecord as TensileRecord,
+    characterise_bladder as characterise_bladder,
+    thread_in_situ as thread_in_situ,
+)

@@ -6,7 +6,7 @@ The raw records are not part of the project; tests that need them are skipped wh
 from pathlib import Path
 
 from fitting.data import ForceData, Specimen
-from fitting.ramps import StaticMap, quasi_static, read_ramp, static_map
+from fitting.records import StaticMap, quasi_static, read_ramp, static_map
 
 FOLDER = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "bpa10"
 ABSENT = "the raw ramps of bpa10 are not beside the repository"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from fitting.hysteresis import BranchPairs
+from fitting.records import BranchPairs
 
 FOLDER = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "festo10_series"
 ABSENT = "the readings of festo10_series are not beside the repository"

@@ -1,0 +1,625 @@
+"""Tests at constant pressures: machine log and journal to strokes, curves, figures and a force map."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from famjax.boundary.errors import InputError
+
+from .clock import Alignment
+from .log import MachineLog
+from .record import check_positive, set_columns, split_branches
+
+GRID = 100
+"""Lengths at which the branches are compared."""
+TURN = 0.03
+"""Part of a stroke after a turn that is left out of a force map: friction turns round there, so that the
+mean of both branches is not the muscle's own force."""
+
+_BRIDGE = 5  # usual intervals: where the journal is silent for longer, there is no pressure
+_MISSING = 5  # usual intervals: rows that are further apart have others missing between them
+_STROKE = 0.3  # of the range of lengths at a pressure: a smaller motion is no stroke
+_END = 0.003  # of that range: what counts as being at an end
+_SHORT = 0.02  # of that range, by which a stroke may end short of where it began
+_AT_REST = 1e-3  # of the rest length: nearer than that the muscle is held at it
+_STILL = 2e-5  # of the rest length: within that of the median it does not move
+_SHORTEST_HOLD = 0.5  # s
+_LONGEST_HOLD = 2.0  # s, of which the force is averaged
+_BEND = 5  # degree of the polynomial about which local lines are fitted
+_POINTS = 30  # lengths of a force map
+_ALIKE = 1e-3  # of a pressure: differences of branches below that are noise
+_FIGURES = {
+    "set_pressure": "Pa", "pressure": "Pa", "pressure_std": "Pa", "largest_pressure_error": "Pa",
+    "cycles": "", "blocked_force": "N", "blocked_force_std": "N", "moving_blocked_force": "N",
+    "free_contraction": "", "free_contraction_std": "", "mean_free_contraction": "",
+    "hysteresis": "J", "hysteresis_ratio": "",
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class IsobaricRecord:
+    """A test in SI, one row per row of the machine's log that has a pressure.
+
+    Attributes:
+        time: by the journal's clock [s], rising, shape (n,).
+        length: active length L [m], shape (n,).
+        force: F [N], positive when the muscle pulls, shape (n,).
+        pressure: measured, gauge [Pa], shape (n,).
+        set_pressure: in force at that time, gauge [Pa], nan where there was none, shape (n,).
+        rest_length: L0 [m].
+        notes: what was left out.
+    """
+
+    time: np.ndarray
+    length: np.ndarray
+    force: np.ndarray
+    pressure: np.ndarray
+    set_pressure: np.ndarray
+    rest_length: float
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        set_columns(self, "time", "length", "force", "pressure")
+        check_positive(rest_length=self.rest_length)
+        if np.shape(self.set_pressure) != self.time.shape:
+            raise InputError(f"{self.time.size} rows need as many set pressures")
+        if np.any(np.diff(self.time) <= 0):
+            raise InputError("the time of a record must rise")
+        if np.any(self.length <= 0):
+            raise InputError(
+                f"active lengths must be positive, but they would be {self.length.min():.5g} to "
+                f"{self.length.max():.5g} m with a rest length of {self.rest_length:.5g} m: check "
+                "the unit of the displacement, its sign, and rest_length"
+            )
+
+
+def combine(
+    log: MachineLog,
+    alignment: Alignment,
+    journal_time: np.ndarray,
+    journal_pressure: np.ndarray,
+    set_points: Sequence[tuple[float, float]],
+    *,
+    rest_length: float,
+    shortening_positive: bool = False,
+    zero_displacement: float = 0.0,
+    pushing_positive: bool = False,
+) -> IsobaricRecord:
+    """A record of a test from the machine's log and the journal.
+
+    L = L0 + (displacement - zero). Each row takes the journal's nearest reading of the pressure, not
+    a mean, so that its scatter stays what was measured. Rows at which the journal is silent, or
+    before the first set point, are left out.
+
+    Args:
+        log: of the machine.
+        alignment: of its clock to the journal's.
+        journal_time: [s], rising, shape (n,).
+        journal_pressure: gauge [Pa], shape (n,).
+        set_points: time of the journal [s] and set pressure [Pa] from then on, in order; nan ends one.
+        rest_length: L0 [m].
+        shortening_positive: the machine's displacement grows as the muscle shortens.
+        zero_displacement: what the machine shows at L0 [m].
+        pushing_positive: the machine's force is positive in compression.
+
+    Returns:
+        The record.
+
+    Raises:
+        InputError: journal and log do not overlap, or there is no set point.
+    """
+    if np.shape(journal_time) != np.shape(journal_pressure) or np.size(journal_time) < 2:
+        raise InputError(
+            "time and pressure of the journal must be equally long, got "
+            f"{np.shape(journal_time)} and {np.shape(journal_pressure)}"
+        )
+    if not set_points:
+        raise InputError("the journal has no set point: nothing was held at a pressure")
+    time = alignment.journal_time(log.time)
+    place = np.interp(time, journal_time, np.arange(len(journal_time)))
+    nearest = np.floor(place + 0.5).astype(int)
+    apart = np.abs(journal_time[nearest] - time)
+    heard = apart <= _BRIDGE * float(np.median(np.diff(journal_time)))
+    starts, pressures = np.array(set_points, float).T
+    order = np.searchsorted(starts, time, side="right") - 1
+    use = heard & (order >= 0)
+    if use.sum() < 2:
+        raise InputError(
+            "no row of the machine's log has a pressure in the journal: are they of one test?"
+        )
+    notes = []
+    if not heard.all():
+        notes.append(f"{(~heard).sum()} rows of the machine's log have no pressure in the journal.")
+    if log.gaps:
+        notes.append(f"The machine's log lacks {log.missing_rows} rows in {len(log.gaps)} gaps.")
+    towards = -1.0 if shortening_positive else 1.0
+    return IsobaricRecord(
+        time=time[use],
+        length=rest_length + towards * (log.displacement[use] - zero_displacement),
+        force=(-1.0 if pushing_positive else 1.0) * log.channel("force")[use],
+        pressure=journal_pressure[nearest[use]],
+        set_pressure=pressures[order[use]],
+        rest_length=rest_length,
+        notes=tuple(notes),
+    )
+
+
+Stroke = tuple[slice, slice]
+"""Rows of the concentric and of the eccentric branch of one stroke there and back."""
+
+
+def strokes(record: IsobaricRecord) -> tuple[dict[float, list[Stroke]], list[str]]:
+    """Every complete stroke of a record by set pressure [Pa], and a sentence for each motion that is none.
+
+    A stroke goes from the longest length to the shortest and back, by three tenths at least of the
+    range of lengths at its set pressure.
+    """
+    found: dict[float, list[Stroke]] = {}
+    notes: list[str] = []
+    edges = np.flatnonzero(np.diff(record.set_pressure) != 0) + 1
+    for low, high in itertools.pairwise([0, *edges.tolist(), record.time.size]):
+        pressure = float(record.set_pressure[low])
+        if high - low < 3 or not math.isfinite(pressure):
+            continue
+        length = record.length[low:high]
+        span = float(np.ptp(length))
+        branches = list(split_branches(length, min_travel=_STROKE, hold=_END * span))
+        complete = []
+        while branches:
+            there = branches.pop(0)
+            back = branches[0] if branches and not there.rising else None
+            if back and length[back.stop - 1] > length[there.start] - _SHORT * span:
+                pair = (there, branches.pop(0))
+                complete.append(tuple(slice(low + b.start, low + b.stop) for b in pair))
+            else:
+                notes.append(
+                    f"At {pressure:.6g} Pa a motion from {length[there.start]:.5g} m to "
+                    f"{length[there.stop - 1]:.5g} m is no complete stroke and was left out."
+                )
+        found[pressure] = found.get(pressure, []) + complete
+        if not complete and span > 0.01 * record.rest_length:
+            notes.append(f"At {pressure:.6g} Pa there is no complete stroke.")
+    return found, notes
+
+
+@dataclasses.dataclass(frozen=True)
+class Isobar:
+    """What was measured at one set pressure, in SI; nan where it was not.
+
+    Attributes:
+        set_pressure: gauge [Pa].
+        pressure: mean of the measured pressure during the strokes [Pa].
+        pressure_std: its standard deviation [Pa] (Chambers 2021, tables 3.3 and 3.4).
+        largest_pressure_error: largest deviation from the set pressure [Pa].
+        cycles: strokes that the curves are means of.
+        length: active lengths [m], falling from near the longest, shape (n,).
+        shortening: F [N] of the concentric branch, shape (n,).
+        lengthening: F [N] of the eccentric branch, shape (n,).
+        shortening_pressure, lengthening_pressure: measured there [Pa], shape (n,): the pressure dips
+            at a turn and rises at the other, so that no branch is at one pressure.
+        bin_pressure_std: scatter of the readings of the pressure about it, within a step of the grid
+            [Pa], shape (n,).
+        force_std: scatter of the mean of both branches from stroke to stroke [N], shape (n,); nan
+            for one stroke.
+        blocked_force: mean F [N] while the muscle was held at rest before its first stroke, for half a
+            second at least; it keeps the friction of what came before.
+        blocked_force_std: scatter of F [N] while it was held.
+        moving_blocked_force: F [N] of the mean curve at the rest length, which a dip of the pressure
+            at the turn lowers.
+        free_contraction: (L0 - L)/L0 at which the shortening muscle has no force left.
+        free_contraction_std: its scatter from stroke to stroke.
+        mean_free_contraction: the same of the mean curve, nan where the machine turned before.
+        hysteresis: work lost in a stroke [J], the area between the branches.
+        hysteresis_ratio: that area over the one under the mean curve.
+    """
+
+    set_pressure: float
+    pressure: float
+    pressure_std: float
+    largest_pressure_error: float
+    cycles: int
+    length: np.ndarray
+    shortening: np.ndarray
+    lengthening: np.ndarray
+    shortening_pressure: np.ndarray
+    lengthening_pressure: np.ndarray
+    bin_pressure_std: np.ndarray
+    force_std: np.ndarray
+    blocked_force: float
+    blocked_force_std: float
+    moving_blocked_force: float
+    free_contraction: float
+    free_contraction_std: float
+    mean_free_contraction: float
+    hysteresis: float
+    hysteresis_ratio: float
+
+    @property
+    def force(self) -> np.ndarray:
+        """The mean curve F [N], half the sum of both branches, shape (n,)."""
+        return (self.shortening + self.lengthening) / 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Characterisation:
+    """A muscle at several constant pressures.
+
+    Attributes:
+        isobars: by rising set pressure.
+        rest_length: L0 [m].
+        notes: what was left out.
+    """
+
+    isobars: tuple[Isobar, ...]
+    rest_length: float
+    notes: tuple[str, ...] = ()
+
+    def rows(self) -> list[dict[str, float]]:
+        """The figures of every isobar, with the unit in each key."""
+        return [
+            {f"{name}_{unit}".rstrip("_"): getattr(bar, name) for name, unit in _FIGURES.items()}
+            for bar in self.isobars
+        ]
+
+
+def characterise(
+    record: IsobaricRecord, *, skip_cycles: int = 0, grid: int = GRID
+) -> Characterisation:
+    """Curves and figures at every set pressure of a record, neglecting the strokes' finite rate.
+
+    Branches are local straight lines on a grid of lengths that every stroke at that pressure covers,
+    each over two steps of the grid; strokes are averaged there.
+
+    Args:
+        record: of the test.
+        skip_cycles: first strokes at each pressure that are left out.
+        grid: number of lengths.
+
+    Returns:
+        The characterisation, by rising set pressure.
+
+    Raises:
+        InputError: there is no complete stroke.
+
+    References:
+        Chambers 2021, sections 3.3 and 4.3, tables 3.3 and 3.4.
+    """
+    if grid < 10 or skip_cycles < 0:
+        raise InputError(f"grid >= 10 and skip_cycles >= 0 must hold, got {grid} and {skip_cycles}")
+    found, notes = strokes(record)
+    isobars = []
+    for pressure in sorted(found):
+        whole = []
+        for number, stroke in list(enumerate(found[pressure], 1))[skip_cycles:]:
+            lacks = max(_hole(record, rows, grid) for rows in stroke)
+            if lacks:
+                notes.append(
+                    f"At {pressure:.6g} Pa stroke {number} lacks {lacks:.3g} s in the journal or the "
+                    "log and was left out."
+                )
+            else:
+                whole.append(stroke)
+        try:
+            isobars += [_isobar(record, pressure, whole, grid)] if whole else []
+        except InputError as error:
+            # A muscle that is slack soon turns soon: a short stroke has few rows.
+            notes.append(f"The strokes at {pressure:.6g} Pa were left out: {error}")
+    if not isobars:
+        raise InputError(
+            f"no complete stroke in {record.time.size} rows over {np.ptp(record.time):.5g} s, lengths "
+            f"{record.length.min():.5g} to {record.length.max():.5g} m, skipping {skip_cycles} cycles: "
+            "check that journal and log are of one test, and whole (famjax rig check). "
+            + " ".join(notes)
+        )
+    return Characterisation(tuple(isobars), record.rest_length, (*record.notes, *notes))
+
+
+def force_rmse(one: Characterisation, other: Characterisation) -> Mapping[float, float]:
+    """Root mean square difference of two characterisations' forces, by set pressure.
+
+    sqrt(mean (F_1 - F_2)^2) over both branches, at the lengths that both cover.
+
+    Returns:
+        Set pressure [Pa] -> difference [N], for the pressures that both hold.
+
+    Raises:
+        InputError: no set pressure is common, or no length at one.
+
+    References:
+        Chambers 2021, equation 3.8 and table 3.5.
+    """
+    others = {bar.set_pressure: bar for bar in other.isobars}
+    pairs = [(bar, others[bar.set_pressure]) for bar in one.isobars if bar.set_pressure in others]
+    if not pairs:
+        raise InputError(
+            "no set pressure is common: "
+            f"{', '.join(f'{bar.set_pressure:.6g}' for bar in one.isobars)} Pa and "
+            f"{', '.join(f'{P:.6g}' for P in others)} Pa"
+        )
+    found = {}
+    for a, b in pairs:
+        low, high = max(a.length[-1], b.length[-1]), min(a.length[0], b.length[0])
+        if low >= high:
+            raise InputError(f"at {a.set_pressure:.6g} Pa the lengths have nothing in common")
+        at = np.linspace(low, high, GRID)
+        left = [
+            np.interp(at, a.length[::-1], getattr(a, branch)[::-1])
+            - np.interp(at, b.length[::-1], getattr(b, branch)[::-1])
+            for branch in ("shortening", "lengthening")
+        ]
+        found[a.set_pressure] = float(np.sqrt(np.mean(np.square(left))))
+    return found
+
+
+def _hole(record: IsobaricRecord, rows: slice, grid: int) -> float:
+    """How long [s] rows are missing while the length moves on by more than a step of the grid; or 0."""
+    apart, moved = np.diff(record.time[rows]), np.abs(np.diff(record.length[rows]))
+    step = float(np.ptp(record.length[rows])) / (grid - 1)
+    missing = (apart > _MISSING * np.median(apart)) & (moved > step)
+    return float(apart[missing].max(initial=0.0))
+
+
+def _isobar(record: IsobaricRecord, set_pressure: float, found: list[Stroke], grid: int) -> Isobar:
+    sides = list(zip(*found, strict=True))
+    every = [record.length[rows] for side in sides for rows in side]
+    shortest, longest = max(x.min() for x in every), min(x.max() for x in every)
+    at = np.linspace(longest, shortest, grid)
+    width = (longest - shortest) / (grid - 1)
+    force, pressure = (
+        np.array([[_curve(record, of, rows, at, width) for rows in side] for side in sides])
+        for of in ("force", "pressure")
+    )
+    variance = []
+    for rows, curve in zip(sides[0] + sides[1], pressure.reshape(-1, grid), strict=True):
+        x, left = record.length[rows], record.pressure[rows]
+        left = left - np.interp(x, at[::-1], curve[::-1])
+        variance.append(_local_mean(x, left**2, at, width))
+    held = _held_force(record, set_pressure, sides[0][0].start)
+    free = np.array([_free_contraction(record, rows, grid) for rows in sides[0]])
+    inside = np.concatenate([record.pressure[a.start : b.stop] for a, b in found])
+    mean, (down, up) = force.mean(axis=(0, 1)), force.mean(axis=1)
+    lost = float(np.trapezoid(up - down, -at))
+    return Isobar(
+        set_pressure=set_pressure,
+        pressure=float(inside.mean()),
+        pressure_std=float(inside.std()),
+        largest_pressure_error=float(np.abs(inside - set_pressure).max()),
+        cycles=len(found),
+        length=at,
+        shortening=down,
+        lengthening=up,
+        shortening_pressure=pressure[0].mean(axis=0),
+        lengthening_pressure=pressure[1].mean(axis=0),
+        bin_pressure_std=np.sqrt(np.mean(variance, axis=0)),
+        force_std=_scatter(force.mean(axis=0)),
+        blocked_force=float(held.mean()) if held.size else math.nan,
+        blocked_force_std=float(held.std()) if held.size else math.nan,
+        moving_blocked_force=_force_at_rest(record.rest_length, at, mean),
+        free_contraction=float(free.mean()),
+        free_contraction_std=float(_scatter(free)),
+        mean_free_contraction=_contraction_at_zero(record.rest_length, at, mean),
+        hysteresis=lost,
+        hysteresis_ratio=lost / float(np.trapezoid(mean, -at)),
+    )
+
+
+def _scatter(values: np.ndarray) -> np.ndarray:
+    if len(values) < 2:
+        return np.full(values.shape[1:], np.nan)
+    return np.asarray(values.std(axis=0, ddof=1))
+
+
+def _curve(
+    record: IsobaricRecord, of: str, rows: slice, at: np.ndarray, width: float
+) -> np.ndarray:
+    """A column on the grid by local straight lines through the rows within `width` of each length."""
+    values, count = _local_lines(record.length[rows], getattr(record, of)[rows], at, width)
+    thin = count < 3
+    if thin.any():
+        raise InputError(
+            f"the machine's log has {int(count[thin][0])} rows within {width:.3g} m of the length "
+            f"{at[thin][0]:.5g} m: log faster, or take a coarser grid"
+        )
+    return values
+
+
+def _local_lines(
+    x: np.ndarray, y: np.ndarray, at: np.ndarray, width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values at places by straight lines through the points within `width`, and how many those are.
+
+    The lines are those of what a polynomial through all points leaves: a line through a bend would
+    lie beside it, and near an end there are points on one side only. Where the points within reach
+    lie at one place, their mean is taken.
+    """
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    bend = Polynomial.fit(x, y, min(_BEND, x.size // 3))
+    y = y - bend(x)
+    origin = x.mean()
+    x, away = x - origin, at - origin
+    n, sx, sxx, sy, sxy = _window_sums(
+        np.stack([np.ones_like(x), x, x * x, y, x * y]), x, away, width
+    )
+    spread = n * sxx - sx * sx
+    straight = (n > 1) & (spread > 0)
+    slope = np.divide(n * sxy - sx * sy, spread, where=straight, out=np.zeros_like(at))
+    n_safe = np.maximum(n, 1)
+    return sy / n_safe + slope * (away - sx / n_safe) + bend(at), n
+
+
+def _local_mean(x: np.ndarray, y: np.ndarray, at: np.ndarray, width: float) -> np.ndarray:
+    """Mean of the values within `width` of each place."""
+    order = np.argsort(x, kind="stable")
+    total, n = _window_sums(np.stack([y[order], np.ones_like(x)]), x[order], at, width)
+    return total / n
+
+
+def _window_sums(columns: np.ndarray, x: np.ndarray, at: np.ndarray, width: float) -> np.ndarray:
+    """Sums of columns over the rows whose x, rising, lies within `width` of each place."""
+    sums = np.concatenate([np.zeros((len(columns), 1)), np.cumsum(columns, axis=1)], axis=1)
+    low, high = (np.searchsorted(x, at + side * 1.0001 * width) for side in (-1, 1))
+    return sums[:, high] - sums[:, low]
+
+
+def _force_at_rest(rest_length: float, at: np.ndarray, curve: np.ndarray) -> float:
+    """Force at the rest length, nan where the strokes begin more than a step of the grid from it."""
+    if at[-1] <= rest_length <= at[0]:
+        return float(np.interp(rest_length, at[::-1], curve[::-1]))
+    if abs(at[0] - rest_length) > abs(at[1] - at[0]):
+        return math.nan
+    return float(curve[0] + (rest_length - at[0]) * (curve[1] - curve[0]) / (at[1] - at[0]))
+
+
+def _free_contraction(record: IsobaricRecord, rows: slice, grid: int) -> float:
+    """Contraction at which one shortening muscle has no force left, over all of its own lengths."""
+    length = record.length[rows]
+    at, step = np.linspace(length.max(), length.min(), grid, retstep=True)
+    curve = _curve(record, "force", rows, at, abs(float(step)))
+    return _contraction_at_zero(record.rest_length, at, curve)
+
+
+def _contraction_at_zero(rest_length: float, at: np.ndarray, curve: np.ndarray) -> float:
+    """Contraction at which a curve falls to zero, within a step of the grid's end; else nan."""
+    fallen = np.flatnonzero(curve <= 0)
+    k = int(fallen[0]) if fallen.size else curve.size - 1
+    if k == 0:
+        return math.nan
+    length = at[k] - curve[k] * (at[k] - at[k - 1]) / (curve[k] - curve[k - 1])
+    beyond = (at[-1] - length) / abs(at[1] - at[0])
+    return math.nan if beyond > 1.0 else float((rest_length - length) / rest_length)
+
+
+def _held_force(record: IsobaricRecord, set_pressure: float, start: int) -> np.ndarray:
+    """Forces in the second half of the rest before a stroke's start, two seconds of it at most."""
+    stop = start + 1
+    length = record.length[:stop]
+    near = np.abs(length - record.rest_length) <= _AT_REST * record.rest_length
+    same = near & (record.set_pressure[:stop] == set_pressure)
+    while stop > 0 and not same[stop - 1] and length[stop - 1] >= length[-1]:
+        stop -= 1  # the stroke has left the rest length by more than what counts as being there
+    others = np.flatnonzero(~same[:stop])
+    start = int(others[-1]) + 1 if others.size else 0
+    if stop - start < 3:
+        return np.empty(0)
+    away = np.abs(length[start:stop] - np.median(length[start:stop]))
+    still = np.flatnonzero(away <= max(3 * float(np.median(away)), _STILL * record.rest_length))
+    rows = slice(start, start + int(still[-1]) + 1)
+    time = record.time[rows]
+    if time[-1] - time[0] < _SHORTEST_HOLD:
+        return np.empty(0)
+    return record.force[rows][time >= max(time[-1] - _LONGEST_HOLD, (time[0] + time[-1]) / 2)]
+
+
+def write_dataset(
+    found: Characterisation, path: str | Path, *, specimen: Mapping[str, object] | None = None
+) -> Path:
+    """Write a table of pressure, length and force in SI, with the specimen in comment lines.
+
+    The forces are those of the mean of both branches, at 30 lengths that are common to all isobars, and
+    each has the pressure that was measured there, which dips and rises as the machine turns, with the
+    scatter of its readings. The part `TURN` of the stroke at either end is left out. Forces that are
+    not positive stay in: they say where the muscle is slack.
+
+    Args:
+        found: the characterisation.
+        path: of the file, which `fitting.read_csv` reads; one that is there is replaced.
+        specimen: further entries, unit in the key, such as {"wall_thickness_mm": 1.6}.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: a bad entry of the specimen, or the file cannot be written.
+    """
+    turn = TURN * max(float(np.ptp(bar.length)) for bar in found.isobars)
+    bars = [_between_turns(bar, turn) for bar in found.isobars]
+    longest, shortest = max(bar.length[0] for bar in bars), min(bar.length[-1] for bar in bars)
+    common = np.linspace(longest, shortest, _POINTS)
+    friction = _friction(bars)
+    readings = [_readings(bar, common, friction) for bar in bars]
+    lines = [f"# note: {note}" for note in found.notes]
+    lines.append(f"# specimen: rest_length_m = {found.rest_length!r}")
+    for key, value in (specimen or {}).items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        if key.startswith("rest_length") or "\n" in f"{key}{text}":
+            raise InputError(
+                f"the specimen's {key} = {text!r} holds a line end, or stands beside the record's own "
+                "rest length: give it once"
+            )
+        lines.append(f"# specimen: {key} = {text}")
+    tolerance = _tolerance([rows[:, 0] for rows in readings])
+    if tolerance is not None:
+        lines.append(f"# level: pressure_tolerance_Pa = {tolerance!r}")
+    lines.append("pressure_Pa,length_m,force_N,pressure_std_Pa")
+    lines += [",".join(map(repr, row)) for rows in readings for row in rows.tolist()]
+    path = Path(path)
+    try:
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    return path
+
+
+def _between_turns(bar: Isobar, turn: float) -> Isobar:
+    """An isobar without the lengths within `turn` [m] of where the machine turned."""
+    margin = min(turn, float(np.ptp(bar.length)) / 4)
+    use = (bar.length <= bar.length[0] - margin) & (bar.length >= bar.length[-1] + margin)
+    curves = [
+        field.name
+        for field in dataclasses.fields(bar)
+        if isinstance(getattr(bar, field.name), np.ndarray)
+    ]
+    return dataclasses.replace(bar, **{name: getattr(bar, name)[use] for name in curves})
+
+
+def _readings(bar: Isobar, common: np.ndarray, friction: float) -> np.ndarray:
+    """Pressure, length, force and scatter of the pressure at the common lengths, shape (n, 4).
+
+    Each is of a line through the isobar's own values within half a step of the common lengths, so
+    that readings of short strokes are as precise as those of long ones. Where friction takes the part
+    f of the force, F = D (P - P_d) gives
+    ((1 - f) F(P_s) + (1 + f) F(P_l))/2 = F(((1 - f) P_s + (1 + f) P_l)/2):
+    that is the pressure to which the mean of both branches belongs.
+    """
+    low, high = bar.shortening_pressure, bar.lengthening_pressure
+    pressure = ((1 - friction) * low + (1 + friction) * high) / 2
+    own = bar.length
+    reach = max(float(common[0] - common[1]) / 2, 1.01 * float(own[0] - own[1]))
+    at = common[(common <= own[0] + 1e-9) & (common >= own[-1] - 1e-9)]
+    at = at if at.size > 1 else own[[0, -1]]
+    columns = [_local_lines(own, curve, at, reach)[0] for curve in (pressure, bar.force)]
+    scatter = np.sqrt(_local_mean(own, bar.bin_pressure_std**2, at, reach))
+    return np.stack([columns[0], at, columns[1], scatter], axis=1)
+
+
+def _friction(bars: Sequence[Isobar]) -> float:
+    """Part f of the force that friction takes on either branch, of all isobars together.
+
+    The branches of one isobar differ by 2 f F and by what their pressures differ. An isobar tells f
+    the better, the less its pressures differ in parts of its own: by the square of that it is weighed.
+    """
+    shares, weights = [], []
+    for bar in bars:
+        apart = np.abs(bar.lengthening_pressure - bar.shortening_pressure)
+        alike = (apart <= np.median(apart)) & (bar.shortening > 0) & (bar.lengthening > 0)
+        if alike.any():
+            share = (bar.lengthening - bar.shortening)[alike] / (2 * bar.force[alike])
+            noise = max(float(np.median(apart[alike])), _ALIKE * bar.pressure)
+            shares.append(float(np.median(share)))
+            weights.append((bar.pressure / noise) ** 2)
+    return float(np.average(shares, weights=weights)) if shares else 0.0
+
+
+def _tolerance(pressures: list[np.ndarray]) -> float | None:
+    """What divides the isobars' own pressures [Pa] from one another; None where nothing does."""
+    inside = sorted((np.sort(values) for values in pressures), key=lambda values: values[0])
+    within = max(float(np.diff(values).max()) for values in inside)
+    wide = max(float(np.ptp(values)) for values in inside)
+    between = min((float(b[0] - a[-1]) for a, b in itertools.pairwise(inside)), default=2 * wide)
+    return math.sqrt(within * between) if 0 < within < between > wide else None

@@ -1,0 +1,324 @@
+"""The camera's clock against the test machine's, from the motion that both have seen."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from famjax.boundary.errors import InputError
+
+from .log import MachineLog
+
+_FEWEST = 6  # pictures for three unknowns and their scatter
+_EXPLAINED = 0.9  # of the variance of length: below it the two do not show the same motion
+_BLUR = 0.02  # of the stroke: largest error of displacement that the error of the clock may cause
+_RIVAL = 4.0  # another offset whose squares are less than this many times the best is as good
+_PICTURES, _STEPS = 500, 4000  # at most, in the coarse search, for its cost
+_VALLEYS = 4  # of the coarse search that are refined
+_DRIFT = 0.02  # largest, of one clock against the other; crystals keep to 1e-4
+_HILL = 0.1  # of the variance, that parts two valleys
+
+
+class SyncError(InputError):
+    """Clocks that the motion cannot bring together; it names the log."""
+
+    def __init__(self, message: str, *, path: str) -> None:
+        super().__init__(f"{path}: {message}")
+
+
+class OtherMotion(SyncError):  # noqa: N818 - says what was found
+    """The lengths do not follow the displacement: they are of two tests, or a unit is wrong.
+
+    Attributes:
+        explained: part of the lengths' variance that the displacement explains.
+    """
+
+    def __init__(self, message: str, *, path: str, explained: float) -> None:
+        super().__init__(message, path=path)
+        self.explained = explained
+
+
+@dataclass(frozen=True)
+class Synchronisation:
+    """The machine's time of pictures, log_time = t + offset + (rate - 1)(t - reference).
+
+    Args:
+        offset: of the machine's clock against the camera's, at the picture time `reference` [s].
+        rate: machine seconds per camera second.
+        reference: mean time of the pictures used, by the camera [s].
+        covariance: of offset and rate, shape (2, 2).
+        sense: of the displacement; -1 where the machine counts shortening, 1 where lengthening.
+        length_at_zero: of the muscle where the machine reads zero [m].
+        rms: of length minus the fitted one [m].
+        largest: the largest of these in magnitude [m].
+        n_pictures: number of pictures used.
+    """
+
+    offset: float
+    rate: float
+    reference: float
+    covariance: np.ndarray
+    sense: int
+    length_at_zero: float
+    rms: float
+    largest: float
+    n_pictures: int
+
+    @property
+    def offset_stderr(self) -> float:
+        """Standard error of the offset [s]."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def rate_stderr(self) -> float:
+        """Standard error of the rate."""
+        return float(np.sqrt(self.covariance[1, 1]))
+
+    def log_time(self, time: np.ndarray) -> np.ndarray:
+        """Machine time of camera times [s]."""
+        time = np.asarray(time, float)
+        return time + self.offset + (self.rate - 1) * (time - self.reference)
+
+    def log_time_stderr(self, time: np.ndarray) -> np.ndarray:
+        """Standard error of the machine time [s], that of offset and rate together."""
+        lever = np.stack([np.ones_like(time, float), np.asarray(time, float) - self.reference])
+        return np.sqrt(np.einsum("it,ij,jt->t", lever, self.covariance, lever))
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Times t [s] and lengths y [m] of pictures, and the machine's log.
+
+    The model is y = a + sense x(t + offset + drift (t - mean t)), x the displacement.
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    log: MachineLog
+
+    @property
+    def variation(self) -> float:
+        """Sum of squares of the lengths about their mean."""
+        return float(np.sum((self.y - self.y.mean()) ** 2))
+
+    def at(self, offset: float, drift: float = 0.0) -> np.ndarray:
+        """The machine's time of each picture."""
+        return self.t + offset + drift * (self.t - self.t.mean())
+
+    def moved(self, at: np.ndarray) -> np.ndarray:
+        """The machine's displacement [m] at its times."""
+        return np.interp(at, self.log.time, self.log.displacement)
+
+    def known(self, at: np.ndarray) -> np.ndarray:
+        """At which times it is known where the machine was: in the log, or outside where it stood still.
+
+        It stands still before or after the log if it does over the first or the last hundredth of it.
+        """
+        first, last = self.log.time[0], self.log.time[-1]
+        little = 0.01 * (last - first)
+        ends = self.moved(np.array([first, first + little, last - little, last]))
+        before, after = np.abs(np.diff(ends)[[0, 2]]) <= 1e-3 * np.ptp(self.log.displacement)
+        return (at >= (-np.inf if before else first)) & (at <= (np.inf if after else last))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Parameters of the model with the squares that they leave."""
+
+    squares: float
+    offset: float
+    drift: float
+    length_at_zero: float
+    sense: int
+
+
+def synchronise(
+    time: np.ndarray,
+    length: np.ndarray,
+    log: MachineLog,
+    *,
+    length_stderr: float = 0.0,
+    window: float | None = None,
+    guess: float = 0.0,
+) -> Synchronisation:
+    """Offset and rate of the camera's clock against the machine's, the rig taken as stiff.
+
+    Least squares of length_i = a -+ x(t_i + offset + (rate - 1)(t_i - reference)) over offset, rate
+    and a, where x is the logged displacement, held before and after the log if the machine stood
+    still there; the sense that fits better is taken. All offsets at which half of the pictures (or
+    half of the log) overlap are tried, and rates within 2 %. Errors are those of independent
+    residuals, of their scatter or of `length_stderr` if that is larger. A rig that gives way by 1 %
+    makes a triangular stroke look like a rate that is wrong by 1 %.
+
+    Args:
+        time: of the pictures by the camera's clock, shape (n,) [s]; pictures with nan are left out.
+        length: measured, shape (n,) [m]; pictures with nan are left out.
+        log: of the machine.
+        length_stderr: standard error of a length, that part of it included that all share [m].
+        window: largest distance of the offset from `guess` [s]; no limit if None.
+        guess: of the offset [s], of use only with a window.
+
+    Returns:
+        The fitted clock, with its errors.
+
+    Raises:
+        SyncError: too few pictures, no overlap, no motion, motion that does not fix the offset (a
+            single straight ramp), several offsets that fit equally, or lengths that do not follow
+            the displacement.
+    """
+    time, length = np.asarray(time, float), np.asarray(length, float)
+    used = np.isfinite(time) & np.isfinite(length)
+    seen = _Motion(time[used], length[used], log)
+    t = seen.t
+    if len(t) < _FEWEST or np.ptp(t) == 0:
+        raise SyncError(
+            f"the clocks need at least {_FEWEST} measured pictures with time stamps that differ, "
+            f"got {len(t)}",
+            path=log.source,
+        )
+    if np.ptp(log.displacement) == 0 or np.ptp(seen.y) == 0:
+        still = "the machine's displacement" if np.ptp(log.displacement) == 0 else "the length"
+        raise SyncError(
+            f"there is no motion to align: {still} is constant; photograph a stroke with the log "
+            "running",
+            path=log.source,
+        )
+    best, *others = _search(_offsets(seen, window, guess), seen)
+    found = _checked(best, seen, length_stderr)
+    apart = max(3 * np.ptp(t) / len(t), 5 * found.offset_stderr)
+    rivals = [fit.offset for fit in others
+              if fit.squares < _RIVAL * best.squares and abs(fit.offset - best.offset) > apart]  # fmt: skip
+    if rivals:
+        listed = " and ".join(f"{offset:.4g}" for offset in [found.offset, *rivals])
+        raise SyncError(
+            f"several offsets fit equally well: {listed} s; the motion repeats itself. Give a log "
+            "that begins and ends with the pictures, or a window about the offset",
+            path=log.source,
+        )
+    return found
+
+
+def _offsets(seen: _Motion, window: float | None, guess: float) -> np.ndarray:
+    """The offsets to try, a quarter of the spacing of the pictures apart, if those are not too many."""
+    t, (first, last) = seen.t, seen.log.time[[0, -1]]
+    half = min(last - first, np.ptp(t)) / 2
+    low, high = first - t.max() + half, last - t.min() - half
+    if window is not None:
+        low, high = max(low, guess - window), min(high, guess + window)
+    if low > high:
+        raise SyncError(
+            f"no offset between {guess - (window or 0):g} and {guess + (window or 0):g} s makes "
+            f"half of the pictures ({t.min():g} to {t.max():g} s) overlap the log ({first:g} to "
+            f"{last:g} s); widen the window",
+            path=seen.log.source,
+        )
+    spacing = max(np.ptp(t) / (len(t) - 1) / 4, (high - low) / _STEPS, 1e-6)
+    return np.linspace(low, high, max(3, int(np.ceil((high - low) / spacing)) + 1))
+
+
+def _search(offsets: np.ndarray, seen: _Motion) -> list[_Fit]:
+    """The best fits, each from a valley of its own of the coarse search, the best first."""
+    starts = []
+    for sense in (-1, 1):
+        scores = _scores(offsets, seen, sense)
+        starts += [(scores[k], offsets[k], sense) for k in _valleys(scores, seen.variation)]
+    fits = [_fitted(float(offset), sense, seen) for _, offset, sense in sorted(starts)[:_VALLEYS]]
+    near = [fit for fit in fits if offsets[0] <= fit.offset <= offsets[-1]]
+    return sorted(near or fits, key=lambda fit: fit.squares)
+
+
+def _scores(offsets: np.ndarray, seen: _Motion, sense: int) -> np.ndarray:
+    """Squares that each offset leaves, with the best a; a picture outside the log is not explained."""
+    n = len(seen.t)
+    few = np.unique(np.linspace(0, n - 1, min(n, _PICTURES)).round().astype(int))
+    at, y = offsets[:, None] + seen.t[few], seen.y[few]
+    covered = seen.known(at)
+    residual = y - sense * seen.moved(at)
+    number = np.maximum(covered.sum(1, keepdims=True), 1)
+    residual -= (residual * covered).sum(1, keepdims=True) / number
+    return np.where(covered, residual**2, (y - seen.y.mean()) ** 2).sum(1) * n / len(few)
+
+
+def _valleys(scores: np.ndarray, total: float) -> list[int]:
+    """The lowest points of the deepest valleys."""
+    padded = np.pad(scores, 1, constant_values=np.inf)
+    low = np.flatnonzero((scores <= padded[:-2]) & (scores <= padded[2:]))
+    chosen: list[int] = []
+    for k in low[np.argsort(scores[low])].tolist():
+        hills = [scores[min(k, c) : max(k, c) + 1].max() for c in chosen]
+        if all(hill > scores[k] + _HILL * total for hill in hills):
+            chosen.append(k)
+    return chosen[:_VALLEYS]
+
+
+def _fitted(start: float, sense: int, seen: _Motion) -> _Fit:
+    """Least squares over offset, drift and a, from a coarse offset."""
+    from scipy.optimize import least_squares  # noqa: PLC0415 -- 0.2 s
+
+    size = np.sqrt(seen.variation / len(seen.t))
+
+    def residual(p: np.ndarray, used: np.ndarray) -> np.ndarray:
+        return (p[2] * size + sense * seen.moved(seen.at(p[0], p[1])) - seen.y) * used / size
+
+    p = np.array([start, 0.0, 0.0])
+    covered = seen.known(seen.at(start))
+    p[2] = -residual(p, covered).sum() / max(covered.sum(), 1)
+    for _ in range(2):  # which pictures the log covers depends on the offset
+        p = least_squares(
+            residual, p, x_scale=[1.0, 1 / np.ptp(seen.t), 1.0], jac="3-point",
+            bounds=([-np.inf, -_DRIFT, -np.inf], [np.inf, _DRIFT, np.inf]),
+            args=(seen.known(seen.at(p[0], p[1])),),
+        ).x  # fmt: skip
+    left = residual(p, np.ones(len(seen.t))) * size
+    covered = seen.known(seen.at(p[0], p[1]))
+    squares = np.where(covered, left**2, (seen.y - seen.y.mean()) ** 2).sum()
+    return _Fit(float(squares), float(p[0]), float(p[1]), float(p[2] * size), sense)
+
+
+def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
+    """The fit with its errors, if it may be trusted."""
+    log, reference = seen.log, float(seen.t.mean())
+    at = seen.at(fit.offset, fit.drift)
+    covered = seen.known(at)
+    t, y, at = seen.t[covered], seen.y[covered], at[covered]
+    lever, x = t - reference, seen.moved(at)
+    residual = y - fit.length_at_zero - fit.sense * x
+    total = max(float(np.sum((y - y.mean()) ** 2)), np.finfo(float).tiny) if len(t) else 1.0
+    explained = 1 - float(np.sum(residual**2)) / total if len(t) else 0.0
+    if len(t) < _FEWEST or explained < _EXPLAINED:
+        raise OtherMotion(
+            f"the lengths do not follow the displacement: at the best offset {fit.offset:.4g} s it "
+            f"explains {max(explained, 0):.0%} of their variance in {len(t)} pictures, and must "
+            f"explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths change by "
+            f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} "
+            "m: is this the log of these pictures, and its unit right?",
+            path=log.source,
+            explained=max(explained, 0.0),
+        )
+    step = max(
+        float(np.median(np.diff(np.sort(t)))) / 2, 1e-9
+    )  # the speed is over a picture's spacing
+    speed = (seen.moved(at + step) - seen.moved(at - step)) / (2 * step)
+    J = fit.sense * np.stack([speed, speed * lever, np.full_like(x, fit.sense)], axis=1)
+    size = np.linalg.norm(J, axis=0)
+    free = np.linalg.matrix_rank(J / np.where(size > 0, size, 1), tol=1e-9) == 3
+    variance = max(np.sum(residual**2) / (len(t) - 3), length_stderr**2)
+    covariance = variance * np.linalg.pinv(J.T @ J) if free else np.full((3, 3), np.inf)
+    stderr, fastest, stroke = float(np.sqrt(covariance[0, 0])), np.abs(speed).max(), np.ptp(x)
+    if not stderr * fastest <= _BLUR * stroke:
+        raise SyncError(
+            f"the motion does not fix the offset of the clocks: its standard error is {stderr:.3g} "
+            f"s, at {fastest:.3g} m/s more than {_BLUR:.0%} of the stroke of {stroke:.3g} m. "
+            "Photograph a turn or a stop of the machine, not a straight ramp alone",
+            path=log.source,
+        )
+    return Synchronisation(
+        offset=fit.offset,
+        rate=1 + fit.drift,
+        reference=reference,
+        covariance=covariance[:2, :2],
+        sense=fit.sense,
+        length_at_zero=fit.length_at_zero,
+        rms=float(np.sqrt(np.mean(residual**2))),
+        largest=float(np.abs(residual).max()),
+        n_pictures=len(t),
+    )

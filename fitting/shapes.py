@@ -1,0 +1,686 @@
+"""From photographs to the shape of a muscle over length and pressure, and one profile as a series.
+
+`shape_surface(table)` fits D(z; L, P) to the pictures, tests it on pictures held out, and gives the
+measured geometry of a muscle with `surface.geometry(specimen)`. `fit_fourier` describes one profile.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import famjax
+
+from .arguments import shown
+from .data.force_data import Specimen
+from .errors import InputError
+
+Array = NDArray[np.floating]
+
+DEGREES = range(1, 11)
+"""Of the polynomials in length that are tried."""
+MORE = 2
+"""Degrees in length above those that predict best."""
+KNOTS = 17
+"""Lengths at which the surface is handed on; a spline through them repeats it to 1e-5 of itself."""
+HELD_OUT = 5
+"""Every fifth picture, in the order of the lengths, is held out of the test's fit."""
+OUTLIER = 6.0
+"""Robust standard deviations by which a picture may lie off the surface."""
+MOST_OUTLIERS = 0.1
+"""Share of the pictures that may lie off it before there is no surface."""
+MOST_SCATTER = 0.01
+"""Of the pictures about the surface, as part of the diameter, beyond which there is none."""
+WITHIN = 0.15
+"""Part by which the true turns may differ from the triangle's, which neglects the narrower ends."""
+
+_SCALE_STDERR = "scale_relative_stderr"
+_COLUMNS = {
+    "length": "length_m", "diameter": "diameter_m", "diameter_stderr": "diameter_stderr_m",
+    "pressure": "pressure_Pa", "mean_diameter_stderr": "mean_diameter_stderr_m",
+}  # fmt: skip
+_LEAST = 6  # pictures that make a table worth reading as a shape
+_SPREAD = 0.02  # of the largest pressure, from which on the shape may depend on the pressure
+_CORRELATED = 0.02  # of the length, over which neighbouring diameters of a picture err alike
+_FINEST = 1e-5  # of the diameter, below any photograph's error
+_WAVES = (0.5, 4 * np.pi)  # wave numbers of a series
+_SCAN = 160  # of them that are tried
+_STARTS = 4  # valleys that are followed
+_SCAN_POINTS = 400  # of a profile, at most, in the search
+_SPAN = 1e-10  # singular values below this part of the largest carry rounding only
+
+
+@dataclasses.dataclass(frozen=True)
+class Pictures:
+    """Profiles of n pictures at m common positions.
+
+    Attributes:
+        names: of the pictures, n of them.
+        length: active length L [m], shape (n,).
+        diameter: outside of the braid [m] at evenly spaced z/L from 0 to 1, shape (n, m).
+        pressure: gauge [Pa], shape (n,); nan where it is not known.
+        scale_std: relative standard error of the scale, common to all lengths and diameters.
+        mean_std: standard error of a picture's average diameter [m], which is taken as common to all:
+            light, lens and weave are.
+        local_std: that of its diameters at the positions [m], shape (m,), or None.
+        source: where they are from.
+
+    Raises:
+        InputError: shapes that do not match, values that are not positive, or fewer than six
+            pictures.
+    """
+
+    names: tuple[str, ...]
+    length: Array
+    diameter: Array
+    pressure: Array
+    scale_std: float = 0.0
+    mean_std: float = 0.0
+    local_std: Array | None = None
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        if self.length.shape != (n,) or self.pressure.shape != (n,) or len(self.diameter) != n:
+            raise InputError(
+                f"{n} pictures need as many lengths, pressures and profiles, got "
+                f"{self.length.shape}, {self.pressure.shape}, {self.diameter.shape}"
+            )
+        if n < _LEAST:
+            raise InputError(
+                f"{self.source}: {n} pictures were measured; a surface through shapes needs {_LEAST} "
+                "or more: photograph a whole stroke"
+            )
+        bad = ~((self.length > 0) & np.all(self.diameter > 0, axis=1))
+        if bad.any():
+            name = self.names[int(np.argmax(bad))]
+            raise InputError(f"{self.source}: {name} has a length or a diameter that is not > 0")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def part(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> "Pictures":
+        """The pictures that are kept."""
+        names = tuple(self.names[k] for k in np.arange(len(self))[keep])
+        kept = {name: getattr(self, name)[keep] for name in ("length", "diameter", "pressure")}
+        return dataclasses.replace(self, names=names, **kept)
+
+    def pressure_ends(self) -> tuple[float, float]:
+        """Lowest and highest pressure [Pa]; nan where they are not known or all alike."""
+        P = self.pressure
+        if not np.isfinite(P).all() or np.ptp(P) <= _SPREAD * np.abs(P).max():
+            return np.nan, np.nan
+        return float(P.min()), float(P.max())
+
+    @classmethod
+    def of(cls, table: Any) -> "Pictures":
+        """The measured pictures of an `imaging.Table`, or of the `measurements.nc` of `famjax measure`.
+
+        Raises:
+            InputError: the file cannot be read, or holds no profiles.
+        """
+        if isinstance(table, Pictures):
+            return table
+        if isinstance(table, str | Path):
+            names, ok, columns, scale = _read(table)
+        elif isinstance(getattr(table, "columns", None), Mapping):
+            names, ok, columns = table.path, table.ok, dict(table.columns)
+            columns |= {"diameter": table.diameter, "diameter_stderr": table.diameter_stderr}
+            scale = float(table.provenance.get(_SCALE_STDERR, 0.0))
+        else:
+            raise InputError(
+                "the pictures must be a measurements.nc, by its path, or the table of a campaign, got "
+                f"{shown(table)}"
+            )
+        held = {name: np.asarray(columns[name], float) for name in _COLUMNS if name in columns}
+        use = ok & np.isfinite(held["length"]) & np.isfinite(held["diameter"]).all(axis=1)
+        held = {name: values[use] for name, values in held.items()}
+        unknown = np.full(int(use.sum()), np.nan)
+        mean = held.get("mean_diameter_stderr", unknown)
+        local = held.get("diameter_stderr", unknown[:, None])
+        known = len(unknown) and np.isfinite(np.median(local, axis=0)).all()
+        return cls(
+            tuple(name for name, keep in zip(names, use, strict=True) if keep),
+            held["length"],
+            held["diameter"],
+            held.get("pressure", unknown),
+            scale,
+            float(np.median(mean)) if len(unknown) and np.isfinite(mean).all() else 0.0,
+            np.median(local, axis=0) if known else None,
+            str(table) if isinstance(table, str | Path) else "the table",
+        )
+
+
+def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.ndarray], float]:
+    """Names, whether they were measured, columns, and the scale's relative error, of a NetCDF file."""
+    from scipy.io import netcdf_file  # noqa: PLC0415 -- 0.1 s, for these files alone
+
+    try:
+        with netcdf_file(path, "r", mmap=False) as file:
+            held = {name: one[:].copy() for name, one in file.variables.items()}
+            scale = float(getattr(file, _SCALE_STDERR, b"0").decode())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{path} is not the NetCDF file of `famjax measure`, measurements.nc"
+        ) from None
+    missing = {"diameter_m", "length_m", "ok", "path"} - held.keys()
+    if missing:
+        raise InputError(
+            f"{path} has no {', '.join(sorted(missing))}: give the measurements.nc of `famjax measure`"
+        )
+    names = tuple(b"".join(row).decode().rstrip("\0 ") for row in held["path"])
+    columns = {name: held[stored] for name, stored in _COLUMNS.items() if stored in held}
+    return names, held["ok"] != 0, columns, scale
+
+
+class SurfaceForm(NamedTuple):
+    """Polynomials of a surface: in the length, and times the pressure.
+
+    Attributes:
+        degree: of the polynomial in length.
+        with_pressure: of the one in length that is multiplied by the pressure; -1 for none.
+    """
+
+    degree: int
+    with_pressure: int
+
+
+class _Polynomials:
+    """Least squares of a form through pictures at every position with one matrix, each counting alike.
+
+    Attributes:
+        coefficients: shape (terms, m) [m].
+        residuals: of each picture [m], shape (n, m).
+        leverage: of each picture, shape (n,).
+        left_out: residual of each picture from the surface without it [m], shape (n, m).
+    """
+
+    def __init__(self, pictures: Pictures, form: SurfaceForm) -> None:
+        self.form = form
+        self.ends = float(pictures.length.min()), float(pictures.length.max())
+        self.pressures = pictures.pressure_ends()
+        X = self.basis(pictures.length, pictures.pressure)
+        self.solve = np.linalg.pinv(X)
+        self.coefficients = self.solve @ pictures.diameter
+        self.residuals = pictures.diameter - X @ self.coefficients
+        self.leverage = np.sum(X * self.solve.T, axis=1)
+        self.left_out = self.residuals / np.maximum(1 - self.leverage, 1e-9)[:, None]
+
+    def basis(self, length: Array, pressure: Array) -> Array:
+        """Chebyshev polynomials in the length, then those times the pressure, each in [-1, 1]."""
+        low, high = self.ends
+        x = (2 * length - low - high) / (high - low)
+        terms = np.polynomial.chebyshev.chebvander(x, self.form.degree)
+        if self.form.with_pressure < 0:
+            return terms
+        low, high = self.pressures
+        share = (2 * pressure - low - high) / (high - low)
+        return np.hstack([terms, share[:, None] * terms[:, : self.form.with_pressure + 1]])
+
+    def varied(self, rng: np.random.Generator) -> Array:
+        """Coefficients as probable as these: every picture's residual with a random sign and size."""
+        sizes = rng.standard_normal(len(self.leverage))[:, None]
+        return self.coefficients + self.solve @ (sizes * self.left_out)
+
+    def variance(self, length: Array, pressure: Array) -> Array:
+        """Of a new picture's diameters there [m2], shape (n, m)."""
+        terms = self.basis(length, pressure) @ self.solve
+        scatter = np.sum(self.residuals**2, axis=0) / max(len(self.leverage) - len(self.solve), 1)
+        return (1 + np.sum(terms**2, axis=1))[:, None] * scatter
+
+
+@dataclasses.dataclass(frozen=True)
+class Threads:
+    """The triangle relation B^2 = L^2 + (pi N D)^2 as pictures show it.
+
+    Attributes:
+        length: B [m], without pressure where it depends on it.
+        turns: N.
+        length_std, turns_std: standard errors.
+        compliance: rise of B^2 with the pressure, over B^2 [1/Pa]; 0 where it was not looked for.
+        compliance_std: its standard error.
+    """
+
+    length: float
+    turns: float
+    length_std: float
+    turns_std: float
+    compliance: float = 0.0
+    compliance_std: float = 0.0
+
+    def turns_range(self) -> tuple[float, float]:
+        """Least and most turns between which a fit of the force seeks them."""
+        return self.turns * (1 - WITHIN), self.turns * (1 + WITHIN)
+
+
+def _fit_threads(pictures: Pictures) -> Threads:
+    """The threads whose triangle goes through all pictures, neglecting the shape of the ends.
+
+    Least squares of L^2 = B^2 (1 + c P) - (pi N)^2 D^2 over lengths and average diameters; c = 0 where
+    the pressure is not known or alike in all.
+
+    References:
+        Gaylord 1958; Chambers 2021, section 5.1.
+    """
+    length, pressure = pictures.length, pictures.pressure
+    diameter = pictures.diameter.mean(axis=1)
+    scale = float(np.mean(length**2))
+    columns = [np.ones_like(length), -(diameter**2) / np.mean(diameter**2)]
+    known = np.isfinite(pictures.pressure_ends()[0])
+    unit = float(np.abs(pressure).max()) if known else 1.0
+    if known:
+        columns.append(pressure / unit)
+    X, y = np.stack(columns, axis=1), length**2 / scale
+    solve = np.linalg.pinv(X)
+    found = solve @ y
+    rest = y - X @ found
+    covariance = solve @ solve.T * float(rest @ rest) / max(len(y) - X.shape[1], 1)
+    std = np.sqrt(np.diag(covariance))
+    if found[0] <= 0 or found[1] <= 0:
+        raise InputError(
+            "the muscle does not thicken as it shortens: check that the pictures are of one muscle over "
+            "a whole stroke"
+        )
+    thread = np.sqrt(found[0] * scale)
+    turns = np.sqrt(found[1] * scale / np.mean(diameter**2)) / np.pi
+    errors = thread * std[0] / found[0] / 2, turns * std[1] / found[1] / 2
+    compliance = [found[2] / found[0] / unit, std[2] / found[0] / unit] if known else [0.0, 0.0]
+    return Threads(*map(float, (thread, turns, *errors, *compliance)))
+
+
+@dataclasses.dataclass(frozen=True)
+class HeldOut:
+    """A surface without some pictures against them.
+
+    Attributes:
+        pictures: that were held out.
+        rms: root mean square of D measured less D predicted, all positions [m].
+        mean: of the same [m]: what does not average out.
+        standardised: rms of the same over its predicted standard deviation: 1 where that is right.
+    """
+
+    pictures: int
+    rms: float
+    mean: float
+    standardised: float
+
+
+@dataclasses.dataclass(frozen=True)
+class ShapeSurface:
+    """The diameter over position, length and pressure, with its uncertainty.
+
+    Attributes:
+        form: polynomials that were chosen, by leaving out each picture.
+        lengths: at which the surface is handed on [m], falling, shape (k,).
+        pressures: lowest and highest of the pictures [Pa]; nan where the shape does not depend on them.
+        diameters: D [m] at both pressures, shape (2, k, m); equal where it does not.
+        draws: as `diameters`, of surfaces as probable as this one, shape (d, 2, k, m): from the
+            scatter of the pictures, the errors that they have in common, and that of the scale.
+        draw_scales: factor of the lengths of each draw, shape (d,).
+        held_out: the test.
+        threads: turns and length of the braid's threads that the pictures show.
+        used: names of the pictures that it goes through.
+        left_out: names of those that lie off it.
+        notes: what a reader must know.
+    """
+
+    form: SurfaceForm
+    lengths: Array
+    pressures: tuple[float, float]
+    diameters: Array
+    draws: Array
+    draw_scales: Array
+    held_out: HeldOut
+    threads: Threads
+    used: tuple[str, ...]
+    left_out: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def summary(self) -> tuple[str, ...]:
+        """What a reader of a fit with this shape must know, in sentences."""
+        test, (short, long) = self.held_out, (self.lengths[-1], self.lengths[0])
+        return (
+            f"The shape is measured: {len(self.used)} pictures from {short * 1e3:.4g} to "
+            f"{long * 1e3:.4g} mm; {test.pictures} held out are predicted within "
+            f"{test.rms * 1e6:.3g} um RMS, {test.standardised:.2g} of what was expected.",
+            *self.notes,
+        )
+
+    def family(
+        self, braid: famjax.braids.AbstractBraid, *, draw: int | None = None
+    ) -> famjax.surfaces.SampledSurface:
+        """The surface in a braid; of a draw, if its number is given."""
+        both = self.diameters if draw is None else self.draws[draw]
+        lengths = self.lengths * (1.0 if draw is None else self.draw_scales[draw])
+        known = np.isfinite(self.pressures).all()
+        pressures = np.array(self.pressures) if known else np.zeros(1)
+        return famjax.surfaces.SampledSurface(
+            lengths=lengths, pressures=pressures, diameters=both[: len(pressures)], braid=braid
+        )
+
+    def geometry(
+        self,
+        specimen: Specimen,
+        *,
+        braid: famjax.braids.AbstractBraid | None = None,
+        draw: int | None = None,
+    ) -> famjax.MeasuredGeometry:
+        """The measured geometry of a muscle.
+
+        The pictures' triangle neglects the ends, whose diameters are smaller: its turns are some
+        percent off, as far as the force. Count them, or identify them with the fit.
+
+        Args:
+            specimen: rest length, wall, braid thickness, and the bladder's diameter, or None where it
+                fills the braid at rest.
+            braid: gives the turns; that of the pictures' triangle unless given.
+            draw: number of a draw, for the uncertainty of the shape.
+
+        Raises:
+            InputError: the threads lie inside the wall, where photographs do not show them.
+        """
+        if specimen.embedded:
+            raise InputError(
+                "photographs show the outside of a wall, and not the threads inside it: a measured "
+                "shape is for a bladder under its braid, specimen embedded = false"
+            )
+        braid = braid or famjax.Braid(
+            self.threads.length, self.threads.turns, specimen.braid_thickness
+        )
+        outer = specimen.bladder_diameter
+        if outer is None:
+            at_rest = self.family(braid).diameter(
+                0.5, specimen.rest_length, np.nanmin([0.0, *self.pressures])
+            )
+            outer = float(at_rest) - 2 * specimen.braid_thickness
+        if not np.isfinite(outer):
+            raise InputError(
+                f"the pictures end at {self.lengths[0] * 1e3:.4g} mm, short of the rest length "
+                f"{specimen.rest_length * 1e3:.4g} mm: give the bladder's diameter at rest, specimen "
+                "bladder_diameter_mm = ..., or photograph the muscle at rest"
+            )
+        bladder = famjax.Bladder(specimen.rest_length, outer, specimen.wall_thickness)
+        return famjax.MeasuredGeometry(self.family(braid, draw=draw), bladder)
+
+
+def shape_surface(table: Any, *, draws: int = 64, seed: int = 0) -> ShapeSurface:
+    """The shape of a muscle over length and pressure, from the pictures of a campaign.
+
+    At every position z/L the diameter is a polynomial in the length, the same degree everywhere,
+    with or without terms times the pressure; least squares over the pictures. The degrees are
+    those that predict each picture best from the others, and two more in the length, lest the band
+    miss a bias. Pictures far off the surface are left out and named.
+
+    Args:
+        table: of the pictures, or its NetCDF file; pressures are used where it has them.
+        draws: of the uncertainty.
+        seed: of the draws.
+
+    Returns:
+        The surface, with a test on pictures held out.
+
+    Raises:
+        InputError: too few pictures or lengths, or pictures that lie on no smooth surface.
+
+    References:
+        Chambers 2021, section 4.3, fits each profile by itself; Wu 1986 for the draws, with
+        the residuals of each picture left out.
+    """
+    pictures = Pictures.of(table)
+    pictures = pictures.part(np.argsort(-pictures.length, kind="stable"))
+    keep, notes = _on_a_surface(pictures)
+    used = pictures.part(keep)
+    form = _choose(used)
+    found = _Polynomials(used, form)
+    lengths = np.linspace(used.length.max(), used.length.min(), KNOTS)
+    low, high = used.pressure_ends()
+    if form.with_pressure >= 0:
+        notes.append(f"The shape at a length changes with the pressure: {form}.")
+    elif np.isfinite(low):
+        notes.append("The shape at a length does not change with the pressure beyond its scatter.")
+        low = high = np.nan
+    at = np.stack([found.basis(lengths, np.full(KNOTS, P)) for P in (low, high)])
+    rng = np.random.default_rng(seed)
+    varied = np.stack([at @ found.varied(rng) for _ in range(draws)])
+    varied += _common(used, draws, rng)[:, None, None, :]
+    scales = 1 + used.scale_std * rng.standard_normal(draws)
+    return ShapeSurface(
+        form,
+        lengths,
+        (low, high),
+        at @ found.coefficients,
+        varied * scales[:, None, None, None],
+        scales,
+        _held_out(used, form),
+        _fit_threads(used),
+        used.names,
+        tuple(np.array(pictures.names)[~keep].tolist()),
+        tuple(notes),
+    )
+
+
+def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
+    """Errors of the diameter that all pictures have in common [m], shape (draws, m).
+
+    That of the average diameter, and along the axis what the positions' own errors exceed it by,
+    correlated as the outline is smoothed.
+    """
+    x = np.linspace(0, 1, pictures.diameter.shape[1])
+    whole = pictures.mean_std * rng.standard_normal((draws, 1))
+    if pictures.local_std is None:
+        return np.broadcast_to(whole, (draws, x.size))
+    along = np.exp(-0.5 * ((x[:, None] - x) / _CORRELATED) ** 2) + 1e-9 * np.eye(x.size)
+    wave = rng.standard_normal((draws, x.size)) @ np.linalg.cholesky(along).T
+    return whole + np.sqrt(np.maximum(pictures.local_std**2 - pictures.mean_std**2, 0)) * wave
+
+
+def _forms(pictures: Pictures) -> list[SurfaceForm]:
+    """Those that the pictures can carry, the plainest first."""
+    span = float(np.ptp(pictures.length))
+    lengths = 1 + int(np.sum(np.diff(np.sort(pictures.length)) > 1e-3 * span)) if span else 1
+    if lengths < 4:
+        raise InputError(
+            f"{pictures.source}: the pictures are of {lengths} different lengths; a surface needs four "
+            "or more: photograph a whole stroke"
+        )
+    dependent = [-1, 0, 1, 2, 3] if np.isfinite(pictures.pressure_ends()[0]) else [-1]
+    forms = [
+        SurfaceForm(degree, more)
+        for degree in DEGREES
+        for more in dependent
+        if more <= degree < lengths - 1 and 2 * (degree + more + 2) <= len(pictures)
+    ]
+    return sorted(forms, key=lambda form: form.degree + form.with_pressure)
+
+
+def _choose(pictures: Pictures) -> SurfaceForm:
+    """The form that predicts best a picture that is left out, and more of it.
+
+    What predicts best still errs as much by its bias as by its scatter, and no band covers a bias.
+    """
+    forms = _forms(pictures)
+    best = min(forms, key=lambda form: np.mean(_Polynomials(pictures, form).left_out ** 2))
+    more = best._replace(degree=best.degree + MORE)
+    return more if more in forms else best
+
+
+def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
+    """Which pictures lie on one surface, and a sentence on those that do not."""
+    keep = np.ones(len(pictures), bool)
+    while True:
+        used = pictures.part(keep)
+        found = _Polynomials(used, _choose(used))
+        size = np.sqrt(np.mean(found.residuals**2, axis=1) / np.maximum(1 - found.leverage, 1e-9))
+        middle = np.median(size)
+        spread = 1.4826 * np.median(np.abs(size - middle))
+        off = size > middle + OUTLIER * max(spread, 0.1 * middle, _FINEST * used.diameter.mean())
+        if not off.any():
+            break
+        keep[np.flatnonzero(keep)[int(np.argmax(size))]] = False
+        if np.mean(~keep) > MOST_OUTLIERS:
+            names = ", ".join(np.array(pictures.names)[~keep][:5])
+            raise InputError(
+                f"{pictures.source}: more than a tenth of the pictures lie on no smooth surface with "
+                f"the others ({names}): look at their overlays, and that all show one muscle"
+            )
+    scatter = float(np.sqrt(np.mean(size**2)) / used.diameter.mean())
+    if scatter > MOST_SCATTER:
+        raise InputError(
+            f"{pictures.source}: the pictures scatter by {scatter:.1%} of the diameter about any smooth "
+            "surface, photographs of one muscle by 0.1 %: check that lengths, pressures and pictures "
+            "belong together"
+        )
+    if keep.all():
+        return keep, []
+    out = np.array(pictures.names)[~keep]
+    said = "1 picture lies" if len(out) == 1 else f"{len(out)} pictures lie"
+    return keep, [f"{said} off the surface, left out: {', '.join(out)}."]
+
+
+def _held_out(pictures: Pictures, form: SurfaceForm) -> HeldOut:
+    """Every fifth picture predicted from the others, the longest and the shortest kept."""
+    place = np.arange(len(pictures))
+    out = (place % HELD_OUT == HELD_OUT // 2) & (place > 0) & (place < len(pictures) - 1)
+    kept, tested = pictures.part(~out), place[out]
+    found = _Polynomials(kept, form)
+    length, pressure = pictures.length[tested], pictures.pressure[tested]
+    error = pictures.diameter[tested] - found.basis(length, pressure) @ found.coefficients
+    predicted = found.variance(length, pressure)
+    return HeldOut(
+        len(tested),
+        float(np.sqrt(np.mean(error**2))),
+        float(error.mean()),
+        float(np.sqrt(np.mean(error**2 / predicted))),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class FourierFit:
+    """D(x) = a0 + sum over n of a_n cos(n w x) + b_n sin(n w x), x = z / L in [0, 1].
+
+    `mean`, `cosines`, `sines`, `frequency` are the arguments a0, a, b, w of a Fourier profile of
+    the muscle's model. As the terms of a wide profile nearly cancel each other, every digit is
+    needed, and single coefficients have large errors where the curve has small ones.
+
+    Attributes:
+        mean: a0 [m].
+        cosines, sines: a_n, b_n [m], shape (n_terms,).
+        frequency: w [-].
+        stderr: standard errors of (a0, a_1, ..., b_1, ..., w), shape (2 n_terms + 2,), for residuals
+            that are independent over `correlation` points.
+        rmse: root mean square of the residuals [m].
+        correlation: points over which residuals are correlated, 1 for white ones.
+    """
+
+    mean: float
+    cosines: Array
+    sines: Array
+    frequency: float
+    stderr: Array
+    rmse: float
+    correlation: float
+
+    def diameter(self, x: ArrayLike) -> Array:
+        """D [m] at x [-], of its shape."""
+        x = np.asarray(x, float)
+        angle = np.arange(1, self.cosines.size + 1) * self.frequency * x[..., None]
+        return self.mean + np.cos(angle) @ self.cosines + np.sin(angle) @ self.sines
+
+
+def fit_fourier(x: ArrayLike, diameter: ArrayLike, *, n_terms: int = 3) -> FourierFit:
+    """The series that fits a profile best, wherever the wave number would be started.
+
+    For a given w the coefficients are linear: the least squares over w alone has many valleys, so
+    it is scanned from 0.5 to 4 pi, and the deepest valleys are followed down by Gauss-Newton with
+    the coefficients eliminated (variable projection).
+
+    Args:
+        x: positions over the length, in [0, 1], shape (n,).
+        diameter: D [m], shape (n,).
+        n_terms: harmonics, >= 1.
+
+    Returns:
+        The fit.
+
+    Raises:
+        InputError: shapes that differ, values that are not finite, or fewer points than twice the
+            number of coefficients.
+
+    References:
+        Chambers 2021, section 4.3, table 4.2; Golub and Pereyra 1973.
+    """
+    x, y = np.asarray(x, float), np.asarray(diameter, float)
+    least = 2 * (2 * n_terms + 2)
+    if n_terms < 1 or x.ndim != 1 or x.shape != y.shape or x.size < least:
+        raise InputError(
+            f"x and diameter have one shape (n,), n >= {least} for {n_terms} >= 1 terms; got "
+            f"{x.shape} and {y.shape}"
+        )
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
+        raise InputError("x and diameter must be finite")
+    w = _best_wave(x, y, n_terms)
+    functions, solved, off = _series(x, y, w, n_terms)
+    cosine, sine = solved[1 : n_terms + 1], solved[n_terms + 1 :]
+    n = np.arange(1, n_terms + 1)
+    c, s = np.cos(n * w / 2), np.sin(n * w / 2)
+    cosines, sines = cosine * c - sine * s, cosine * s + sine * c
+    reach = n * (x[:, None] - 0.5)
+    by_w = (reach * np.cos(w * reach)) @ sine - (reach * np.sin(w * reach)) @ cosine
+    jacobian = np.column_stack([functions, by_w])
+    # From (a0, A, B, w) about the middle to (a0, a, b, w) about the end.
+    turn = np.eye(2 * n_terms + 2)
+    turn[1:-1, 1:-1] = np.block([[np.diag(c), np.diag(-s)], [np.diag(s), np.diag(c)]])
+    turn[1:-1, -1] = np.concatenate([-(n / 2) * sines, (n / 2) * cosines])
+    inner = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)
+    squares, correlation = float(off @ off), _correlated_points(off)
+    variance = squares / (x.size - jacobian.shape[1]) * correlation
+    return FourierFit(
+        float(solved[0]),
+        cosines,
+        sines,
+        w,
+        np.sqrt(np.diag(turn @ inner @ turn.T) * variance),
+        float(np.sqrt(squares / x.size)),
+        correlation,
+    )
+
+
+def _series(x: Array, y: Array, w: float, n_terms: int) -> tuple[Array, Array, Array]:
+    """Columns 1, cosines and sines of n w (x - 1/2), their coefficients by least squares, the rest."""
+    angle = np.arange(1, n_terms + 1) * w * (x[:, None] - 0.5)
+    functions = np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
+    coefficients = np.linalg.lstsq(functions, y, rcond=_SPAN)[0]
+    return functions, coefficients, y - functions @ coefficients
+
+
+def _best_wave(x: Array, y: Array, n_terms: int) -> float:
+    from scipy.optimize import least_squares  # noqa: PLC0415 -- 0.2 s
+
+    thin = slice(None, None, max(1, x.size // _SCAN_POINTS))
+    x, y = x[thin], y[thin] / (np.ptp(y) or 1.0)
+
+    def left_over(w: Array) -> Array:
+        return _series(x, y, w[0], n_terms)[2]
+
+    waves = np.geomspace(*_WAVES, _SCAN)
+    depth = np.array([np.sum(left_over(waves[[k]]) ** 2) for k in range(_SCAN)])
+    found = [(0.5 * depth[k], float(waves[k])) for k in (0, _SCAN - 1)]
+    inner = np.flatnonzero((depth[1:-1] <= depth[:-2]) & (depth[1:-1] <= depth[2:])) + 1
+    for k in inner[np.argsort(depth[inner], kind="stable")][:_STARTS]:
+        fit = least_squares(left_over, waves[[k]], bounds=_WAVES, xtol=1e-12, ftol=1e-12)
+        found.append((fit.cost, float(fit.x[0])))
+    return min(found)[1]
+
+
+def _correlated_points(off: Array) -> float:
+    """Points over which residuals are correlated, 1 + 2 sum of their autocorrelations while > 0."""
+    power = float(off @ off)
+    if power == 0:
+        return 1.0
+    lags = np.array([off[k:] @ off[: off.size - k] for k in range(1, off.size // 2)]) / power
+    return float(1 + 2 * lags[: np.argmax([*(lags <= 0), True])].sum())

@@ -1,0 +1,237 @@
+import dataclasses
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from famjax.boundary.errors import InputError
+from famjax.cards import slip_from_dict
+from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
+from fitting.records import (
+    BranchPairs,
+    HysteresisFit,
+    fit_hysteresis,
+    hysteresis_as_dict,
+    hysteresis_table,
+    hysteresis_warnings,
+    leave_out,
+    threshold_grid,
+)
+from fitting.records.hysteresis import half_difference_columns
+
+REST, MODULUS, TOP = 0.25, 1e6, 6e5
+WALL, BRAID = np.array([0.006, 0.02]), np.array([0.002, 0.008, 0.02])
+TRUTH = MaxwellSlip(
+    SlipElements(WALL, [4.0, 0.0]), SlipElements(BRAID, [9.0, 0.0, 30.0]), REST, 1e6
+)
+CONTRACTIONS = (0.0, 0.03, 0.07, 0.12)
+RECOVERED = 1e-6  # relative to the largest strength; the data are exact
+CERTIFIED = 1e-10
+
+
+def _ramp(slip: MaxwellSlip, contraction: float, noise: float = 0.0, seed: int = 0) -> BranchPairs:
+    """A record made by going through it step by step."""
+    L, P = REST * (1 - contraction), np.linspace(0, TOP, 25)
+    whole = np.asarray(slip.along(np.full(49, L), np.concatenate([P, P[-2::-1]])))
+    half = (whole[24:][::-1] - whole[:25]) / 2
+    half = half + noise * np.random.default_rng(seed).normal(size=half.size)
+    return BranchPairs.ramp(
+        L, P[4:-1], half[4:-1], turn_pressure=TOP, rest_length=REST, name=f"{contraction:.0%}"
+    )
+
+
+def _ramps(noise: float = 0.0) -> BranchPairs:
+    return BranchPairs.joined(
+        [_ramp(TRUTH, eps, noise, seed) for seed, eps in enumerate(CONTRACTIONS)]
+    )
+
+
+def _strokes(pressures: tuple[float, ...] = (1e5, 3e5, 5e5)) -> BranchPairs:
+    """Loops that repeat themselves, the third of three."""
+    parts = []
+    for P in pressures:
+        L = np.linspace(REST, 0.85 * REST, 31)
+        cycle = np.concatenate([L, L[-2::-1]])
+        whole = np.asarray(TRUTH.along(np.concatenate([cycle, cycle[1:], cycle[1:]]), [P] * 181))
+        third = whole[120:]
+        half = (third[30:][::-1] - third[:31]) / 2
+        parts.append(
+            BranchPairs.stroke(
+                L[1:-1], np.full(29, P), half[1:-1], longest=L[0], shortest=L[-1],
+                rest_length=REST, name=f"{P:.0f}",
+            )
+        )  # fmt: skip
+    return BranchPairs.joined(parts)
+
+
+def _strengths(fit: HysteresisFit) -> np.ndarray:
+    return np.concatenate([np.asarray(fit.slip.wall.strength), np.asarray(fit.slip.braid.strength)])
+
+
+TRUE = np.array([4.0, 0.0, 9.0, 0.0, 30.0])
+
+
+@pytest.mark.parametrize("make", [_ramps, _strokes], ids=["ramps", "strokes"])
+def test_known_strengths_are_recovered(make: Callable[[], BranchPairs]) -> None:
+    fit = fit_hysteresis(make(), thresholds=(WALL, BRAID), shrinkage=0.0)
+    np.testing.assert_allclose(_strengths(fit), TRUE, atol=RECOVERED * TRUE.max())
+    assert fit.rms < 1e-9
+
+
+def test_ramps_and_strokes_are_one_model() -> None:
+    """Strokes are predicted by a fit to ramps alone, and both are fitted together."""
+    ramps, strokes = _ramps(), _strokes()
+    fit = fit_hysteresis(ramps, thresholds=(WALL, BRAID), shrinkage=0.0)
+    np.testing.assert_allclose(fit.half_difference(strokes), strokes.half_difference, atol=1e-6)
+    both = BranchPairs.joined([ramps, strokes])
+    with pytest.raises(InputError, match="ramps and strokes together"):
+        fit_hysteresis(both)
+    cycle = ReferenceCycle("ramp", 0.0, TOP, False)
+    joint = fit_hysteresis(both, thresholds=(WALL, BRAID), shrinkage=0.0, cycle=cycle)
+    np.testing.assert_allclose(_strengths(joint), TRUE, atol=RECOVERED * TRUE.max())
+
+
+def test_strengths_are_optimal_and_certified(clarabel_objective: Callable[..., float]) -> None:
+    pairs = _ramps(noise=0.5)
+    fit = fit_hysteresis(pairs)
+    assert 0 <= fit.duality_gap < CERTIFIED
+    assert 0 <= fit.kkt_residual < CERTIFIED
+    S = _strengths(fit)
+    assert (S >= 0).all()
+    A = half_difference_columns(pairs, threshold_grid(pairs), MODULUS)
+    size = np.sqrt(1e-3) * np.linalg.norm(A, axis=0).max()
+    A = np.concatenate([A, size * np.eye(S.size)])
+    b = np.concatenate([pairs.half_difference, np.zeros(S.size)])
+    theirs = clarabel_objective(A, b, np.eye(S.size), np.zeros(S.size))
+    assert 0.5 * float(np.sum((A @ S - b) ** 2)) == pytest.approx(theirs, rel=1e-6)
+
+
+def test_records_and_lengths_left_out_are_predicted() -> None:
+    twice = BranchPairs.joined([_ramps(noise=0.2), _ramps(noise=0.3)])
+    fit = leave_out(fit_hysteresis(twice))
+    kinds = {one.groups: one for one in fit.left_out}
+    assert set(kinds) == {"record", "length"}
+    assert kinds["record"].values.size == 8
+    assert kinds["length"].values.size == 4
+    assert kinds["record"].ratio < 0.2
+    assert kinds["length"].ratio < 0.4
+    assert hysteresis_warnings(fit) == ()
+    assert {one.groups for one in leave_out(fit_hysteresis(_strokes())).left_out} == {
+        "record", "pressure",
+    }  # fmt: skip
+
+
+def test_what_is_left_out_is_not_seen() -> None:
+    """A record that nothing resembles is predicted badly, and said to be."""
+    odd = _ramp(TRUTH, 0.12)
+    odd = dataclasses.replace(odd, half_difference=-odd.half_difference)
+    fit = leave_out(fit_hysteresis(BranchPairs.joined([_ramp(TRUTH, 0.1), odd])))
+    assert fit.left_out[0].ratio > 1
+    assert any("does not predict a record" in text for text in hysteresis_warnings(fit))
+
+
+@pytest.mark.parametrize(
+    "cycle",
+    [ReferenceCycle("ramp", 0.0, TOP, False), ReferenceCycle("stroke", REST, 0.85 * REST, True)],
+    ids=["ramp", "stroke"],
+)
+def test_the_static_map_is_the_middle_of_its_cycles(cycle: ReferenceCycle) -> None:
+    model = CentredSlip(TRUTH, cycle)
+    n = 31
+    moving = np.linspace(cycle.start, cycle.turn, n)
+    there_and_back = np.concatenate([moving, moving[-2::-1]])
+    other = np.full(there_and_back.size, 0.92 * REST if cycle.kind == "ramp" else 4e5)
+    L, P = (other, there_and_back) if cycle.kind == "ramp" else (there_and_back, other)
+    added = np.asarray(model.along(L, P))
+    np.testing.assert_allclose(added[:n] + added[n - 1 :][::-1], 0.0, atol=1e-9)
+    whole = np.asarray(TRUTH.along(L, P))
+    if cycle.kind == "ramp":
+        difference = (whole[n - 1 :][::-1] - whole[:n]) / 2
+        np.testing.assert_allclose(added[n - 1 :][::-1], difference, atol=1e-9)
+    assert added[n + n // 2] > 0 > added[n // 2]
+    assert np.isfinite(model.middle(L, 1.3 * P)).all()
+
+
+def test_cycles_lose_energy() -> None:
+    fit = fit_hysteresis(_ramps(noise=1.0))
+    lost = [fit.heat(k) for k in range(4)]
+    assert lost[0] == pytest.approx(0.0, abs=1e-12)
+    assert all(a < b for a, b in itertools.pairwise(lost))
+    loops = _strokes()
+    fit = fit_hysteresis(loops, thresholds=(WALL, BRAID), shrinkage=0.0)
+    for k in range(3):
+        mine = loops.at(loops.record == k)
+        L = np.concatenate([[REST], mine.length, [0.85 * REST]])
+        half = np.concatenate([[0.0], mine.half_difference, [0.0]])
+        area = -2 * float(np.trapezoid(half, L))
+        assert fit.heat(k) == pytest.approx(area, rel=0.03)  # of the chords of 30 steps
+
+
+def test_branches_the_other_way_round_have_no_elements() -> None:
+    ramp = _ramp(TRUTH, 0.1)
+    fit = leave_out(
+        fit_hysteresis(dataclasses.replace(ramp, half_difference=-ramp.half_difference))
+    )
+    assert not _strengths(fit).any()
+    assert not np.asarray(fit.centred.along(np.full(3, 0.2), np.array([0, TOP, 0]))).any()
+    texts = hysteresis_warnings(fit)
+    assert "No element" in texts[0]
+    assert "one record" in texts[1]
+
+
+def test_saved_and_read_back() -> None:
+    fit = leave_out(fit_hysteresis(_ramps(noise=0.1)))
+    document = hysteresis_as_dict(fit)
+    again = slip_from_dict(document)
+    assert again.cycle == fit.centred.cycle
+    L, P = np.full(5, 0.22), np.array([0, 3e5, 6e5, 2e5, 4e5])
+    np.testing.assert_array_equal(again.along(L, P), fit.centred.along(L, P))
+    assert document["left_out"]["length"]["ratio"] == pytest.approx(fit.left_out[1].ratio)
+    assert len(document["lost_energy_J"]) == len(document["records"]) == 4
+    with pytest.raises(InputError, match=r"cannot be read \(KeyError: 'wall'\)"):
+        slip_from_dict({k: v for k, v in document.items() if k != "wall"})
+    title, header, rows = hysteresis_table(fit, "us")
+    assert "80 points" in title
+    assert header[1] == "lbf"
+    assert float(rows[0][1]) == pytest.approx(fit.pairs.measured_rms / 4.4482216, rel=1e-3)
+    assert any(row[0] == "duality gap" for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"thresholds": (np.array([0.0]), BRAID)}, "thresholds must be > 0"),
+        ({"modulus": 0.0}, "modulus must be > 0"),
+        ({"shrinkage": -1.0}, "shrinkage >= 0"),
+        (
+            {"thresholds": (np.array([0.01, 0.01]), BRAID), "shrinkage": 0.0},
+            "tell 5 elements apart",
+        ),
+    ],
+)
+def test_bad_options(change: dict, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        fit_hysteresis(_ramps(), **change)
+
+
+def test_bad_pairs() -> None:
+    P, half = np.array([1e5, 2e5]), np.array([1.0, 2.0])
+    with pytest.raises(InputError, match="between its start and its turn"):
+        BranchPairs.ramp(0.2, P, half, turn_pressure=1.5e5, rest_length=REST)
+    with pytest.raises(InputError, match="there is none"):
+        BranchPairs.ramp(0.2, P[:0], half[:0], turn_pressure=TOP, rest_length=REST)
+    with pytest.raises(InputError, match="half_difference of reading 2 is nan"):
+        BranchPairs.ramp(0.2, P, np.array([1.0, np.nan]), turn_pressure=TOP, rest_length=REST)
+    with pytest.raises(InputError, match="lengths must be > 0"):
+        BranchPairs.ramp(-0.2, P, half, turn_pressure=TOP, rest_length=REST)
+    with pytest.raises(InputError, match="rest_length must be > 0"):
+        BranchPairs.ramp(0.2, P, half, turn_pressure=TOP, rest_length=0.0)
+    with pytest.raises(InputError, match="between its start and its turn"):
+        BranchPairs.stroke(
+            np.array([0.2, 0.3]), P, half, longest=0.25, shortest=0.1, rest_length=REST
+        )
+    with pytest.raises(InputError, match="one rest length"):
+        BranchPairs.joined(
+            [_ramp(TRUTH, 0.1), dataclasses.replace(_ramp(TRUTH, 0.1), rest_length=1.0)]
+        )

@@ -1,0 +1,332 @@
+"""Characterisation of loops whose ends, areas and differences are known in closed form."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting import InputError, read_csv
+from fitting.records import (
+    Alignment,
+    IsobaricRecord,
+    MachineLog,
+    characterise,
+    combine,
+    force_rmse,
+    write_dataset,
+)
+
+L0, STROKE, RATE, DT = 0.24, 0.06, 1e-3, 0.02
+HALF = 12.0  # N, half of the loop's width
+NOISE = 2.0  # N
+GRID_ERROR = 3 * NOISE / np.sqrt(30)  # about 60 rows stand behind each value of a branch's grid
+
+
+def pull(length: np.ndarray, pressure: float) -> np.ndarray:
+    """A force that falls linearly to zero at 5 cm: blocked P / 100 N, at every pressure."""
+    return pressure / 100 * (1 - (L0 - length) / 0.05)
+
+
+def record(
+    seed: int = 0,
+    *,
+    cycles: int = 3,
+    pressures: tuple[float, ...] = (1e5, 3e5),
+    offset: float = 0.0,
+    stroke: float = STROKE,
+    rest: float = 5.0,
+) -> IsobaricRecord:
+    """Strokes with rests of `rest` before each pressure; force = pull -+ HALF, pressure +-, noise."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for pressure in pressures:
+        ramp = np.arange(0, stroke / RATE, DT) * RATE
+        once = np.concatenate([ramp, stroke - ramp])
+        still = np.zeros(round(rest / DT))
+        shortened = np.concatenate([still, *[once] * cycles, still])
+        moving = np.gradient(shortened)
+        side = HALF * np.where(np.abs(moving) > 1e-9, np.sign(-moving), 0.0)
+        length = L0 - shortened
+        force = pull(length, pressure) + side + offset + rng.normal(0, NOISE, length.size)
+        held = pressure + 200.0 + rng.normal(0, 500.0, length.size)
+        parts.append(np.column_stack([length, force, held, np.full(length.size, pressure)]))
+    table = np.concatenate(parts)
+    return IsobaricRecord(DT * np.arange(len(table)), *table.T, rest_length=L0)
+
+
+def test_curves_ends_and_loop_are_those_of_the_closed_form() -> None:
+    found = characterise(record())
+    assert [bar.set_pressure for bar in found.isobars] == [1e5, 3e5]
+    for bar in found.isobars:
+        exact = pull(bar.length, bar.set_pressure)
+        inner = slice(2, -2)  # the loop's corners are sharper than the grid
+        assert np.abs(bar.shortening - (exact - HALF))[inner].max() < GRID_ERROR
+        assert np.abs(bar.lengthening - (exact + HALF))[inner].max() < GRID_ERROR
+        assert bar.cycles == 3
+        assert bar.blocked_force == pytest.approx(
+            bar.set_pressure / 100, abs=4 * NOISE / np.sqrt(100)
+        )
+        assert bar.moving_blocked_force == pytest.approx(bar.set_pressure / 100, abs=HALF / 2)
+        slope = bar.set_pressure / 100 / 0.05
+        assert bar.free_contraction == pytest.approx((0.05 - HALF / slope) / L0, abs=2 / slope / L0)
+        assert bar.mean_free_contraction == pytest.approx(0.05 / L0, abs=2 / slope / L0)
+        lost = 2 * HALF * STROKE
+        assert bar.hysteresis == pytest.approx(lost, rel=0.01)
+        under = bar.set_pressure / 100 * (STROKE - STROKE**2 / 0.1)
+        assert bar.hysteresis_ratio == pytest.approx(lost / under, rel=0.02)
+        assert 0 < np.median(bar.force_std) < NOISE
+
+
+def test_pressure_statistics_are_those_of_the_strokes() -> None:
+    found = characterise(record(pressures=(2e5,), rest=20.0))
+    (bar,) = found.isobars
+    n = 3 * 2 * STROKE / RATE / DT
+    assert bar.pressure == pytest.approx(2e5 + 200, abs=4 * 500 / np.sqrt(n))
+    assert bar.pressure_std == pytest.approx(500, rel=4 / np.sqrt(2 * n))
+    assert 3 * 500 < bar.largest_pressure_error < 6 * 500 + 200
+
+
+def test_rmse_between_fluids_is_their_constant_difference() -> None:
+    a, b = characterise(record(1)), characterise(record(2, offset=7.0))
+    for rmse in force_rmse(a, b).values():
+        assert rmse == pytest.approx(7.0, abs=GRID_ERROR / np.sqrt(10))
+    assert force_rmse(a, a) == {1e5: 0.0, 3e5: 0.0}
+    with pytest.raises(InputError, match="no set pressure is common"):
+        force_rmse(a, characterise(record(pressures=(9e5,))))
+
+
+def test_first_strokes_can_be_left_out() -> None:
+    assert characterise(record(), skip_cycles=2).isobars[0].cycles == 1
+    assert np.isnan(characterise(record(), skip_cycles=2).isobars[0].force_std).all()
+    with pytest.raises(InputError, match="no complete stroke"):
+        characterise(record(), skip_cycles=3)
+
+
+def test_an_incomplete_stroke_is_named_and_left_out() -> None:
+    whole = record(pressures=(2e5,))
+    stop = whole.time.size - round((5.0 + 30.0) / DT)
+    columns = (
+        getattr(whole, n)[:stop] for n in ("time", "length", "force", "pressure", "set_pressure")
+    )
+    found = characterise(IsobaricRecord(*columns, rest_length=L0))
+    assert found.isobars[0].cycles == 2
+    assert any("is no complete stroke" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("second", [150.0, 200.0])  # as it shortens, as it lengthens
+def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
+    """A torn journal has no pressure for a while; the other strokes remain."""
+
+    def torn(whole: IsobaricRecord) -> IsobaricRecord:
+        kept = (whole.time < second) | (whole.time > second + 4.0)
+        names = ("time", "length", "force", "pressure", "set_pressure")
+        return IsobaricRecord(*(getattr(whole, n)[kept] for n in names), rest_length=L0)
+
+    whole = record(pressures=(2e5,))
+    found = characterise(torn(whole))
+    assert found.isobars[0].cycles == 2
+    assert any("stroke 2 lacks 4.0" in note for note in found.notes)
+    (bar,), (other,) = characterise(whole).isobars, found.isobars
+    assert np.abs(bar.force - other.force).max() < GRID_ERROR
+    with pytest.raises(InputError, match=r"no complete stroke.*stroke 1 lacks 4.0"):
+        characterise(torn(record(pressures=(2e5,), cycles=1, rest=130.0)))
+
+
+def test_a_stroke_that_turns_at_no_load_has_its_free_contraction() -> None:
+    """As a machine does that turns at zero: the last force of the branch is just above it."""
+    pressure, slope = 2e5, 2e5 / 100 / 0.05
+    stroke = 0.05 - HALF / slope
+    (bar,) = characterise(record(pressures=(pressure,), stroke=stroke)).isobars
+    assert bar.free_contraction == pytest.approx(stroke / L0, abs=2 / slope / L0)
+    assert np.isnan(bar.mean_free_contraction) or bar.mean_free_contraction > bar.free_contraction
+
+
+def test_a_stroke_that_turns_while_the_muscle_pulls_has_no_free_contraction() -> None:
+    (bar,) = characterise(record(pressures=(3e5,), stroke=0.03)).isobars
+    assert np.isnan(bar.free_contraction)
+    assert np.isnan(bar.mean_free_contraction)
+
+
+def test_no_rest_gives_no_held_force() -> None:
+    (bar,) = characterise(record(pressures=(3e5,), rest=0.0)).isobars
+    assert np.isnan(bar.blocked_force)
+    assert bar.moving_blocked_force == pytest.approx(3000, abs=HALF)
+
+
+def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
+    found = characterise(record())
+    path = write_dataset(
+        found,
+        tmp_path / "set.csv",
+        specimen={"wall_thickness_mm": 1.5, "embedded": False, "name": "F 1"},
+    )
+    data = read_csv(path)
+    assert data.specimen.rest_length == L0
+    assert data.specimen.wall_thickness == pytest.approx(1.5e-3)
+    assert data.specimen.name == "F 1"
+    assert data.force.size == 60
+    exact = pull(data.length, 1) * data.pressure
+    assert np.abs(data.force - exact).max() < 2 * GRID_ERROR  # the turns are left out
+    assert data.pressure_std is not None
+    assert np.median(data.pressure_std) == pytest.approx(500, rel=0.1)
+    with pytest.raises(InputError, match="give it once"):
+        write_dataset(found, path, specimen={"rest_length_mm": 240})
+    with pytest.raises(InputError, match="cannot write"):
+        write_dataset(found, tmp_path / "none" / "set.csv")
+
+
+def test_every_reading_of_the_dataset_has_the_pressure_that_was_measured_there(
+    tmp_path: Path,
+) -> None:
+    """The pressure falls by a fifth along the stroke: the force is that of the pressure there."""
+    steady = record()
+    share = 1 - 0.2 * (L0 - steady.length) / STROKE
+    half = steady.force - pull(steady.length, 1) * steady.set_pressure
+    dipping = IsobaricRecord(
+        steady.time,
+        steady.length,
+        pull(steady.length, 1) * steady.set_pressure * share + half,
+        steady.pressure * share,
+        steady.set_pressure,
+        rest_length=L0,
+    )
+    data = read_csv(write_dataset(characterise(dipping), tmp_path / "set.csv"))
+    assert np.ptp(data.pressure[data.pressure > 2e5]) > 0.15 * 3e5
+    assert np.abs(data.force - pull(data.length, 1) * data.pressure).max() < 2 * GRID_ERROR
+    assert np.unique(data.pressures.level).size == 2  # by the tolerance in the file
+    assert np.unique(data.length).size == 30  # common to both
+
+
+def test_pressures_that_part_the_branches_are_no_friction(tmp_path: Path) -> None:
+    """At a low pressure it is the held pressure that parts them, by a quarter; friction is 2 %."""
+    friction, whole = 0.02, record(pressures=(5e4, 3e5, 5e5), stroke=0.02)
+    away = {5e4: 0.25, 3e5: 0.003, 5e5: 0.002}
+    lengthens = np.sign(np.gradient(whole.length))
+    held = whole.set_pressure * (1 + lengthens * np.vectorize(away.get)(whole.set_pressure))
+
+    def static(length: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        """Slack below 20 kPa at every length, and proportional to the pressure beyond."""
+        return (pressure - 2e4) / 100 * (1 - (L0 - length) / 0.05)
+
+    force = (1 + friction * lengthens) * static(whole.length, held)
+    swings = IsobaricRecord(
+        whole.time, whole.length, force, held, whole.set_pressure, rest_length=L0
+    )
+    specimen = {"wall_thickness_mm": 1.6, "nominal_diameter_mm": 22.0}
+    data = read_csv(write_dataset(characterise(swings), tmp_path / "set.csv", specimen=specimen))
+    low = data.pressure < 1e5
+    assert low.any()
+    error = np.abs(data.force - static(data.length, data.pressure))
+    assert error[low].max() < 0.01 * data.force[low].max()
+
+
+def test_a_stroke_too_short_for_its_log_is_left_out_and_the_others_stay() -> None:
+    long, short = record(pressures=(3e5,)), record(pressures=(1e5,), stroke=2e-4)
+    later = short.time + long.time[-1] + DT
+    names = ("length", "force", "pressure", "set_pressure")
+    both = IsobaricRecord(
+        np.append(long.time, later),
+        *(np.append(getattr(long, one), getattr(short, one)) for one in names), rest_length=L0,
+    )  # fmt: skip
+    found = characterise(both)
+    assert [bar.set_pressure for bar in found.isobars] == [3e5]
+    assert any("The strokes at 100000 Pa were left out" in note for note in found.notes)
+
+
+def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
+    fields = {
+        "time": found.time + 50.0, "displacement": found.length - L0, "force": found.force,
+        "others": {}, "interval": DT,
+    }  # fmt: skip
+    return MachineLog(**(fields | changes))  # pyright: ignore[reportArgumentType]
+
+
+AHEAD = Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6, 1.0, 100, "load")
+
+
+def test_combining_takes_the_nearest_pressure_and_the_set_point_in_force() -> None:
+    truth = record()
+    journal_time = np.arange(-1.0, truth.time[-1] + 1, 0.01)
+    pressure = 1e5 + 10 * journal_time
+    found = combine(
+        log_of(truth), AHEAD, journal_time, pressure, [(0.0, 1e5), (100.0, 3e5), (200.0, np.nan)],
+        rest_length=L0,
+    )  # fmt: skip
+    assert np.allclose(found.time, truth.time)
+    assert np.allclose(found.length, truth.length)
+    assert np.abs(found.pressure - (1e5 + 10 * truth.time)).max() <= 10 * 0.005 + 1e-6
+    assert np.isnan(found.set_pressure[found.time >= 200]).all()
+    assert set(found.set_pressure[found.time < 200]) == {1e5, 3e5}
+
+
+def test_signs_and_zero_of_the_machine_are_honoured() -> None:
+    truth = record()
+    log = log_of(truth, displacement=0.1 + L0 - truth.length, force=-truth.force)
+    t = np.arange(-1.0, truth.time[-1] + 1, 0.01)
+    found = combine(
+        log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=L0, shortening_positive=True,
+        zero_displacement=0.1, pushing_positive=True,
+    )  # fmt: skip
+    assert np.allclose(found.length, truth.length)
+    assert np.allclose(found.force, truth.force)
+    with pytest.raises(InputError, match="check the unit of the displacement, its sign"):
+        combine(
+            log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=0.05,
+            shortening_positive=True,
+        )  # fmt: skip
+
+
+def test_where_the_journal_is_silent_there_is_no_row() -> None:
+    truth = record()
+    t = np.arange(-1.0, truth.time[-1] + 1, 0.01)
+    t = t[(t < 60) | (t > 70)]
+    found = combine(
+        log_of(truth, gaps=((1.0, 3),)),
+        AHEAD,
+        t,
+        np.full(t.size, 1e5),
+        [(-1.0, 1e5)],
+        rest_length=L0,
+    )
+    missing = (truth.time > 60.06) & (truth.time < 69.94)
+    assert not np.isin(np.round(truth.time[missing], 6), np.round(found.time, 6)).any()
+    assert truth.time.size - found.time.size == pytest.approx(missing.sum(), abs=6)
+    assert any("have no pressure" in note for note in found.notes)
+    assert any("lacks 3 rows in 1 gaps" in note for note in found.notes)
+    with pytest.raises(InputError, match="no row of the machine's log has a pressure"):
+        combine(log_of(truth), AHEAD, t + 1e6, np.full(t.size, 1e5), [(0.0, 1e5)], rest_length=L0)
+    with pytest.raises(InputError, match="no set point"):
+        combine(log_of(truth), AHEAD, t, np.full(t.size, 1e5), [], rest_length=L0)
+
+
+def test_a_log_that_is_too_slow_for_the_grid_is_refused() -> None:
+    found = record(pressures=(2e5,))
+    thin = slice(None, None, 200)
+    columns = (
+        getattr(found, n)[thin] for n in ("time", "length", "force", "pressure", "set_pressure")
+    )
+    with pytest.raises(InputError, match="log faster, or take a coarser grid"):
+        characterise(IsobaricRecord(*columns, rest_length=L0))
+
+
+def test_a_reading_beside_a_turn_is_not_drawn_to_the_readings_on_its_one_side(
+    tmp_path: Path,
+) -> None:
+    """There the force bends as no polynomial does, and a mean over one side is another reading's."""
+
+    def steep(length: np.ndarray) -> np.ndarray:
+        return 1e3 * (1 - (L0 - length) / 0.05) + 300 * np.exp(-(L0 - length) / 0.004)
+
+    found = characterise(record())
+    bars = [
+        dataclasses.replace(
+            bar, shortening=steep(bar.length), lengthening=steep(bar.length),
+            shortening_pressure=np.full(bar.length.size, bar.set_pressure),
+            lengthening_pressure=np.full(bar.length.size, bar.set_pressure),
+        )
+        for bar in found.isobars
+    ]  # fmt: skip
+    steady = dataclasses.replace(found, isobars=tuple(bars))
+    data = read_csv(write_dataset(steady, tmp_path / "set.csv"))
+    assert np.abs(data.force - steep(data.length)).max() < 0.5

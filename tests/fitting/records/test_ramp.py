@@ -1,0 +1,523 @@
+"""Records of known truth: a force law, a hysteresis that closes at the top, noise and a clamp."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from famjax.boundary.errors import InputError
+from fitting.data import ForceData, Specimen, read_csv, write_csv
+from fitting.data.csv_writer import csv_text
+from fitting.records import (
+    QuasiStatic,
+    RampRecord,
+    StaticMap,
+    find_staircase,
+    parse_atmosphere,
+    quasi_static,
+    ramps_command,
+    read_ramps,
+    static_map,
+)
+from tests.fitting import bpa10
+
+ZERO, TOP, HALF_WIDTH, NOISE = 9e3, 6.2e5, 4.0, 0.9  # Pa, Pa, N, N
+CLAMP = -8.7
+LENGTHS = (0.30, 0.28)  # m; pretension 6 N at the first, slack under 150 kPa at the second
+SPECIMEN = Specimen("synthetic", 0.30, 1.8e-3, nominal_diameter=10e-3, embedded=True)
+SIGMAS = 4.0  # standard errors that an estimate may miss the truth by; seeds are fixed
+
+
+def _static(P: np.ndarray, length: float) -> np.ndarray:
+    """Force [N]: nearly a line, slightly curved; without the muscle's slack where it buckles."""
+    if length == LENGTHS[0]:
+        return 6 + 6e-4 * P + 1e-10 * P**2
+    return np.maximum(4e-4 * (P - 1.5e5), -7.0 - 3e-5 * P)
+
+
+def _half_width(P: np.ndarray) -> np.ndarray:
+    return HALF_WIDTH * np.sin(np.pi * np.clip(P / TOP, 0, 1))
+
+
+def _hold_pressures(n_fill: int = 20) -> np.ndarray:
+    """Gauge pressure of the holds: filling towards the top, then venting to 60 kPa."""
+    fill = TOP * (1 - 0.85 ** np.arange(1, n_fill + 1))
+    return np.concatenate([fill, 6e4 + (fill[-1] - 6e4) * 0.8 ** np.arange(1, 19)])
+
+
+def _staircase(
+    length: float,
+    *,
+    seed: int = 0,
+    noise: float = NOISE,
+    offset: float = 0.0,
+    hysteresis: float = 1.0,
+    n_fill: int = 20,
+    venting: bool = True,
+) -> RampRecord:
+    random = np.random.default_rng(seed)
+    held = _hold_pressures(n_fill)[: None if venting else n_fill]
+    t = np.arange(0, 0.05 + 0.4 * held.size, 2e-3)
+    since = t - 0.05
+    number = np.minimum(np.floor(since / 0.4).astype(int), held.size - 1)
+    before, after = (np.concatenate([[0.0], held])[number + k] for k in (0, 1))
+    decay = np.exp(-np.clip(since - 0.4 * number, 0, None) / 0.015)
+    P = np.where(number < 0, 0.0, after + (before - after) * decay)
+    branch = np.where(number < n_fill, -1.0, 1.0)
+    F = _static(P, length) + hysteresis * branch * _half_width(P) + offset
+    if noise:
+        F = F + noise * random.standard_normal(t.size)
+        P = P + 350 * random.standard_normal(t.size)
+    return RampRecord(
+        force=np.maximum(F, CLAMP),
+        pressure=P + ZERO,
+        time=np.round(t, 2),  # stamps repeat
+        length=length,
+        valve_state=np.where(random.random(t.size) < 1e-3, 7444.0, 1.5 + branch / 2),
+        source=f"staircase {seed}",
+    )
+
+
+def _ramp(length: float, *, seed: int = 0, noise: float = NOISE) -> RampRecord:
+    random = np.random.default_rng(seed)
+    t = np.arange(0, 42, 2e-3)
+    P = TOP * np.clip(np.minimum(t - 1, 41 - t) / 20, 0, 1)
+    F = _static(P, length) + np.where(t < 21, -1, 1) * _half_width(P)
+    return RampRecord(
+        force=np.maximum(F + noise * random.standard_normal(t.size), CLAMP),
+        pressure=P + ZERO + 350 * (noise > 0) * random.standard_normal(t.size),
+        time=t,
+        length=length,
+        source=f"ramp {seed}",
+    )
+
+
+@pytest.fixture(scope="module")
+def points() -> QuasiStatic:
+    """Three records at each length."""
+    records = [_staircase(L, seed=i + 3 * (L < 0.3)) for L in LENGTHS for i in range(3)]
+    return quasi_static(records, atmosphere=ZERO)
+
+
+@pytest.fixture(scope="module")
+def static(points: QuasiStatic) -> StaticMap:
+    return static_map(points)
+
+
+def test_each_hold_gives_a_point(points: QuasiStatic) -> None:
+    assert points.kinds == ("staircase",) * 6
+    np.testing.assert_allclose(points.periods, 0.4, rtol=0.01)
+    for number in range(6):
+        mine = points.record == number
+        held = _hold_pressures()
+        assert mine.sum() == held.size
+        # A median of 80 readings, and the last 0.2 % of the step that decays in the window.
+        bound = SIGMAS * 350 * 1.26 / np.sqrt(80) + 0.002 * TOP * 0.15
+        assert np.abs(points.pressure[mine] - held).max() < bound
+        assert points.filling[mine].tolist() == [True] * 20 + [False] * 18
+    assert points.settled.all()
+    assert not points.mislabelled.any()
+
+
+def test_force_noise_and_drift_of_the_holds(points: QuasiStatic) -> None:
+    free = ~points.clamped
+    truth = np.where(
+        points.length == LENGTHS[0],
+        _static(points.pressure, LENGTHS[0]),
+        _static(points.pressure, LENGTHS[1]),
+    ) + np.where(points.filling, -1, 1) * _half_width(points.pressure)
+    miss = (points.force - truth)[free]
+    stderr = np.hypot(points.stderr[free], 6e-4 * 350 * 1.26 / np.sqrt(80))
+    assert np.abs(miss / stderr).max() < SIGMAS
+    assert np.std(miss / stderr) == pytest.approx(1, abs=0.25)  # 3 standard errors, 200 points
+    assert np.median(points.noise[free]) == pytest.approx(NOISE, rel=0.05)
+    assert np.median(points.pressure_noise) == pytest.approx(350, rel=0.05)
+    # A slope over 80 white readings, times the window: sqrt(12/80) of the noise.
+    assert np.std(points.force_drift[free]) == pytest.approx(NOISE * np.sqrt(12 / 80), rel=0.3)
+
+
+def test_clamp_and_slack_are_marked_and_nothing_is_dropped(points: QuasiStatic) -> None:
+    assert points.clamp == CLAMP
+    assert points.slack_below == pytest.approx(6 * NOISE, rel=0.05)
+    short = points.length == LENGTHS[1]
+    assert not points.clamped[~short].any()
+    assert points.clamped[short].any()
+    slack = points.force < points.slack_below
+    np.testing.assert_array_equal(points.slack, slack | points.clamped)
+    assert points.slack[short & (points.pressure < 1.4e5)].all()
+    assert points.force.size == 6 * 38
+
+
+def test_a_low_hold_is_no_clamp() -> None:
+    """Without noise, the least force of a hold repeats exactly, but at one pressure only."""
+    assert quasi_static(_staircase(LENGTHS[0], noise=0.0), atmosphere=ZERO).clamp is None
+    clamped = quasi_static(_staircase(LENGTHS[0]), atmosphere=ZERO, clamp=50.0)
+    assert clamped.clamp == 50
+    assert clamped.clamped[clamped.force < 49].all()
+
+
+def test_readings_of_a_coarse_sensor_are_resolved() -> None:
+    """Medians fall on the sensor's steps; spread over the step they do not."""
+    fine = _staircase(LENGTHS[0], seed=5)
+    step = 0.683
+    coarse = RampRecord(
+        force=step * np.round(fine.force / step),
+        pressure=fine.pressure,
+        time=fine.time,
+        length=fine.length,
+    )
+    a, b = (quasi_static(record, atmosphere=ZERO) for record in (fine, coarse))
+    assert np.sqrt(np.mean((a.force - b.force) ** 2)) < 0.1 * step  # 0.29 for plain medians
+    assert np.unique(b.force).size == b.force.size
+
+
+def test_the_map_is_the_mean_of_the_branches(static: StaticMap) -> None:
+    pulling = ~static.slack
+    for length in LENGTHS:
+        rows = pulling & (static.length == length)
+        P = static.pressure[rows]
+        truth = _static(P, length)
+        # Noise, and up to 0.25 N of curvature and of the kink between holds.
+        assert np.abs(static.force[rows] - truth).max() < SIGMAS * 0.1 + 0.25
+        half = _half_width(P)
+        far = P < 0.8 * TOP  # above, the first vent hold is far from the turn
+        assert np.abs(static.half_width[rows] - half)[far].max() < SIGMAS * 0.1 + 0.4
+    assert (static.n_records[pulling] == 3).all()
+    assert static.slack[(static.length == LENGTHS[1]) & (static.pressure <= 1.5e5)].all()
+    assert np.isin(np.arange(2e5, 6e5, 25e3), static.pressure[pulling]).all()
+
+
+def test_the_summary_counts(points: QuasiStatic, static: StaticMap) -> None:
+    for one, records in zip(static.lengths, (points.records[:3], points.records[3:]), strict=True):
+        assert (one["n_records"], one["n_unused"], one["n_fill"], one["n_vent"]) == (3, 0, 60, 54)
+        assert one["n_glitches"] == sum(int((r.valve_state == 7444).sum()) for r in records) > 0
+        assert one["n_repeated_stamps"] > 1000
+        assert one["noise"] == pytest.approx(NOISE, rel=0.05)
+        # 90 values of the standard deviation 0.1 N between equal records.
+        assert one["repeatability_fill"] == pytest.approx(one["stderr"], rel=0.5)
+        assert one["half_width_rms"] == pytest.approx(HALF_WIDTH / np.sqrt(2), rel=0.2)
+    assert static.lengths[0]["n_slack"] == 0
+    assert static.lengths[1]["n_clamped"] > 0
+
+
+def test_repeatability_enters_the_standard_deviation_but_not_the_hysteresis() -> None:
+    offsets = (-3.0, 0.0, 3.0)
+    records = [_staircase(LENGTHS[0], seed=i, offset=o) for i, o in enumerate(offsets)]
+    made = static_map(quasi_static(records, atmosphere=ZERO))
+    (one,) = made.lengths
+    for spread in (one["repeatability_fill"], one["repeatability_vent"], one["repeatability"]):
+        assert spread == pytest.approx(3.0, rel=0.05)
+    np.testing.assert_allclose(made.force_std, 3.0 / np.sqrt(3), rtol=0.05)
+    inner = (made.pressure > 5e4) & (made.pressure < 0.8 * TOP)
+    assert np.abs(made.half_width - _half_width(made.pressure))[inner].max() < 0.8
+
+
+def test_a_length_without_repeats_has_the_spread_of_the_others(points: QuasiStatic) -> None:
+    records = [_staircase(LENGTHS[0], seed=i, offset=3.0 * i) for i in range(2)]
+    made = static_map(quasi_static([*records, points.records[3]], atmosphere=ZERO))
+    assert np.isnan(made.lengths[1]["repeatability"])
+    single = made.length == LENGTHS[1]
+    np.testing.assert_allclose(made.force_std[single], made.lengths[0]["repeatability"], rtol=0.01)
+    assert "repeatability of the other lengths" in made.force_data(SPECIMEN).notes[-1]
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+def test_a_continuous_ramp(length: float) -> None:
+    points = quasi_static(_ramp(length), atmosphere=(0.0, 0.9))
+    assert points.kinds == ("ramp",)
+    assert points.atmosphere[0] == pytest.approx(ZERO, abs=SIGMAS * 350 / np.sqrt(450))
+    assert np.median(points.noise) == pytest.approx(NOISE, rel=0.05)
+    made = static_map(points)
+    rows = ~made.slack
+    P = made.pressure[rows]
+    away = np.abs(P - 1.5e5) > 25e3 if length == LENGTHS[1] else P > 0  # a bin across the kink
+    # Curvature in a bin: 2e-10 w^2 / 24 = 0.005 N.
+    miss = (made.force[rows] - _static(P, length))[away]
+    assert np.abs(miss).max() < SIGMAS * 0.05
+    half = (made.half_width[rows] - _half_width(P))[away]
+    assert np.abs(half).max() < SIGMAS * 0.05
+    assert rows.sum() >= 17
+
+
+def test_the_map_is_data_and_reads_back(static: StaticMap, tmp_path: Path) -> None:
+    data = static.force_data(SPECIMEN, length_std=1e-3)
+    assert data.force.min() >= static.points.slack_below
+    assert data.length_std is not None
+    assert (data.length_std == 1e-3).all()
+    back = read_csv(write_csv(data, tmp_path / "map.csv"))
+    assert back.sha256 == data.sha256
+    metric = read_csv(write_csv(data, tmp_path / "metric.csv", "metric"))
+    np.testing.assert_allclose(metric.pressure, data.pressure, rtol=1e-14)
+    assert metric.specimen.rest_length == pytest.approx(0.30, rel=1e-14)
+    with pytest.raises(InputError, match="cannot write"):
+        write_csv(data, tmp_path / "none" / "map.csv")
+    with pytest.raises(InputError, match="units must be one of"):
+        csv_text(data, "imperial")
+
+
+def test_records_that_never_vent() -> None:
+    fill_only = [_staircase(LENGTHS[0], seed=1, venting=False)]
+    points = quasi_static(fill_only, atmosphere=ZERO)
+    assert points.filling.all()
+    with pytest.raises(InputError, match="vent the muscle too, show one branch"):
+        static_map(points)
+    made = static_map(points, branches="fill")
+    assert np.isnan(made.half_width).all()
+    fill = _static(made.pressure, LENGTHS[0]) - _half_width(made.pressure)
+    assert np.abs(made.force - fill).max() < SIGMAS * 0.11 + 0.25
+    mixed = static_map(quasi_static([*fill_only, _staircase(LENGTHS[0])], atmosphere=ZERO))
+    assert mixed.lengths[0]["n_unused"] == 1
+    assert (mixed.n_records == 1).all()
+    assert "1 records lack the branches" in mixed.force_data(SPECIMEN).notes[2]
+
+
+def test_without_noise_only_the_method_is_left() -> None:
+    ramp = static_map(quasi_static(_ramp(LENGTHS[0], noise=0.0), atmosphere=ZERO, kind="ramp"))
+    # Curvature in a bin, 2e-10 w^2 / 24 = 0.005 N, and that of the half-width, which cancels.
+    assert np.abs(ramp.force - _static(ramp.pressure, LENGTHS[0])).max() < 0.01
+    record = _staircase(LENGTHS[0], noise=0.0)
+    held = static_map(quasi_static(record, atmosphere=ZERO, part=(0.9, 0.96)))
+    miss = np.abs(held.force - _static(held.pressure, LENGTHS[0]))
+    # Curvature of a branch between holds: (2e-10 + 4 (pi/TOP)^2) w^2 / 8, w up to 90 kPa, halved
+    # by the mean; 120 kPa, at the end of the curve, in the gap between turn and first vent hold.
+    below = held.pressure < 0.8 * _hold_pressures()[19]
+    assert miss[below].max() < 0.15
+    assert miss[~below].max() < 0.5
+
+
+def test_exact_records_have_no_standard_deviation() -> None:
+    held = np.array([0.0, 1e5, 2e5, 3e5, 4e5, 5e5, 4e5, 3e5, 2e5, 1e5, 0.0])
+    P = np.repeat(held, 100)
+    record = RampRecord(
+        force=10 + 1e-3 * P, pressure=P, time=np.arange(P.size) * 1e-2, length=LENGTHS[0]
+    )
+    made = static_map(quasi_static(record, atmosphere=0.0))
+    np.testing.assert_allclose(made.force, 10 + 1e-3 * made.pressure, rtol=1e-12)
+    # The step between the readings, 100 N, is the sensor's for all that the record shows.
+    np.testing.assert_allclose(made.force_std, 100 / np.sqrt(12) / np.sqrt(2), rtol=1e-12)
+    ramp = dataclasses.replace(
+        record,
+        pressure=5e5 * np.interp(np.arange(P.size), [0, 550, 1099], [0, 1, 0]),
+        force=5e2 * np.interp(np.arange(P.size), [0, 550, 1099], [0, 1, 0]) + 10,
+    )
+    data = static_map(quasi_static(ramp, atmosphere=0.0)).force_data(SPECIMEN)
+    assert data.force_std is None
+    assert "no noise" in data.notes[-1]
+
+
+def test_unsettled_holds_are_marked_and_not_used() -> None:
+    record = _staircase(LENGTHS[0])
+    strict = quasi_static(record, atmosphere=ZERO, part=(0.02, 0.9))
+    assert 0 < strict.settled.sum() < strict.settled.size
+
+
+def test_holds_with_too_few_readings_are_counted() -> None:
+    record = _staircase(LENGTHS[0])
+    kept = (record.time < 2.1) | (record.time > 2.4)  # of the hold from 2.05 to 2.45 s
+    columns = ("force", "pressure", "time", "valve_state")
+    gap = dataclasses.replace(record, **{c: getattr(record, c)[kept] for c in columns})
+    points = quasi_static(gap, atmosphere=ZERO, part=(0.5, 0.85))
+    assert points.n_short == (1,)
+    assert points.force.size == 37
+
+
+def test_valve_states_that_contradict_the_pressure_are_counted() -> None:
+    record = _staircase(LENGTHS[0])
+    swapped = RampRecord(
+        force=record.force,
+        pressure=record.pressure,
+        time=record.time,
+        length=record.length,
+        valve_state=3 - np.where(record.valve_state == 7444, 1.0, record.valve_state),
+    )
+    points = quasi_static(swapped, atmosphere=ZERO)
+    assert points.mislabelled.mean() > 0.95
+    assert points.filling.tolist() == [True] * 20 + [False] * 18
+
+
+BAD: list[tuple[Callable[[], object], str]] = [
+    (lambda: _points(part=(0.9, 0.5)), "part is"),
+    (lambda: _points(bin_width=0.0), "bin_width and max_drift"),
+    (lambda: _points(atmosphere=np.nan), "must be finite"),
+    (lambda: _points(atmosphere=(0.0, 1e-4)), "readings from 0.0 to 0.0001 s"),
+    (lambda: _points(atmosphere=(0.0, 5.0)), "so it is not vented there"),
+    (lambda: _points(atmosphere=101e3), "far below the 101 kPa that its sensor is said to read"),
+    (lambda: _points(period=0.33), "no regular valve pulses of 0.33 s"),
+    (lambda: _points(period=30.0), "period must lie between"),
+    (lambda: _points(part=(0.511, 0.512)), "fewer than 5 readings in the part"),
+    (lambda: _points(kind="ramp", bin_width=5e6), "gives no pressure bin"),
+    (lambda: quasi_static([], atmosphere=ZERO), "at least one record"),
+    (lambda: quasi_static(_ramp(0.3), atmosphere=ZERO, kind="staircase"), "no regular valve pul"),
+    (lambda: static_map(_points(), step=0.0), "step must be > 0"),
+    (lambda: static_map(_points(max_drift=1e-6)), "no record at 300 mm has both branches"),
+    (
+        lambda: static_map(_points(slack_below=1e4)).force_data(SPECIMEN),
+        "rows of the map are slack",
+    ),
+    (lambda: dataclasses.replace(_ramp(0.3), length=0.0), "length must be > 0"),
+    (lambda: dataclasses.replace(_ramp(0.3), pressure=np.ones(21000)), "pressure of a record must"),
+    (lambda: dataclasses.replace(_ramp(0.3), time=np.ones(21000)), "time of a record must change"),
+]
+
+
+def _points(**options: object) -> QuasiStatic:
+    return quasi_static(_staircase(LENGTHS[0]), **({"atmosphere": ZERO} | options))  # pyright: ignore
+
+
+@pytest.mark.parametrize(("call", "match"), BAD)
+def test_what_cannot_be(call: Callable[[], object], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        call()
+
+
+def _stairs(period: float, rate: float, noise: float, seed: int = 0) -> tuple[np.ndarray, ...]:
+    """Pressure [Pa], time [s] and the times of all pulses; some pulses are too small to be seen."""
+    t = np.arange(0, 40 * period, 1 / rate)
+    pulses = 0.3 * period + period * np.arange(39)
+    steps = np.concatenate([6e4 * 0.85 ** np.arange(25), -9e4 * 0.75 ** np.arange(14)])
+    since = t[:, None] - pulses
+    ringing = 1 - np.exp(-since.clip(0) / (0.02 * period)) * np.cos(250 * since / period)
+    P = (steps * np.where(since > 0, ringing, 0)).sum(axis=1) + 9e3
+    return P + noise * np.random.default_rng(seed).standard_normal(t.size), t + 100, pulses + 100
+
+
+@pytest.mark.parametrize(("period", "rate"), [(0.5, 500.0), (0.8, 1000.0), (5.0, 20.0)])
+@pytest.mark.parametrize("noise", [0.0, 400.0])
+def test_holds_lie_between_the_pulses(period: float, rate: float, noise: float) -> None:
+    P, t, pulses = _stairs(period, rate, noise)
+    found = find_staircase(P, t)
+    assert found is not None
+    assert found.period == pytest.approx(period, rel=0.01)  # two readings in a hundred
+    assert found.start.size == 39  # one after each pulse; what is left after the last is too short
+    # A pulse is seen at its first jump, at most two readings late; unseen ones are spaced evenly.
+    late = found.start - pulses
+    assert np.abs(late).max() < max(3 / rate, 0.03 * period)
+    rows = found.rows(t, (0.56, 0.96))
+    assert all(
+        t[part[0]] >= pulse + 0.55 * period and t[part[-1]] < pulse + period
+        for part, pulse in zip(rows, pulses, strict=True)
+    )
+
+
+def test_a_known_period_is_taken_and_a_wrong_one_refused() -> None:
+    P, t, _ = _stairs(0.5, 500.0, 300.0)
+    found = find_staircase(P, t, period=0.5)
+    assert found is not None
+    assert found.period == 0.5
+    assert find_staircase(P, t, period=0.37) is None
+
+
+@pytest.mark.parametrize("duration", [0.2, 2.0, 20.0])
+def test_a_continuous_ramp_is_no_staircase(duration: float) -> None:
+    t = np.arange(0, 3 * duration, 1e-3)
+    P = 6e5 * np.clip(np.minimum(t, 2 * duration - t) / duration, 0, None)
+    P = P + 400 * np.random.default_rng(0).standard_normal(t.size)
+    assert find_staircase(P, t) is None
+
+
+def _write(record: RampRecord, path: Path) -> str:
+    columns = (record.force, record.pressure / 1e3, record.time, record.valve_state)
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", fmt="%.10g")  # type: ignore[arg-type]
+    return str(path)
+
+
+def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
+    columns = "force_N,pressure_kPa,time_s,valve_state"
+    files = [_write(r, tmp_path / f"{i}.csv") for i, r in enumerate(points.records)]
+    entries = [f"{f}={r.length * 1e3}mm" for f, r in zip(files, points.records, strict=True)]
+    listed = tmp_path / "list.csv"
+    listed.write_text(
+        "file,length_mm\n"
+        + "".join(f"{i}.csv,{r.length * 1e3}\n" for i, r in enumerate(points.records))
+    )
+    specimen = {"rest_length": 0.30, "name": "synthetic"}
+    summary, made = ramps_command(
+        entries, columns=columns, atmosphere=ZERO, specimen=specimen, system="metric"
+    )
+    assert set(made) == {"map.csv", "ramps.png", "ramps.json", "branches.csv"}
+    assert json.loads(made["ramps.json"]) == summary
+    assert made["ramps.png"].startswith(b"\x89PNG")
+    (tmp_path / "map.csv").write_bytes(made["map.csv"])
+    assert read_csv(tmp_path / "map.csv").force.size == summary["n_pulling_rows"] > 30
+    assert summary["lengths"][0]["length_mm"] == pytest.approx(300)
+    assert summary["lengths"][0]["n_fill"] == 60
+    assert summary["clamp_N"] == pytest.approx(CLAMP)
+    assert summary["records"][0]["atmosphere_kPa"] == pytest.approx(9)
+    # What was not said is assumed as of any force map, is told, and is not said by the map either.
+    told = " ".join(summary["notes"])
+    assert "wall was not given: 1.8 mm" in told
+    assert "bladder's diameter was not given" in told
+    read = read_csv(tmp_path / "map.csv")
+    assert read.assumed == ("nominal_diameter", "wall_thickness", "bladder_diameter")
+    known = {**specimen, "wall_thickness": 1.5e-3, "embedded": False, "nominal_diameter": 0.02}
+    _, made = ramps_command(entries, columns=columns, atmosphere=ZERO, specimen=known)
+    (tmp_path / "known.csv").write_bytes(made["map.csv"])
+    read = read_csv(tmp_path / "known.csv")
+    assert read.assumed == ()
+    assert not read.specimen.embedded
+    again = read_ramps([str(listed)], columns=columns)
+    assert [record.length for record in again] == pytest.approx([0.3] * 3 + [0.28] * 3)
+    assert [record.source for record in again] == [f"{i}.csv" for i in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda f: read_ramps([]), "no records"),
+        (lambda f: read_ramps([f"{f}=3"]), "has no unit"),
+        (lambda f: read_ramps([f"{f}=3mm", f"{f}=4mm"]), "named twice"),
+        (lambda f: read_ramps([f]), "is no list of records"),
+        (lambda f: read_ramps([f + "x"]), "cannot read"),
+        (lambda f: parse_atmosphere("8.94"), "has no unit"),
+        (lambda f: parse_atmosphere("xkPa"), "a number with its unit"),
+        (lambda f: ramps_command([f"{f}=3mm"], atmosphere=ZERO), "rest length"),
+        (lambda f: ramps_command([], atmosphere=ZERO, system="cgs"), "units must be one of"),
+    ],
+)
+def test_commands_that_cannot_be(call: Callable[[str], object], match: str, tmp_path: Path) -> None:
+    path = tmp_path / "ramp.csv"
+    path.write_text("force_N,pressure_kPa,time_s\n1,2,3\n")
+    with pytest.raises(InputError, match=match):
+        call(str(path))
+
+
+@pytest.fixture(scope="module")
+def bpa10_maps() -> dict[str, StaticMap]:
+    if not bpa10.FOLDER.is_dir():
+        pytest.skip(bpa10.ABSENT)
+    return bpa10.bpa10_maps()
+
+
+def test_bpa10_is_as_its_study_says(bpa10_maps: dict[str, StaticMap]) -> None:
+    """Figures of an independent evaluation of the seven specimens of the series, rounded there."""
+    assert sum(made.points.force.size for made in bpa10_maps.values()) == pytest.approx(
+        1300, abs=20
+    )
+    for made in bpa10_maps.values():
+        points = made.points
+        np.testing.assert_allclose(points.periods, 0.5, rtol=0.01)
+        assert points.clamp == -8.7354
+        assert np.median(points.noise) == pytest.approx(0.9, abs=0.05)
+        assert np.median(points.pressure_noise) == pytest.approx(400, abs=100)
+        assert points.settled.mean() > 0.99
+        unkinked, *kinked = made.lengths
+        assert unkinked["half_width_rms"] == pytest.approx(0.9, abs=0.4)
+        assert unkinked["half_width_mean"] < 0
+        assert all(0 < one["half_width_mean"] < one["half_width_max"] < 8.7 for one in kinked)
+        assert 0.2 < unkinked["repeatability_fill"] < 1.5
+        assert all(0.3 < one["repeatability_vent"] < 2 for one in made.lengths)
+        assert all(one["n_glitches"] == 0 and one["n_repeated_stamps"] == 3 for one in made.lengths)
+
+
+def test_bpa10_as_data(bpa10_maps: dict[str, StaticMap]) -> None:
+    data: dict[str, ForceData] = bpa10.bpa10_data(bpa10_maps)
+    assert data["10cm"].max_force == pytest.approx(310, abs=3)
+    assert data["30cm"].max_force == pytest.approx(427, abs=3)
+    for one in data.values():
+        assert one.loaded.all()
+        assert one.force.min() >= bpa10.LEAST_PULL
+        assert np.unique(one.length).size == 4
+        assert 45 <= one.force.size <= 52
