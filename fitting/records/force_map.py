@@ -207,7 +207,7 @@ def _at_length(
             f"no record at {length * 1e3:.6g} mm has {lacking} at a common pressure: vent the muscle "
             'too, show one branch (branches="fill"), or use smaller steps'
         )
-    pulling = pull.any(axis=0)
+    pulling = np.asarray(pull.any(axis=0))
     used = np.where(pulling, pull, np.isfinite(force))[:, known]
     half = (forces[1] - forces[0]) / 2
     rows = (
@@ -536,8 +536,8 @@ def _summary(static: StaticMap, system: str) -> dict[str, Any]:
     points, units = static.points, unit_system(system)
 
     def entry(name: str, number: float | None, kind: str) -> dict[str, float | None]:
-        unknown = number is None or not math.isfinite(number)
-        return {f"{name}_{units[kind]}": None if unknown else from_si(number, units[kind], kind)}
+        known = number is not None and math.isfinite(number)
+        return {f"{name}_{units[kind]}": from_si(number, units[kind], kind) if known else None}
 
     lengths = []
     for one in static.lengths:
