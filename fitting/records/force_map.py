@@ -536,8 +536,10 @@ def _summary(static: StaticMap, system: str) -> dict[str, Any]:
     points, units = static.points, unit_system(system)
 
     def entry(name: str, number: float | None, kind: str) -> dict[str, float | None]:
-        known = number is not None and math.isfinite(number)
-        return {f"{name}_{units[kind]}": from_si(number, units[kind], kind) if known else None}
+        shown = None
+        if number is not None and math.isfinite(number):
+            shown = from_si(number, units[kind], kind)
+        return {f"{name}_{units[kind]}": shown}
 
     lengths = []
     for one in static.lengths:
