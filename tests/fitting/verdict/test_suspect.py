@@ -9,11 +9,9 @@ import pytest
 
 import famjax
 from fitting import ForceData, Identification, InputError, Parameter, Specimen, identify
+from fitting.faults import absolute, attempt, doubtful, least_misfit, plainest, pulls_late, suspect
 from fitting.ladder import ladder
-from fitting.verdict import doubtful, judge, suspect
-from fitting.verdict.plain_faults import absolute, pulls_late
-from fitting.verdict.suspect import least_misfit
-from fitting.verdict.trial import attempt, plainest
+from fitting.verdict import judge
 
 
 def fit(data: ForceData) -> Identification:
@@ -245,26 +243,6 @@ def test_one_length_off_is_named_with_what_it_should_be() -> None:
     (found,) = suspect(result)
     assert found.cause.startswith("the length ")
     assert judge(result, [found]).level == "not identified"
-
-
-@pytest.mark.slow
-def test_two_muscles_one_file_after_the_other() -> None:
-    first, second = known_muscle(0.03, 0.35, 65.0), known_muscle(0.02, 0.35, 63.0)
-    both = {
-        name: np.concatenate([getattr(first, name), getattr(second, name)])
-        for name in ("force", "pressure", "length")
-    }
-    found = causes(dataclasses.replace(first, **both))
-    assert found.startswith("there are two muscles in the file, the second of them at reading ")
-    assert int(found.rpartition(" ")[2]) > first.force.size
-
-
-@pytest.mark.slow
-def test_two_muscles_at_lengths_of_their_own() -> None:
-    first, second = known_muscle(0.03, 0.35, 65.0, 10), known_muscle(0.026, 0.35, 63.0, 10)
-    place = np.unique(first.length, return_inverse=True)[1]
-    force = np.where(place % 2, first.force, second.force)
-    assert causes(dataclasses.replace(first, force=force)).startswith("there are two muscles")
 
 
 @pytest.mark.slow
