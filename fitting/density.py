@@ -1,21 +1,4 @@
-"""From all of space into a box, so that a truncated normal in the box is nearly a standard one.
-
-Coordinate by coordinate (Rosenblatt), with t standardised by what is known of a quadratic model,
-
-    v_j = c_j + w_j t_j,   c_j = mean_j + sum_{i<j} L_ji t_i,   w_j = L_jj
-    sigma(t_j) = (1 - p) sigma(-alpha_j) + p sigma(beta_j),   p = sigma(z_j)
-
-where sigma is the logistic function and [-alpha_j, beta_j] what the box leaves of t_j. Far from the
-bounds t = z; at a bound it is the logit of the distance. The ridge of two parameters, of which one
-lies on its bound, becomes a straight one, of unit width. Where it is curved, c_j follows a cubic in
-the first coordinate, which leads.
-
-References:
-    Rosenblatt 1952, Ann. Math. Statist. 23(3).
-
-The faces of a posterior: what of a constraint is active at the optimum, or near it.
-
-The posterior's density, with the coefficients integrated where they are normal.
+"""The density of the posterior of an identification, with the coefficients integrated where they are normal.
 
 Readings y = F(u) + C(u) x + noise, u in a box, x with a flat prior, or a normal one, on the set that
 the constraint leaves. For a given u and noise the coefficients are normal but for the constraint:
@@ -25,9 +8,8 @@ with the normal density of s in the place of the rest of the mass. Censored read
 normal: there the coefficients are sampled themselves.
 
 References:
-    Golub & Pereyra 1973 (separable models); Tobin 1958 (censored readings).
-
-From an identification to the density of its posterior, about the quadratic model at its optimum.
+    Golub & Pereyra 1973 (separable models); Tobin 1958 (censored readings); Rosenblatt 1952, Ann. Math.
+    Statist. 23(3) (the map of the box).
 """
 
 import dataclasses
@@ -53,7 +35,17 @@ _INSIDE = 3.0  # standard deviations from a bound that do not feel it
 
 
 class BoxMap(eqx.Module):
-    """A smooth bijection of R^d and the inside of a box; every array is in the map's own order.
+    """A smooth bijection of R^d and the inside of a box; a truncated normal in it is nearly a standard one.
+
+    Coordinate by coordinate, with t standardised by what is known of a quadratic model,
+
+        v_j = c_j + w_j t_j,   c_j = mean_j + sum_{i<j} L_ji t_i,   w_j = L_jj
+        sigma(t_j) = (1 - p) sigma(-alpha_j) + p sigma(beta_j),   p = sigma(z_j)
+
+    where sigma is the logistic function and [-alpha_j, beta_j] what the box leaves of t_j. Far from the
+    bounds t = z; at a bound it is the logit of the distance. The ridge of two parameters, of which one
+    lies on its bound, becomes a straight one, of unit width. Where it is curved, c_j follows a cubic in
+    the first coordinate, which leads. Every array is in the map's own order.
 
     Attributes:
         order: place in the box of each coordinate of the map, shape (d,).
