@@ -1,4 +1,4 @@
-"""The density of the posterior of an identification, with the coefficients integrated where they are normal.
+"""The density of the posterior of an identification; coefficients are integrated where they are normal.
 
 Readings y = F(u) + C(u) x + noise, u in a box, x with a flat prior, or a normal one, on the set that
 the constraint leaves. For a given u and noise the coefficients are normal but for the constraint:

@@ -2,8 +2,7 @@
 
 A fault is a mistake, and what the map would be without it: another unit, gauge pressures, another rest
 length. Each is undone and fitted again, and a change that makes the misfit several times smaller is
-named. Faults of some readings only (a full load cell, outliers, one length that is off) are found by
-fits of the others.
+named. Faults of some readings only, a full load cell and outliers, are found by fits of the others.
 """
 
 import dataclasses
@@ -11,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
@@ -36,7 +35,6 @@ THICK = 0.3
 # Misfits, in parts of the largest force
 GOOD = 0.02  # of a muscle by a good model
 _DOUBTFUL = 0.01  # what a good fit of a good map is below
-_SURE = 0.005  # nothing simpler explains more
 _MIXED = 0.013  # what is to be explained by faults of some readings
 _UNEXPLAINED = 0.03  # the richest family misses no muscle's map by so much
 _TOLERATED = 0.04  # of data that were far worse
@@ -69,8 +67,6 @@ _OUTLYING = 5.0  # robust standard deviations
 _MOST_OUTLIERS = 0.25  # of the readings
 _OF_A_LENGTH = 0.6  # of the readings of one length are no outliers
 _ROUNDS = 6
-_OFFSET, _TRIED = 0.06, 50  # of the rest length, and offsets either way, of a length that is off
-_FEWEST_LENGTHS = 4  # of which one may be off
 _PER_LENGTH = 5  # readings that are spread over the pressures
 
 _USUAL = 5e5  # Pa, the highest pressure of most tests of pneumatic muscles
@@ -619,25 +615,16 @@ def absolute(
     return [Suspicion(cause, sentence, better)]
 
 
-Explanation = tuple[str, float]
-"""What is wrong, and the misfit without it in parts of the largest force."""
-
-
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
-    """Faults of some readings; the simplest that is as good as the best."""
-    good: list[tuple[Explanation, bool]] = []
-    for search, grave in ((_at_a_limit, True), (_outliers, True), (_one_length_off, False)):
-        found = search(data)
-        if found is not None and found[1] * _FAR_BETTER < least and found[1] < GOOD:
-            good.append((found, grave))
-            if found[1] < _SURE:
-                break
-    best = min((found[1] for found, _ in good), default=np.inf)
-    for (cause, better), grave in good:
-        if better <= _AS_LIKELY * max(best, 1e-3):
-            # What ends in no identification unexplained does not end in one explained.
-            return [_named(cause, least, better, grave=grave or least > _UNEXPLAINED)]
-    return []
+    """Faults of some readings: the first that makes the misfit about as good as the other does."""
+    good = [
+        one
+        for one in (_at_a_limit(data), _outliers(data))
+        if one is not None and one[1] < GOOD and one[1] * _FAR_BETTER < least
+    ]
+    best = min((better for _, better in good), default=np.inf)
+    likely = [one for one in good if one[1] <= _AS_LIKELY * max(best, 1e-3)]
+    return [_named(cause, least, better) for cause, better in likely[:1]]
 
 
 def _kept_only(data: ForceData, kept: Bool[np.ndarray, " loaded"]) -> ForceData:
@@ -657,12 +644,7 @@ def thinned(data: ForceData) -> ForceData:
     return data.part(kept)
 
 
-def _levels_in(data: ForceData) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " loaded"]]:
-    """The loaded lengths, and the number of each reading's."""
-    return np.unique(data.lengths.level[data.loaded], return_inverse=True)
-
-
-def _at_a_limit(data: ForceData) -> Explanation | None:
+def _at_a_limit(data: ForceData) -> tuple[str, float] | None:
     """Readings that share the largest force, where a fit of the others pulls harder: a full load cell."""
     force = data.force[data.loaded]
     limit = float(force.max())
@@ -684,7 +666,7 @@ def _at_a_limit(data: ForceData) -> Explanation | None:
     return cause, misfit
 
 
-def _outliers(data: ForceData) -> Explanation | None:
+def _outliers(data: ForceData) -> tuple[str, float] | None:
     """A few readings far off, found by leaving the worst out and fitting again."""
     candidate, force = richest(data), data.force[data.loaded]
     kept, errors = force <= 20 * float(np.median(force)), np.zeros(force.size)
@@ -705,7 +687,7 @@ def _outliers(data: ForceData) -> Explanation | None:
     count = int((~kept).sum())
     if not 0 < count <= _MOST_OUTLIERS * kept.size:
         return None
-    _, place = _levels_in(data)
+    place = np.unique(data.lengths.level[data.loaded], return_inverse=True)[1]
     off = np.bincount(place, ~kept)
     if ((off > 2) & (off > _OF_A_LENGTH * np.bincount(place))).any():
         return None  # it is the length that is off
@@ -714,32 +696,3 @@ def _outliers(data: ForceData) -> Explanation | None:
     misfit = float(np.sqrt(np.mean(errors[kept] ** 2))) / float(force[kept].max())
     are, them = ("reading is an outlier", "it") if count == 1 else ("readings are outliers", "them")
     return f"{count} {are} (number {shown}; --objective huber counts {them} little)", misfit
-
-
-def _one_length_off(data: ForceData) -> Explanation | None:
-    """One length that is not what it says: without it the others fit, and moved it fits, too."""
-    lengths, place = _levels_in(data)
-    if lengths.size < _FEWEST_LENGTHS:
-        return None
-    best: Explanation | None = None
-    pressure, force = data.pressure[data.loaded], data.force[data.loaded]
-    reach = _OFFSET * data.specimen.rest_length
-    moved = np.linspace(-reach, reach, 2 * _TRIED + 1)
-    for number, one in enumerate(lengths):
-        mine = place == number
-        trial = attempt(thinned(_kept_only(data, ~mine)), starts=2)
-        if trial is None:
-            continue
-        L, P = np.repeat(one + moved, mine.sum()), np.tile(pressure[mine], moved.size)
-        there = trial.predict(L, P).reshape(moved.size, -1)
-        errors = np.sqrt(np.mean((there - force[mine]) ** 2, axis=1))
-        if not np.isfinite(errors).any():
-            continue
-        offset, least = moved[int(np.nanargmin(errors))], float(np.nanmin(errors))
-        total = np.sum(trial.errors(data)[~mine] ** 2) + mine.sum() * least**2
-        misfit = float(np.sqrt(total / mine.size)) / data.max_force
-        if abs(offset) < reach and (best is None or misfit < best[1]):
-            true = Quantity(one + offset, "length")
-            words = "the length ", Quantity(one, "length"), " is ", true, ", off by a constant"
-            best = Sentence(*words), misfit
-    return best

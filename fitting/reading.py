@@ -667,20 +667,8 @@ def likely_length_fault(data: ForceData) -> str:
         for scale, then, what, true, said in _unit_slips(data)
         if _LONGEST_AT_LEAST <= high * scale <= _REACH[1] and low * scale >= _REACH[0]
     )
-    if found:
-        likely = [sentence for away, sentence in found if away < found[0][0] + _ALIKE][:2]
-        return f"It looks as if {', or '.join(likely)}."
-    slopes = []
-    for one in np.unique(data.pressures.level[data.loaded]):
-        mine = data.loaded & (data.pressures.level == one)
-        if np.unique(data.length[mine]).size > 1:
-            slopes.append(np.polyfit(data.length[mine], data.force[mine], 1)[0])
-    if slopes and float(np.mean(np.array(slopes) < 0)) > 0.5:
-        return (
-            "It looks as if the lengths were contractions, as the force falls when they grow: these "
-            "stand in a column contraction, as fractions, or contraction_%, in percent."
-        )
-    return ""
+    likely = [sentence for away, sentence in found if away < found[0][0] + _ALIKE][:2]
+    return f"It looks as if {', or '.join(likely)}." if likely else ""
 
 
 def _unit_slips(data: ForceData) -> Iterator[tuple[float, float, str, str, str]]:
