@@ -360,20 +360,20 @@ def gather(
 
     error, left_out = _error(result) if known is None else known
     kinds = left_out_kinds(result) if validation else ()
-    draws = {"seed": seed, "progress": told("bootstrap")}
+    drawn, sampled = None, None
+    if replicates:
+        drawn = bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
+    if posterior:
+        sampled = sample(result, noise=noise, seed=seed, progress=told("posterior"))
     return Evidence(
         validations=tuple(
             validate(result, kind, progress=told(f"leave one {kind} out")) for kind in kinds
         ),
         profiles=profile(result, progress=told("profile likelihood")) if profiles else (),
-        bootstrap=bootstrap(result, replicates, **draws) if replicates else None,
+        bootstrap=drawn,
         error=error,
         left_out=left_out,
-        posterior=(
-            sample(result, noise=noise, seed=seed, progress=told("posterior"))
-            if posterior
-            else None
-        ),
+        posterior=sampled,
         shared=carry(result, shared) if shared else None,
     )
 

@@ -402,8 +402,8 @@ def _scales(data: ForceData) -> Iterator[Fault]:
                 ),
                 unlikely=abs(math.log10(then / _USUAL)) + (0.0 if known else _NOT_SAID),
             )
-    bore = data.specimen.nominal_diameter
-    for factor, cause in _BORES.items() if bore is not None else ():
+    bore = data.specimen.nominal_diameter or 0.0
+    for factor, cause in _BORES.items() if bore else ():
         yield Fault(
             cause,
             lambda factor=factor: _with_specimen(data, nominal_diameter=bore * factor),

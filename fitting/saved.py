@@ -161,14 +161,16 @@ def _saved_fit(document: dict[str, Any]) -> SavedFit:
 
 def _mounted(entry: Any) -> famjax.MountedMuscle:
     """A muscle in its rig, from its entry."""
-    card, compliance = _entry(entry, "muscle"), _entry(entry, "series_compliance_m_per_N")
+    card = _entry(entry, "muscle")
     if not isinstance(card, dict):
         raise InputError(f"'muscle' must be an object in braces, got {card!r}")
     for name in ("series_compliance_m_per_N", "series_exponent"):
         if entry.get(name) is not None:
             _numbers(entry, name, ())
     return famjax.MountedMuscle(
-        muscle_from_dict(card), compliance or 0.0, entry.get("series_exponent")
+        muscle_from_dict(card),
+        _entry(entry, "series_compliance_m_per_N") or 0.0,
+        entry.get("series_exponent"),
     )
 
 
