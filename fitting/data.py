@@ -225,7 +225,7 @@ class Specimen:
                 f"the specimen's embedded must be True or False, got {shown(self.embedded)}"
             )
         for name in SPECIMEN_LENGTHS:
-            size = getattr(self, name)
+            size: Any = getattr(self, name)
             if size is None and name in {"nominal_diameter", "bladder_diameter"}:
                 continue
             none = name == "braid_thickness" and size == 0

@@ -150,7 +150,7 @@ def static_rows(
     reach, rows = found.reach, []
     for k, refused in enumerate(found.refused):
         at = float(length[k]), float(pressure[k])
-        row = {"length_m": at[0], "pressure_Pa": at[1]}
+        row: dict[str, Any] = {"length_m": at[0], "pressure_Pa": at[1]}
         row |= _figures(said, found.force, found.std, found.band, k)
         if fit.document.get("series_compliance_m_per_N"):
             row["muscle_force_N"] = finite_or_none(np.maximum(found.muscle_force[k], 0.0))
