@@ -225,12 +225,13 @@ class Specimen:
                 f"the specimen's embedded must be True or False, got {shown(self.embedded)}"
             )
         for name in SPECIMEN_LENGTHS:
-            size: Any = getattr(self, name)
+            size = getattr(self, name)
             if size is None and name in {"nominal_diameter", "bladder_diameter"}:
                 continue
-            none = name == "braid_thickness" and size == 0
-            if not none and not (is_number(size) and 0 < size < math.inf):
-                must = "a length >= 0" if name == "braid_thickness" else "a positive length"
+            positive = name != "braid_thickness"
+            known = size is not None and is_number(size)
+            if size is None or not (known and 0 <= size < math.inf and (size > 0 or not positive)):
+                must = "a positive length" if positive else "a length >= 0"
                 raise InputError(f"{name} must be {must} in m, got {size!r}")
             check_plausible(name, size, QUANTITIES[name])
         wall, bore = self.wall_thickness, self.nominal_diameter or math.inf
