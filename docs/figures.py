@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 import famjax
 import fitting
 from famjax.braids import NEUTRAL_ANGLE, force_magnification
-from fitting.saved import svg_file
+from fitting.report import svg_file
 
 FOLDER = Path(__file__).parent / "figures"
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -10,12 +10,12 @@ from famjax.boundary.errors import InputError
 
 from .arguments import check_whole, is_number
 from .convex import Status
-from .data.force_data import ForceData
-from .data.likely import likely_length_fault
+from .data import ForceData
 from .engine import Batch, solve
 from .families import AbstractGeometrySource, Law
 from .parameters import Entry
 from .problem import Problem
+from .reading import likely_length_fault
 from .response import CONSTRAINTS, DEPENDENCES, Constraint, PressureDependence
 
 _COMPLIANCES = ("braid_compliance", "series_compliance")

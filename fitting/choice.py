@@ -11,11 +11,9 @@ import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 
+from .bands import ModelError, disagreement, model_error, where_they_differ
 from .checks import check_starts
-from .data.force_data import ForceData
-from .evidence.disagreement import disagreement, where_they_differ
-from .evidence.left_out import LeftOut
-from .evidence.model_error import ModelError, model_error
+from .data import ForceData
 from .identification import solve
 from .ladder import MODEL_ERROR, ladder
 from .other_lengths import OtherLengths, accounts, other_lengths
@@ -34,6 +32,7 @@ from .race import (
 )
 from .result import Identification
 from .search import check_objective
+from .validation import LeftOut
 
 _COMPARED = 4  # starts of each family
 _HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family

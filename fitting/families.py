@@ -21,7 +21,7 @@ from famjax.boundary.class_path import class_named, class_path
 from famjax.boundary.errors import InputError
 
 from .arguments import check_whole
-from .data.force_data import Specimen
+from .data import Specimen
 from .parameters import Entry
 from .response import AbstractFamily, Values
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 import famjax
 
 from .checks import check_starts
-from .data.force_data import ForceData
+from .data import ForceData
 from .families import LawGiven
 from .parameters import Parameter
 from .posing import EXCHANGES, Geometry, Posed, pose_one, pose_together

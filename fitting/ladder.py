@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .arguments import check_mapping
-from .data.force_data import ForceData, check_maps
+from .data import ForceData, check_maps
 from .families import Law, LawGiven, law_named
 from .parameters import Parameter
 

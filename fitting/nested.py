@@ -13,10 +13,9 @@ import famjax
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from .choice import Choice, choose
-from .data.force_data import ForceData
-from .data.levels import groups_of_levels
-from .evidence.left_out import LeftOut, levels_of_groups
+from .data import ForceData, groups_of_levels
 from .tasks import run_fits
+from .validation import LeftOut, levels_of_groups
 
 _STARTS = 4
 MOST = 20

@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 
 import famjax
 
-from .data.force_data import ForceData
+from .data import ForceData
 from .ladder import Candidate, as_cylinder
 from .race import Fitted
 from .series import DEFAULT_LAWS

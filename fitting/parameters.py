@@ -10,7 +10,7 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS, to_si
 
 from .arguments import check_pair, is_number, shown
-from .data.force_data import Specimen
+from .data import Specimen
 from .plausible import check_bounds, check_prior
 
 GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure")

@@ -32,7 +32,7 @@ from .checks import (
     check_source,
     known_bounds,
 )
-from .data.force_data import ForceData, check_maps, several_maps
+from .data import ForceData, check_maps, several_maps
 from .families import (
     AbstractGeometrySource,
     EstimatedSource,

@@ -11,17 +11,15 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.errors import InputError
 
-from .data.force_data import ForceData
+from .data import ForceData
 from .descent import End, descend_many
-from .evidence.leave_out import groups_of, leave_out_each
-from .evidence.left_out import LeftOut, columns_of
-from .evidence.refit import force_error
 from .ladder import FEWEST_LENGTHS, Candidate
 from .posing import Posed, pose_one
 from .problem import Problem
 from .search import best_of, latin_hypercube
 from .shared_program import sharing_one_program
 from .summary import muscle_at
+from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
 _STEPS, _TOLERANCE = 60, 1e-6
 _PROMISE = 1e-7  # of the cost: the table of families is that of full descents to five digits

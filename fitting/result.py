@@ -18,8 +18,7 @@ from famjax.boundary.units import si_unit
 
 from .arguments import shown
 from .covariance import CONDITION_LIMIT
-from .data.force_data import ForceData
-from .data.frames import data_frame, data_set, html_table
+from .data import ForceData, data_frame, data_set, html_table
 from .descent import End
 from .engine import predict
 from .families import Law

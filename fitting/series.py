@@ -21,13 +21,9 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from .arguments import check_mapping
+from .bands import muscle_spread, pull
 from .checks import check_starts
-from .data.force_data import ForceData, several_maps
-from .evidence.leave_out import leave_out_each
-from .evidence.left_out import LeftOut
-from .evidence.pull import pull
-from .evidence.refit import force_error
-from .evidence.spread import muscle_spread
+from .data import ForceData, several_maps
 from .families import LawGiven
 from .identification import solve
 from .ladder import Candidate, believed, law_of, numbers_of, options_of
@@ -36,6 +32,7 @@ from .posing import Geometry, Posed, fingerprint, pose_together
 from .race import Tried, descended, preferred, ranked
 from .result import Identification
 from .tasks import run_fits
+from .validation import LeftOut, force_error, leave_out_each
 
 DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
 """Laws of a series, in the order in which they are believed."""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 import famjax
 
 from .arguments import shown
-from .data.force_data import Specimen
+from .data import Specimen
 from .errors import InputError
 
 Array = NDArray[np.floating]

@@ -13,7 +13,7 @@ from famjax.boundary.sentence import Quantity, Sentence
 
 from .convex import Status
 from .covariance import Covariance, covariance
-from .data.force_data import ForceData
+from .data import ForceData
 from .descent import End
 from .engine import Point, numbers_of, partial, predict, report_of, solve
 from .families import MuscleFamily

@@ -25,7 +25,7 @@ Group = Literal["own", "hard", "bundled"]
 BUNDLED = ("DMSP-10-250", "DMSP-20-300")
 COUNTS: Mapping[Group, int] = {"own": 60, "hard": 24, "bundled": 30}
 """Maps of each group unless asked otherwise; `bundled` always has them all."""
-_DATA = Path(__file__).parents[1] / "fitting" / "data"
+_DATA = Path(__file__).parents[1] / "fitting" / "maps"
 _GRIDS = ((4, 6), (5, 8), (5, 16), (6, 10), (8, 8), (10, 10), (15, 12))  # lengths x pressures
 _DENSE, _GAP, _PRESSURES = 25, 8, 17  # lengths of the truth, more in the first gap, and pressures
 

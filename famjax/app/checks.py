@@ -12,7 +12,7 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import text_in_units
 from fitting.data import Specimen
-from fitting.saved import PageTable
+from fitting.report import PageTable
 from rig.journal import Record
 
 from .folder import ASSUMED, Sheet

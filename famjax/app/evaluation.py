@@ -15,11 +15,10 @@ import fitting
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
 from famjax.boundary.tasks import AnyExecutor
-from fitting.data import SharedErrors
-from fitting.evidence import Evidence, Move, drawn_moves, moves_of
+from fitting.evidence import Evidence, Move, SharedErrors, drawn_moves, moves_of
 from fitting.parameters import Parameter
 from fitting.records import read_machine_log, write_dataset
-from fitting.saved import svg_file, write_fit
+from fitting.report import svg_file, write_fit
 from imaging.campaign import PARTS
 from imaging.errors import CampaignChanged
 from rig.calibration import Calibration
@@ -271,8 +270,8 @@ def _fitting(sheet: Sheet, name: str, origin: Origin, system: str) -> Callable[[
         surface = None if name in (CYLINDER, ELASTIC) else measured_surface(sheet)
         result = fit_with(sheet, data, name, surface)
         evidence = fitting.evidence.gather(
-            result, validation=True, profiles=False, replicates=0, seed=sheet.fit.seed,
-            progress=lambda *_: None, shared=_shared(sheet, result.data, name, surface),
+            result, validation=True, seed=sheet.fit.seed, progress=lambda *_: None,
+            shared=_shared(sheet, result.data, name, surface),
         )  # fmt: skip
         write_fit(result, place, system, evidence, origin)
         _add_figures(result, evidence, place)

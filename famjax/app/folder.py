@@ -14,8 +14,9 @@ from typing import Any, Literal
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
-from fitting.data import SharedErrors, Specimen, parse_specimen
-from fitting.data.shared_errors import FORM as SHARED_ERRORS
+from fitting.data import Specimen
+from fitting.evidence import FORM as SHARED_ERRORS, SharedErrors
+from fitting.reading import parse_specimen
 
 SHEET = "characterisation.toml"
 """Name of the file."""

@@ -137,7 +137,7 @@ def fit(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from fitting.data import parse_specimen
+    from fitting.reading import parse_specimen
 
     from .problem import Asked, Problem
 
@@ -189,13 +189,12 @@ def assess(
         Number of bootstrap replicates for standard errors and prediction bands.
     posterior
         Draw from the posterior (NUTS), within bounds and priors and with --noise-N of the fit for the
-        noise of a reading, and write `posterior.png`.
+        noise of a reading.
     hysteresis
         Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, about the fit, and predict
         those left out.
     jobs
-        Number of processes that choose the model anew (--validate) and fit replicates; for these,
-        from 10000 readings on it pays.
+        Number of processes that choose the model anew (--validate).
     output
         Folder for the files; that of the fit unless given.
     units
@@ -243,7 +242,7 @@ def _finish(
     import dataclasses
 
     from famjax.boundary.origin import Origin
-    from fitting import saved
+    from fitting import report, saved
     from fitting.records import fit_hysteresis, leave_out
 
     from .problem import judged
@@ -253,7 +252,7 @@ def _finish(
     judgement = judged(result, choice, evidence, tell)
     if pairs is not None:
         evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
-    paths = saved.write_fit(
+    paths = report.write_fit(
         result, place.folder, units, evidence, Origin.of_this_command(), choice=choice,
         judgement=judgement, problem=problem.as_dict(),
     )  # fmt: skip
@@ -263,12 +262,12 @@ def _finish(
         )
         return 0 if judgement.passed else 1
     print(f"{result.data.specimen.name}  ({result.data.source})")
-    for title, header, rows in saved.tables(result, units, evidence, choice):
+    for title, header, rows in report.tables(result, units, evidence, choice):
         print_table(title, header, rows)
     console = Console(highlight=False)
     console.print()
-    for warning in saved.notes(result, evidence, choice, judgement, units):
+    for warning in report.notes(result, evidence, choice, judgement, units):
         console.print(f"note: {warning}", markup=False)
-    console.print(saved.verdict(result, judgement, units, evidence), style="bold", markup=False)
+    console.print(report.verdict(result, judgement, units, evidence), style="bold", markup=False)
     place.tell(paths)
     return 0 if judgement.passed else 1

@@ -14,7 +14,7 @@ from famjax.console import parse_entries
 
 if TYPE_CHECKING:
     from fitting import ForceData
-    from fitting.data import SharedErrors
+    from fitting.evidence import SharedErrors
     from fitting.families import LawGiven
     from fitting.parameters import Parameter
 
@@ -52,7 +52,7 @@ def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] 
 def load_map(data: str, specimen: Mapping[str, Any]) -> "ForceData":
     """A force map: a bundled one by its name, a CSV file, or standard input; specimen in SI."""
     from fitting import load_bundled, read_csv
-    from fitting.data import bundled_map_name, bundled_names
+    from fitting.reading import bundled_map_name, bundled_names
 
     if bundled_map_name(data) is not None and not Path(data).exists():
         return load_bundled(data, specimen)
@@ -201,8 +201,7 @@ def parse_errors(entries: Iterable[str]) -> "SharedErrors":
     {'pressure_reading': 0.0025, 'wall_thickness': 5e-05}
     """
     from famjax.boundary.toml_file import from_entries
-    from fitting.data import SharedErrors
-    from fitting.data.shared_errors import FORM
+    from fitting.evidence import FORM, SharedErrors
 
     numbers = {}
     for name, value in parse_entries(entries, "error", "wall_thickness_mm=0.05").items():

@@ -11,13 +11,22 @@ import fitting
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.tasks import AnyExecutor
 from fitting.choice import Choice
-from fitting.data import SharedErrors, Specimen
-from fitting.evidence import Evidence, Move, drawn_moves, gather, left_out_kinds, moves_of
+from fitting.data import Specimen
+from fitting.evidence import (
+    Evidence,
+    Move,
+    SharedErrors,
+    drawn_moves,
+    gather,
+    left_out_kinds,
+    moves_of,
+)
+from fitting.faults import doubtful, suspect
 from fitting.nested import validate_choice
 from fitting.parameters import Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
-from fitting.verdict import Judgement, doubtful, judge, suspect
+from fitting.verdict import Judgement, judge
 
 from .inputs import parameter_kinds, parse_bounds, parse_errors, parse_free, parse_priors
 
@@ -175,17 +184,15 @@ class Problem:
             choice: of its law; None where one was asked for.
             progress: called as it comes.
             validation: leave out each pressure and each length.
-            executor: what fits again.
+            executor: what chooses anew.
             **wanted: what else `fitting.evidence.gather` is to find.
         """
-        asked: dict[str, Any] = {"profiles": False, "replicates": 0, **wanted}
         found = gather(
-            result, validation=validation and choice is None, seed=0, executor=executor,
-            progress=progress,
+            result, validation=validation and choice is None, progress=progress,
             known=None if choice is None else (choice.error, choice.left_out),
             noise=self.asked.noise if choice is None else None,
             shared=self._moves(result.data),
-            **asked,
+            **wanted,
         )  # fmt: skip
         if choice is None or not validation:
             return found

@@ -60,7 +60,7 @@ def ramps(
     """
     load_fitting()
     from famjax.boundary.origin import Origin
-    from fitting.data import parse_specimen
+    from fitting.reading import parse_specimen
     from fitting.records import parse_atmosphere, ramps_command
 
     place = Output(output)

@@ -99,8 +99,8 @@ def sweep(
     fitting = load_fitting()
 
     from famjax.boundary.units import parse_quantity
-    from fitting.data import parse_specimen
     from fitting.posing import own_parts, taking_part
+    from fitting.reading import parse_specimen
     from fitting.sweeps import check_options, sweep_command
 
     place = Output(output)
@@ -223,7 +223,7 @@ def compare(
     from famjax.boundary.files import as_png, make_output
     from famjax.boundary.origin import Origin
     from fitting.comparison import plot_comparison
-    from fitting.data import parse_specimen
+    from fitting.reading import parse_specimen
 
     place = Output(output)
     add_cwd_to_path()

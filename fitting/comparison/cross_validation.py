@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 
-from ..data.force_data import ForceData, Specimen
+from ..data import ForceData, Specimen
 
 Groups = Literal["pressure", "length", "specimen"]
 GROUPS: tuple[Groups, ...] = ("pressure", "length", "specimen")

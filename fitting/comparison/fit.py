@@ -16,7 +16,7 @@ from famjax.boundary.errors import InputError
 
 from ..arguments import check_whole
 from ..checks import check_affine
-from ..data.force_data import ForceData
+from ..data import ForceData
 from ..descent import End, descend_many
 from ..engine import Point, predict
 from ..problem import Part, Problem

@@ -12,7 +12,7 @@ from famjax import peers
 from famjax.boundary.errors import InputError
 from famjax.compile_options import quick_jit
 
-from ..data.force_data import ForceData
+from ..data import ForceData
 from ..families import EstimatedSource
 from ..response import AbstractFamily, MapInputs, Values, linear_response
 from .cross_validation import Predictor

@@ -15,8 +15,7 @@ from famjax.boundary.errors import InputError, check_seed
 from famjax.boundary.tasks import AnyExecutor, Store, can_travel, run_tasks
 
 from ..arguments import check_names, check_whole
-from ..data.force_data import ForceData, check_maps
-from ..data.frames import data_frame, html_table
+from ..data import ForceData, check_maps, data_frame, html_table
 from .cross_validation import (
     CrossValidation,
     FitAndPredict,

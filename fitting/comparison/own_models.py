@@ -15,14 +15,12 @@ from famjax.boundary.class_path import class_named, class_path
 from famjax.boundary.errors import InputError
 
 from ..choice import choose
-from ..data.force_data import ForceData
-from ..evidence.leave_out import leave_out_each
-from ..evidence.left_out import LeftOut
-from ..evidence.validation import singles
+from ..data import ForceData
 from ..identification import identify
 from ..nested import MOST, validate_choice
 from ..posing import own_parts, taking_part
 from ..result import Identification
+from ..validation import LeftOut, check_groups, leave_out_each
 from .peer_family import PeerFamily
 from .row import ComparisonRow
 
@@ -138,7 +136,7 @@ def _held_out(result: Identification) -> tuple[dict[str, LeftOut], dict[str, str
     kinds, refused = {}, {}
     for kind in _LEFT_OUT:
         try:
-            singles(result, kind)
+            check_groups(result, kind)
         except InputError as reason:
             refused[kind] = str(reason)
         else:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 import famjax
 from famjax.boundary.errors import InputError
 
-from ..data.force_data import ForceData, Specimen
+from ..data import ForceData, Specimen
 from ..families import EstimatedSource
 from ..response import AbstractFamily
 

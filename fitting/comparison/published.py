@@ -15,7 +15,7 @@ import numpy as np
 import famjax
 from famjax import peers
 
-from ..data.force_data import ForceData
+from ..data import ForceData
 from .peer_family import Model, PeerContext, PeerFamily, PeerParameter, Values
 
 _DEADBAND = PeerParameter("deadband_pressure", "Pa", -200e3, 200e3)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from famjax.boundary.units import finite_or_none
 
-from ..evidence.left_out import LeftOut
+from ..validation import LeftOut
 from .cross_validation import CrossValidation
 
 HeldOut = CrossValidation | LeftOut

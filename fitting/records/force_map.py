@@ -17,9 +17,8 @@ from famjax.boundary.files import as_png, csv_lines
 from famjax.boundary.sentence import in_units
 from famjax.boundary.units import UNITS, factor, from_si, parse_quantity, unit_system
 
-from ..data.csv_writer import csv_text
-from ..data.force_csv import describe
-from ..data.force_data import ForceData, Specimen
+from ..data import ForceData, Specimen
+from ..reading import csv_text, describe
 from .hysteresis import BranchPairs
 from .ramp import FILL, LEAST_READINGS, VENT, Mask, QuasiStatic, RampRecord, quasi_static, read_ramp
 from .record import Column

@@ -16,7 +16,7 @@ from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 
 from ..arguments import check_numbers, check_whole, shown
 from ..convex import Status
-from ..data.force_data import ForceData, several_maps
+from ..data import ForceData, several_maps
 from ..posing import fingerprint
 from .design import Design
 from .fits import solve

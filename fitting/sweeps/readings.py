@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from famjax.boundary.errors import InputError
 
-from ..data.force_data import ForceData
+from ..data import ForceData
 from ..posing import path_end_at
 
 _PRESSURES = 200  # of a map at most: 4 GB, which grow with the square of them

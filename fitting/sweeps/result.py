@@ -8,8 +8,7 @@ import numpy as np
 import famjax
 
 from ..convex import Status
-from ..data.force_data import ForceData
-from ..data.frames import data_frame, data_set, html_table
+from ..data import ForceData, data_frame, data_set, html_table
 from .linear_model import LinearModel
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import famjax
 from famjax.boundary.files import as_png, check_output, make_output, write_all
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 
-from ..data.force_data import ForceData
+from ..data import ForceData
 from .all_forms import sweep
 from .result import SweepRow
 from .sweep_plot import plot_curves, plot_errors, rows_of

@@ -25,7 +25,7 @@ from fitting import (
     load_fit,
     predict,
 )
-from fitting.evidence.spread import muscle_spread
+from fitting.bands import muscle_spread
 from fitting.saved import series_as_dict
 from fitting.series import Series
 from fitting.verdict import judge_series

@@ -19,8 +19,7 @@ from famjax.boundary.toml_file import (
     toml_text,
 )
 from famjax.units import INCH, PSI
-from fitting.data import SharedErrors
-from fitting.data.shared_errors import FORM as SHARED_ERRORS
+from fitting.evidence import FORM as SHARED_ERRORS, SharedErrors
 
 from .muscle import stroke_shape
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import famjax
-from fitting.prediction.forces import model_forces, static_rows
-from fitting.saved import law_stress
+from fitting.prediction import model_forces, static_rows
+from fitting.report import law_stress
 
 from ..evaluation import CYLINDER, PICTURES, shown_pictures
 from .source import COLOURS, DASHES, MINUS, FittedGeometry, Source

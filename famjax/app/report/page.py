@@ -14,8 +14,9 @@ import numpy as np
 from famjax.boundary.files import write_all
 from famjax.boundary.origin import Origin
 from famjax.boundary.sentence import text_in_units
-from fitting.prediction.forces import static_rows
-from fitting.saved import PageTable, inline_svg, page, svg_file, versions
+from fitting.prediction import static_rows
+from fitting.report import PageTable, inline_svg, page, svg_file
+from fitting.saved import versions
 
 from ..checks import AGREES, checks_table, doubts, read_checks
 from ..evaluation import CYLINDER, ELASTIC, PICTURES, RECORDS, REPORT, shown_pictures

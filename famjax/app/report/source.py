@@ -21,7 +21,7 @@ import fitting
 from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
 from famjax.terms import BladderAxial, BladderHoop, BladderWall
-from fitting.data.force_data import COLUMNS, ForceData
+from fitting.data import COLUMNS, ForceData
 from fitting.saved import SavedFit
 from fitting.shapes import Pictures, ShapeSurface
 

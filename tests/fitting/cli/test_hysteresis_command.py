@@ -10,8 +10,7 @@ import famjax
 from famjax.__main__ import main
 from famjax.slip import MaxwellSlip, SlipElements
 from fitting import load_fit
-from fitting.prediction import predict_history
-from fitting.prediction.forces import static_rows
+from fitting.prediction import predict_history, static_rows
 from fitting.records import History
 
 # For the fit that all of these read, which then only one stage of CI makes.

@@ -24,5 +24,4 @@ def test_posterior_of_a_censored_fit(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert told["coefficients"] == "sampled"
     assert set(told["parameters"]) >= {"braid_diameter", "E_1", "noise"}
     assert all(one["r_hat"] < 1.02 for one in told["parameters"].values())
-    assert (out / "posterior.png").read_bytes()[:4] == b"\x89PNG"
     assert "Posterior, 4 chains" in (out / "report.html").read_text()

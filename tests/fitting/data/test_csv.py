@@ -11,8 +11,8 @@ import pytest
 
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv, write_csv
 from fitting.cli.inputs import parse_bounds
-from fitting.data import parse_specimen
-from fitting.verdict.plain_faults import thick_wall
+from fitting.faults import thick_wall
+from fitting.reading import parse_specimen
 
 
 def _spoil(path: Path, old: str, new: str) -> Path:
@@ -60,7 +60,7 @@ def test_the_wall_that_is_assumed_fits_the_bore(tmp_path: Path, bore: str, wall:
     data = read_csv(path)
     assert data.specimen.wall_thickness == pytest.approx(wall)
     assert any(f"{wall * 1e3:.3g} mm is assumed" in note for note in data.notes)
-    assert not any(thick_wall(data))
+    assert not thick_wall(data)
 
 
 def test_specimen_lines_and_overrides(map_file: Path) -> None:

@@ -9,8 +9,7 @@ import pytest
 from fitting import ForceData, InputError, Specimen, load_bundled
 from fitting.checks import check_count
 from fitting.comparison import cross_validate
-from fitting.data import levels_of
-from fitting.data.levels import MOST_APART, groups_of_levels
+from fitting.data import MOST_APART, groups_of_levels, levels_of
 from fitting.families import law_named
 from fitting.parameters import complete_table
 

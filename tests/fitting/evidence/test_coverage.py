@@ -11,8 +11,8 @@ import famjax
 from fitting import ForceData, Parameter, Specimen, identify
 from fitting.covariance import covariance
 from fitting.engine import solve
-from fitting.evidence.refit import refit
 from fitting.summary import joint_derivatives
+from fitting.validation import best_ends
 
 pytestmark = pytest.mark.slow
 
@@ -36,12 +36,13 @@ def test_intervals_cover_over_200_replicates() -> None:
     truth = np.array([e.value for e in exact.estimates])
     noise = np.random.default_rng(11).normal(0, NOISE, (REPLICATES, data.force.size))
     batch = [exact.problem.with_readings(force=exact.problem.force + drawn) for drawn in noise]
-    found = refit(batch, [exact.end.u[None]] * REPLICATES)
-    assert found.converged.all()
-    values = np.concatenate([found.parameters, found.x], axis=1)
+    ends = best_ends(batch, [exact.end.u[None]] * REPLICATES)
+    assert all(end.converged for end in ends)
+    points = [end.point for end in ends]
+    values = np.array([np.concatenate([point.parameters, point.x]) for point in points])
     errors = []
-    for problem, parameters in zip(batch, found.parameters, strict=True):
-        residual, jacobian, _ = joint_derivatives(solve(problem, parameters))
+    for problem, point in zip(batch, points, strict=True):
+        residual, jacobian, _ = joint_derivatives(solve(problem, point.parameters))
         held = np.zeros(jacobian.shape[1], bool)
         errors.append(covariance(jacobian, residual, np.zeros((0, held.size)), held).stderr)
     pulls = np.abs(values - truth) / np.array(errors)

@@ -5,13 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from scipy.special import stdtrit
 
 from fitting import ForceData, Identification, identify, validate
-from fitting.evidence import ModelError
-from fitting.evidence.leave_out import leave_out_each
-from fitting.evidence.left_out import LeftOut
-from fitting.evidence.model_error import model_error, spline_variance, student
+from fitting.bands import ModelError, model_error, spline_variance
+from fitting.validation import LeftOut, leave_out_each
 
 
 def left_out_of(result: Identification, **kinds: tuple[int | None, int]) -> dict[str, LeftOut]:
@@ -84,15 +81,6 @@ def test_one_level_tells_nothing_but_distance() -> None:
     assert spline_variance(np.array([2.0]), np.array([2.0, 3.0, 4.0])) == pytest.approx(
         [0, 0.125, 1.0]
     )
-
-
-def test_students_interval() -> None:
-    for coverage in (0.05, 0.5, 0.6827, 0.9, 0.95, 0.99):
-        freedom = np.concatenate([[1, 1.2, 1.5, 2, 2.7, 4, 5.5], np.geomspace(7, 1e5, 12)])
-        found = [student(coverage, one) for one in freedom]
-        assert found == pytest.approx(stdtrit(freedom, (1 + coverage) / 2), rel=1e-9)
-    assert student(0.95, 3.0) == pytest.approx(3.182446, rel=1e-6)
-    assert student(0.95, 1e6) == pytest.approx(1.959966, rel=1e-5)
 
 
 def test_the_error_survives_its_file(fitted20: Identification) -> None:

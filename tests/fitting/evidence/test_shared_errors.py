@@ -8,9 +8,9 @@ import pytest
 
 import famjax
 import fitting
-from fitting.data import ForceData, SharedErrors
-from fitting.evidence import Carried, Move, carry, gather, moves_of
-from fitting.evidence.pull import pull
+from fitting.bands import pull
+from fitting.data import ForceData
+from fitting.evidence import Carried, Move, SharedErrors, carry, gather, moves_of
 
 STATED = SharedErrors(
     rest_length=1e-4, shortening=1e-3, pressure_reading=2e-3, pressure_zero=300.0,
@@ -84,10 +84,10 @@ def test_an_error_widens_the_band_and_is_told(found: fitting.Identification, tmp
             found, validation=False, profiles=False, replicates=0, seed=0,
             progress=lambda *_: None, shared=moves_of(found.data, errors),
         )  # fmt: skip
-        fitting.saved.write_fit(found, tmp_path, "si", evidence)
+        fitting.report.write_fit(found, tmp_path, "si", evidence)
         saved = fitting.load_fit(tmp_path / "fit.json")
         told[errors.force_reading] = fitting.predict(saved, np.array([0.28]), np.array([5e5]))[0]
-        tables = [title for title, *_ in fitting.saved.tables(found, "si", evidence)]
+        tables = [title for title, *_ in fitting.report.tables(found, "si", evidence)]
         assert ("Standard errors by source" in tables) == bool(errors.force_reading)
     plain, wide = told[0.0], told[0.02]
     added = np.sqrt((wide["high_95_N"] - wide["force_N"]) ** 2

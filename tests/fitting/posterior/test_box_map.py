@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.posterior.box_map import BoxMap
+from fitting.density import BoxMap
 
 
 @pytest.fixture

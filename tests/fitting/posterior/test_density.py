@@ -13,7 +13,7 @@ from scipy import stats
 import famjax
 import fitting
 from fitting import ForceData, Specimen
-from fitting.posterior.setup import density_of
+from fitting.density import density_of
 
 pytest.importorskip("blackjax")
 

@@ -10,9 +10,8 @@ from slow_cases import slow_after
 
 import famjax
 from fitting import predict
-from fitting.evidence.pull import ROWS, pull
-from fitting.prediction import pressures_for
-from fitting.prediction.onset import onset_pressure
+from fitting.bands import ROWS, pull
+from fitting.prediction import onset_pressure, pressures_for
 from fitting.saved import SavedFit
 
 LENGTHS = np.linspace(0.23, 0.29, 7)  # at rest the law has a kink

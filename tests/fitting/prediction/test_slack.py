@@ -6,8 +6,7 @@ import pytest
 
 import famjax
 from fitting import predict
-from fitting.prediction import pressures_for
-from fitting.prediction.slack import reported, seen_slack
+from fitting.prediction import pressures_for, reported, seen_slack
 from fitting.saved import SavedFit
 
 REST = 0.296  # m
@@ -63,10 +62,10 @@ def test_a_slack_reading_speaks_of_shorter_lengths_and_lower_pressures_unless_co
         "length_m": [0.25, 0.25, 0.30, 0.20], "pressure_Pa": [1e5, 2e5, 5e5, 3e5],
         "force_N": [0.0, 40.0, 0.0, 5.0],
     }  # fmt: skip
-    document = {"data": {"readings": readings}}
+    fit = SavedFit(famjax.MountedMuscle(muscle(0.0), 0.0), {"data": {"readings": readings}})
     length = np.array([0.25, 0.24, 0.2501, 0.252, 0.25, 0.29])
     pressure = np.array([1e5, 5e4, 1e5, 1e5, 1.1e5, 4e5])
-    said = seen_slack(document, length, pressure)
+    said = seen_slack(fit, length, pressure)
     assert said.tolist() == [True, True, True, False, False, False]
 
 

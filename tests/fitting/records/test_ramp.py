@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
-from fitting.data import ForceData, Specimen, read_csv, write_csv
-from fitting.data.csv_writer import csv_text
+from fitting.data import ForceData, Specimen
+from fitting.reading import csv_text, read_csv, write_csv
 from fitting.records import (
     QuasiStatic,
     RampRecord,

@@ -23,9 +23,10 @@ from fitting import (
     predict,
     write_fit,
 )
-from fitting.evidence import Bootstrap, Evidence
-from fitting.evidence.gathered import evidence_warnings
-from fitting.saved import correlations, fit_as_dict, html_report, plot_fit, summary_as_dict
+from fitting.evidence import Evidence, evidence_warnings
+from fitting.report import html_report, plot_fit
+from fitting.saved import correlations, fit_as_dict, summary_as_dict
+from fitting.uncertainty import Bootstrap
 
 
 def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path) -> None:

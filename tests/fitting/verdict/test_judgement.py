@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fitting import ForceData, Identification, identify
-from fitting.evidence.left_out import LeftOut
-from fitting.verdict import Suspicion, judge
-from fitting.verdict.runs import runs_deviation
+from fitting.faults import Suspicion
+from fitting.validation import LeftOut
+from fitting.verdict import judge, runs_deviation
 
 SUSPICION = Suspicion("a cause", "The data look wrong.", 0.01)
 

@@ -1,0 +1,481 @@
+"""The posterior of an identification: draws of everything that the data leave open.
+
+Chains of the No-U-Turn sampler (BlackJAX) on the density of `fitting.density`: coefficients integrated,
+geometry sampled.
+
+References:
+    Hoffman & Gelman 2014, JMLR 15; Betancourt 2017, arXiv:1701.02434 (multinomial trajectories,
+    window adaptation as in Stan); Vehtari et al. 2021, Bayesian Analysis 16(2) (what chains must show).
+"""
+
+import dataclasses
+import functools
+import importlib
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from famjax.boundary.errors import InputError, check_seed
+from famjax.boundary.units import from_si, unit_system
+from famjax.compile_options import quick_jit
+
+from .arguments import check_whole
+from .density import Density, Layout, Noise, density_of
+from .parameters import base_name
+from .pure_problem import PureProblem
+from .result import Identification, check_identified
+
+R_HAT, EFFECTIVE = 1.01, 400.0
+"""What chains must show: R-hat at most, effective size at least (Vehtari et al. 2021)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Summary:
+    """One parameter of a posterior, in SI.
+
+    Attributes:
+        mean, std: of the draws.
+        low, high: ends of the central interval of 95 %.
+        r_hat: of the halves of the chains, 1 where they agree.
+        effective_size, effective_size_of_tails: independent draws that the draws are worth.
+    """
+
+    mean: float
+    std: float
+    low: float
+    high: float
+    r_hat: float
+    effective_size: float
+    effective_size_of_tails: float
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Posterior:
+    """Draws from the posterior of an identification.
+
+    Attributes:
+        names: of the parameters that vary: nonlinear ones, coefficients, and where it was not known
+            `noise` [N], or `noise_factor` on the standard deviations of the readings.
+        kinds: of their units.
+        samples: their values [SI], shape (chains, draws, parameters).
+        divergent: trajectories that were given up: more than a few, and the draws miss a part of
+            the posterior; shape (chains, draws).
+        steps: of each trajectory, shape (chains, draws).
+        log_density: of the sampled coordinates, but for a constant, shape (chains, draws).
+        noise: standard deviation of a reading where it was known [N], or that factor.
+        kept: part of the draws that satisfy the whole constraint; the others are left out.
+        faces: number of active constraints, whose slack was sampled.
+        joint: whether the coefficients were sampled and not integrated.
+        name: of the specimen.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    samples: Float[np.ndarray, "chains draws parameters"]
+    divergent: Bool[np.ndarray, "chains draws"]
+    steps: Float[np.ndarray, "chains draws"]
+    log_density: Float[np.ndarray, "chains draws"]
+    noise: float | None
+    kept: float
+    faces: int
+    joint: bool
+    name: str
+
+    def __repr__(self) -> str:
+        chains, draws, _ = self.samples.shape
+        return (
+            f"Posterior({self.name}: {chains} chains of {draws} draws, R-hat at most "
+            f"{self.r_hat:.4f}, effective size at least {self.effective_size:.0f}; "
+            f"{', '.join(self.names)})"
+        )
+
+    def draws(self, name: str) -> Float[np.ndarray, "chains draws"]:
+        """The draws of one parameter [SI].
+
+        Raises:
+            KeyError: no such parameter, with those there are.
+        """
+        if name not in self.names:
+            raise KeyError(f"no parameter {name!r}; there are {', '.join(self.names)}")
+        return self.samples[:, :, self.names.index(name)]
+
+    @functools.cached_property
+    def summary(self) -> dict[str, Summary]:
+        """Every parameter by name."""
+        diagnostics, draws = load_blackjax().diagnostics, self.samples
+        # A chain that drifts differs in its halves.
+        half = draws.shape[1] // 2
+        halves = np.concatenate([draws[:, :half], draws[:, -half:]])
+        low, high = np.quantile(draws, (0.025, 0.975), axis=(0, 1))
+        size = diagnostics.effective_sample_size
+        tails = [
+            size(1.0 * (halves <= end)) for end in np.quantile(draws, (0.05, 0.95), axis=(0, 1))
+        ]
+        columns = (
+            draws.mean(axis=(0, 1)), draws.std(axis=(0, 1), ddof=1), low, high,
+            diagnostics.potential_scale_reduction(halves), size(halves), np.min(tails, axis=0),
+        )  # fmt: skip
+        rows = zip(*(np.atleast_1d(column).tolist() for column in columns), strict=True)
+        return {name: Summary(*row) for name, row in zip(self.names, rows, strict=True)}
+
+    @property
+    def r_hat(self) -> float:
+        """The largest of all parameters."""
+        return max(one.r_hat for one in self.summary.values())
+
+    @property
+    def effective_size(self) -> float:
+        """The smallest of all parameters, in the middle and in the tails."""
+        return min(
+            min(one.effective_size, one.effective_size_of_tails) for one in self.summary.values()
+        )
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+        """Of the parameters over all draws."""
+        count = len(self.names)
+        return np.corrcoef(self.samples.reshape(-1, count).T).reshape(count, count)
+
+    @property
+    def converged(self) -> bool:
+        """Whether R-hat and effective size are what chains must show."""
+        return self.r_hat <= R_HAT and self.effective_size >= EFFECTIVE
+
+    def groups(self) -> dict[str, dict[str, Any]]:
+        """Plain arrays as ArviZ reads them, by group, of shape (chains, draws).
+
+        `arviz.from_dict(posterior.groups())` of ArviZ 1, `arviz.from_dict(**posterior.groups())`
+        of ArviZ 0.
+        """
+        return {
+            "posterior": {name: self.draws(name) for name in self.names},
+            "sample_stats": {
+                "diverging": self.divergent,
+                "n_steps": self.steps,
+                "lp": self.log_density,
+            },
+        }
+
+
+_DISPERSED = 1.5  # standard deviations of the starts, in which the posterior has about one
+_DOUBLINGS = 8  # of a trajectory: what needs longer ones has coordinates that do not suit it
+_TARGET = 0.9  # acceptance, at which narrow places are passed without divergences
+
+
+class Chains(NamedTuple):
+    """Where chains are, with what they are tuned to; a leading axis of chains.
+
+    Attributes:
+        states: of the sampler.
+        tuning: step size and inverse mass matrix.
+    """
+
+    states: Any
+    tuning: Any
+
+
+class Drawn(NamedTuple):
+    """What chains drew, of shape (chains, draws, ...).
+
+    Attributes:
+        parameters: nonlinear ones [SI].
+        x: coefficients.
+        noise: standard deviation of a reading.
+        held: whether the whole constraint holds.
+        divergent: whether the trajectory was given up.
+        steps: of the trajectory.
+        log_density: of the sampled vector, but for a constant.
+    """
+
+    parameters: Float[Array, "chains draws q"]
+    x: Float[Array, "chains draws n"]
+    noise: Float[Array, "chains draws"]
+    held: Bool[Array, "chains draws"]
+    divergent: Bool[Array, "chains draws"]
+    steps: Float[Array, "chains draws"]
+    log_density: Float[Array, "chains draws"]
+
+
+def load_blackjax() -> Any:
+    """The sampler's package.
+
+    Raises:
+        InputError: it is not installed, with how to.
+    """
+    try:
+        return importlib.import_module("blackjax")
+    except ModuleNotFoundError as error:
+        if error.name != "blackjax":
+            raise
+        raise InputError(
+            "the posterior is sampled by blackjax, which is not installed; it comes with the extra "
+            '"posterior": python -m pip install "famjax[posterior]"'
+        ) from None
+
+
+@quick_jit
+def tuned_chains(density: Density, keys: Array, warmup: int) -> Chains:
+    """Chains from dispersed starts, each tuned by itself in draws that are dropped."""
+    blackjax, d = load_blackjax(), density.box.mean.shape[0]
+
+    def one(key: Array) -> Chains:
+        start, tune = jax.random.split(key)
+        z = _DISPERSED * jax.random.normal(start, (d,))
+        z = jnp.where(jnp.isfinite(density(z)), z, 0.0)
+        adapt = blackjax.window_adaptation(
+            blackjax.nuts, density, is_mass_matrix_diagonal=False, target_acceptance_rate=_TARGET,
+            max_num_doublings=_DOUBLINGS,
+        )  # fmt: skip
+        (state, tuning), _ = adapt.run(tune, z, num_steps=warmup)
+        return Chains(state, {name: tuning[name] for name in ("step_size", "inverse_mass_matrix")})
+
+    return jax.vmap(one)(keys)
+
+
+@quick_jit
+def drawn(
+    density: Density, whole: PureProblem, chains: Chains, keys: Array, draws: int
+) -> tuple[Chains, Drawn]:
+    """The next draws of each of tuned chains, with the coefficients and all else that follows.
+
+    `whole` is the problem with its whole constraint.
+    """
+    kernel = load_blackjax().nuts.build_kernel()
+
+    def step(chain: Chains, key: Array) -> tuple[Chains, Drawn]:
+        move, own = jax.random.split(key)
+        state, info = kernel(
+            move, chain.states, density, **chain.tuning, max_num_doublings=_DOUBLINGS
+        )
+        v, _ = density.box(state.position)
+        p, x, noise, held = density.draw(whole, v, own)
+        found = Drawn(
+            p, x, noise, held, info.is_divergent, 1.0 * info.num_integration_steps,
+            state.logdensity,
+        )  # fmt: skip
+        return Chains(state, chain.tuning), found
+
+    def one(chain: Chains, key: Array) -> tuple[Chains, Drawn]:
+        return jax.lax.scan(step, chain, jax.random.split(key, draws))
+
+    return jax.vmap(one)(chains, keys)
+
+
+_ROUNDS = 20  # in which as many draws are made as are asked for, where the constraint refuses some
+_ENOUGH = 0.9  # of the draws: no further round is made for what is missing of them
+_LEAST = 1e-4  # of the largest force: the least noise that is taken to be possible
+
+
+def sample(
+    result: Identification,
+    *,
+    draws: int = 500,
+    warmup: int = 400,
+    chains: int = 4,
+    noise: Noise | None = None,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Posterior:
+    """Draws from the posterior of what was identified.
+
+    Readings are the model's force plus independent normal noise. Nonlinear parameters are uniform
+    within their bounds, times their priors; coefficients have a flat prior on the set that the
+    constraint leaves them, times theirs. Where these are normal they are integrated exactly and drawn
+    afterwards; active constraints are sampled by their slack, and a draw that violates any other is
+    left out, so that what stays is the posterior with its truncation. With censored readings, or a
+    rig that gives way, coefficients are sampled with the rest. The sampler is NUTS (blackjax).
+
+    Args:
+        result: from `identify` or `identify_together`; with `objective="huber"` the readings keep
+            the weights found.
+        draws: of each chain, after the warm-up; a tenth of them fewer where the constraint refuses
+            that many.
+        warmup: draws in which each chain is tuned.
+        chains: number of them, from dispersed starts.
+        noise: standard deviation of a reading [N] where it is known; (low, high) [N] where it is
+            sampled, its logarithm uniform between them. Where readings have standard deviations
+            the same as a multiple of these. None: sampled up to the largest force, from what was
+            said in the fit on (standard deviations, with the error of the laws where a family was
+            chosen, or the noise that priors were weighed against), otherwise from 1e-4 of the largest
+            force on.
+        seed: of the draws; the same seed gives the same draws.
+        progress: called with (steps done, steps).
+
+    Returns:
+        The draws, with R-hat and effective sizes.
+
+    Raises:
+        InputError: blackjax is not installed, the fit did not converge, coefficients are left open,
+            or the constraint leaves hardly any draws.
+        RuntimeError: float64 is off.
+
+    References:
+        Golub & Pereyra 1973; Tobin 1958; Hoffman & Gelman 2014; Vehtari et al. 2021.
+    """
+    check_identified(result)
+    load_blackjax()
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError("sampling needs float64, as the identification did")
+    for what, count, least in (("draws", draws, 4), ("warmup", warmup, 20), ("chains", chains, 1)):
+        check_whole(what, count, least)
+    if not result.converged:
+        raise InputError(
+            "the fit did not converge, so that there is no optimum to sample around: see its notes"
+        )
+    chosen = _noise(result, noise)
+    density, whole = density_of(result, chosen)
+    tune, *later = jax.random.split(jax.random.key(check_seed(seed)), 1 + _ROUNDS)
+    at, found, kept = tuned_chains(density, jax.random.split(tune, chains), warmup), [], 0
+    for done, key in enumerate(later, 1):
+        if progress is not None:
+            progress(done, max(3, done + 1))
+        at, new = drawn(density, whole, at, jax.random.split(key, chains), draws)
+        found.append(jax.tree.map(np.asarray, new))
+        kept = int(np.sum([one.held.sum(axis=1) for one in found], axis=0).min())
+        if kept >= _ENOUGH * draws or kept * _ROUNDS < draws * done:
+            break
+    if kept < _ENOUGH * draws:
+        raise InputError(
+            f"of {draws * len(found)} draws of a chain {kept} satisfy the constraint "
+            f"{result.constraint!r}: it cuts off nearly all of what the readings allow. Ask for "
+            "fewer draws, or fit with another constraint or a lower order"
+        )
+    if progress is not None:
+        progress(1, 1)
+    whole_run: Drawn = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *found)
+    first = [np.flatnonzero(row)[: min(kept, draws)] for row in whole_run.held]
+    own = jax.tree.map(
+        lambda leaf: np.stack([of[at] for of, at in zip(leaf, first, strict=True)]), whole_run
+    )
+    return _posterior(result, own, density.layout, chosen, float(whole_run.held.mean()))
+
+
+def _noise(result: Identification, noise: Noise | None) -> Noise:
+    """The noise in the unit of the weighted residual, or the ends of its interval."""
+    if noise is None:
+        problem = result.problem
+        largest = max(float(np.abs(part.force * part.weight).max()) for part in problem.parts)
+        said = _weighted(result) or bool(problem.priors or problem.coefficient_priors)
+        return (problem.noise if said else _LEAST * largest), largest
+    ends = noise if isinstance(noise, tuple) else (noise, noise)
+    if not (len(ends) == 2 and 0 < ends[0] <= ends[1] < math.inf):
+        raise InputError(
+            f"the noise is a standard deviation > 0, or two of them, low and high; got {noise}"
+        )
+    return noise if isinstance(noise, tuple) and ends[0] < ends[1] else float(ends[0])
+
+
+def _weighted(result: Identification) -> bool:
+    """Whether readings were weighed against standard deviations, of theirs or of a choice's."""
+    return max(float(part.weight.max()) for part in result.problem.parts) != 1.0
+
+
+def _posterior(
+    result: Identification, own: Drawn, layout: Layout, noise: Noise, kept: float
+) -> Posterior:
+    """The draws by name; what is held has none."""
+    problem = result.problem
+    known = {base_name(one.name): one.kind for one in result.estimates}
+    names = [problem.names[k] for k in problem.free]
+    kinds = [known[base_name(name)] for name in names]
+    columns = [own.parameters[:, :, k] for k in problem.free]
+    for k, name in enumerate(result.coefficient_names):
+        if problem.coefficient_min[k] < problem.coefficient_max[k]:
+            names.append(name)
+            kinds.append(result.law.coefficients[problem.linear[k]].kind)
+            columns.append(own.x[:, :, k])
+    if layout.noise:
+        weighted = _weighted(result)
+        names.append("noise_factor" if weighted else "noise")
+        kinds.append("number" if weighted else "force")
+        columns.append(own.noise)
+    return Posterior(
+        names=tuple(names),
+        kinds=tuple(kinds),
+        samples=np.stack(columns, axis=-1),
+        divergent=np.asarray(own.divergent),
+        steps=np.asarray(own.steps),
+        log_density=np.asarray(own.log_density),
+        noise=None if isinstance(noise, tuple) else noise,
+        kept=kept,
+        faces=len(layout.slacks),
+        joint=layout.joint,
+        name=result.data.specimen.name,
+    )
+
+
+_DIVERGENT = 0.01  # of the draws: more, and a part of the posterior is missed
+_UNLIKE = 1.5  # times the noise that was said: the readings say another
+
+
+def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
+    """The posterior as JSON-ready data in SI."""
+    chains, draws, _ = posterior.samples.shape
+    parameters = {}
+    for name, one in posterior.summary.items():
+        parameters[name] = figures = dataclasses.asdict(one)
+        figures["interval_95"] = [figures.pop("low"), figures.pop("high")]
+    return {
+        "chains": chains,
+        "draws": draws,
+        "units": "SI",
+        "noise_known": posterior.noise,
+        "kept": posterior.kept,
+        "faces": posterior.faces,
+        "coefficients": "sampled" if posterior.joint else "integrated",
+        "divergent": int(posterior.divergent.sum()),
+        "parameters": parameters,
+        "correlations": posterior.correlation.tolist(),
+    }
+
+
+def posterior_table(posterior: Posterior, system: str) -> tuple[str, tuple[str, ...], list]:
+    """Title, header and rows of text in a unit system."""
+    rows = []
+    for (name, one), kind in zip(posterior.summary.items(), posterior.kinds, strict=True):
+        unit = unit_system(system)[kind]
+        mean, std, low, high = (
+            from_si(v, unit, kind) for v in (one.mean, one.std, one.low, one.high)
+        )
+        size = min(one.effective_size, one.effective_size_of_tails)
+        rows.append(
+            (name, unit, f"{mean:.5g}", f"{std:.2g}", f"{low:.5g} to {high:.5g}", f"{one.r_hat:.4f}",
+             f"{size:.0f}")
+        )  # fmt: skip
+    chains, draws, _ = posterior.samples.shape
+    how = "sampled" if posterior.joint else "integrated"
+    title = f"Posterior, {chains} chains of {draws} draws, coefficients {how}"
+    return title, ("parameter", "unit", "mean", "std.", "95 %", "R-hat", "effective"), rows
+
+
+def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:
+    """What a reader must know of the draws.
+
+    Args:
+        posterior: from `sample`.
+        rmse: of the fit, in the unit of the noise.
+    """
+    found = []
+    if not posterior.converged:
+        found.append(
+            f"The chains of the posterior do not show enough: R-hat {posterior.r_hat:.3f} (at most "
+            f"{R_HAT}), effective size {posterior.effective_size:.0f} (at least {EFFECTIVE:.0f}). Draw "
+            "more (sample(draws=...)), or hold what the readings leave open."
+        )
+    divergent = float(posterior.divergent.mean())
+    if divergent > _DIVERGENT:
+        found.append(
+            f"{100 * divergent:.1f} % of the trajectories of the posterior diverged: it has a place "
+            "that the draws do not reach."
+        )
+    if posterior.noise is not None and rmse > _UNLIKE * posterior.noise:
+        found.append(
+            f"The readings scatter {rmse / posterior.noise:.2g} times as much about the model as the "
+            "noise that was said: the posterior is that much too narrow. Say a larger noise."
+        )
+    return tuple(found)
