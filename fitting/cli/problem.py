@@ -26,8 +26,8 @@ from fitting.evidence import (
     left_out_kinds,
     moves_of,
 )
-from fitting.faults import doubtful, suspect
 from fitting.families import LawGiven, known_laws, law_named
+from fitting.faults import doubtful, suspect
 from fitting.nested import validate_choice
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
