@@ -1,4 +1,4 @@
-"""One sweep with bootstrap on every engine that is installed here: the same numbers from each."""
+"""One league table on every engine that is installed here: the same numbers from each."""
 
 import multiprocessing
 import tempfile
@@ -7,7 +7,6 @@ from importlib.util import find_spec
 
 import jax
 
-import famjax
 import fitting
 
 
@@ -27,13 +26,9 @@ if __name__ == "__main__":  # processes import this file
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", tempfile.mkdtemp())  # one compiles for all
     data = fitting.load_bundled("DMSP-20-300")
-    rest = data.specimen.rest_length
-    braid = famjax.Braid.from_rest(diameter=0.0216, braid_angle=1.1, length=rest)
-    muscle = famjax.EstimatedGeometry(braid, famjax.Bladder(rest, 0.0195, 1.5e-3))
-    options = {"deadband": 43e3, "orders": (2,), "dependences": ("fixed",), "bootstrap": 500}
+    models = ("gaylord", "ferraresi_deadband", "polynomial_3")
     found = {}
     for name, engine in engines():
-        rows = fitting.sweeps.sweep(data, muscle, **options, executor=engine).rows
-        found[name] = [row.coefficients_std.tolist() for row in rows]
+        found[name] = fitting.compare(data, models, executor=engine).as_dict()
     same = all(one == found["this process"] for one in found.values())
-    print(f"{found['this process'][-1][-1]} Pa, the same on {', '.join(found)}: {same}")
+    print(f"{found['this process']['models'][0]}, the same on {', '.join(found)}: {same}")

@@ -14,6 +14,7 @@ from . import (
     report as report,
     result as result,
     saved as saved,
+    series as series,
     shapes as shapes,
     sweeps as sweeps,
     uncertainty as uncertainty,
@@ -21,7 +22,7 @@ from . import (
     verdict as verdict,
 )
 from .choice import Choice as Choice, choose as choose
-from .comparison.league_table import compare as compare
+from .comparison import compare as compare
 from .data import ForceData as ForceData, Specimen as Specimen
 from .errors import InputError as InputError
 from .identification import identify as identify, identify_together as identify_together
@@ -46,7 +47,7 @@ from .result import Identification as Identification
 from .saved import load_fit as load_fit
 from .series import identify_series as identify_series
 from .shapes import shape_surface as shape_surface
-from .sweeps.all_forms import sweep as sweep
+from .sweeps import sweep as sweep
 from .uncertainty import bootstrap as bootstrap, profile as profile
 from .validation import validate as validate
 

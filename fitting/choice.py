@@ -16,7 +16,6 @@ from .checks import check_starts
 from .data import ForceData
 from .identification import solve
 from .ladder import MODEL_ERROR, ladder
-from .other_lengths import OtherLengths, accounts, other_lengths
 from .parameters import Parameter
 from .race import (
     ALIKE,
@@ -32,6 +31,7 @@ from .race import (
 )
 from .result import Identification
 from .search import check_objective
+from .series import OtherLengths, accounts, other_lengths
 from .validation import LeftOut
 
 _COMPARED = 4  # starts of each family

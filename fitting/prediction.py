@@ -76,7 +76,7 @@ def predict(
         pressure says that it is. They are null where nothing is known of it: that is so of another
         rest length, unless the fit is of a series, or of a model that was chosen with nothing said of
         deadband and rig. Of such a model another muscle has the mean force of all accounts that the
-        map cannot refute, see `fitting.other_lengths.OtherLengths`. `band` says what they are made of:
+        map cannot refute, see `fitting.series.OtherLengths`. `band` says what they are made of:
         "left out" (see `ModelError`), with "bootstrap" of the parameters where that was asked for, "linear"
         theory of the parameters alone in fits without it, "specimens" of a series, "one specimen" of
         another length, and "shared errors" where they were stated. Where the rig gives way,

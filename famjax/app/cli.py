@@ -30,7 +30,7 @@ COMMANDS = (
     f"{_FITTING}.fit:assess", f"{_FITTING}.muscle:card", f"{_HERE}.commands:characterise",
     f"{_HERE}.commands:new", f"{_FITTING}.several:compare", "famjax.design.cli:design",
     f"{_HERE}.doctor:doctor", f"{_FITTING}.muscle:export", f"{_FITTING}.fit:fit",
-    f"{_HERE}.commands:measure", f"{_FITTING}.muscle:predict", f"{_FITTING}.ramps:ramps",
+    f"{_HERE}.commands:measure", f"{_FITTING}.muscle:predict", f"{_FITTING}.several:ramps",
     f"{_HERE}.doctor:reproduce", f"{_FITTING}.several:series", f"{_FITTING}.several:sweep",
 )  # fmt: skip
 """Where each command is, `module:function`."""
@@ -51,7 +51,6 @@ _UNDO = ("measure", "rig")
 _NOTHING = "nothing was written"
 _KEPT = "what was finished is kept in {}, and the same command goes on from there"
 _LEFT = {
-    "sweep": _KEPT.format("the output folder"),
     "compare": _KEPT.format("the output folder"),
     "characterise": _KEPT.format("results"),
 }

@@ -1,13 +1,17 @@
 """`famjax fit` and `famjax assess`: a muscle from a force map, and how far it is to be believed."""
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 from rich.console import Console
 
+from famjax.boundary.errors import InputError
+from famjax.boundary.near import meant
 from famjax.console import (
     Jobs,
     Output,
@@ -19,9 +23,8 @@ from famjax.console import (
     whole,
 )
 
-from .inputs import load_fitting, load_map
-
 if TYPE_CHECKING:
+    from fitting import ForceData
     from fitting.evidence import Evidence
 
     from .problem import Problem, Tell
@@ -31,6 +34,9 @@ _DATA, _MODEL, _KNOWN, _OUTPUT = (
     for k, name in enumerate(("Data", "Model", "What you know", "Output"), start=1)
 )
 Constraint = Literal["none", "positive", "slope", "drucker"]
+Objective = Literal["sum_of_squares", "mean_rmse", "huber"]
+_STANDARD_INPUT = "<stdin>"
+"""What the command line puts in the place of `-`."""
 
 
 def _check_replicates(_: Any, value: int) -> None:
@@ -40,6 +46,32 @@ def _check_replicates(_: Any, value: int) -> None:
 
 Replicates = Annotated[int, Parameter(converter=whole, validator=_check_replicates)]
 """Number of replicates of a bootstrap, 0 for none."""
+
+
+def load_fitting() -> ModuleType:
+    """The fitting package, with JAX in float64; compiled programs are kept on disk."""
+    import fitting
+    from famjax.compilation_cache import start_jax
+
+    start_jax()
+    return fitting
+
+
+def load_map(data: str, specimen: Mapping[str, Any]) -> "ForceData":
+    """A force map: a bundled one by its name, a CSV file, or standard input; specimen in SI."""
+    from fitting import load_bundled, read_csv
+    from fitting.reading import bundled_map_name, bundled_names
+
+    if bundled_map_name(data) is not None and not Path(data).exists():
+        return load_bundled(data, specimen)
+    if data == _STANDARD_INPUT:
+        return read_csv(sys.stdin, specimen)
+    if not Path(data).exists():
+        known = bundled_names()
+        raise InputError(
+            f"no such file: {data}; bundled maps are {' and '.join(known)}{meant(data, known)}"
+        )
+    return read_csv(data, specimen)
 
 
 def fit(
@@ -54,7 +86,7 @@ def fit(
     geometry: Annotated[str | None, _MODEL] = None,
     term: Annotated[tuple[str, ...], _MODEL] = (),
     shape: Annotated[Path | None, _MODEL] = None,
-    objective: Annotated[Literal["sum_of_squares", "huber"], _MODEL] = "sum_of_squares",
+    objective: Annotated[Objective, _MODEL] = "sum_of_squares",
     bounds: Annotated[tuple[str, ...], _KNOWN] = (),
     prior: Annotated[tuple[str, ...], _KNOWN] = (),
     noise_N: Annotated[float | None, _KNOWN, Parameter(name="--noise-N")] = None,
@@ -113,7 +145,8 @@ def fit(
         of a cylinder; the turns of the threads are identified, or held: `--bounds turns=1.09`. The
         law is the polynomial one unless --law names another.
     objective
-        sum_of_squares; huber: robust, so that single bad readings count little.
+        sum_of_squares; mean_rmse: mean over pressures of the RMSE, as the reference work; huber: robust, so
+        that single bad readings count little.
     bounds
         Replace bounds, name_unit=min:max, repeatable: `--bounds braid_diameter_mm=20:23.6`.
         One value holds the parameter: `--bounds deadband_pressure_kPa=40`. Unless given, the geometry

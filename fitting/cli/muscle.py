@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -18,7 +19,7 @@ from famjax.boundary.units import (
 )
 from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows
 
-from .inputs import load_fitting, schema_of, warn_unidentified
+from .fit import load_fitting
 
 if TYPE_CHECKING:
     from famjax.continuation import Region, SafeMuscle
@@ -27,6 +28,24 @@ if TYPE_CHECKING:
 
 Target = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]
 _US = {"in", "psi"}
+
+
+def schema_of(path: Path) -> str:
+    """The schema that a JSON file names; "" of any other file, whose reader says what is wrong."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return ""
+    return str(found.get("schema")) if isinstance(found, dict) else ""
+
+
+def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
+    """Say on standard error that nothing was identified, where that is so."""
+    from famjax.cards import unidentified
+
+    doubt = unidentified(str(name), verdict, reasons)
+    if doubt is not None:
+        print(f"warning: {doubt}", file=sys.stderr)
 
 
 def predict(

@@ -1,18 +1,23 @@
 """A fit as it was asked for, from options or from a `fit.json`: solved, assessed and judged."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import fitting
+from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.tasks import AnyExecutor
+from famjax.boundary.toml_file import from_entries
+from famjax.boundary.units import UNITS, si_unit, to_si
+from famjax.console import parse_entries
 from fitting.choice import Choice
 from fitting.data import Specimen
 from fitting.evidence import (
+    FORM,
     Evidence,
     Move,
     SharedErrors,
@@ -21,20 +26,155 @@ from fitting.evidence import (
     left_out_kinds,
     moves_of,
 )
+from fitting.families import LawGiven, known_laws, law_named
 from fitting.faults import doubtful, suspect
 from fitting.nested import validate_choice
-from fitting.parameters import Parameter
+from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
 from fitting.verdict import Judgement, judge
 
-from .inputs import parameter_kinds, parse_bounds, parse_errors, parse_free, parse_priors
-
 Tell = Callable[[str, int, int], None]
 """Called with what is under way, what is done of it, and what there is to do."""
+Kinds = Mapping[str, str]
+"""Kind of unit of every parameter by name."""
 
 _TURNS = "turns"
 _SAVED = ("pressure_tolerance", "length_tolerance", "force_limit")
+
+
+def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
+    """Kinds of unit of all parameters that a fit may have: of every known law, and of those given."""
+    kinds = dict(KINDS)
+    for one in (*known_laws(), *laws):
+        made = law_named(one, None)
+        kinds |= {name: entry.kind for name, entry in {**made.shape, **made.coefficients}.items()}
+    return kinds
+
+
+def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, str, str]:
+    """Name, unit and kind of a key such as `braid_diameter_mm`, or `end_factor` without a unit."""
+    if kinds.get(key) == "number":
+        return key, "", "number"
+    # The longest name that is known: a unit may hold an underscore no more than a name may end so.
+    names = [name for name in kinds if key.startswith(f"{name}_")]
+    name = max(names, key=len, default=key.rpartition("_")[0])
+    kind = kinds.get(name, "stress" if name.startswith("E_") else None)
+    if key in kinds:
+        known = list(UNITS[kinds[key]])
+        raise InputError(
+            f"{what} {entry!r}: {key} needs a unit, one of {', '.join(known)}, as in "
+            f"{key}_{known[-1]}=..."
+        )
+    if kind is None:
+        listed = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in kinds.items())
+        raise InputError(f"{what} {entry!r}: unknown parameter; known, with any unit: {listed}")
+    return name, key[len(name) + 1 :], kind
+
+
+def _parsed(
+    entries: Iterable[str], what: str, form: str, split: str, kinds: Kinds | None
+) -> dict[str, tuple[list[float], str, str]]:
+    """Numbers of entries such as `name_unit=1:2` by name, with unit and kind.
+
+    Args:
+        entries: as they were typed.
+        what: they are, in messages.
+        form: that they must have, with an example.
+        split: between the two numbers.
+        kinds: of all parameters.
+    """
+    found: dict[str, tuple[list[float], str, str]] = {}
+    known = parameter_kinds() if kinds is None else kinds
+    for entry in entries:
+        key, equals, text = entry.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"{what} {entry!r} must read {form}")
+        name, unit, kind = _name_and_unit(key.strip(), entry, what, known)
+        if name in found:
+            raise InputError(f"{what} of {name} given twice")
+        try:
+            numbers = [float(one) for one in text.split(split)]
+        except ValueError:
+            numbers = []
+        if not 1 <= len(numbers) <= 2:
+            wanted = form.partition("=")[2].partition(",")[0]
+            raise InputError(f"{what} {entry!r}: {text!r} is not {wanted}")
+        found[name] = numbers, unit, kind
+    return found
+
+
+def parse_bounds(
+    entries: Iterable[str], kinds: Kinds | None = None
+) -> dict[str, tuple[float, float]]:
+    """Bounds by parameter name in SI, from entries such as `braid_diameter_mm=20:23.6`.
+
+    A single value holds the parameter: `deadband_pressure_kPa=40`.
+
+    Raises:
+        InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
+
+    >>> parse_bounds(["E_1_MPa=0:10", "braid_diameter_mm=21"])
+    {'E_1': (0.0, 10000000.0), 'braid_diameter': (0.021, 0.021)}
+    """
+    found = _parsed(entries, "bounds", "name_unit=min:max, as in E_1_MPa=0:10", ":", kinds)
+    return {
+        name: (to_si(numbers[0], unit, kind), to_si(numbers[-1], unit, kind))
+        for name, (numbers, unit, kind) in found.items()
+    }
+
+
+def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str, Parameter]:
+    """Parameters with a prior, from entries such as `rest_length_mm=296+-0.5`.
+
+    Raises:
+        InputError: an entry that is not of this form, or an unknown name or unit.
+
+    >>> parse_priors(["rest_length_mm=296+-0.5"])["rest_length"].prior
+    (296.0, 0.5)
+    """
+    form = "name_unit=mean+-std, as in rest_length_mm=296+-0.5"
+    found = _parsed(entries, "prior", form, "+-", kinds)
+    for name, (numbers, _, _) in found.items():
+        if len(numbers) != 2:
+            raise InputError(f"the prior of {name} must read {form}")
+    return {
+        name: Parameter(prior=(mean, std), unit=unit)
+        for name, ((mean, std), unit, _) in found.items()
+    }
+
+
+def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
+    """Parameters that take part with their standard bounds, from their names.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    for name in names:
+        if name not in kinds:
+            raise InputError(f"--free {name}: unknown parameter; known are {', '.join(kinds)}")
+    return {name: Parameter() for name in names}
+
+
+def parse_errors(entries: Iterable[str]) -> SharedErrors:
+    """Standard errors that all readings share, from entries such as `wall_thickness_mm=0.05`.
+
+    Raises:
+        InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
+
+    >>> parse_errors(["wall_thickness_mm=0.05", "pressure_reading=0.0025"]).stated()
+    {'pressure_reading': 0.0025, 'wall_thickness': 5e-05}
+    """
+    numbers = {}
+    for name, value in parse_entries(entries, "error", "wall_thickness_mm=0.05").items():
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise InputError(
+                f"error {name}={value}: {value!r} is not a number; the unit belongs to the name, as in "
+                "wall_thickness_mm=0.05"
+            ) from None
+    return from_entries(SharedErrors, numbers, FORM, where="error: ")
 
 
 @dataclasses.dataclass(frozen=True)

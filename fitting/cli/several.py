@@ -1,7 +1,8 @@
-"""Many fits at once: `famjax sweep`, `famjax compare` and `famjax series`."""
+"""Many maps or many fits: `famjax sweep`, `compare`, `series` and `ramps`."""
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter, validators
 from rich.console import Console
@@ -18,16 +19,18 @@ from famjax.console import (
     whole,
 )
 
-from .fit import Constraint, Replicates
-from .inputs import as_parameters, load_fitting, load_map, parameter_kinds, parse_bounds, parse_free
+from .fit import Constraint, load_fitting, load_map
 
 if TYPE_CHECKING:
+    from fitting.sweeps import SweepRow
     from fitting.verdict import Judgement
 
 SweptOrders = Annotated[
     tuple[int, ...], Parameter(converter=whole, validator=validators.Number(gte=1, lte=4))
 ]
 """Orders of the polynomial law that a sweep has."""
+_CURVES = 3
+"""Fits whose force curves are drawn, those with the smallest BIC."""
 
 
 def sweep(
@@ -40,24 +43,16 @@ def sweep(
     term: tuple[str, ...] = (),
     order: SweptOrders = (1, 2, 3, 4),
     dependence: tuple[Literal["fixed", "linear", "free"], ...] = ("fixed", "linear", "free"),
-    constraint: tuple[Constraint, ...] = (
-        "none",
-        "positive",
-        "slope",
-        "drucker",
-    ),
-    objective: Literal["sum_of_squares", "mean_rmse", "huber"] = "sum_of_squares",
-    bootstrap: Replicates = 0,
+    constraint: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker"),
+    objective: Literal["sum_of_squares", "mean_rmse"] = "sum_of_squares",
     specimen: tuple[str, ...] = (),
     output: Path = Path("famjax-sweep"),
     units: Units = "metric",
-    jobs: Jobs = None,
     json_: bool = False,
 ) -> int:
     """Fit every permutation of order, pressure dependence and constraint at one geometry.
 
-    Writes `sweep.json` with all fits in SI, and pictures of errors and force curves. The parts of a
-    bootstrap are kept in the folder `replicates`, from which a stopped sweep goes on. Without a
+    Writes `sweep.json` with all fits in SI, and pictures of errors and force curves. Without a
     geometry the one that `famjax fit` identifies with its standard law is taken.
 
     Parameters
@@ -82,29 +77,25 @@ def sweep(
     constraint
         On the coefficients, repeatable: none, positive, slope, drucker.
     objective
-        sum_of_squares; mean_rmse: mean over pressures of the RMSE, as the reference work; huber.
-    bootstrap
-        Number of replicates for standard deviations of the coefficients.
+        sum_of_squares; mean_rmse: mean over pressures of the RMSE, as the reference work.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     output
         Folder for the files, created if missing.
     units
         Of tables and pictures: si, metric or us.
-    jobs
-        Number of processes.
     json_
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
 
+    from famjax.boundary.files import as_png
     from famjax.boundary.units import parse_quantity
     from fitting.posing import own_parts, taking_part
     from fitting.reading import parse_specimen
-    from fitting.sweeps import check_options, sweep_command
+    from fitting.sweep_plot import plot_curves, plot_errors
 
     place = Output(output)
-    check_options(objective, bootstrap, 0)
     measured = load_map(data, parse_specimen(specimen))
     add_cwd_to_path()
     parts, declared = own_parts([measured], geometry, term)
@@ -116,55 +107,84 @@ def sweep(
             + (f"; missing: {', '.join(missing)}" if missing else ", as with --geometry and --term")
         )
     with progress("identifying the geometry") as show:
+        terms = parts.get("terms")
         if missing:
-            found = fitting.identify(measured, **parts, parameters=taking_part(declared, {}))
-            shape, terms = found.muscle.geometry, parts.get("terms")
-            dead = found.estimate("deadband_pressure").value
+            known = fitting.identify(measured, **parts, parameters=taking_part(declared, {}))
+            shape, dead = known.muscle.geometry, known.estimate("deadband_pressure").value
             if terms is not None:
-                terms = terms.with_parameters(
-                    {name: found.estimate(name).value for name in terms.declared()}
-                )
+                named = {name: known.estimate(name).value for name in terms.declared()}
+                terms = terms.with_parameters(named)
         else:
-            terms = None
-            shape = fitting.families.EstimatedSource(measured.specimen).geometry(
-                {
-                    "braid_diameter": parse_quantity(str(braid_diameter), "length"),
-                    "braid_angle": parse_quantity(str(braid_angle), "angle"),
-                }
-            )
+            at_rest = {
+                "braid_diameter": parse_quantity(str(braid_diameter), "length"),
+                "braid_angle": parse_quantity(str(braid_angle), "angle"),
+            }
+            shape = fitting.families.EstimatedSource(measured.specimen).geometry(at_rest)
             dead = parse_quantity(str(deadband), "pressure")
-        document, paths = sweep_command(
-            [measured],
-            shape,
-            deadband=dead,
-            terms=terms,
-            orders=order,
-            dependences=dependence,
-            constraints=constraint,
-            objective=objective,
-            bootstrap=bootstrap,
-            executor=jobs,
-            output=output,
-            units=units,
+        found = fitting.sweep(
+            measured, shape, deadband=dead, terms=terms, orders=order, dependences=dependence,
+            constraints=constraint, objective=objective,
             progress=lambda done, total: show(done, total, "sweeping"),
+        )  # fmt: skip
+        best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
+        paths = place.write(
+            {
+                "sweep.json": finite({"rows": [row.as_dict() for row in found.rows]}),
+                "errors.png": as_png(plot_errors(found, units)),
+                "curves.png": as_png(plot_curves(found, best, units)),
+            }
         )
+    rows = [_swept_row(row, units) for row in found.rows]
     if json_:
-        print_json(document)
+        print_json({"rows": rows})
         return 0
     # What cannot be said in a word is said once, below the table.
-    known = {"stable", "not stable"}
-    sentences = dict.fromkeys(r["verdict"] for r in document["rows"] if r["verdict"] not in known)
+    sentences = {row["verdict"]: "" for row in rows} | {"stable": "", "not stable": ""}
+    del sentences["stable"], sentences["not stable"]
     marks = {sentence: f"see ({k})" for k, sentence in enumerate(sentences, 1)}
-    rows = [
-        {**row, "verdict": marks.get(row["verdict"], row["verdict"])} for row in document["rows"]
-    ]
-    for row in rows:
-        del row["data"]
-    print_rows(f"{len(rows)} fits of {measured.specimen.name}", rows)
+    print_rows(
+        f"{len(rows)} fits of {measured.specimen.name}",
+        [{**row, "verdict": marks.get(row["verdict"], row["verdict"])} for row in rows],
+    )
     for k, sentence in enumerate(sentences, 1):
         print(f"({k}) {sentence}")
     place.tell(paths)
     return 0
+
+
+def finite(value: Any) -> Any:
+    """Lists and mappings with None for what is not finite, as JSON has it."""
+    if isinstance(value, dict):
+        return {key: finite(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _swept_row(row: "SweepRow", system: str) -> dict[str, Any]:
+    """One line of the table of a sweep, the unit in each name; what is not known is None."""
+    from famjax.boundary.units import from_si, unit_system
+
+    force, stress = unit_system(system)["force"], unit_system(system)["stress"]
+    numbers = {
+        f"rmse_{force}": from_si(row.rmse, force, "force"),
+        f"mae_{force}": from_si(row.mae, force, "force"),
+        f"blocked_force_error_{force}": from_si(row.blocked_error, force, "force"),
+        "free_contraction_error": row.free_contraction_error,
+        "aicc": row.aicc,
+        "bic": row.bic,
+        f"left_out_rmse_{force}": from_si(row.cross_validated_rmse, force, "force"),
+        f"stability_margin_{stress}": from_si(row.margin, stress, "stress"),
+        "condition": row.condition,
+    }
+    return {
+        "pressure": row.dependence,
+        "order": row.order,
+        "constraint": row.constraint,
+        "n_coefficients": row.n_coefficients,
+        **finite(numbers),
+        "verdict": row.verdict,
+    }
 
 
 _STARTS = 32
@@ -312,9 +332,12 @@ def series(
     """
     fitting = load_fitting()
     from famjax.boundary.origin import Origin
+    from famjax.boundary.units import si_unit
     from fitting.posing import own_parts, taking_part
     from fitting.series import DEFAULT_LAWS
     from fitting.verdict import judge_series
+
+    from .problem import parameter_kinds, parse_bounds, parse_free
 
     place = Output(output)
     add_cwd_to_path()
@@ -322,7 +345,10 @@ def series(
     parts, declared = own_parts(maps, geometry, term)
     kinds = parameter_kinds(*(one for one in law if ":" in one))
     kinds |= {name: one.kind for name, one in declared.items()}
-    said = parse_free(free, kinds) | as_parameters(parse_bounds(bounds, kinds), kinds)
+    said = parse_free(free, kinds) | {
+        name: fitting.Parameter(min=low, max=high, unit=si_unit(kinds.get(name, "stress")))
+        for name, (low, high) in parse_bounds(bounds, kinds).items()
+    }
     with progress("identifying") as show:
         found = fitting.identify_series(
             maps,
@@ -390,3 +416,84 @@ def _print_verdict(judgement: "Judgement", left_out_rmse: float, system: str) ->
         f"{said} RMSE of specimens predicted from the others: {predicted}.",
         style="bold", markup=False,
     )  # fmt: skip
+
+
+def ramps(
+    *records: str,
+    atmosphere: str,
+    specimen: tuple[str, ...] = (),
+    columns: str | None = None,
+    branches: Literal["both", "fill", "vent"] = "both",
+    period_s: float | None = None,
+    step_kPa: Annotated[float, Parameter(name="--step-kPa")] = 25.0,
+    slack_below_N: Annotated[float | None, Parameter(name="--slack-below-N")] = None,
+    length_std_mm: float | None = None,
+    output: Path = Path("famjax-ramps"),
+    units: Units = "metric",
+    json_: bool = False,
+) -> int:
+    """Turn raw isometric pressure ramps into a static force map with its noise and hysteresis.
+
+    Writes `map.csv` (which `famjax fit` reads), `ramps.png`, `ramps.json` and, where records were filled
+    and vented, `branches.csv` (which `famjax assess --hysteresis` reads).
+
+    Parameters
+    ----------
+    records
+        Raw records with the length at which each was taken, `test8.csv=73.25mm`; or a list, a CSV
+        file with the columns `file,length_mm`.
+    atmosphere
+        What the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each record in
+        which the muscle is vented, `0s:0.5s`.
+    specimen
+        Describe the muscle, key_unit=value, repeatable; rest_length is needed.
+    columns
+        Names of the columns, with units, where the records have no header that names them.
+    branches
+        Which branch the map holds: the mean of both, fill or vent.
+    period_s
+        Time between valve pulses; found in the record unless given.
+    step_kPa
+        Of the pressures of the map.
+    slack_below_N
+        Force under which the muscle does not pull; found from the clamp of the sensor unless given.
+    length_std_mm
+        Standard deviation of the lengths, where it is known.
+    output
+        Folder for the files, created if missing.
+    units
+        Of summary, picture and map: si, metric or us.
+    json_
+        Print one JSON object to standard output and nothing else there.
+    """
+    load_fitting()
+    from famjax.boundary.origin import Origin
+    from fitting.reading import parse_specimen
+    from fitting.records import parse_atmosphere, ramps_command
+
+    place = Output(output)
+    summary, files = ramps_command(
+        records,
+        atmosphere=parse_atmosphere(atmosphere),
+        columns=columns,
+        specimen=parse_specimen(specimen),
+        period=period_s,
+        step=step_kPa * 1e3,
+        slack_below=slack_below_N,
+        branches=branches,
+        length_std=None if length_std_mm is None else length_std_mm / 1e3,
+        system=units,
+    )
+    origin = Origin.of_this_command()
+    summary["origin"] = origin.as_dict()
+    files["map.csv"] = "\n".join(origin.comments()).encode() + b"\n" + files["map.csv"]
+    paths = place.write({**files, "ramps.json": summary})
+    if json_:
+        print_json(summary)
+        return 0
+    print_rows("Records", summary["records"])
+    print_rows("Lengths", summary["lengths"])
+    for note in summary["notes"]:
+        print(f"note: {note}")
+    place.tell(paths)
+    return 0

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 import famjax
 import fitting
 from fitting import ForceData, InputError, Parameter, Specimen, identify
-from fitting.comparison import PeerFamily
+from fitting.model_families import ModelFamily
 
 SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
 BRAID = famjax.Braid.from_rest(diameter=0.022, braid_angle=math.radians(65), length=0.3)
@@ -213,7 +213,7 @@ def test_several_specimens_share_a_spring_and_conical_ends() -> None:
 
 def test_a_foreign_model_as_a_peer() -> None:
     data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
-    family = PeerFamily.of(Foreign.template(rest_length=0.3), "somebody 2026")
+    family = ModelFamily.of(Foreign.template(rest_length=0.3), "somebody 2026")
     fit = fitting.comparison.fit_peer(family, data, starts=4)
     assert fit.values == pytest.approx({"section": 4e-4, "offset": 12.0, "shape": 1.7}, rel=1e-6)
     (row,) = fitting.compare(data, [], own=[family], starts=4).rows
@@ -262,7 +262,7 @@ class Bent(Foreign):
 def test_a_peer_that_is_not_affine_has_no_figures() -> None:
     data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
     with pytest.raises(InputError, match=r"section.*not affine"):
-        fitting.comparison.fit_peer(PeerFamily.of(Bent.template(rest_length=0.3)), data, starts=2)
+        fitting.comparison.fit_peer(ModelFamily.of(Bent.template(rest_length=0.3)), data, starts=2)
     (row,) = fitting.compare(data, [], own=[Bent], starts=2).rows
     assert "not affine" in row.note
     assert math.isnan(row.rmse)

@@ -7,8 +7,8 @@ import pytest
 
 import famjax
 from fitting import Choice, ForceData, choose, load_fit, predict, write_fit
-from fitting.other_lengths import FROM_ONE
 from fitting.saved import SavedFit
+from fitting.series import FROM_ONE
 from tests.fitting.synthetic import muscle_map
 
 LENGTHS = (1.0, 0.97, 0.94, 0.91, 0.88, 0.85)

@@ -5,7 +5,7 @@ import pytest
 from famjax.__main__ import main
 
 
-@pytest.mark.parametrize("command", ["sweep", "compare", "assess", "measure", "characterise"])
+@pytest.mark.parametrize("command", ["compare", "assess", "measure", "characterise"])
 def test_every_long_command_has_jobs(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
         main([command, "here", "--jobs", "0"])

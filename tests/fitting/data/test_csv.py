@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv, write_csv
-from fitting.cli.inputs import parse_bounds
+from fitting.cli.problem import parse_bounds
 from fitting.faults import thick_wall
 from fitting.reading import parse_specimen
 

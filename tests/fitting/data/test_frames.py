@@ -46,12 +46,9 @@ def test_a_sweep_is_a_table_of_its_forms(found: fitting.Identification) -> None:
         found.data, found.muscle.geometry, orders=(1, 2), dependences=("fixed", "linear"),
         constraints=("none", "drucker"),
     )  # fmt: skip
-    frame, grid = swept.to_pandas(), swept.to_xarray()
+    frame = swept.to_pandas()
     assert len(frame) == len(swept.rows) == 8
-    for row in swept.rows:
-        form = {"dependence": row.dependence, "order": row.order, "constraint": row.constraint}
-        assert float(grid["rmse"].sel(data=row.data, **form)) == row.rmse
-    assert "8 fits" in swept._repr_html_()
+    assert frame["rmse"].tolist() == [row.rmse for row in swept.rows]
 
 
 def test_text_in_a_table_is_escaped() -> None:

@@ -66,8 +66,6 @@ SLIPS = {
     "starts": (lambda: identify(loads(), starts=2.5), "starts must be a whole number"),
     "no geometry": (lambda: fitting.sweep(loads(), None), "geometry"),
     "order": (lambda: identify(loads(), order=[1, 3]), "order of the law must be"),
-    "orders": (
-        lambda: fitting.sweeps.forms.Forms.of("12", ("fixed",), ("none",)), "orders must be"),
     "one map together": (lambda: fitting.identify_together(loads()), "in a list, got a single one"),
     "bounds of text": (lambda: identify(loads(), bounds={"braid_angle": "a"}), "are .low, high."),
     "parameters in a list": (lambda: identify(loads(), parameters=[1]), "must be a mapping"),

@@ -1,0 +1,329 @@
+"""Any model with declared parameters as a family that the engine fits, and the published ones.
+
+The bounds of the published models are wide, so that each is shown at its best: a braid's diameter and
+angle are parameters here and need not be those of a buildable muscle.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import famjax
+from famjax import peers
+from famjax.boundary.errors import InputError
+from famjax.parameters import Declared
+
+from .data import ForceData, Specimen
+from .families import EstimatedSource
+from .response import AbstractFamily, Values
+
+_LONGEST = 1.002  # at least, of thread length over the longest reading
+_DEADBAND = Declared("Pa", "deadband_pressure", low=-200e3, high=200e3)
+"""Below zero where the rest length was taken too long: the two lie on one ridge."""
+_CONTRACTION = 0.25  # scale of contraction of models that leave it free
+_OF_SCALE = f"the contraction scale is held at {_CONTRACTION}; other constants absorb it"
+
+Translate = Callable[[Any, dict[str, Any]], Mapping[str, Any]]
+"""From a model and the values of a family to values of the model's own parameters."""
+
+
+class ModelFamily(AbstractFamily):
+    """A model, and which numbers of it are free; no constraint follows it along a path.
+
+    Attributes:
+        model: which has all other numbers.
+        declared: the free numbers, with bounds; infinite ones only where linear.
+        translate: makes numbers of the model from those that are declared, where they are not the same.
+        label: authors and variant, for tables.
+        note: what a reader of the table should know.
+    """
+
+    model: Any
+    declared: tuple[Declared, ...] = eqx.field(static=True)
+    translate: Translate | None = eqx.field(static=True, default=None)
+    label: str = eqx.field(static=True, default="")
+    note: str = eqx.field(static=True, default="")
+    nonlinear: tuple[str, ...] = eqx.field(static=True, init=False)
+    linear: tuple[str, ...] = eqx.field(static=True, init=False)
+
+    def __post_init__(self) -> None:
+        """Sort the names by what the engine does with them."""
+        self.nonlinear = tuple(str(d.name) for d in self.declared if not d.linear)
+        self.linear = tuple(str(d.name) for d in self.declared if d.linear)
+
+    @classmethod
+    def of(
+        cls,
+        model: famjax.AbstractMuscle,
+        label: str = "",
+        bounds: Mapping[str, tuple[float, float]] | None = None,
+    ) -> "ModelFamily":
+        """Any model with declared parameters.
+
+        Args:
+            model: one of the family, such as `MyModel.template(rest_length=0.3)`.
+            label: for tables; the name of the class unless given.
+            bounds: (low, high) in SI by name, in place of the declared ranges; one value holds a
+                parameter.
+
+        Returns:
+            The family.
+
+        Raises:
+            InputError: nothing is declared, an unknown name, or no finite range for a parameter in
+                which the force is not linear.
+        """
+        if isinstance(model, type):
+            raise InputError(
+                f"give one of the family, as {model.__name__}.template(...) makes it; got the class"
+            )
+        known, given = model.declared(), dict(bounds or {})
+        unknown = [name for name in given if name not in known]
+        if unknown or not known:
+            raise InputError(
+                f"{type(model).__name__} declares the parameters {', '.join(known) or 'none'}; "
+                f"got bounds of {', '.join(unknown) or 'none'}: declare fields by famjax.parameter"
+            )
+        ends = {name: given.get(name, (d.low, d.high)) for name, d in known.items()}
+        for name, d in known.items():
+            if not d.linear and not np.isfinite(ends[name]).all():
+                raise InputError(
+                    f"{name} of {type(model).__name__} is searched and needs a finite range: "
+                    "declare it by famjax.parameter(low=..., high=...), or give bounds"
+                )
+        held = {name: low for name, (low, high) in ends.items() if low == high}
+        free = tuple(bounded(d, *ends[name]) for name, d in known.items() if name not in held)
+        label = label or type(model).__name__
+        return cls(model.with_parameters(held) if held else model, free, label=label)
+
+    def build(self, values: Values) -> Any:
+        """The model of these values."""
+        given = dict(values)
+        return self.model.with_parameters(
+            given if self.translate is None else self.translate(self.model, given)
+        )
+
+    def rest_length(self, values: Values) -> Float[Array, ""]:
+        """L0 [m] of the model; zero of one that knows none, as nothing follows its path."""
+        del values
+        try:
+            return jnp.asarray(self.model.rest_length)
+        except (AttributeError, ValueError):
+            return jnp.zeros(())
+
+
+def bounded(declared: Declared, low: float, high: float) -> Declared:
+    """A declaration with other ends of its range."""
+    unit = declared.unit if isinstance(declared.unit, str) else ""
+    return Declared(unit, declared.name, low=low, high=high, linear=declared.linear)
+
+
+def peer_families(data: ForceData) -> dict[str, ModelFamily]:
+    """Every published model with the parameters and bounds that it has for a force map, by name.
+
+    Args:
+        data: its specimen and ranges place the bounds. Maps of one specimen and range share what is
+            compiled.
+    """
+    pressure, length = data.pressure[data.loaded], data.length[data.loaded]
+    ends = float(pressure.min()), float(pressure.max())
+    return _peers(data.specimen, ends, float(length.max()), data.max_force)
+
+
+def _braid_at_rest(specimen: Specimen, longest: float) -> tuple[Declared, Declared]:
+    """Braid diameter and angle at rest, with threads longer than the longest reading [m]."""
+    rest, nominal = specimen.rest_length, specimen.nominal_diameter
+    low, high = (0.2 * nominal, 3 * nominal) if nominal else (3e-3, 80e-3)
+    flattest = math.radians(40)
+    steepest = min(math.asin(min(1.0, rest / (_LONGEST * longest))), math.radians(85))
+    if steepest <= flattest:
+        raise InputError(
+            f"a loaded reading has the length {longest * 1e3:.5g} mm, too long for a "
+            f"braid with a rest length of {rest * 1e3:.5g} mm: check the rest length and "
+            "the unit of the length column"
+        )
+    return (
+        Declared("m", "braid_diameter", low=low, high=high),
+        Declared("rad", "braid_angle", low=flattest, high=steepest),
+    )
+
+
+@functools.lru_cache(maxsize=32)
+def _peers(
+    specimen: Specimen, pressures: tuple[float, float], longest: float, force: float
+) -> dict[str, ModelFamily]:
+    rest, P = specimen.rest_length, pressures[1]
+    D, angle = both = _braid_at_rest(specimen, longest)
+    held = specimen.nominal_diameter or D.low
+    source = EstimatedSource(specimen)
+
+    def braid(given: dict[str, Any]) -> famjax.Braid:
+        diameter, at_rest = given.pop("braid_diameter", held), given.pop("braid_angle")
+        return famjax.Braid.from_rest(diameter=diameter, braid_angle=at_rest, length=rest)
+
+    def of_braid(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
+        if "rest_diameter" in model.declared():
+            given["rest_diameter"] = given.get("braid_diameter", held)
+        made = braid(given)
+        return {**given, "rest_thread_length": made.rest_thread_length, "turns": made.turns}
+
+    def of_stretching(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
+        del model
+        strain, made = given.pop("thread_strain"), braid(given)
+        tension = P * rest * made.rest_thread_length / (2 * math.pi * made.turns**2)
+        return {"rest_thread_length": made.rest_thread_length, "turns": made.turns,
+                "braid_compliance": strain / tension}  # fmt: skip
+
+    def of_cylinder(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
+        if "bladder_diameter" in model.declared():  # the bladder lies within the threads
+            given["bladder_diameter"] = source.geometry(given).bladder.rest_diameter
+        return given
+
+    threads = famjax.Braid.from_rest(diameter=held, braid_angle=angle.low, length=rest)
+    stretching = famjax.braids.CompliantBraid.of(threads, 0.0)
+    gaylord, tondu = peers.Gaylord(threads), peers.TonduLopez(threads, rest)
+    cylinder = source.geometry({"braid_diameter": held, "braid_angle": angle.low})
+    elastic = peers.ferraresi(cylinder, 1e6)
+    wall = Declared("m", "wall_thickness", low=0.0, high=2 * specimen.wall_thickness)
+    strain = Declared("", "thread_strain", low=0.0, high=0.5)
+    found = {
+        "gaylord": _family("Gaylord 1958", gaylord, both, of_braid),
+        "gaylord_deadband": _family("Gaylord, deadband", gaylord, (*both, _DEADBAND), of_braid),
+        "gaylord_offset": _family(
+            "Gaylord, force offset", gaylord, (*both, "force_offset"), of_braid
+        ),
+        "davis": _family(
+            "Davis 2003, stretching braid", peers.Gaylord(stretching), (*both, strain), of_stretching,
+            "thread_strain is that at rest and the highest pressure, of unstretched geometry",
+        ),
+        "chou_hannaford": _family(
+            "Chou & Hannaford 1996, wall", peers.ChouHannaford(threads, 1e-3), (*both, wall), of_braid
+        ),
+        "tondu_lopez": _family("Tondu & Lopez 2000, k", tondu, (*both, "k_far"), of_braid),
+        "tondu_lopez_deadband": _family(
+            "Tondu & Lopez, k, deadband", tondu, (*both, "k_far", _DEADBAND), of_braid
+        ),
+        "tondu_lopez_pressure": _family(
+            "Tondu & Lopez, k(P)", tondu, (*both, "k_far", "k_rise"), of_braid
+        ),
+        "kerscher": _family(
+            "Kerscher 2006", peers.Kerscher(tondu, 0.0, 1.0, 1.0),
+            (angle, "k_far", "k_rise", "factor_rate", "factor_rise", "factor_far"), of_braid,
+            "the braid's diameter is held, as its factor scales the section",
+        ),
+        "ferraresi": _family("Ferraresi 2001", elastic, (*both, "E_1"), of_cylinder),
+        "ferraresi_deadband": _family(
+            "Ferraresi, deadband", elastic, (*both, _DEADBAND, "E_1"), of_cylinder
+        ),
+        "kothera": _family(
+            "Kothera 2009, deadband", peers.Kothera(elastic), (*both, _DEADBAND, "E_1"), of_cylinder
+        ),
+        "klute_hannaford": _family(
+            "Klute & Hannaford 2000, deadband", peers.klute_hannaford(cylinder, 1e5, 1e5),
+            (*both, _DEADBAND, "C10", "C01"), of_cylinder,
+        ),
+    }  # fmt: skip
+    if pressures[0] < pressures[1]:
+        ends = " and ".join(f"{one / 1e3:.4g}" for one in pressures)
+        for name, label, order, low in (
+            ("robinson_1", "Robinson 2015, order 1", 1, -math.inf),
+            ("robinson_2", "Robinson 2015, order 2", 2, -math.inf),
+            ("pillsbury_2", "Pillsbury 2015, order 2, positive", 2, 0.0),
+        ):
+            model = peers.robinson(cylinder, np.array(pressures), np.ones((2, order)))
+            laws = [bounded(d, low, math.inf) for d in model.declared().values() if d.linear]
+            note = f"nodes 1 and 2 are {ends} kPa"
+            found[name] = _family(label, model, (*both, _DEADBAND, *laws), of_cylinder, note)
+    martens = peers.Martens(threads, rest, held, specimen.wall_thickness, np.ones(4))
+    moduli = ("c0", "c1", "c2", "c3")
+    if specimen.nominal_diameter is not None:
+        label = "Martens & Boblan 2017"
+        found["martens"] = _family(label, martens, (angle, *moduli), of_braid)
+    label = "Martens & Boblan 2017, diameter"
+    found["martens_diameter"] = _family(label, martens, (*both, *moduli), of_braid)
+    return found | _without_braid(specimen.rest_length, P, force)
+
+
+def _without_braid(rest: float, P: float, force: float) -> dict[str, ModelFamily]:
+    """Formulas of length and pressure alone.
+
+    Args:
+        rest: L0 [m].
+        P: highest pressure [Pa].
+        force: largest force [N].
+    """
+    found = {}
+    numbers = dict.fromkeys(("a1", "a2", "a4", "a5", "a6"), 0.0)
+    for names, a1, translate in (
+        (("a2", "a4", "a5"), 0.0, _relaxed),
+        (("a2", "a4", "a5", "a6"), 1 / famjax.units.BAR, None),
+        (tuple(numbers), 0.0, None),
+    ):
+        model = peers.Sarosi(rest, a3=-10.0, **{**numbers, "a1": a1})
+        count, label = len(names) + 1, f"Sarosi 2012, {len(names) + 1} parameters"
+        found[f"sarosi_{count}"] = _family(label, model, ("a3", *names), translate)
+    hunt = (
+        Declared("Pa", "offset_pressure", low=-2 * P, high=4 * P),
+        Declared("Pa", "tangent_pressure", low=1e-3 * P, high=5 * P),
+        Declared("", "tangent_slope", low=0.1, high=10.0),
+        Declared("rad", "tangent_angle", low=0.0, high=1.5),
+        Declared("1/N", "contraction_per_force",
+                 low=-_CONTRACTION / force, high=-1e-6 * _CONTRACTION / force),
+        Declared("Pa/N", "pressure_per_force", low=0.05 * P / force, high=3 * P / force),
+    )  # fmt: skip
+    model = peers.Hunt(rest, _CONTRACTION, P, P, 1.0, 0.0, -_CONTRACTION / force, P / force)
+    found["hunt"] = _family("Hunt 2017", model, hunt, _of_tangent, _OF_SCALE)
+    model = peers.Bolen(rest, _CONTRACTION, force, 1.0, 1.0, 1.0)
+    constants = ("largest_force", "c0", "c1", "c2")
+    found["bolen"] = _family("Bolen 2026", model, constants, None, _OF_SCALE)
+    slack = Declared("m", "slack_length", low=0.2 * rest, high=rest)
+    model = peers.Wickramatunge(rest, np.ones(4))
+    springs = (slack, "k0", "k1", "k2", "k3")
+    found["wickramatunge"] = _family("Wickramatunge 2010", model, springs)
+    surfaces = {
+        "hildebrandt": ("Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), "")
+    }
+    for degree in (3, 4, 5):
+        terms = np.ones(len(peers.PolynomialSurface.terms(degree)))
+        model = peers.PolynomialSurface(rest, terms, degree)
+        surfaces[f"polynomial_{degree}"] = (
+            f"polynomial of degree {degree}",
+            model,
+            "pressure in MPa",
+        )
+    for name, (label, model, note) in surfaces.items():
+        free = [one for one, d in model.declared().items() if d.linear]
+        found[name] = _family(label, model, free, None, note)
+    return found
+
+
+def _relaxed(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
+    """Sarosi's model of four numbers: no force at rest without pressure."""
+    del model
+    return {**given, "a6": -given["a2"]}
+
+
+def _of_tangent(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
+    """The tangent's offset of Hunt's model, by its angle at rest."""
+    del model
+    offset = -given.pop("tangent_angle") / given["tangent_slope"]
+    return {**given, "tangent_offset": offset}
+
+
+def _family(
+    label: str,
+    model: Any,
+    free: Sequence[Declared | str],
+    translate: Translate | None = None,
+    note: str = "",
+) -> ModelFamily:
+    """A family of a model; what it declares itself is free by its name."""
+    known = model.declared()
+    chosen = tuple(known[one] if isinstance(one, str) else one for one in free)
+    return ModelFamily(model, chosen, translate, label, note)

@@ -1,0 +1,394 @@
+"""All permutations of order, pressure dependence and constraint at one geometry: `sweep`."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+import famjax
+from famjax.boundary.errors import InputError
+
+from .arguments import check_names, check_numbers, check_whole, shown
+from .convex import Status
+from .data import ForceData, data_frame, several_maps
+from .response import CONSTRAINTS, DEPENDENCES
+from .sweep_fits import Design, Fits, LinearMuscle, Readings, coupled_fits, free_fits
+
+if TYPE_CHECKING:
+    import pandas
+
+OBJECTIVES = ("sum_of_squares", "mean_rmse")
+
+FEASIBLE = 1e-9
+"""Violation of a constraint per largest coefficient that counts as rounding."""
+
+_HIGHEST_ORDER = 4  # up to it the tangent modulus is a cubic, and its constraint exact
+_AT_REST = 1e-3  # a reading is blocked whose length is the rest length to this part
+_NEARLY_FREE = 0.1  # readings below this part of a pressure's largest force give its free length
+_LENGTHS = 129
+_BEYOND = 2.0  # lengths are looked at to this multiple of the largest measured contraction
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepRow:
+    """One fit of a sweep, in SI.
+
+    Attributes:
+        data: name of the force map.
+        dependence, order, constraint: form of the law.
+        n_coefficients: number of them.
+        coefficients: E_n [Pa] at each pressure, shape (pressures, order).
+        objective: minimum of the objective: half the sum of squares, or the mean RMSE.
+        rmse, mae: [N], averaged over pressures.
+        pooled_rmse: [N], over all readings.
+        rmse_by_pressure, mae_by_pressure: [N].
+        blocked_error: mean over pressures of |model - measured| blocked force [N].
+        blocked_error_by_pressure: model minus measured [N].
+        free_contraction_error: mean of |model - measured| [-] over the pressures at which there
+            are both; nan where there are none.
+        free_contraction_error_by_pressure: model minus measured [-]; nan where the model's force
+            does not fall to zero, or the measured force does not come near it.
+        aicc, bic: information criteria of independent normal errors; they count coefficients as if none
+            were constrained.
+        cross_validated_rmse: [N] at pressures left out of the fit, nan where the form says nothing
+            about other pressures.
+        margin: smallest modulus along the actuation paths [Pa]; Drucker-stable where >= 0.
+        condition: of the columns.
+        kkt_residual, duality_gap: certificate.
+        status: how the fit ended.
+        verdict: in words: "stable", "not stable", or why there is no fit.
+    """
+
+    data: str
+    dependence: str
+    order: int
+    constraint: str
+    n_coefficients: int
+    coefficients: Float[np.ndarray, "pressures order"]
+    objective: float
+    rmse: float
+    mae: float
+    pooled_rmse: float
+    rmse_by_pressure: Float[np.ndarray, " pressures"]
+    mae_by_pressure: Float[np.ndarray, " pressures"]
+    blocked_error: float
+    blocked_error_by_pressure: Float[np.ndarray, " pressures"]
+    free_contraction_error: float
+    free_contraction_error_by_pressure: Float[np.ndarray, " pressures"]
+    aicc: float
+    bic: float
+    cross_validated_rmse: float
+    margin: float
+    condition: float
+    kkt_residual: float
+    duality_gap: float
+    status: Status
+    verdict: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON; nan stays nan."""
+        found = {
+            key: value.tolist() if isinstance(value, np.ndarray) else value
+            for key, value in vars(self).items()
+        }
+        return found | {"status": self.status.name}
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Sweep:
+    """What `sweep` found.
+
+    Attributes:
+        rows: all fits, by data, dependence, order and constraint.
+        pressures: levels [Pa] of each force map.
+        data: the force maps.
+        geometries: of the fits.
+        deadbands: [Pa].
+        objective: "sum_of_squares" or "mean_rmse".
+        muscles: of the fits, with any coefficients.
+    """
+
+    rows: tuple[SweepRow, ...]
+    pressures: tuple[Float[np.ndarray, " pressures"], ...]
+    data: tuple[ForceData, ...]
+    geometries: tuple[famjax.geometries.AbstractGeometry, ...]
+    deadbands: tuple[float, ...]
+    objective: str
+    muscles: tuple[LinearMuscle, ...]
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A row for each fit in SI: its form, errors and verdict; lists by pressure are left out.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return data_frame(
+            {key: value for key, value in row.as_dict().items() if not isinstance(value, list)}
+            for row in self.rows
+        )
+
+    def __repr__(self) -> str:
+        names = ", ".join(one.specimen.name for one in self.data)
+        solved = sum(row.status is Status.OPTIMAL for row in self.rows)
+        return f"Sweep({len(self.rows)} fits of {names}, {solved} of them solved, {self.objective})"
+
+
+def sweep(
+    data: ForceData | Sequence[ForceData],
+    geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
+    *,
+    deadband: float | Sequence[float] = 0.0,
+    terms: famjax.terms.AbstractForceTerm | None = None,
+    orders: Sequence[int] = (1, 2, 3, 4),
+    dependences: Sequence[str] = DEPENDENCES,
+    constraints: Sequence[str] = CONSTRAINTS,
+    objective: str = "sum_of_squares",
+    progress: Callable[[int, int], None] | None = None,
+) -> Sweep:
+    """All permutations of the law at fixed geometry, each a certified global optimum.
+
+    The force is linear in the coefficients, so that every one of these fits is convex. Constraints
+    hold between the readings as well.
+
+    Args:
+        data: one force map, or several.
+        geometry: of all of them, or one for each; nothing of it is identified.
+        deadband: P_d [Pa], of all or one for each.
+        terms: force terms besides braid and bladder, the same for all maps; nothing of them is
+            identified.
+        orders: of the law, 1 to 4.
+        dependences: of the coefficients on pressure, among "fixed", "linear" and "free".
+        constraints: among "none", "positive", "slope" and "drucker".
+        objective: "sum_of_squares", or "mean_rmse" over pressures, as the reference work.
+        progress: called with (maps done, maps).
+
+    Returns:
+        The fits.
+
+    Raises:
+        InputError: the data or options cannot be used.
+        RuntimeError: float64 is off.
+
+    References:
+        Chambers 2021, sections 7.1 to 7.3.
+    """
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError(
+            "a sweep needs float64, and JAX computes in float32 by default. Put this line before "
+            'any other use of JAX: jax.config.update("jax_enable_x64", True)'
+        )
+    maps = (data,) if isinstance(data, ForceData) else several_maps(data)
+    if not maps:
+        raise InputError("a sweep needs a force map, got none")
+    geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
+    dead = check_numbers("deadband", deadband)
+    if not ((dead >= 0) & np.isfinite(dead)).all():
+        raise InputError(f"the deadband is a gauge pressure [Pa], zero or above; got {deadband}")
+    deadbands = _one_each(float(dead) if dead.ndim == 0 else dead, float, len(maps), "deadband")
+    if isinstance(orders, str) or not isinstance(orders, Iterable) or not tuple(orders):
+        raise InputError(
+            f"orders must be whole numbers from 1 to {_HIGHEST_ORDER} in a list, as [1, 2], got "
+            f"{shown(orders)}"
+        )
+    each = {check_whole("each of the orders", order, 1, _HIGHEST_ORDER) for order in orders}
+    forms = (
+        tuple(sorted(each)),
+        named("dependences", check_names("dependences", dependences), DEPENDENCES),
+        named("constraints", check_names("constraints", constraints), CONSTRAINTS),
+    )
+    named("objective", [objective], OBJECTIVES)
+    further = None if terms is None else famjax.terms.SumOfTerms((terms,))
+    muscles, pressures, rows = [], [], []
+    for done, (one, shape, dead) in enumerate(zip(maps, geometries, deadbands, strict=True)):
+        if progress is not None:
+            progress(done, len(maps))
+        muscles.append(LinearMuscle(shape, float(dead), further, max(each)))
+        readings = Readings.of(one, muscles[-1].rest_length)
+        pressures.append(readings.pressure)
+        rows += _rows(one.specimen.name, Design.of(muscles[-1], readings), *forms, objective)
+    if progress is not None:
+        progress(len(maps), len(maps))
+    return Sweep(
+        rows=tuple(rows),
+        pressures=tuple(pressures),
+        data=maps,
+        geometries=geometries,
+        deadbands=tuple(float(dead) for dead in deadbands),
+        objective=objective,
+        muscles=tuple(muscles),
+    )
+
+
+def named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """What was named, in the order in which it is known.
+
+    Raises:
+        InputError: something else was named, or nothing.
+    """
+    strange = [value for value in given if value not in known]
+    if strange or not given:
+        raise InputError(f"{what}: known are {', '.join(known)}; got {strange or 'none'}")
+    return tuple(value for value in known if value in given)
+
+
+def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:
+    """One of something for each force map."""
+    if isinstance(given, type):
+        raise InputError(
+            f"the {name} of a sweep is known: give one, with its numbers, got the class {given.__name__}"
+        )
+    if not isinstance(given, kind) and not isinstance(given, Iterable):
+        raise InputError(f"the {name} of a sweep must be a {kind.__name__}, got {shown(given)}")
+    each = (given,) * count if isinstance(given, kind) else tuple(given)
+    if len(each) != count:
+        raise InputError(
+            f"give one {name} for all force maps or one for each of {count}; got {len(each)}"
+        )
+    return each
+
+
+def _rows(
+    name: str,
+    of: Design,
+    orders: tuple[int, ...],
+    dependences: tuple[str, ...],
+    constraints: tuple[str, ...],
+    objective: str,
+) -> Iterator[SweepRow]:
+    """The rows of a force map, by dependence, order and constraint."""
+    shared = tuple(one for one in dependences if one != "free")
+    if shared:
+        coupled, left_out = coupled_fits(of, shared, orders, constraints, objective)
+        for d, dependence in enumerate(shared):
+            fits = Fits(*(leaf[d] for leaf in coupled))
+            yield from _rows_of(name, of, dependence, orders, constraints, fits, left_out[d])
+    if "free" in dependences:
+        fits = free_fits(of, orders, constraints, objective)
+        never = np.full((*fits.status.shape, len(of.target)), np.nan)
+        yield from _rows_of(name, of, "free", orders, constraints, fits, never)
+
+
+def _rows_of(
+    name: str,
+    of: Design,
+    dependence: str,
+    orders: tuple[int, ...],
+    constraints: tuple[str, ...],
+    fits: Fits,
+    left_out: Float[np.ndarray, "orders constraints pressures"],
+) -> Iterator[SweepRow]:
+    """The rows of one dependence with their errors in force and stroke, information and stability.
+
+    Args:
+        name: of the force map.
+        of: its linear problem.
+        dependence: of the coefficients on pressure.
+        orders: of the law.
+        constraints: on the coefficients.
+        fits: of these, axes (orders, constraints).
+        left_out: sums of squares [N^2] at each pressure while it was left out.
+    """
+    readings, E = of.readings, fits.coefficients
+    there, count = readings.there, readings.there.sum(axis=1)
+    residual = np.where(there, (of.A @ E[..., None])[..., 0] - of.target, 0.0)
+    rmse = np.sqrt((residual**2).sum(axis=-1) / count)
+    mae = np.abs(residual).sum(axis=-1) / count
+    blocked, free = _end_errors(of, E)
+    square = ((readings.weight * residual) ** 2).sum(axis=(-2, -1))
+    margin = of.tables["drucker"].weakest(E)[0].min(axis=-1)
+    n = count.sum()
+    for o, order in enumerate(orders):
+        number = {"fixed": 1, "linear": min(2, count.size), "free": count.size}[dependence] * order
+        k = number + 1.0
+        room = n - k - 1
+        correction = 2 * k * (k + 1) / room if room > 0 else math.inf
+        for c, constraint in enumerate(constraints):
+            at = o, c
+            status, size = Status(int(fits.status[at])), float(np.abs(E[at]).max())
+            stable = "stable" if margin[at] >= -FEASIBLE * size else "not stable"
+            deviance = float(n * np.log(square[at] / n))
+            yield SweepRow(
+                data=name,
+                dependence=dependence,
+                order=order,
+                constraint=constraint,
+                n_coefficients=number,
+                coefficients=E[at][:, :order],
+                objective=float(fits.objective[at]),
+                rmse=float(rmse[at].mean()),
+                mae=float(mae[at].mean()),
+                pooled_rmse=float(np.sqrt(count @ rmse[at] ** 2 / n)),
+                rmse_by_pressure=rmse[at],
+                mae_by_pressure=mae[at],
+                blocked_error=float(np.abs(blocked[at]).mean()),
+                blocked_error_by_pressure=blocked[at],
+                free_contraction_error=_mean_of_known(np.abs(free[at])),
+                free_contraction_error_by_pressure=free[at],
+                aicc=deviance + 2 * k + correction,
+                bic=deviance + k * math.log(n),
+                cross_validated_rmse=float(np.sqrt(left_out[at].sum() / n)),
+                margin=float(margin[at]),
+                condition=float(fits.condition[at]),
+                kkt_residual=float(fits.kkt_residual[at]),
+                duality_gap=float(fits.duality_gap[at]),
+                status=status,
+                verdict=stable if status is Status.OPTIMAL else status.message,
+            )
+
+
+def _mean_of_known(values: Float[np.ndarray, " n"]) -> float:
+    """Mean of what is not nan, nan where all is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan
+
+
+def _end_errors(
+    of: Design, E: Float[np.ndarray, "*fits pressures order"]
+) -> tuple[Float[np.ndarray, "*fits pressures"], Float[np.ndarray, "*fits pressures"]]:
+    """Blocked force [N] and free contraction [-] of fits minus measured, by pressure."""
+    muscle, readings = of.muscle, of.readings
+    rest = muscle.rest_length
+    reached = _BEYOND * (1 - readings.path_end.min() / rest)
+    reached = min(reached, 1 - muscle.shortest_length / rest)
+    contraction = reached * np.arange(_LENGTHS) / (_LENGTHS - 1)
+    braid, bladder = muscle.columns(rest * (1 - contraction), readings.pressure[:, None])
+    force = braid + (bladder @ E[..., None])[..., 0]
+    falls = (force[..., :-1] > 0) & (force[..., 1:] <= 0)
+    at = falls.argmax(axis=-1)
+    before, after = (
+        np.take_along_axis(force, (at + k)[..., None], axis=-1)[..., 0] for k in (0, 1)
+    )
+    drop = np.where(before > after, before - after, 1.0)
+    step = contraction[at + 1] - contraction[at]
+    free = np.where(falls.any(axis=-1), contraction[at] + step * before / drop, np.nan)
+    measured = measured_ends(readings, rest)
+    return force[..., 0] - measured[0], free - measured[1]
+
+
+def measured_ends(
+    readings: Readings, rest_length: float
+) -> tuple[Float[np.ndarray, " pressures"], Float[np.ndarray, " pressures"]]:
+    """Blocked force [N] and free contraction [-] as measured, per pressure; nan where they were not.
+
+    The blocked force is the mean of the readings at rest. The free contraction is where a line
+    through the readings of less than a tenth of the largest force, or through those at the two
+    shortest lengths, reaches zero.
+    """
+    blocked, free = np.full((2, len(readings.pressure)), np.nan)
+    rows = zip(readings.force, readings.length, readings.there, strict=True)
+    for k, (force, length, there) in enumerate(rows):
+        F, contraction = force[there], 1 - length[there] / rest_length
+        at_rest = np.abs(contraction) < _AT_REST
+        if at_rest.any():
+            blocked[k] = F[at_rest].mean()
+        near = _NEARLY_FREE * F.max() >= F
+        if np.unique(contraction[near]).size < 3:
+            near = contraction >= np.unique(contraction)[-2:][0]
+        if np.unique(F[near]).size > 1:
+            slope, at_zero = np.polyfit(F[near], contraction[near], 1)
+            free[k] = at_zero if slope < 0 else np.nan
+    return blocked, free

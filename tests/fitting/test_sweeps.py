@@ -1,0 +1,302 @@
+"""The sweep against Clarabel on a fine grid, its scores and its pictures."""
+
+import dataclasses
+from collections.abc import Callable
+
+import clarabel
+import numpy as np
+import pytest
+from scipy import sparse
+
+import famjax
+from fitting import ForceData, InputError, Specimen, sweep
+from fitting.convex import Status
+from fitting.sweep_fits import PathTable
+from fitting.sweeps import FEASIBLE, Sweep, SweepRow
+
+OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
+EXACT = 1e-9  # noise-free data, condition numbers up to 1e4
+SAME = 1e-12  # of the largest coefficient: one programme, solved beside others
+REST, PRESSURES, STATIONS = 0.2, np.array([1e5, 2e5, 3e5]), 4000
+SOFTENING = np.array([2.5e6, -4.5e6, 2.4e6])  # its tangent falls below zero and rises again
+
+
+def geometry(diameter: float = 0.022) -> famjax.EstimatedGeometry:
+    braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=1.2, length=REST, thickness=2e-4)
+    return famjax.EstimatedGeometry(braid, famjax.Bladder(REST, 0.02, 1.5e-3))
+
+
+def measured(noise: float, seed: int = 0) -> ForceData:
+    """Readings of a muscle whose bladder softens more than is stable."""
+    length, pressure = (
+        grid.ravel() for grid in np.meshgrid(REST * np.linspace(1, 0.8, 21), PRESSURES)
+    )
+    muscle = famjax.Muscle(geometry(), famjax.PolynomialMaterial(SOFTENING), 1e4)
+    force = np.asarray(muscle.force(length, pressure))
+    force = force + noise * np.random.default_rng(seed).normal(size=force.size)
+    return ForceData(force, pressure, length, Specimen("softening", REST, 1.5e-3))
+
+
+DATA = measured(noise=2.0)
+
+
+@pytest.fixture(scope="module")
+def swept() -> Sweep:
+    return sweep(DATA, geometry(), deadband=1e4, orders=(2, 3))
+
+
+def row(of: Sweep, dependence: str, order: int, constraint: str) -> SweepRow:
+    key = (dependence, order, constraint)
+    (found,) = (r for r in of.rows if (r.dependence, r.order, r.constraint) == key)
+    return found
+
+
+def unit_forces(length: np.ndarray, pressure: np.ndarray, order: int) -> np.ndarray:
+    columns = [
+        famjax.Muscle(geometry(), famjax.PolynomialMaterial(E)).bladder_force(length, pressure)
+        for E in np.eye(order)
+    ]
+    return np.stack([np.asarray(column) for column in columns], axis=-1)
+
+
+def constraint_rows(constraint: str, order: int, pressure: float, end: float) -> np.ndarray:
+    """Rows on E_n at one pressure, on a grid that has nothing to do with the sweep's."""
+    s = np.linspace(0, 1, STATIONS)
+    length = REST + s * (end - REST)
+    if constraint == "none":
+        return np.zeros((1, order))
+    if constraint == "positive":
+        return np.eye(order)
+    if constraint == "slope":
+        at = geometry().dimensions(np.array([REST, end]), pressure)
+        largest = max(np.abs(at.hoop_strain).max(), np.abs(at.axial_strain).max())
+        return np.arange(1, order + 1) * (s * largest)[:, None] ** np.arange(order)
+    columns = [
+        famjax.path_modulus(famjax.PolynomialMaterial(E), geometry(), length, pressure)
+        for E in np.eye(order)
+    ]
+    return np.stack([np.asarray(column) for column in columns], axis=-1)
+
+
+def path_end(pressure: float) -> float:
+    at = DATA.pressure == pressure
+    shortest = DATA.length[at & DATA.loaded].min()
+    slack = DATA.length[at & ~DATA.loaded & (DATA.length < shortest)]
+    return float(slack.max(initial=-np.inf)) if slack.size else float(shortest)
+
+
+def programme(
+    dependence: str, constraint: str, order: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A, b and G of a fit, and the place of each reading's pressure."""
+    loaded = DATA.loaded
+    length, pressure = DATA.length[loaded], DATA.pressure[loaded]
+    braid = famjax.Muscle(geometry(), famjax.PolynomialMaterial([0.0]), 1e4)
+    target = DATA.force[loaded] - np.asarray(braid.braid_force(length, pressure))
+    share = (PRESSURES - PRESSURES[0]) / (PRESSURES[-1] - PRESSURES[0])
+    bases = {
+        "fixed": np.ones((3, 1)),
+        "linear": np.stack([1 - share, share], axis=1),
+        "free": np.eye(3),
+    }
+    basis, columns = bases[dependence], unit_forces(length, pressure, order)
+    of = np.searchsorted(PRESSURES, pressure)
+    A = (basis[of][:, :, None] * columns[:, None, :]).reshape(length.size, -1)
+    rows = [
+        (basis[p][None, :, None] * G[:, None, :]).reshape(len(G), -1)
+        for p, P in enumerate(PRESSURES)
+        for G in [constraint_rows(constraint, order, P, path_end(P))]
+    ]
+    return A, target, np.concatenate(rows), of
+
+
+@pytest.mark.parametrize("constraint", ["none", "positive", "slope", "drucker"])
+@pytest.mark.parametrize("dependence", ["fixed", "linear", "free"])
+def test_fits_agree_with_clarabel(
+    swept: Sweep, dependence: str, constraint: str, clarabel_objective: Callable[..., float]
+) -> None:
+    for order in (2, 3):
+        A, target, G, _ = programme(dependence, constraint, order)
+        found = row(swept, dependence, order, constraint)
+        assert found.status is Status.OPTIMAL
+        best = clarabel_objective(A, target, G, np.zeros(len(G)))
+        assert found.objective == pytest.approx(best, rel=OBJECTIVE)
+        assert found.kkt_residual < 1e-10
+        assert found.duality_gap < 1e-8
+
+
+@pytest.fixture(scope="module")
+def averaged() -> Sweep:
+    return sweep(DATA, geometry(), deadband=1e4, orders=(3,), objective="mean_rmse")
+
+
+@pytest.mark.parametrize("constraint", ["none", "positive", "slope", "drucker"])
+@pytest.mark.parametrize("dependence", ["fixed", "linear", "free"])
+def test_the_mean_rmse_agrees_with_a_conic_programme(
+    averaged: Sweep, dependence: str, constraint: str
+) -> None:
+    """Unknowns E, t; (t_p, A_p E - y_p) in a second-order cone, by Clarabel."""
+    A, y, G, of = programme(dependence, constraint, 3)
+    scale = np.abs(A).max(axis=0)
+    A, G, n = A / scale, G / scale, A.shape[1]
+    G /= np.maximum(np.linalg.norm(G, axis=1, keepdims=True), 1e-300)
+    rows, right = [np.c_[-G, np.zeros((len(G), 3))]], [np.zeros(len(G))]
+    cones: list = [clarabel.NonnegativeConeT(len(G))]
+    for p in range(3):
+        own = of == p
+        top = np.r_[np.zeros(n), -np.eye(3)[p]]
+        rows += [top[None], np.c_[-A[own], np.zeros((own.sum(), 3))]]
+        right += [np.zeros(1), -y[own]]
+        cones.append(clarabel.SecondOrderConeT(int(own.sum()) + 1))
+    q = np.r_[np.zeros(n), 1 / np.sqrt(np.bincount(of)) / 3]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix((n + 3, n + 3)), q, sparse.csc_matrix(np.concatenate(rows)),
+        np.concatenate(right), cones, settings,
+    )  # fmt: skip
+    found = row(averaged, dependence, 3, constraint)
+    assert found.status is Status.OPTIMAL
+    assert found.objective == pytest.approx(float(solver.solve().obj_val), rel=OBJECTIVE)
+    assert found.objective == pytest.approx(found.rmse, rel=1e-9)
+    assert found.kkt_residual < 1e-10
+    assert found.duality_gap < 1e-8
+
+
+def test_a_perfect_law_is_found_by_either_objective() -> None:
+    """Where the RMSE of every pressure has its corner."""
+    for objective in ("sum_of_squares", "mean_rmse"):
+        found = sweep(
+            measured(noise=0.0), geometry(), deadband=1e4, orders=(3,), dependences=("fixed",),
+            constraints=("none",), objective=objective,
+        )  # fmt: skip
+        (one,) = found.rows
+        assert one.status is Status.OPTIMAL
+        np.testing.assert_allclose(one.coefficients[0], SOFTENING, rtol=1e-6)
+
+
+def test_cubics_follow_functions_with_corners() -> None:
+    """The minimum between nodes, at a corner that no node is at, and of a path of its own."""
+
+    def evaluate(s: np.ndarray) -> np.ndarray:
+        corner = np.array([0.123, 0.777])[:, None]
+        return np.stack([np.abs(s - corner), np.exp(s)], axis=-1)
+
+    table = PathTable.of(evaluate, 2)
+    s = np.random.default_rng(0).uniform(size=(2, 50))
+    np.testing.assert_allclose(table.at(np.arange(2)[:, None], s), evaluate(s), atol=1e-9)
+    least, where = table.weakest(np.tile([2.0, 0.1], (2, 1)))
+    np.testing.assert_allclose(where, [0.123, 0.777], atol=1e-8)
+    np.testing.assert_allclose(least, 0.1 * np.exp(where), atol=1e-8)
+
+
+def test_nothing_is_violated_between_the_stations(swept: Sweep) -> None:
+    stable = [r for r in swept.rows if r.constraint == "drucker"]
+    assert all(r.margin > -FEASIBLE * np.abs(r.coefficients).max() for r in stable)
+    assert {r.verdict for r in stable} == {"stable"}
+    assert row(swept, "fixed", 3, "none").verdict == "not stable"
+    assert sum(abs(r.margin) < FEASIBLE * np.abs(r.coefficients).max() for r in stable) >= 2
+    for r in swept.rows:
+        if r.constraint == "slope":
+            for E, P in zip(r.coefficients, PRESSURES, strict=True):
+                G = constraint_rows("slope", r.order, float(P), path_end(float(P)))
+                assert (G @ E).min() > -FEASIBLE * np.abs(E).max()
+
+
+def test_scores(swept: Sweep) -> None:
+    """Written out for one fit, and the relations between fits."""
+    found = row(swept, "linear", 3, "none")
+    forces = []
+    for E, P in zip(found.coefficients, PRESSURES, strict=True):
+        muscle = famjax.Muscle(geometry(), famjax.PolynomialMaterial(E), 1e4)
+        at = DATA.loaded & (DATA.pressure == P)
+        forces.append(np.asarray(muscle.force(DATA.length[at], P)) - DATA.force[at])
+        free, F = float(muscle.free_contraction(P)), DATA.force[at]
+        contraction = 1 - DATA.length[at] / REST
+        near = F / F.max() <= 0.1
+        near = near if near.sum() > 2 else contraction > 0.185
+        measured_free = np.polyfit(F[near], contraction[near], 1)[1]
+        error = found.free_contraction_error_by_pressure[len(forces) - 1]
+        assert error == pytest.approx(free - measured_free, abs=1e-4)  # 129 lengths, linear
+    residual = np.concatenate(forces)
+    np.testing.assert_allclose(found.rmse_by_pressure, [np.sqrt(np.mean(r**2)) for r in forces])
+    assert found.pooled_rmse == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert found.mae == pytest.approx(np.mean([np.abs(r).mean() for r in forces]))
+    n, k = residual.size, 7
+    deviance = n * np.log(np.mean(residual**2))
+    assert found.aicc == pytest.approx(deviance + 2 * k + 2 * k * (k + 1) / (n - k - 1))
+    assert found.bic == pytest.approx(deviance + k * np.log(n))
+    at_rest = (DATA.length == REST) & DATA.loaded
+    blocked = [r[DATA.length[DATA.loaded & (DATA.pressure == P)] == REST][0] for r, P in
+               zip(forces, PRESSURES, strict=True)]  # fmt: skip
+    assert at_rest.sum() == 3
+    np.testing.assert_allclose(found.blocked_error_by_pressure, blocked)
+    for r in swept.rows:
+        looser = row(swept, r.dependence, r.order, "none")
+        assert r.objective >= looser.objective * (1 - 1e-12)
+        assert np.isnan(r.cross_validated_rmse) == (r.dependence == "free")
+        if r.dependence == "fixed":
+            assert r.cross_validated_rmse > r.pooled_rmse
+
+
+def test_free_contraction_errors_are_averaged_where_there_are_any() -> None:
+    """At the lowest pressure the two shortest readings are alike: no line leads to zero force."""
+    keep = (DATA.pressure > 1e5) | (DATA.length > 0.91 * REST)
+    columns = {name: getattr(DATA, name)[keep] for name in ("force", "pressure", "length")}
+    flat = (columns["pressure"] == 1e5) & (columns["length"] < 0.935 * REST)
+    columns["force"][flat] = columns["force"][flat].mean()
+    data = ForceData(**columns, specimen=DATA.specimen)
+    (found,) = sweep(
+        data, geometry(), deadband=1e4, orders=(2,), dependences=("fixed",), constraints=("none",)
+    ).rows
+    errors = found.free_contraction_error_by_pressure
+    np.testing.assert_array_equal(np.isnan(errors), [True, False, False])
+    assert found.free_contraction_error == pytest.approx(np.abs(errors[1:]).mean(), rel=1e-14)
+
+
+def test_a_sweep_is_printed_as_a_line(swept: Sweep) -> None:
+    assert repr(swept) == "Sweep(24 fits of softening, 24 of them solved, sum_of_squares)"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"orders": (5,)}, "orders must be a whole number 1 to 4"),
+        ({"constraints": ("convex",)}, "constraints: known are"),
+        ({"objective": "rmse"}, "objective: known are"),
+        ({"geometry": [geometry(), geometry()]}, "one geometry for all"),
+        ({"data": dataclasses.replace(DATA, length=DATA.length + 0.1)},
+         "no reading is shorter than the rest length"),
+    ],
+)  # fmt: skip
+def test_bad_options_are_refused(change: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        sweep(**{"data": DATA, "geometry": geometry(), **change})
+
+
+def test_pictures(swept: Sweep) -> None:
+    from fitting.sweep_plot import plot_curves, plot_errors
+
+    errors = plot_errors(swept)
+    assert len(errors.axes) == 4
+    assert all(len(axes.lines) == 3 * 4 for axes in errors.axes)  # forms, constraints
+    for axes in errors.axes:
+        assert axes.get_ylim()[1] > max(np.nanmax(line.get_ydata()) for line in axes.lines)
+    curves = plot_curves(swept, list(swept.rows[:2]), "us")
+    assert len(curves.axes) == 2
+    lines, readings = curves.axes[0].collections
+    assert len(lines.get_paths()) == swept.pressures[0].size
+    assert len(readings.get_offsets()) == DATA.loaded.sum()
+
+
+def test_only_what_was_chosen_is_computed(swept: Sweep) -> None:
+    chosen = {"orders": (3,), "dependences": ("free", "fixed"), "constraints": ("drucker",)}
+    found = sweep(DATA, geometry(), deadband=1e4, **chosen)
+    assert [(r.dependence, r.order, r.constraint) for r in found.rows] == [
+        ("fixed", 3, "drucker"), ("free", 3, "drucker"),
+    ]  # fmt: skip
+    for r in found.rows:
+        whole = row(swept, r.dependence, r.order, r.constraint)
+        size = np.abs(whole.coefficients).max()
+        np.testing.assert_allclose(r.coefficients, whole.coefficients, rtol=0, atol=SAME * size)
