@@ -653,7 +653,9 @@ def _published(data: ForceData) -> dict[str, ModelFamily]:
     if bore is None:
         return {}
     braid = famjax.Braid.from_rest(diameter=bore, braid_angle=_ANGLE, length=rest)
-    found = {"gaylord_nominal": ("Gaylord 1958, bore and 28.6 deg", peers.Gaylord(braid))}
+    found: dict[str, tuple[str, Any]] = {
+        "gaylord_nominal": ("Gaylord 1958, bore and 28.6 deg", peers.Gaylord(braid))
+    }
     for muscle, size in {"10 mm": 10e-3, "20-200": 20e-3, "20-400": 20e-3}.items():
         if math.isclose(bore, size, rel_tol=1e-6):
             found[f"sarosi_published_{muscle.replace(' ', '_')}"] = (

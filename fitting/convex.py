@@ -18,20 +18,15 @@ References:
     Goldfarb & Idnani 1983, Mathematical Programming 27, 1-33.
 """
 
-import dataclasses
 import enum
-import functools
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PyTree
-
-from famjax.compile_options import quick_options
+from jaxtyping import Array, Bool, Float, Int
 
 if TYPE_CHECKING:
     AnyArray = Any  # of JAX or NumPy, which no checker can know
@@ -39,8 +34,6 @@ else:
     AnyArray = Array | np.ndarray
 
 _REFINEMENTS = 2
-_PARALLEL = 1e-8  # squared sine of the angle to the other rows below which no guess is trusted
-_CHUNK = 500  # members whose state fits the cache together
 _WRITTEN_OUT = (
     8  # largest triangle that is written out: LAPACK is called once per member of a batch
 )
@@ -275,74 +268,20 @@ class NearestPoint(eqx.Module):
 
 
 def nearest_point(
-    G: Float[Array, "m n"],
-    h: Float[Array, " m"],
-    centre: Float[Array, " n"],
-    J: Float[Array, "n n"] | None = None,
-    guess: tuple[Int[Array, " n"], Bool[Array, " n"]] | None = None,
+    G: Float[Array, "m n"], h: Float[Array, " m"], centre: Float[Array, " n"]
 ) -> NearestPoint:
-    """The point y nearest to `centre` with G J y >= h.
+    """The point y nearest to `centre` with G y >= h.
 
     Args:
-        G: constraint rows, of unit length or zero; members of a batch may share them.
+        G: constraint rows, of unit length or zero.
         h: offsets; a row of zeros with h <= 0 is off.
         centre: c, the unconstrained optimum.
-        J: well-conditioned; None for the identity.
-        guess: `rows` and `used` of a neighbouring problem's point, from which to start.
 
     Returns:
         The point. `y` and `multipliers` may be differentiated in every argument.
     """
-    of = _Polyhedron(G, h, centre, J)
-    return of.finish(of.advance(of.start() if guess is None else of.start_from(*guess), of.limit))
-
-
-def nearest_points(
-    G: Float[Array, "m n"],
-    h: Float[Array, " m"],
-    centre: Float[Array, "batch n"],
-    J: Float[Array, "batch n n"],
-    guess: tuple[Int[Array, "*batch n"], Bool[Array, "*batch n"]] | None = None,
-) -> NearestPoint:
-    """Many points of one polyhedron: `nearest_point` over a batch that shares its rows.
-
-    A batch walks as long as its slowest member. So all take a few steps, in chunks that fit the
-    cache, and those that have not arrived are then put together.
-
-    Args:
-        G: constraint rows, of unit length or zero.
-        h: offsets.
-        centre: c of each member.
-        J: of each member, well-conditioned.
-        guess: `rows` and `used` of a neighbouring problem's point, from which all start, or of one
-            for each.
-
-    Returns:
-        The points, with a leading axis.
-    """
-    count, n = centre.shape
-    chunk = min(count, _CHUNK)
-    padded = -(-count // chunk) * chunk
-    members = jnp.minimum(jnp.arange(padded), count - 1)
-    centre, J = centre[members], J[members]
-
-    def in_chunks(function: Callable[..., PyTree], *leaves: PyTree) -> PyTree:
-        def one(chunk: PyTree) -> PyTree:
-            return jax.vmap(lambda c, J, *rest: function(_Polyhedron(G, h, c, J), *rest))(*chunk)
-
-        split = jax.tree.map(lambda leaf: leaf.reshape(-1, chunk, *leaf.shape[1:]), leaves)
-        done = jax.lax.map(one, split)
-        return jax.tree.map(lambda leaf: leaf.reshape(padded, *leaf.shape[2:]), done)
-
-    def first(of: "_Polyhedron", *own: Array) -> _Walk:
-        return of.advance(of.start() if guess is None else of.start_from(*(own or guess)), n)
-
-    own = () if guess is None or guess[0].ndim == 1 else (each[members] for each in guess)
-    walk = in_chunks(first, centre, J, *own)
-    slow_first = jnp.argsort(walk.arrived)
-    at = jax.tree.map(lambda leaf: leaf[slow_first], (centre, J, walk))
-    points = in_chunks(lambda of, walk: of.finish(of.advance(walk, of.limit)), *at)
-    return jax.tree.map(lambda leaf: leaf[jnp.argsort(slow_first)[:count]], points)
+    of = _Polyhedron(G, h, centre)
+    return of.finish(of.advance(of.start()))
 
 
 class _Walk(eqx.Module):
@@ -370,26 +309,16 @@ class _Polyhedron(eqx.Module):
     G: Float[Array, "m n"]
     h: Float[Array, " m"]
     centre: Float[Array, " n"]
-    J: Float[Array, "n n"] | None
 
     @property
     def limit(self) -> int:
         """Number of steps after which a walk has stalled."""
         return 20 * self.centre.shape[0] + 20
 
-    def normal(self, row: Int[Array, ""]) -> Float[Array, " n"]:
-        """A row as a normal in y."""
-        return self.G[row] if self.J is None else self.J.T @ self.G[row]
-
-    def normals(self, rows: Int[Array, " k"]) -> Float[Array, "k n"]:
-        """Rows as normals in y."""
-        return self.G[rows] if self.J is None else self.G[rows] @ self.J
-
     def most_violated(self, y: Float[Array, " n"]) -> Int[Array, ""]:
         """The row with the least slack, or -1 where none is violated."""
-        x = y if self.J is None else self.J @ y
-        row = jnp.argmin(self.G @ x - self.h)
-        normal, offset = self.normal(row), self.h[row]
+        row = jnp.argmin(self.G @ y - self.h)
+        normal, offset = self.G[row], self.h[row]
         size = jnp.sqrt((normal @ normal) * (self.centre @ self.centre)) + jnp.abs(offset)
         noise = 32 * jnp.finfo(y.dtype).eps * size
         return jnp.where(normal @ y - offset < -noise, row, -1)
@@ -411,44 +340,11 @@ class _Polyhedron(eqx.Module):
             infeasible=jnp.array(False),
         )
 
-    def start_from(self, rows: Int[Array, " n"], used: Bool[Array, " n"]) -> _Walk:
-        """The optimum on the face of the given rows if it is dual feasible, else `start`."""
-        of = jax.lax.stop_gradient(self)
-        cold, n = self.start(), self.centre.shape[0]
-        normals = jnp.where(used[:, None], of.normals(rows), 0.0)
-
-        def enter(
-            k: Int[Array, ""], at: tuple[Float[Array, "rows n"], Bool[Array, ""]]
-        ) -> tuple[Float[Array, "rows n"], Bool[Array, ""]]:
-            inverse, valid = at
-            image = inverse @ normals[k]
-            square = image[:n] @ normals[k]
-            parallel = used[k] & (square <= _PARALLEL * (normals[k] @ normals[k]))
-            change = image - jnp.where(jnp.arange(2 * n) == n + k, used[k], 0.0)
-            change = change / jnp.where(square > 0, square, 1.0)
-            return inverse - change[:, None] * image[:n], valid & ~parallel
-
-        inverse, valid = jax.lax.fori_loop(0, n, enter, (cold.inverse, jnp.array(True)))
-        step = (jnp.where(used, of.h[rows], 0.0) - normals @ of.centre) @ inverse[n:]
-        multipliers = jnp.where(used, inverse[n:] @ step, 0.0)
-        valid &= jnp.all(multipliers >= 0)
-        y = of.centre + step
-        warm = dataclasses.replace(
-            cold,
-            y=y,
-            inverse=inverse,
-            multipliers=multipliers,
-            rows=jnp.where(used, rows, 0),
-            used=used,
-            entering=of.most_violated(y),
-        )
-        return jax.tree.map(lambda w, c: jnp.where(valid, w, c), warm, cold)
-
-    def advance(self, walk: _Walk, limit: int) -> _Walk:
-        """The walk after its last step, or after `limit` steps in all."""
+    def advance(self, walk: _Walk) -> _Walk:
+        """The walk after its last step, or after `limit` steps."""
         of = jax.lax.stop_gradient(self)
         return jax.lax.while_loop(
-            lambda at: ~at.arrived & (at.steps < limit),
+            lambda at: ~at.arrived & (at.steps < of.limit),
             lambda at: of._step(at),  # noqa: PLW0108 -- a bound method of arrays has no hash
             jax.lax.stop_gradient(walk),
         )
@@ -456,7 +352,7 @@ class _Polyhedron(eqx.Module):
     def _step(self, at: _Walk) -> _Walk:
         """One row enters or leaves."""
         n, eps = at.y.shape[0], float(jnp.finfo(at.y.dtype).eps)
-        normal = self.normal(at.entering)
+        normal = self.G[at.entering]
         image = at.inverse @ normal
         direction, share = image[:n], image[n:]
         square = direction @ normal
@@ -500,7 +396,7 @@ class _Polyhedron(eqx.Module):
     def finish(self, walk: _Walk) -> NearestPoint:
         """The point that the active set of the walk stands for."""
         if self.G.shape[0]:
-            normals = self.normals(walk.rows)
+            normals = self.G[walk.rows]
             y, multipliers = _refined(
                 jnp.where(walk.used[:, None], normals, 0.0),
                 jnp.where(walk.used, self.h[walk.rows], 0.0),
@@ -555,29 +451,29 @@ def cholesky(
     matrix: Float[AnyArray, "*batch n n"],
 ) -> Float[AnyArray, "*batch n n"]:
     """The lower triangle L with L L^T = matrix; nan where the matrix is not positive definite."""
-    xp, n = matrix.__array_namespace__(), matrix.shape[-1]
+    n = matrix.shape[-1]
     if n > _WRITTEN_OUT:
-        return xp.linalg.cholesky(matrix)
+        return jnp.linalg.cholesky(matrix)
     index, rest, columns = np.arange(n), matrix, []
     for j in range(n):
-        column = xp.where(index >= j, rest[..., j] / xp.sqrt(rest[..., j, j])[..., None], 0.0)
+        column = jnp.where(index >= j, rest[..., j] / jnp.sqrt(rest[..., j, j])[..., None], 0.0)
         rest = rest - column[..., :, None] * column[..., None, :]
         columns.append(column)
-    return xp.stack(columns, axis=-1)
+    return jnp.stack(columns, axis=-1)
 
 
 def inverse_lower(
     lower: Float[AnyArray, "*batch n n"],
 ) -> Float[AnyArray, "*batch n n"]:
     """The inverse of a lower triangle with a diagonal without zeros."""
-    xp, n = lower.__array_namespace__(), lower.shape[-1]
+    n = lower.shape[-1]
     if n > _WRITTEN_OUT:
-        return xp.linalg.inv(lower)
+        return jnp.linalg.inv(lower)
     unit, rows = np.eye(n, dtype=lower.dtype), []
     for i in range(n):
         known = sum((lower[..., i, j, None] * rows[j] for j in range(i)), start=0.0)
         rows.append((unit[i] - known) / lower[..., i, i, None])
-    return xp.stack(rows, axis=-2)
+    return jnp.stack(rows, axis=-2)
 
 
 def inverse_upper(
@@ -595,55 +491,17 @@ def inverse_upper(
         R: with columns of unit length.
         size: the larger dimension of the matrix whose factor it is, for the rounding.
     """
-    xp, eps = R.__array_namespace__(), float(jnp.finfo(R.dtype).eps)
-    still = R if isinstance(R, np.ndarray) else jax.lax.stop_gradient(R)
+    eps = float(jnp.finfo(R.dtype).eps)
+    still = jax.lax.stop_gradient(R)
     unit, both = np.eye(R.shape[-1], dtype=R.dtype), (-2, -1)
-    norm = xp.sqrt(xp.sum(still**2, axis=both))
-    zero = abs(xp.diagonal(still, axis1=-2, axis2=-1)) <= eps * norm[..., None]
-    trial = inverse_lower(xp.swapaxes(still, *both) + unit * xp.where(zero, 1.0, 0.0)[..., None, :])
-    condition = norm * xp.sqrt(xp.sum(trial**2, axis=both))
-    condition = xp.where(zero.any(axis=-1), xp.inf, condition)
+    norm = jnp.sqrt(jnp.sum(still**2, axis=both))
+    zero = abs(jnp.diagonal(still, axis1=-2, axis2=-1)) <= eps * norm[..., None]
+    trial = inverse_lower(
+        jnp.swapaxes(still, *both) + unit * jnp.where(zero, 1.0, 0.0)[..., None, :]
+    )
+    condition = norm * jnp.sqrt(jnp.sum(trial**2, axis=both))
+    condition = jnp.where(zero.any(axis=-1), jnp.inf, condition)
     deficient = ~(condition * 10 * size * eps < 1)
     # The trial of a singular one may overflow, and so would its derivative.
-    R = xp.where(deficient[..., None, None], unit, R)
-    return xp.swapaxes(inverse_lower(xp.swapaxes(R, *both)), *both), condition, deficient
-
-
-def nearest_points_of_each(
-    G: Float[AnyArray, "batch m n"],
-    centre: Float[AnyArray, "batch n"],
-    J: Float[AnyArray, "batch n n"],
-    guess: tuple[Int[AnyArray, "batch n"], Bool[AnyArray, "batch n"]] | None,
-) -> NearestPoint:
-    """The points of cones G J y >= 0, each its own; of NumPy's arrays by a program for many sizes.
-
-    Args:
-        G: constraint rows, of unit length or zero.
-        centre: c of each member.
-        J: of each member, well-conditioned.
-        guess: `rows` and `used` of neighbouring problems' points.
-
-    Returns:
-        The points, with a leading axis; NumPy's arrays of NumPy's.
-    """
-    if not isinstance(centre, np.ndarray):
-        return _in_cones(G, centre, J, guess)
-    count, m, n = G.shape
-    members, rows = bucket(count, 16), bucket(m, 32)
-    every = np.minimum(np.arange(members), count - 1)
-    padded = np.zeros((members, rows, n))
-    padded[:, :m] = G[every]
-    none = np.zeros((members, n), int), np.zeros((members, n), bool)
-    own = none if guess is None else tuple(np.asarray(one)[every] for one in guess)
-    found = _cones_program()(padded, centre[every], J[every], own)
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found)
-
-
-def _in_cones(G: Any, centre: Any, J: Any, guess: Any) -> NearestPoint:
-    h = jnp.where(jnp.any(G != 0, axis=2), 0.0, -1.0)
-    return jax.vmap(nearest_point)(G, h, centre, J, guess)
-
-
-@functools.cache
-def _cones_program() -> Any:
-    return jax.jit(_in_cones, compiler_options=quick_options())
+    R = jnp.where(deficient[..., None, None], unit, R)
+    return jnp.swapaxes(inverse_lower(jnp.swapaxes(R, *both)), *both), condition, deficient

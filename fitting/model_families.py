@@ -182,7 +182,8 @@ def _peers(
 
     def of_cylinder(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
         if "bladder_diameter" in model.declared():  # the bladder lies within the threads
-            given["bladder_diameter"] = source.geometry(given).bladder.rest_diameter
+            cylinder: Any = source.geometry(given)
+            given["bladder_diameter"] = cylinder.bladder.rest_diameter
         return given
 
     threads = famjax.Braid.from_rest(diameter=held, braid_angle=angle.low, length=rest)
@@ -286,7 +287,7 @@ def _without_braid(rest: float, P: float, force: float) -> dict[str, ModelFamily
     model = peers.Wickramatunge(rest, np.ones(4))
     springs = (slack, "k0", "k1", "k2", "k3")
     found["wickramatunge"] = _family("Wickramatunge 2010", model, springs)
-    surfaces = {
+    surfaces: dict[str, tuple[str, Any, str]] = {
         "hildebrandt": ("Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), "")
     }
     for degree in (3, 4, 5):

@@ -322,7 +322,7 @@ class Design:
         at_end = muscle.rows("slope", *paths, np.ones((pressure.size, 1)))[:, 0]
         drucker = PathTable.of(lambda s: muscle.rows("drucker", *paths, s), pressure.size)
         return cls(
-            muscle, readings, A, target, np.linalg.qr(rows, mode="r"),
+            muscle, readings, A, target, np.asarray(np.linalg.qr(rows, mode="r")),
             np.stack([1 - share, share], axis=-1),
             {"slope": PathTable.of_slope(at_end), "drucker": drucker},
         )  # fmt: skip
@@ -519,7 +519,7 @@ def _optimum(
     count, n = len(A), A.shape[-1]
     rows = np.concatenate([A, b[..., None]], axis=-1).reshape(count, -1, n + 1)
     none = np.pad(absent, ((0, 0), (0, 0), (0, 1)))
-    R = np.linalg.qr(np.concatenate([rows, none], axis=1), mode="r")
+    R: Any = np.linalg.qr(np.concatenate([rows, none], axis=1), mode="r")
     G = G.reshape(count, -1, n)
     G = np.pad(G, ((0, 0), (0, bucket(G.shape[1], 32) - G.shape[1]), (0, 0)))
     found = _programs()(R[..., :-1], R[..., -1], G, np.zeros(G.shape[:2]))
