@@ -4,11 +4,25 @@ import dataclasses
 import functools
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.ndimage import correlate1d
 
-from .arrays import Array, Single
+Array = NDArray[np.float64]
+"""Positions, brightnesses, errors."""
+
+Single = NDArray[np.float32]
+"""The same in half the memory, where a whole picture or many windows are worked on."""
+
+Image = NDArray[np.uint8]
+"""A picture: RGB, shape (h, w, 3), or one value for each pixel, shape (h, w)."""
+
+Flags = NDArray[np.bool_]
+"""Which of some things are meant."""
+
+Indices = NDArray[np.int64]
+"""Rows of a picture, numbers of marks."""
+
 
 _NEWTON_STEPS = 6  # quadratic from an error of k1 r^2, at most a few percent
 

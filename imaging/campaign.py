@@ -27,8 +27,8 @@ from famjax.boundary.settings import differing, some_of
 from famjax.boundary.units import factor, unit_system
 
 from .errors import CampaignChanged, ImagingError, MixedSizes, WorkerDied
+from .measurement import Measurement
 from .photograph import Timestamp, read_timestamp, shown_size
-from .profile import Measurement
 from .recipe import Recipe, recipe_as_dict, recipe_text
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import leastsq
 from scipy.special import ndtr
 
-from .arrays import Array, Flags
+from .camera import Array, Flags
 
 LARGEST_DISK = 0.86  # of a blur's variance: with more, the nodes of its integral would show
 _REACH = 40.0  # end of the table of blurred roots, in blurs

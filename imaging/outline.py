@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import grey_opening, median_filter, percentile_filter
 
-from .arrays import Array, Flags, Image, Indices, Single
+from .camera import Array, Flags, Image, Indices, Single
 from .edge import (
     DEEPEST,
     EdgeProfile,

@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Image, Single
-from .camera import Camera
+from .camera import Camera, Image, Single
 from .errors import DamagedImage, UnreadableImage
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from .arrays import Array, Flags, Image, Single
-from .camera import Camera, Silhouette, turned
+from .camera import Array, Camera, Flags, Image, Silhouette, Single, turned
 from .photograph import Photograph
 
 BAND = 1.3

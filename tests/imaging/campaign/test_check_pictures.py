@@ -7,7 +7,7 @@ from rendering import damaged, published_scene
 
 from imaging import Recipe, Scale, Table
 from imaging.campaign import POSITION, Row, measured_row
-from imaging.check_pictures import (
+from imaging.pictures import (
     Tile,
     choose,
     contact_sheet,

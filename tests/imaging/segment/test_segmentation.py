@@ -11,8 +11,7 @@ from slow_cases import slow_after
 
 from imaging import QualityLimits, Recipe, Scale, measure
 from imaging.errors import AmbiguousHue
-from imaging.masks import counts_of, otsu_split
-from imaging.segment import hue_of, segment
+from imaging.segment import counts_of, hue_of, otsu_split, segment
 from tests.imaging.photographs import photograph
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away

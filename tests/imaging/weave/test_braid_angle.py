@@ -11,7 +11,7 @@ from slow_cases import slow_after
 
 from imaging import BraidAngle, Recipe, Scale, Table, measure, triangle_angle
 from imaging.campaign import Row, measured_row
-from imaging.check_pictures import plot_table
+from imaging.pictures import plot_table
 from imaging.weave import Unrolled, directions
 from tests.imaging.photographs import photograph
 
