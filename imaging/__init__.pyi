@@ -16,7 +16,6 @@ from .measurement import (
 from .photograph import (
     read_image as read_image,
     read_timestamp as read_timestamp,
-    readable_part as readable_part,
 )
 from .recipe import (
     Quality as Quality,

@@ -551,9 +551,10 @@ def process(
         CampaignChanged: `output` holds rows of another recipe, or of a picture that has changed.
         WorkerDied: the executor that was given is gone; the finished rows are kept.
     """
-    names = list({os.path.abspath(path): str(path) for path in reversed(list(paths))}.values())[
-        ::-1
-    ]
+    unique: dict[str, str] = {}
+    for path in paths:
+        unique.setdefault(os.path.abspath(path), str(path))
+    names = list(unique.values())
     if not names:
         raise ImagingError("there are no pictures to measure")
     if isinstance(executor, int) and executor < 1:

@@ -3,20 +3,14 @@
 import dataclasses
 import math
 from os import PathLike, fspath
+from typing import NamedTuple
 
 import numpy as np
 
+from . import errors
 from .camera import Array, Image, Silhouette, profile_from_silhouette
 from .edge import moved_by_limb, shine_of
 from .ends import Axis, Ring, axis_of, check_tape_diameter, distance_by_tapes, ends_aside, find_ring
-from .errors import (
-    AmbiguousHue,
-    DamagedImage,
-    ImagingError,
-    MotionBlurred,
-    NoMuscle,
-    WrongOrientation,
-)
 from .outline import (
     Outline,
     axis_deviation,
@@ -30,11 +24,10 @@ from .outline import (
 from .photograph import Photograph, Reader, read_image
 from .recipe import Quality, Recipe
 from .segment import Segmentation, edge_light, hue_of, hues_apart, segment
-from .weave import BraidAngle, braid_angle, triangle_angle
+from .weave import BraidAngle, braid_angle
 
 
-@dataclasses.dataclass(frozen=True)
-class Trace:
+class Trace(NamedTuple):
     """Where the edges were found in the picture [px], for a check by eye.
 
     Attributes:
@@ -53,8 +46,7 @@ class Trace:
     turned: bool = False
 
 
-@dataclasses.dataclass(frozen=True)
-class MeasurementErrors:
+class MeasurementErrors(NamedTuple):
     """The parts of the standard error of a diameter and a length.
 
     Each has its cause in the picture itself. The random part of D is the scatter of the edges that
@@ -185,37 +177,6 @@ class Measurement:
         at_ends = np.pi / 4 * float(np.mean(self.diameter[[0, -1]] ** 2)) * self.errors.ends
         random = math.sqrt(self.errors.density * squared)
         return math.hypot(by_edge, random, at_ends, 3 * self.volume * self.errors.scale)
-
-    def triangle_angle(self, turns: float) -> float:
-        """Braid angle of the cylinder of this length and mean diameter, atan(L / (pi N D)) [rad].
-
-        Args:
-            turns: N of a thread about the axis over the length [-].
-        """
-        return float(triangle_angle(self.length, turns, self.mean_diameter))
-
-    def contraction(self, rest: "float | Measurement") -> tuple[float, float]:
-        """Contraction (L0 - L) / L0 and its standard error.
-
-        Args:
-            rest: the rest length L0 [m], taken to be exact, or the measurement at rest in the same
-                set-up, whose scale error is then common to both and cancels.
-        """
-        ends, scale = self.errors.ends, float(self.errors.scale)
-        if isinstance(rest, Measurement):
-            length = rest.length
-            at_rest = rest.errors.ends
-            scale = 0.0 if rest.px_per_m == self.px_per_m else math.hypot(scale, rest.errors.scale)
-        else:
-            length, at_rest = float(rest), 0.0
-        if not length > 0:
-            raise ValueError(f"the rest length must be > 0, got {length} m")
-        ratio = self.length / length
-        return 1 - ratio, math.hypot(ends / length, ratio * at_rest / length, ratio * scale)
-
-    def arc_length(self) -> float:
-        """Length of the outline from tape to tape [m], integral of sqrt(1 + R'^2)."""
-        return float(np.hypot(np.diff(self.z), np.diff(self.diameter) / 2).sum())
 
 
 _SHADE = 0.018  # of the blur, per edge
@@ -394,11 +355,11 @@ def measure(
             return _measured(photo.clockwise(), recipe)
         try:
             return _measured(photo, recipe)
-        except WrongOrientation:
+        except errors.WrongOrientation:
             if recipe.orientation == "vertical":
                 raise
             return _measured(photo.clockwise(), recipe)
-    except ImagingError as error:
+    except errors.ImagingError as error:
         raise error.at(path) from error if path else None
 
 
@@ -406,11 +367,11 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     coarse = segment(photo.rgb, recipe.tape_hue)
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
-        raise NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
+        raise errors.NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
     image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
     seen = find_outline(
         image, amount, coarse.rows, coarse.left, coarse.right,
-        resolution=recipe.smoothing_px, blur=recipe.blur_px,
+        resolution=recipe.smoothing_px,
     )  # fmt: skip
     outline = without_dents(seen)
     body, upper, lower = _placed(photo, coarse, outline, recipe)
@@ -442,11 +403,10 @@ def _placed(
     photo: Photograph, coarse: Segmentation, outline: Outline, recipe: Recipe
 ) -> tuple[Silhouette, Ring, Ring]:
     """The body behind the outline, and the edges of its upper and lower tape."""
-    offset = recipe.edge_offset_px * np.array([[-1.0], [1.0]])
     try:
-        body = profile_from_silhouette(photo.camera, outline.rows, *(outline.columns + offset))
+        body = profile_from_silhouette(photo.camera, outline.rows, *outline.columns)
     except ValueError as error:
-        raise NoMuscle(f"the outline is that of no muscle: {error}") from error
+        raise errors.NoMuscle(f"the outline is that of no muscle: {error}") from error
     upper, lower = (
         find_ring(
             photo, recipe.tone_curve, coarse, dataclasses.replace(body, x0=body.x0 + aside),
@@ -461,26 +421,23 @@ def _check(quality: Quality, recipe: Recipe) -> None:
     """Refuse what is worse than the recipe's limits; where background or tape is the cause, name it."""
     try:
         quality.check(recipe.limits)
-    except MotionBlurred as error:
+    except errors.MotionBlurred as error:
         smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
         if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
             raise
-        raise AmbiguousHue(
+        raise errors.AmbiguousHue(
             "the tapes' edges must be cut straight; these are so ragged that they look like "
             "ones that moved: wind fresh tape with a straight edge",
-            tape_sd_px=quality.tape_sd_px,
-            tape_blur_px=quality.tape_blur_px,
-        ) from error
-    except DamagedImage as error:
+            tape_sd_px=quality.tape_sd_px, tape_blur_px=quality.tape_blur_px,
+        ) from error  # fmt: skip
+    except errors.DamagedImage as error:
         if not math.isnan(quality.eta_value):
             raise
-        raise NoMuscle(
+        raise errors.NoMuscle(
             "the muscle must stand out from its background all along its outline; the background is "
             "too much like it in places: put a dark cloth behind it",
-            axis_kink=quality.axis_kink,
-            residual_rms=quality.residual_rms,
-            misfit=quality.misfit,
-        ) from error
+            axis_kink=quality.axis_kink, residual_rms=quality.residual_rms, misfit=quality.misfit,
+        ) from error  # fmt: skip
 
 
 def _quality(

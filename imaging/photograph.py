@@ -27,12 +27,8 @@ Reader = Callable[[str], Image]
 _COMPLAINTS = ("corrupt", "premature", "extraneous", "invalid", "bogus", "unsupported marker")
 _stderr_lock = threading.Lock()
 _JPEG, _END = b"\xff\xd8", b"\xff\xd9"
-_ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = (
-    0x0112,
-    0x8769,
-    0x9003,
-    0x9291,
-)  # CIPA DC-008, EXIF 2.32
+# CIPA DC-008, EXIF 2.32
+_ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = 0x0112, 0x8769, 0x9003, 0x9291
 _ACROSS = frozenset({5, 6, 7, 8})  # rows of the file are columns of the picture
 _LEAST_JUMP = 4.0  # levels; a seam of 4 moves the diameter by half of its standard error
 _STEPS = 2.5  # of the coding of the means, by which a sound picture may jump along a row of blocks
@@ -128,16 +124,6 @@ def read_image(path: str | PathLike[str]) -> Image:
             path=place, row=seam[0], jump_levels=seam[1],
         )  # fmt: skip
     return shown(image, header.orientation)
-
-
-def readable_part(path: str | PathLike[str]) -> Image | None:
-    """The part of a picture that can be decoded, for display; None where nothing can."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError:
-        return None
-    image = _decoded(data)[0] if data else None
-    return None if image is None else shown(image, read_header(data).orientation)
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:

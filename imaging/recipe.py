@@ -10,17 +10,8 @@ import numpy as np
 
 from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
 
+from . import errors
 from .camera import Camera, RulerReading, Scale, Tone
-from .errors import (
-    AmbiguousHue,
-    DamagedImage,
-    Defocused,
-    ImagingError,
-    MotionBlurred,
-    NoMuscle,
-    Overexposed,
-    Underexposed,
-)
 
 _SOFTER = 1.25  # blur of a tape's edge over that of the outline, by the same lens
 
@@ -135,41 +126,41 @@ class Quality:
 _LEAST = {"eta_value", "eta_hue"}
 """Figures that a limit bounds from below; the others are bounded from above."""
 
-_CHECKS: tuple[tuple[str, type[ImagingError], str], ...] = (
-    ("saturated", Overexposed,
+_CHECKS: tuple[tuple[str, type[errors.ImagingError], str], ...] = (
+    ("saturated", errors.Overexposed,
      "expose shorter: where the light is cut off there is no edge to find"),
-    ("eta_value", NoMuscle,
+    ("eta_value", errors.NoMuscle,
      "muscle and cloth must differ in brightness: give more light, or darker cloth"),
-    ("eta_hue", AmbiguousHue,
+    ("eta_hue", errors.AmbiguousHue,
      "tape and braid must differ in colour: use another tape, or give its hue"),
-    ("tape_hue_error_deg", AmbiguousHue,
+    ("tape_hue_error_deg", errors.AmbiguousHue,
      "the tapes found have another hue than the recipe's tape"),
-    ("blur_ratio", MotionBlurred,
+    ("blur_ratio", errors.MotionBlurred,
      "edges must be as sharp along the axis as across it; these are smeared in one direction: expose "
      "shorter, or hold the muscle still, and take the picture again"),
-    ("blur_px", Defocused, "focus on the muscle's limb, and take the picture again"),
-    ("tape_blur_px", MotionBlurred,
+    ("blur_px", errors.Defocused, "focus on the muscle's limb, and take the picture again"),
+    ("tape_blur_px", errors.MotionBlurred,
      "the tapes' edges must be sharp as well; these are smeared: expose shorter, or hold the muscle "
      "still, check the focus, and take the picture again"),
-    ("flank", MotionBlurred,
+    ("flank", errors.MotionBlurred,
      "the muscle's edges must rise within the blur of a lens; these go on to rise: expose shorter, or "
      "hold the muscle still, check the focus, and take the picture again"),
-    ("outlier_fraction", DamagedImage,
+    ("outlier_fraction", errors.DamagedImage,
      "too many rows have no edge near the others: is the picture damaged, or something in front "
      "of the muscle?"),
-    ("residual_rms", DamagedImage,
+    ("residual_rms", errors.DamagedImage,
      "the outline must be smooth: is the picture damaged, or the muscle's edge covered?"),
-    ("kappa", Underexposed,
+    ("kappa", errors.Underexposed,
      "a limb is as dark as the cloth: light the muscle from both sides; if it is lit, it moved: expose "
      "shorter, and take the picture again"),
-    ("axis_deviation", NoMuscle,
+    ("axis_deviation", errors.NoMuscle,
      "the two sides must mirror each other: is one in the shade, or covered?"),
-    ("axis_kink", DamagedImage,
+    ("axis_kink", errors.DamagedImage,
      "the two sides must mirror each other all along: is something in front of one, or beside it?"),
-    ("misfit", DamagedImage,
+    ("misfit", errors.DamagedImage,
      "the mean edge must look like that of a lit body behind a lens: is another edge behind it, or "
      "does the camera sharpen?"),
-    ("tape_sd_px", AmbiguousHue,
+    ("tape_sd_px", errors.AmbiguousHue,
      "the tapes' edges must be straight rings: is a tape torn, or covered?"),
 )  # fmt: skip
 
@@ -197,16 +188,12 @@ class Recipe:
             one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
         tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
-        blur_px: of the outline [px]; None estimates it from the picture.
-        edge_offset_px: added outward to each side of the outline [px], from a reference cylinder.
         resolution_px: wavelength along the axis that passes at half its height [px]; None takes
             9.3 mm, which is 83 px at 226.63 px/in.
         limits: the worst quality that still is a measurement.
         ruler: how the photograph of a ruler, if the scale comes from one, is read.
         braid_angle: measure it from the weave as well, which takes as long again.
         n_threads: of both families of the braid, if known [-]; None counts them in the picture.
-        turns: N of a thread about the axis over the length, if known [-]: what the braid angle is
-            compared with is atan(L / (pi N D)).
 
     Raises:
         ValueError: an option that is not known, a figure outside its range, or half of a crop.
@@ -222,14 +209,11 @@ class Recipe:
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
     tape_hue: float | None = None
     tape_diameter: float | None = None
-    blur_px: float | None = None
-    edge_offset_px: float = 0.0
     resolution_px: float | None = None
     limits: QualityLimits = dataclasses.field(default_factory=QualityLimits)
     ruler: RulerReading = dataclasses.field(default_factory=RulerReading)
     braid_angle: bool = False
     n_threads: int | None = None
-    turns: float | None = None
 
     def __post_init__(self) -> None:
         if self.orientation not in (known := ("vertical", "horizontal", "auto")):
@@ -239,7 +223,7 @@ class Recipe:
                 "n_threads counts both families of the braid, an even number of 8 or more; got "
                 f"{self.n_threads}"
             )
-        for name in ("distance", "tape_diameter", "blur_px", "resolution_px", "turns"):
+        for name in ("distance", "tape_diameter", "resolution_px"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be finite and > 0, got {value}")
@@ -334,7 +318,7 @@ def write_recipe(recipe: Recipe, path: str | Path) -> Path:
     try:
         path.write_text(recipe_text(recipe), encoding="utf-8")
     except OSError as error:
-        raise ImagingError(f"the recipe cannot be written: {error}", path=path) from None
+        raise errors.ImagingError(f"the recipe cannot be written: {error}", path=path) from None
     return path
 
 
@@ -345,7 +329,7 @@ def read_recipe(path: str | Path) -> Recipe:
         ImagingError: no such file, not TOML, an unknown key, unit or format, a missing scale, or a value
             that cannot be.
     """
-    error = functools.partial(ImagingError, path=path)
+    error = functools.partial(errors.ImagingError, path=path)
     given = dict(read_toml(path, "recipe", error, where=""))
     if (found := given.pop("format", _FORMAT)) != _FORMAT:
         raise error(f"a recipe has the format {_FORMAT!r}, got {found!r}")

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections import Counter
 from os import PathLike, fspath
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, map_coordinates
-from scipy.optimize import leastsq
+from scipy.optimize import curve_fit
 
 from .camera import Array, Camera, Flags, Image, Indices, RulerReading, Scale, Single, Tone
 from .errors import AmbiguousRuler, ImagingError, RulerNotFound
 from .photograph import Reader, read_image
 
-_PITCHES_PX = (5.0, 220.0)  # px between marks
+INCH = 0.0254  # [m]
+_PITCHES = (5.0, 220.0)  # px between marks
 _STRIP = 6  # columns that are averaged in the search
 _REGULAR = 0.35  # least autocorrelation one pitch on
 _HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
@@ -66,14 +67,9 @@ class Line:
 
     def turned(self, angle: float) -> "Line":
         """The same line turned by a small angle [rad] about its middle."""
-        c, s = np.cos(angle), np.sin(angle)
-        along = np.array(
-            [c * self.along[0] - s * self.along[1], s * self.along[0] + c * self.along[1]]
-        )
-        middle = self.origin + (self.samples - 1) / 2 * self.along
-        return dataclasses.replace(
-            self, origin=middle - (self.samples - 1) / 2 * along, along=along
-        )
+        along = np.cos(angle) * self.along + np.sin(angle) * self.across
+        origin = self.origin + (self.samples - 1) / 2 * (self.along - along)
+        return dataclasses.replace(self, origin=origin, along=along)
 
 
 def regular_strips(luma: Image) -> list[Line]:
@@ -85,15 +81,13 @@ def regular_strips(luma: Image) -> list[Line]:
     Args:
         luma: picture, shape (h, w).
     """
-    angle = square_direction(luma)
-    found = []
-    for quarter in (0, 1):
-        turn = angle + quarter * np.pi / 2
+    angle, found = square_direction(luma), []
+    for turn in (angle, angle + np.pi / 2):
         upright, back = _upright(luma, turn)
-        found += [
-            (score, _line(back, upright.shape[0], column, width, pitch))
-            for score, column, width, pitch in _periodic(upright)
-        ]
+        for score, column, width, pitch in _periodic(upright):
+            origin = back @ np.array([column, 0.0, 1.0])
+            line = Line(origin, back[:, 1].copy(), upright.shape[0], width, pitch)
+            found.append((score, line))
     found.sort(key=lambda each: -each[0])
     return [line for _, line in found[:_MOST]]
 
@@ -137,7 +131,7 @@ def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
     strips = np.asarray(means)[:, _STRIP // 2 :: _STRIP // 2].T
     slope = np.diff(strips, axis=1)
     slope = slope - slope.mean(axis=1, keepdims=True)
-    lags = np.arange(int(_PITCHES_PX[0]), min(int(_PITCHES_PX[1]), slope.shape[1] // 4))
+    lags = np.arange(int(_PITCHES[0]), min(int(_PITCHES[1]), slope.shape[1] // 4))
     likeness = _autocorrelation(slope, lags[-1] + 2)
     power = likeness[:, 0]
     part = likeness[:, lags[0] - 1 : lags[-1] + 2] / np.maximum(power, 1e-9)[:, None]
@@ -169,21 +163,11 @@ def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float
             runs[-1].append(i)
         else:
             runs.append([i])
-    half = _STRIP // 2
-    return [
-        (
-            float(score[run].sum()),
-            ((run[0] + run[-1]) / 2 + 1) * half,
-            max(len(run) * half - 2.0, _STRIP / 2),
-            float(np.median(lag[run])),
-        )
-        for run in runs
-    ]
-
-
-def _line(back: Array, samples: int, column: float, width: float, pitch: float) -> Line:
-    origin = back @ np.array([column, 0.0, 1.0])
-    return Line(origin, back[:, 1].copy(), samples, width, pitch)
+    half, found = _STRIP // 2, []
+    for run in runs:
+        middle, width = ((run[0] + run[-1]) / 2 + 1) * half, max(len(run) * half - 2.0, _STRIP / 2)
+        found.append((float(score[run].sum()), middle, width, float(np.median(lag[run]))))
+    return found
 
 
 _EDGE_SMOOTHING = (1.0, 1 / 16, 2.0)  # px; pitches; px: least, wanted, most
@@ -195,8 +179,7 @@ _REJECT = 4.0  # robust standard deviations
 _NUMBERINGS = 4
 
 
-@dataclasses.dataclass(frozen=True)
-class Numbered:
+class Numbered(NamedTuple):
     """Marks that are numbered and fitted.
 
     Attributes:
@@ -250,12 +233,9 @@ def marks_of(profile: Array, pitch: float) -> Array:
 def _pairs(slope: Array, pitch: float) -> tuple[Array, float]:
     """Midpoints of each maximum and the minimum that follows it, and their median distance."""
     rise, fall = _extrema(slope), _extrema(-slope)
-    if rise.size == 0 or fall.size == 0:
-        return np.empty(0), np.inf
-    after = np.searchsorted(fall, rise)
-    inside = after < fall.size
-    width = fall[np.minimum(after, fall.size - 1)] - rise
-    good = inside & (width < 0.75 * pitch)
+    after = np.append(fall, np.inf)[np.searchsorted(fall, rise)]
+    width = after - rise
+    good = width < 0.75 * pitch
     if not good.any():
         return np.empty(0), np.inf
     return (rise + width / 2)[good], float(np.median(width[good]))
@@ -284,41 +264,31 @@ def numbered(places: Array, pitch: float) -> Numbered | None:
         places: middles of marks, increasing [px], shape (m,).
         pitch: from mark to mark, about [px].
     """
-    pitch = _typical_pitch(places, pitch)
+    steps = np.diff(places)
+    near = steps[np.abs(steps / pitch - 1) < 0.15]
+    pitch = float(np.median(near)) if near.size >= 3 else pitch
     if places.size < 4:
         return None
     number, keep = _counted(places, pitch)
-    fit = None
     for _ in range(_NUMBERINGS):
         if np.unique(number[keep]).size < 4:
             return None
-        fit = _projective(number[keep], places[keep])
-        a, b, c = fit
+        a, b, c = fit = _projective(number[keep], places[keep])[0]
         n = (places - a) / (b - c * places)
         number = np.rint(n).astype(np.int64)
-        off = places - _place(fit, number)
+        off = places - _place(number, *fit)
         spread = 1.4826 * float(np.median(np.abs(off[keep])))
         now = (np.abs(n - number) < _OFF) & (np.abs(off) <= max(_REJECT * spread, 0.05))
         now &= _one_each(number, np.abs(off), now)
         if np.array_equal(now, keep):
             break
         keep = now
-    if fit is None or keep.sum() < 4:
+    if keep.sum() < 4:
         return None
     number, kept = number[keep], places[keep]
-    fit = _projective(number, kept)
-    off = kept - _place(fit, number)
-    jacobian = _jacobian(fit, number)
-    variance = float(off @ off) / max(number.size - 3, 1)
-    covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian) * variance, np.float64)
-    residual = float(np.sqrt(np.mean(off**2)))
+    fit, covariance = _projective(number, kept)
+    residual = float(np.sqrt(np.mean((kept - _place(number, *fit)) ** 2)))
     return Numbered(number, kept, fit, covariance, residual)
-
-
-def _typical_pitch(places: Array, pitch: float) -> float:
-    steps = np.diff(places)
-    near = steps[np.abs(steps / pitch - 1) < 0.15]
-    return float(np.median(near)) if near.size >= 3 else pitch
 
 
 def _counted(places: Array, pitch: float) -> tuple[Indices, Flags]:
@@ -340,28 +310,28 @@ def _one_each(number: Indices, off: Array, among: Flags) -> Flags:
     return nearest
 
 
-def _place(fit: Array, number: Indices) -> Array:
-    a, b, c = fit
+def _place(number: Indices, a: float, b: float, c: float) -> Array:
     return (a + b * number) / (1 + c * number)
 
 
-def _jacobian(fit: Array, number: Indices) -> Array:
-    below = 1 + fit[2] * number
-    return np.stack([1 / below, number / below, -_place(fit, number) * number / below], axis=1)
-
-
-def _projective(number: Indices, place: Array) -> Array:
+def _projective(number: Indices, place: Array) -> tuple[Array, Array]:
+    """Coefficients a, b, c of least squares and their covariance."""
     slope, start = np.polyfit(number, place, 1)
     size = np.array([1.0, 1.0 / np.ptp(number), 1.0 / (np.ptp(number) * np.ptp(place))])
-    best, *_ = leastsq(
-        lambda p: _place(p * size, number) - place, np.array([start, slope, 0.0]) / size,
-        Dfun=lambda p: _jacobian(p * size, number) * size, xtol=1e-14, ftol=1e-14,
+
+    def slopes(n: Indices, *unknown: float) -> Array:
+        c = unknown[2] * size[2]
+        at = _place(n, *(np.array(unknown) * size))
+        return np.stack([np.ones(n.size), n, -at * n], axis=1) / (1 + c * n)[:, None] * size
+
+    best, covariance = curve_fit(
+        lambda n, *unknown: _place(n, *(np.array(unknown) * size)), number, place,
+        np.array([start, slope, 0.0]) / size, jac=slopes, xtol=1e-14, ftol=1e-14,
     )  # fmt: skip
-    return np.asarray(best) * size
+    return best * size, covariance * np.outer(size, size)
 
 
 FEWEST = 8
-INCH = 0.0254  # [m]
 _ON_MODEL = 0.8  # of the marks between the first and the last
 _AT_ALL = 0.5  # of them, from which another scale may not be passed over
 _SHARP = 0.05  # pitches; marks that scatter more are none of a ruler
@@ -369,11 +339,11 @@ _EXPECTED = 0.25  # relative, by which the scale that is expected may be off
 _SAME = 0.03  # relative, by which two pitches, or a multiple of one, may differ
 _AS_EXACT = (3.0, 0.1)  # times, px
 _STRAND = 3.0  # px, width of the lines along which marks are followed from strip to strip
+_KNOWN = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)  # m
 _ON_MARK = 0.12  # pitches by which a mark may seem to wander between two strips
 
 
-@dataclasses.dataclass(frozen=True)
-class Strip:
+class Strip(NamedTuple):
     """A strip of a ruler with its marks.
 
     Attributes:
@@ -385,13 +355,13 @@ class Strip:
     marks: Numbered
 
 
-def choose_strip(luma: Image, light: Single, pitch: float, expected: float | None) -> Strip:
+def choose_strip(luma: Image, light: Single, pitch: float | None, expected: float | None) -> Strip:
     """The strip with the most marks of those that have the scale to expect.
 
     Args:
         luma: picture, shape (h, w).
         light: the same in linear light.
-        pitch: of the marks [m].
+        pitch: of the marks [m]; None is that of any ruler.
         expected: scale [px/m]; None expects that of the finest marks, and no other.
 
     Raises:
@@ -402,24 +372,18 @@ def choose_strip(luma: Image, light: Single, pitch: float, expected: float | Non
     strips = [strip for line in lines if (strip := read_strip(light, line)) is not None]
     good = [strip for strip in strips if is_ruler(strip.marks)]
     if expected is not None:
-        near = expected * pitch
-        good = [strip for strip in good if abs(strip.marks.pitch / near - 1) < _EXPECTED]
+        near = expected * np.array(_KNOWN if pitch is None else [pitch])
+        good = [one for one in good if np.abs(one.marks.pitch / near - 1).min() < _EXPECTED]
     if not good:
-        figures: dict[str, Any] = {
-            "marks": max((strip.marks.number.size for strip in strips), default=0),
-            "strips": len(lines),
-        }
-        if expected is not None:
-            figures["expected_pitch_px"] = expected * pitch
         raise RulerNotFound(
             f"a ruler must show {FEWEST} or more marks at even distances, {_ON_MODEL:.0%} of those "
-            "between the first and the last; is it in the picture, in focus, and is the pitch that "
-            "of its finest regular marks?",
-            **figures,
-        )
+            "between the first and the last; is it in the picture, in focus, and are pitch and expected "
+            "scale those of its finest regular marks?",
+            strips=len(lines), marks=max((strip.marks.number.size for strip in strips), default=0),
+        )  # fmt: skip
     best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
     if expected is None:
-        _check_unique(light, best, strips, pitch)
+        _check_unique(light, best, strips)
     return best
 
 
@@ -438,8 +402,11 @@ def is_ruler(marks: Numbered) -> bool:
     )
 
 
-def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
-    """Every other strip must show the same marks, or the longer ones of them."""
+def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
+    """Every other strip must show the same marks, or the longer ones of them.
+
+    Numbers beside every eighth mark repeat themselves as well, but less exactly.
+    """
     others = [
         strip
         for strip in strips
@@ -453,7 +420,7 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
         whole = abs(ratio / round(ratio) - 1) < _SAME
         if whole and (
             round(ratio) == 1
-            or not _as_exact(other, best)
+            or other.marks.residual > _AS_EXACT[0] * best.marks.residual + _AS_EXACT[1]
             or any(_run_together(light, fine, other) for fine in alike)
         ):
             continue
@@ -462,15 +429,7 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
             "given can be that of either: say which scale to expect (expected_px_per_m, "
             "--expected-px-per-in), or cover one edge",
             pitch_px=best.marks.pitch, other_pitch_px=other.marks.pitch,
-            px_per_in=best.marks.pitch / pitch * INCH,
-            other_px_per_in=other.marks.pitch / pitch * INCH,
         )  # fmt: skip
-
-
-def _as_exact(strip: Strip, best: Strip) -> bool:
-    """Whether what repeats itself can be marks: the numbers beside every eighth do not as well."""
-    times, more = _AS_EXACT
-    return strip.marks.residual <= times * best.marks.residual + more
 
 
 def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
@@ -489,7 +448,6 @@ def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
     return True
 
 
-INCH = 0.0254  # [m]
 _PERIODS = (2, 4, 5, 8, 10, 16, 20, 32, 64)
 _READINGS = {
     8: (0.125 * INCH,), 16: (0.0625 * INCH,), 32: (INCH / 32,), 64: (INCH / 64,),
@@ -505,7 +463,6 @@ _FEWEST = 4  # numbers
 _CLEAR = 0.6  # of the ink's variance from mark to mark, that its period explains
 _AS_CLEAR = 0.75  # of the clearest period
 _INK = 0.15  # of the light on the face
-_EXPECTED = 0.25  # relative, by which the scale that is expected may be off
 
 
 def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
@@ -533,10 +490,10 @@ def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
             pitch_px=strip.marks.pitch,
         )
     seen = f"every {period}th mark is longest or numbered, which is no ruler's that is known"
-    if period is None:
-        seen = "no numbers and no longest marks are seen that would tell the pitch"
     raise AmbiguousRuler(
-        f"how far is it from mark to mark? {seen}: say --pitch 0.125in, 1mm, or what the ruler has",
+        "how far is it from mark to mark? "
+        + (seen if period else "No numbers and no longest marks are seen that would tell the pitch")
+        + ": say --pitch 0.125in, 1mm, or what the ruler has",
         pitch_px=strip.marks.pitch,
     )
 
@@ -563,8 +520,8 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
     profiles = np.asarray(seen, float).reshape(away.size, 3, -1).mean(axis=1)
     ink = _ink(profiles, marks.coefficients, first, last) / face
     counts = Counter(period for period in _periods(ink) if period)
-    most = max(counts.values(), default=0)
-    return max((one for one, n in counts.items() if n >= max(2, _SUPPORT * most)), default=None)
+    least = max(2, _SUPPORT * max(counts.values(), default=0))
+    return max((one for one, n in counts.items() if n >= least), default=None)
 
 
 def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
@@ -625,17 +582,14 @@ def lens_of_marks(strip: Strip, camera: Camera) -> tuple[Camera, float | None]:
         here, there = (
             _left_over(strip, dataclasses.replace(camera, k1=k1 + step)) for step in (0.0, _OF_K1)
         )
-        if here is None or there is None:
-            return camera, None
         slope = (there - here) / _OF_K1
         power = float(slope @ slope)
-        free = max(here.size - 4, 1)
-        if not power > 0:
+        if here.size < 8 or not power > 0:
             return camera, None
         k1 -= float(slope @ here) / power
         if abs(k1) > _LARGEST:
             return camera, None
-        stderr = math.sqrt(float(here @ here) / free / power)
+        stderr = math.sqrt(float(here @ here) / max(here.size - 4, 1) / power)
     seen = abs(k1) > _SEEN * stderr
     return (dataclasses.replace(camera, k1=k1) if seen else camera), stderr
 
@@ -656,12 +610,10 @@ def _shown(strip: Strip, camera: Camera) -> Array:
     return (centre + rays * camera.focal_px - line.origin) @ line.along
 
 
-def _left_over(strip: Strip, camera: Camera) -> Array | None:
+def _left_over(strip: Strip, camera: Camera) -> Array:
     """What the best projective scale leaves of the marks' places, for this lens [px]."""
     place, n = _shown(strip, camera), strip.marks.number
     x = (n - n.mean()) / max(np.ptp(n), 1)
-    if n.size < 8:
-        return None
     # px = (a + b n) / (1 + c n) is linear in a, b, c but for px in the last column.
     model = np.column_stack([np.ones_like(x), x, -x * place])
     fit = np.linalg.lstsq(model, place, rcond=None)[0]
@@ -669,7 +621,6 @@ def _left_over(strip: Strip, camera: Camera) -> Array | None:
 
 
 _TURNS = 3
-_PITCHES = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)
 _LEAST_EXACT = 1e-3  # standard error of the scale, relative
 
 
@@ -725,7 +676,8 @@ def calibrate_ruler(
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         table = (tone or Tone.srgb()).table.astype(np.float32)
         light = np.asarray(cv2.LUT(luma, table), np.float32)
-        strip, step = _strip_and_pitch(luma, light, pitch, expected_px_per_m)
+        strip = _aligned(light, choose_strip(luma, light, pitch, expected_px_per_m))
+        step = pitch or pitch_of(light, strip, expected_px_per_m)
         middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
         lens = Camera(strip.marks.pitch / step, distance, middle, k1 or 0.0)
         bent = None
@@ -737,9 +689,7 @@ def calibrate_ruler(
             scale, k1=lens.k1, k1_stderr=bent, pitch=step, placement_stderr=placement_stderr
         )
     except ImagingError as error:
-        if path:
-            raise error.at(path) from error
-        raise
+        raise error.at(path) from error if path else None
 
 
 def _aligned(light: Single, strip: Strip) -> Strip:
@@ -758,23 +708,6 @@ def _aligned(light: Single, strip: Strip) -> Strip:
         line = line.turned(-np.arctan(angle)) if abs(angle) > 1e-5 else line
     again = read_strip(light, line)
     return again if again is not None and is_ruler(again.marks) else Strip(line, strip.marks)
-
-
-def _strip_and_pitch(
-    luma: Image, light: Single, pitch: float | None, expected: float | None
-) -> tuple[Strip, float]:
-    """The marks and their pitch [m], the stated one or that of the numbers beside them."""
-    if pitch is not None:
-        return _aligned(light, choose_strip(luma, light, pitch, expected)), pitch
-    wanted = _PITCHES if expected is not None else _PITCHES[:1]
-    for one in wanted:
-        try:
-            strip = _aligned(light, choose_strip(luma, light, one, expected))
-            return strip, pitch_of(light, strip, expected)
-        except (RulerNotFound, AmbiguousRuler):
-            if one == wanted[-1]:
-                raise
-    raise AssertionError  # the loop returns or raises
 
 
 def _scale(
